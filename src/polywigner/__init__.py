@@ -1,0 +1,71 @@
+"""Fourier, autocorrelation, Wigner and ambiguity transforms of polygons, in closed form.
+
+The public names are loaded on first use, so that ``import polywigner`` and the command line's
+``--help`` cost nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from polywigner.geometry import (
+        Aperture,
+        automean,
+        lag_slice,
+        position_slice,
+        read_aperture,
+        shapes,
+    )
+    from polywigner.transforms import (
+        ambiguity,
+        fourier,
+        lag_marginal,
+        position_marginal,
+        wigner,
+    )
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Aperture": "polywigner.geometry",
+    "automean": "polywigner.geometry",
+    "lag_slice": "polywigner.geometry",
+    "position_slice": "polywigner.geometry",
+    "read_aperture": "polywigner.geometry",
+    "shapes": "polywigner.geometry",
+    "ambiguity": "polywigner.transforms",
+    "fourier": "polywigner.transforms",
+    "lag_marginal": "polywigner.transforms",
+    "position_marginal": "polywigner.transforms",
+    "wigner": "polywigner.transforms",
+}
+
+__all__ = [
+    "Aperture",
+    "__version__",
+    "ambiguity",
+    "automean",
+    "fourier",
+    "lag_marginal",
+    "lag_slice",
+    "position_marginal",
+    "position_slice",
+    "read_aperture",
+    "shapes",
+    "wigner",
+]
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOMES.get(name)
+    if home is None:
+        raise AttributeError(f"module 'polywigner' has no attribute {name!r}")
+    value = getattr(importlib.import_module(home), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

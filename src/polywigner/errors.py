@@ -1,0 +1,53 @@
+"""The exceptions of polywigner: every error a user can cause derives from :class:`PolywignerError`.
+
+Messages say what was expected, what was given, and what to do. The command line turns any of
+them into one line on stderr and exit code 2.
+"""
+
+__all__ = [
+    "ArgumentError",
+    "EngineError",
+    "FileFormatError",
+    "GeometryError",
+    "IlluminationError",
+    "MissingExtraError",
+    "PolywignerError",
+    "QuantityError",
+    "SceneError",
+]
+
+
+class PolywignerError(Exception):
+    """Root of the package's exceptions."""
+
+
+class ArgumentError(PolywignerError, ValueError):
+    """A function was called with an argument of the wrong shape, type or range."""
+
+
+class GeometryError(PolywignerError, ValueError):
+    """A set of vertices does not describe a polygon."""
+
+
+class IlluminationError(PolywignerError, ValueError):
+    """An illumination (amplitudes, frequencies, weights) is not usable."""
+
+
+class QuantityError(PolywignerError, ValueError):
+    """A text such as ``"94 GHz"`` could not be read as a quantity of the expected kind."""
+
+
+class FileFormatError(PolywignerError, ValueError):
+    """A file is missing, empty, or does not hold what its format promises."""
+
+
+class SceneError(PolywignerError, ValueError):
+    """A Mitsuba scene cannot be rendered with the Wigner emitter."""
+
+
+class EngineError(PolywignerError, RuntimeError):
+    """No usable compute engine, or the one asked for cannot do what was asked."""
+
+
+class MissingExtraError(PolywignerError, ImportError):
+    """A library that an optional extra of polywigner brings is not installed."""
