@@ -16,6 +16,7 @@ __all__ = [
     "parse_angle",
     "parse_frequency",
     "parse_length",
+    "parse_point",
     "parse_power",
     "wavelength_of",
 ]
@@ -64,6 +65,15 @@ def parse_length(text: str | float) -> float:
     """A length in metres, above zero; a bare number is in metres."""
     example = "10 mm"
     return _positive(_parse(text, _LENGTHS, "length", example), text, "length", example)
+
+
+def parse_point(text: str) -> tuple[float, float]:
+    """Two coordinates in metres, of either sign, such as ``"0 mm, -2 mm"``."""
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise QuantityError(f'expected two lengths such as "0 mm, -2 mm", got {text!r}')
+    first, second = (_parse(part, _LENGTHS, "length", "-2 mm") for part in parts)
+    return first, second
 
 
 def parse_frequency(text: str | float) -> float:

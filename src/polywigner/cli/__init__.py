@@ -1,1 +1,84 @@
-"""Placeholder."""
+"""The command line: ``polywigner render``, ``transform`` and ``doctor``.
+
+``main`` turns every outcome into an exit code and, for a failure, one line on stderr. The heavy
+libraries are imported by the command that needs them, so that ``--help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+from polywigner.errors import PolywignerError
+
+__all__ = ["main"]
+
+_FAILED = 1
+_BAD_INPUT = 2
+_INTERRUPTED = 130
+_DEBUG = "POLYWIGNER_DEBUG"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code.
+
+    Parameters
+    ----------
+    arguments : the words after ``polywigner``; those of the process when None.
+
+    Returns
+    -------
+    0 when the work was done, 2 for input that cannot be used (a :class:`PolywignerError` or a
+    wrong option), 130 after Ctrl-C, 1 for anything unforeseen.
+    """
+    from polywigner.cli.app import app
+
+    try:
+        returned = app(args=arguments, prog_name="polywigner", standalone_mode=False)
+    except KeyboardInterrupt:
+        return _say("interrupted", _INTERRUPTED)
+    except PolywignerError as error:
+        return _say(f"error: {error}", _BAD_INPUT)
+    except BrokenPipeError:
+        return _closed_pipe()
+    except Exception as error:
+        return _from_exception(error)
+    # Typer returns the code of an `Exit` raised inside a command, and of --help, as a value.
+    if returned == _INTERRUPTED:
+        return _say("interrupted", _INTERRUPTED)
+    return returned if isinstance(returned, int) else 0
+
+
+def _from_exception(error: Exception) -> int:
+    # Typer carries its own copy of click since 0.20 or so and imported click before that: its
+    # usage errors are told by what they can do, not by a class that only one of the two has.
+    if hasattr(error, "format_message"):
+        text = error.format_message()
+        if type(error).__name__ == "NoArgsIsHelpError":  # `polywigner` alone shows the help
+            sys.stdout.write((text or "").rstrip() + "\n" if text else "")
+            return _BAD_INPUT
+        return _say(f"error: {text} See `polywigner --help`.", _BAD_INPUT)
+    if type(error).__name__ == "Abort":
+        return _say("interrupted", _INTERRUPTED)
+    if os.environ.get(_DEBUG) == "1":
+        import traceback
+
+        traceback.print_exc()
+    return _say(
+        f"error: unexpected {type(error).__name__}: {error} (this is a fault of polywigner: "
+        f"please report it with the traceback that {_DEBUG}=1 shows)",
+        _FAILED,
+    )
+
+
+def _say(message: str, code: int) -> int:
+    """One line on stderr, whatever line breaks the message brings."""
+    sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
+    return code
+
+
+def _closed_pipe() -> int:
+    # `polywigner ... | head`: the reader has gone; stdout must not be flushed again at exit.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return _FAILED

@@ -1,0 +1,131 @@
+"""The commands and their options; each imports its work when it is called."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    # Plain help text: half the start-up time of the boxed one, and it pipes into other tools.
+    rich_markup_mode=None,
+)
+
+_OUT_HELP = "Folder, or path without suffix, of the files written (default: here)."
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from polywigner import __version__
+
+        typer.echo(f"polywigner {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _polywigner(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
+
+
+@app.command()
+def render(
+    scene: Annotated[
+        str, typer.Argument(help="Mitsuba XML file with a <shape type='wigner'> in it.")
+    ],
+    spp: Annotated[
+        int | None, typer.Option(help="Samples per pixel (default: the scene's).")
+    ] = None,
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None,
+    integrator: Annotated[
+        str | None, typer.Option(help="path, direct, volpath, ... (default: the scene's).")
+    ] = None,
+    sampler: Annotated[
+        str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    db_floor: Annotated[
+        float, typer.Option(help="Lowest level of the picture, in dB below its peak.")
+    ] = -40.0,
+    out: Annotated[str | None, typer.Option(help=_OUT_HELP)] = None,
+) -> None:
+    """Render a scene that a coherent aperture lights: NAME.exr, NAME.png and NAME.json."""
+    from polywigner.cli.render import run_render
+
+    run_render(
+        scene,
+        spp=spp,
+        variant=variant,
+        integrator=integrator,
+        sampler=sampler,
+        seed=seed,
+        floor_db=db_floor,
+        out=out,
+    )
+
+
+@app.command()
+def transform(
+    aperture: Annotated[
+        str, typer.Argument(help="Aperture file: GeoJSON, WKT, or CSV with one ring.")
+    ],
+    unit: Annotated[str, typer.Option(help="Unit of the file's coordinates.")] = "mm",
+    frequency: Annotated[
+        str | None, typer.Option(help="Such as '94 GHz': shows |nu| up to 1/wavelength.")
+    ] = None,
+    wavelength: Annotated[
+        str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")
+    ] = None,
+    x: Annotated[
+        str | None,
+        typer.Option(help="Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."),
+    ] = None,
+    xi: Annotated[
+        str | None,
+        typer.Option(help="Lag of the ambiguity slice (default: a quarter of the width)."),
+    ] = None,
+    samples: Annotated[int, typer.Option(help="Samples along each frequency axis.")] = 257,
+    db_floor: Annotated[
+        float, typer.Option(help="Lowest level of the dB picture, below its peak.")
+    ] = -40.0,
+    out: Annotated[str | None, typer.Option(help=_OUT_HELP)] = None,
+) -> None:
+    """Transforms of an aperture, as one figure NAME.png and the values NAME.npz."""
+    from polywigner.cli.transform import run_transform
+
+    run_transform(
+        aperture,
+        unit=unit,
+        frequency=frequency,
+        wavelength=wavelength,
+        x=x,
+        xi=xi,
+        samples=samples,
+        floor_db=db_floor,
+        out=out,
+    )
+
+
+@app.command()
+def doctor(
+    install_llvm: Annotated[
+        bool,
+        typer.Option("--install-llvm", help="Bring a good LLVM library into this environment."),
+    ] = False,
+) -> None:
+    """What works here: engines, LLVM, GPU, extras; and how to get what is missing."""
+    from polywigner.cli.doctor import run_doctor
+
+    raise typer.Exit(run_doctor(install_llvm))

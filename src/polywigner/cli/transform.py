@@ -1,0 +1,111 @@
+"""``polywigner transform``: one figure and one file of values for an aperture file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_frequency, parse_length, parse_point, wavelength_of
+
+if TYPE_CHECKING:
+    from polywigner.figures import TransformSlices
+
+__all__ = ["run_transform"]
+
+
+def run_transform(
+    aperture: str,
+    *,
+    unit: str,
+    frequency: str | None,
+    wavelength: str | None,
+    x: str | None,
+    xi: str | None,
+    samples: int,
+    floor_db: float,
+    out: str | None,
+) -> None:
+    """Write NAME.png and NAME.npz for an aperture file and print their paths.
+
+    Quantities are texts with units, such as ``"94 GHz"`` and ``"0 mm,2 mm"``.
+
+    Raises
+    ------
+    PolywignerError : input that cannot be used; nothing is written then.
+    """
+    length = _wavelength(frequency, wavelength)
+    position = None if x is None else parse_point(x)
+    lag = None if xi is None else parse_point(xi)
+    files = targets(output_stem(out, Path(aperture).stem), (".png", ".npz"))
+    check_writable(files)
+
+    # Everything cheap has been checked: only now the libraries that take a second to import.
+    import polywigner as pw
+    from polywigner.figures import draw_transforms, transform_slices
+    from polywigner.figures.levels import check_floor
+
+    check_floor(floor_db)
+    shape = pw.read_aperture(aperture, unit=unit)
+    slices = transform_slices(shape, position, lag, length, samples)
+    figure = draw_transforms(slices, floor_db, title=Path(aperture).name)
+    with writing(files) as (picture, values):
+        figure.savefig(picture, format="png")
+        with values.open("wb") as file:
+            _save_values(file, slices)
+    for path in files:
+        print(path)
+
+
+def _wavelength(frequency: str | None, wavelength: str | None) -> float | None:
+    if frequency is not None and wavelength is not None:
+        raise ArgumentError("expected --frequency or --wavelength, got both; drop one of them")
+    if frequency is not None:
+        return wavelength_of(parse_frequency(frequency))
+    return None if wavelength is None else parse_length(wavelength)
+
+
+def _save_values(file: Any, slices: TransformSlices) -> None:
+    """The arrays under their names, and a JSON text ``metadata`` with units and settings."""
+    import numpy as np
+
+    import polywigner as pw
+
+    metadata = {
+        "axes": "fourier[j, i] and wigner[j, i] at nu = (frequency[i], frequency[j]); "
+        "ambiguity[j, i] at upsilon = (frequency[i], frequency[j])",
+        "convention": "F(nu) = int u exp(-2 pi i nu.x) dx",
+        "units": {
+            "frequency": "1/m",
+            "fourier": "m^2",
+            "wigner": "m^2",
+            "ambiguity": "m^2",
+            "x": "m",
+            "xi": "m",
+            "wavelength": "m (nan: not given)",
+            "aperture_wkt": "m",
+            "automean_wkt": "m",
+        },
+        "polywigner": pw.__version__,
+    }
+    np.savez(
+        file,
+        frequency=slices.frequency,
+        fourier=slices.fourier,
+        wigner=slices.wigner,
+        ambiguity=slices.ambiguity,
+        x=np.asarray(slices.x),
+        xi=np.asarray(slices.xi),
+        wavelength=np.asarray(np.nan if slices.wavelength is None else slices.wavelength),
+        aperture_wkt=np.asarray(_wkt(slices.aperture)),
+        automean_wkt=np.asarray(_wkt(pw.automean(slices.aperture))),
+        metadata=np.asarray(json.dumps(metadata)),
+    )
+
+
+def _wkt(aperture: Any) -> str:
+    import shapely
+
+    return str(shapely.to_wkt(aperture.polygons, rounding_precision=-1))  # all digits

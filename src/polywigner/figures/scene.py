@@ -1,0 +1,64 @@
+"""The dB picture of a rendered scene."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from polywigner.figures.levels import PEAK_RULE, level_db
+from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, colour_bar, new_figure, quantity_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_scene"]
+
+
+def draw_scene(
+    radiance: ArrayLike,
+    reference: float | None,
+    floor_db: float,
+    unit: str = "W/(m² sr)",
+) -> Figure:
+    """A rendered picture in dB relative to ``reference``, with a colour bar that says so.
+
+    Parameters
+    ----------
+    radiance : (height, width), signed, in ``unit``.
+    reference : the 0 dB radiance, normally :func:`polywigner.figures.picture_peak`; None draws
+        an empty picture (nothing lit).
+    floor_db : lowest level, dB; everything at or below it, negative radiance included, gets its
+        colour.
+    unit : unit of ``radiance``, for the label.
+    """
+    import matplotlib as mpl
+
+    picture = np.asarray(radiance, dtype=np.float64)
+    height, width = picture.shape
+    levels = level_db(picture, reference, floor_db)
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(*_size(width, height))
+        axes = figure.add_subplot()
+        shown = axes.imshow(levels, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        extend = "max" if np.any(levels > 0) else "neither"
+        colour_bar(axes, shown, _label(reference, floor_db, unit), extend)
+    return figure
+
+
+def _size(width: int, height: int) -> tuple[float, float]:
+    """Inches: the longer side of the picture is 5, and the colour bar has room beside it."""
+    scale = 5.0 / max(width, height)
+    return width * scale + 1.1, max(height * scale, 2.5)
+
+
+def _label(reference: float | None, floor_db: float, unit: str) -> str:
+    if reference is None:
+        return f"radiance (dB); no pixel is positive, floor {floor_db:g} dB"
+    return (
+        f"radiance (dB); 0 dB = peak ({PEAK_RULE}), {quantity_text(reference, unit)}\n"
+        f"floor {floor_db:g} dB, which also shows what is negative"
+    )

@@ -1,0 +1,75 @@
+"""What all pictures share: maps, type, units a person reads, and colour bars."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "LEVEL_MAP",
+    "SIGNED_MAP",
+    "LengthUnit",
+    "colour_bar",
+    "length_unit",
+    "new_figure",
+    "quantity_text",
+]
+
+LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
+SIGNED_MAP = "RdBu_r"  # diverging, white at zero
+
+TYPOGRAPHY = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.labelsize": 9,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+}
+
+
+class LengthUnit(NamedTuple):
+    """A unit of length to print: its name and its size in metres."""
+
+    name: str
+    metres: float
+
+
+_UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3))
+
+
+def length_unit(length: float) -> LengthUnit:
+    """The unit in which a length (metres) reads as a number from 1 to 1000, where there is one."""
+    for unit in _UNITS:
+        if length < 1000 * unit.metres:
+            return unit
+    return LengthUnit("m", 1.0)
+
+
+def quantity_text(value: float, unit: str) -> str:
+    """A value with three significant digits and an SI prefix-free unit: ``1.23e-05 W/m²/sr``."""
+    return f"{value:.3g} {unit}"
+
+
+def new_figure(width: float, height: float, dpi: int = 150) -> Figure:
+    """An empty figure, in inches, that no window shows and pyplot does not keep."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def colour_bar(axes: Axes, mappable: Any, label: str, extend: str = "neither") -> Any:
+    """A labelled colour bar as high as its picture."""
+    bar = axes.figure.colorbar(mappable, ax=axes, extend=extend, fraction=0.046, pad=0.03)
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.6)
+    return bar

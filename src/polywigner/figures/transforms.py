@@ -1,0 +1,297 @@
+"""The figure of ``polywigner transform``: an aperture, its SFT, a Wigner and an ambiguity slice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    SIGNED_MAP,
+    TYPOGRAPHY,
+    LengthUnit,
+    colour_bar,
+    length_unit,
+    new_figure,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["TransformSlices", "draw_transforms", "transform_slices"]
+
+_LOBES = 8.0
+"""Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square."""
+
+_LINEAR = 0.01
+"""Signed panels are linear within this part of their peak and logarithmic beyond it."""
+
+_INK = "#1f3b57"
+_TINT = "#c6d7e6"
+_ACCENT = "#c1440e"
+
+
+@dataclass(frozen=True)
+class TransformSlices:
+    """Values of the transforms of one aperture; arrays are read-only, lengths in metres.
+
+    ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex, all in
+    m^2, with the second frequency component along the first axis: ``fourier[j, i]`` belongs to
+    (frequency[i], frequency[j]). ``frequency`` (n,) in 1/m is the axis of nu and of upsilon.
+    """
+
+    aperture: pw.Aperture
+    x: tuple[float, float]
+    xi: tuple[float, float]
+    wavelength: float | None
+    frequency: NDArray[np.float64]
+    fourier: NDArray[np.complex128]
+    wigner: NDArray[np.float64]
+    ambiguity: NDArray[np.complex128]
+
+
+def transform_slices(
+    aperture: pw.Aperture,
+    x: ArrayLike | None = None,
+    xi: ArrayLike | None = None,
+    wavelength: float | None = None,
+    samples: int = 257,
+) -> TransformSlices:
+    """F(nu), W(x, nu) at one position and A(upsilon, xi) at one lag, on a square of frequencies.
+
+    Parameters
+    ----------
+    aperture : uniformly illuminated, metres.
+    x : (2,) m, inside the automean; None: the middle of the bounds where that is inside, else a
+        point inside.
+    xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width.
+    wavelength : m; the axes reach to |nu| = 1/wavelength. None: to 8/diameter.
+    samples : points along each axis, at least 2; an odd number has nu = 0 among them.
+
+    Raises
+    ------
+    ArgumentError : W vanishes at this x, or A at this xi, for every frequency; too few samples.
+    """
+    if samples < 2:
+        raise ArgumentError(f"expected at least 2 samples along an axis, got {samples}")
+    position = _default_position(aperture) if x is None else _point(x)
+    lag = _default_lag(aperture) if xi is None else _point(xi)
+    _check_supports(aperture, position, lag)
+    half = _LOBES / aperture.diameter if wavelength is None else 1.0 / wavelength
+    frequency = np.linspace(-half, half, samples)
+    grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
+    return TransformSlices(
+        aperture,
+        position,
+        lag,
+        wavelength,
+        _frozen(frequency),
+        _frozen(pw.fourier(aperture, grid)),
+        _frozen(pw.wigner(aperture, position, grid)),
+        _frozen(pw.ambiguity(aperture, grid, lag)),
+    )
+
+
+def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -> Figure:
+    """Six panels: the aperture with its automean, |F|^2, Re F, the lag slice, W and Re A.
+
+    Parameters
+    ----------
+    slices : from :func:`transform_slices`.
+    floor_db : lowest level of |F|^2, dB relative to |F(0)|^2, the largest value that the
+        transform of a uniform aperture has.
+    title : above the panels; empty for none.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    unit = length_unit(slices.aperture.diameter)
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(11.0, 6.9)
+        panels = figure.subplots(2, 3).ravel()
+        _draw_supports(panels[0], slices, unit)
+        _draw_levels(panels[1], slices, unit, floor_db)
+        _draw_signed(panels[2], slices, slices.fourier.real, unit, "Re F(ν)", r"\nu")
+        _draw_lag_slice(panels[3], slices, unit)
+        _draw_signed(panels[4], slices, slices.wigner, unit, "W(x, ν)", r"\nu")
+        _draw_signed(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", r"\upsilon")
+        _letter(panels)
+        if title:
+            figure.suptitle(title)
+    return figure
+
+
+def _point(value: ArrayLike) -> tuple[float, float]:
+    point = np.asarray(value, dtype=np.float64)
+    if point.shape != (2,) or not np.all(np.isfinite(point)):
+        raise ArgumentError(f"expected two finite coordinates, got {value!r}")
+    return float(point[0]), float(point[1])
+
+
+def _frozen(values: Any) -> NDArray[Any]:
+    array = np.array(values)
+    array.setflags(write=False)
+    return array
+
+
+def _default_position(aperture: pw.Aperture) -> tuple[float, float]:
+    import shapely
+
+    support = pw.automean(aperture).polygons
+    centre = shapely.Point(aperture.centre)
+    # A representative point keeps its distance from the boundary, where W vanishes.
+    inside = centre if support.contains(centre) else support.representative_point()
+    return inside.x, inside.y
+
+
+def _default_lag(aperture: pw.Aperture) -> tuple[float, float]:
+    xmin, _, xmax, _ = aperture.bounds
+    lag = ((xmax - xmin) / 4, 0.0)
+    return lag if pw.position_slice(aperture, lag).area > 0 else (0.0, 0.0)
+
+
+def _check_supports(aperture: pw.Aperture, x: tuple[float, float], xi: tuple[float, float]) -> None:
+    if not pw.lag_slice(aperture, x).area > 0:
+        bounds = ", ".join(f"{b:.4g}" for b in pw.automean(aperture).bounds)
+        raise ArgumentError(
+            f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
+            f"got ({x[0]:.4g}, {x[1]:.4g}) m; give another, with its unit"
+        )
+    if not pw.position_slice(aperture, xi).area > 0:
+        raise ArgumentError(
+            "expected a lag xi at which the aperture overlaps its shifted copy, got "
+            f"({xi[0]:.4g}, {xi[1]:.4g}) m, where A is zero; give another, with its unit"
+        )
+
+
+def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
+    support = pw.automean(slices.aperture).polygons
+    overlap = pw.position_slice(slices.aperture, slices.xi)
+    _fill(axes, support, unit, facecolor=_TINT, edgecolor="none", label="automean")
+    _fill(axes, slices.aperture.polygons, unit, facecolor=_INK, edgecolor="none", label="aperture")
+    _fill(axes, overlap, unit, facecolor="none", edgecolor=_ACCENT, label="position slice at ξ")
+    x = np.asarray(slices.x) / unit.metres
+    axes.plot(*x, "+", color=_ACCENT, markersize=8, markeredgewidth=1.4, label="x")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, **_LEGEND)
+    axes.set_title(f"aperture; ξ = {_point_text(slices.xi, unit)}")
+    _length_axes(axes, "x", unit)
+
+
+def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
+    import shapely
+
+    lags = pw.lag_slice(slices.aperture, slices.x)
+    doubled = shapely.affinity.affine_transform(
+        slices.aperture.polygons, (2, 0, 0, 2, -2 * slices.x[0], -2 * slices.x[1])
+    )
+    mirrored = shapely.affinity.scale(doubled, -1, -1, origin=(0, 0))
+    _fill(axes, doubled, unit, facecolor="none", edgecolor=_INK, label="2(Γ − x)")
+    _fill(axes, mirrored, unit, facecolor="none", edgecolor=_INK, linestyle="--", label="2(x − Γ)")
+    _fill(axes, lags, unit, facecolor=_ACCENT, edgecolor="none", alpha=0.35, label="lag slice")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, **_LEGEND)
+    axes.set_title(f"lag slice at x = {_point_text(slices.x, unit)}")
+    _length_axes(axes, r"\xi", unit)
+
+
+def _draw_levels(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db: float) -> None:
+    power = np.abs(slices.fourier) ** 2
+    levels = level_db(power, slices.aperture.area**2, floor_db)
+    shown = _show(axes, slices, levels, unit, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0)
+    colour_bar(axes, shown, f"dB relative to |F(0)|², floor {floor_db:g} dB")
+    axes.set_title("|F(ν)|²")
+    _frequency_axes(axes, r"\nu", unit, slices.wavelength, "white")
+
+
+def _draw_signed(
+    axes: Axes,
+    slices: TransformSlices,
+    values: NDArray[np.float64],
+    unit: LengthUnit,
+    name: str,
+    symbol: str,
+) -> None:
+    from matplotlib.colors import SymLogNorm
+    from matplotlib.ticker import FixedLocator, FuncFormatter
+
+    peak = float(np.max(np.abs(values)))
+    norm = SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
+    shown = _show(axes, slices, values / peak, unit, cmap=SIGNED_MAP, norm=norm)
+    bar = colour_bar(axes, shown, f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)")
+    bar.ax.yaxis.set_major_locator(FixedLocator([-1, -0.1, -0.01, 0, 0.01, 0.1, 1]))
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    bar.ax.yaxis.set_minor_locator(FixedLocator([]))
+    axes.set_title(name)
+    _frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
+
+
+_LEGEND: dict[str, Any] = {
+    "frameon": False,
+    "fontsize": 7.5,
+    "handlelength": 1.2,
+    "handletextpad": 0.5,
+    "columnspacing": 1.0,
+}
+
+
+def _fill(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
+    """A shapely polygon or multipolygon, holes cut out, in display units."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
+    rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
+    if not rings:
+        return
+    path = Path.make_compound_path(
+        *(Path(np.asarray(ring.coords) / unit.metres, closed=True) for ring in rings)
+    )
+    axes.add_patch(PathPatch(path, **how))
+    axes.update_datalim(path.vertices)
+
+
+def _show(
+    axes: Axes, slices: TransformSlices, values: NDArray[Any], unit: LengthUnit, **how: Any
+) -> Any:
+    step = slices.frequency[1] - slices.frequency[0]
+    # Pixel centres, not edges, lie on the sampled frequencies.
+    edge = (slices.frequency[-1] + step / 2) * unit.metres
+    extent = (-edge, edge, -edge, edge)
+    return axes.imshow(values, origin="lower", extent=extent, interpolation="nearest", **how)
+
+
+def _frequency_axes(
+    axes: Axes, symbol: str, unit: LengthUnit, wavelength: float | None, ink: str
+) -> None:
+    if wavelength is not None:
+        from matplotlib.patches import Circle
+
+        # Inside propagates, outside is evanescent.
+        radius = unit.metres / wavelength
+        axes.add_patch(Circle((0, 0), radius, fill=False, edgecolor=ink, lw=0.8, ls=":"))
+    axes.set_xlabel(f"${symbol}_x$ (1/{unit.name})")
+    axes.set_ylabel(f"${symbol}_y$ (1/{unit.name})")
+
+
+def _length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)
+    axes.autoscale_view()
+    axes.set_xlabel(f"${symbol}_x$ ({unit.name})")
+    axes.set_ylabel(f"${symbol}_y$ ({unit.name})")
+
+
+def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:
+    first, second = (f"{value / unit.metres:.4g}" for value in point)
+    return f"({first}, {second}) {unit.name}"
+
+
+def _letter(panels: Any) -> None:
+    for letter, axes in zip("abcdef", panels, strict=True):
+        axes.set_title(f"({letter})", loc="left", fontweight="bold")
