@@ -1,0 +1,77 @@
+"""What every test shares: LLVM is prepared before Dr.Jit is imported, and whatever a machine
+cannot run is left out in one way, counted, and named at the end of the run."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from polywigner.engines import llvm as _llvm
+
+# Before any test module is imported: Dr.Jit opens its LLVM library at import, once.
+STATUS = _llvm.prepare()
+
+_MARKERS = {
+    "llvm": "compiles kernels with LLVM (the variants llvm_*, the engine 'llvm')",
+    "cuda": "compiles kernels for an NVIDIA GPU (the variants cuda_*, the engine 'cuda')",
+    "drjit": "imports drjit or mitsuba, be it for scalar variants only",
+}
+_LEFT_OUT = pytest.StashKey[Counter[str]]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_LEFT_OUT] = Counter()
+    for name, meaning in _MARKERS.items():
+        config.addinivalue_line("markers", f"{name}: {meaning}")
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    for name in _MARKERS:
+        if item.get_closest_marker(name):
+            _need(name, item.config)
+
+
+@pytest.fixture
+def llvm(request: pytest.FixtureRequest) -> _llvm.LLVMStatus:
+    """The status of a usable LLVM library; a test that asks for it is left out without one."""
+    _need("llvm", request.config)
+    return STATUS
+
+
+@pytest.fixture
+def cuda(request: pytest.FixtureRequest) -> None:
+    """A test that asks for this is left out on machines without an NVIDIA GPU."""
+    _need("cuda", request.config)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    left_out = terminalreporter.config.stash[_LEFT_OUT]
+    for reason, count in sorted(left_out.items()):
+        tests = "1 test needs" if count == 1 else f"{count} tests need"
+        terminalreporter.write_line(f"left out: {tests} {reason}")
+
+
+def _need(what: str, config: pytest.Config) -> None:
+    """The one place where tests are left out."""
+    reason = _lacking(what)
+    if reason is not None:
+        config.stash[_LEFT_OUT][reason] += 1
+        pytest.skip(f"needs {reason}")
+
+
+def _lacking(what: str) -> str | None:
+    """Why this machine cannot run what a marker stands for; None when it can."""
+    if not STATUS.drjit_imports:
+        return f"a Dr.Jit that can be imported. {STATUS.problem} {STATUS.remedy}"
+    if what == "llvm" and not STATUS.usable:
+        return f"an LLVM library. {STATUS.problem} {STATUS.remedy}"
+    if what == "cuda" and not _has_gpu():
+        return "an NVIDIA GPU and its driver."
+    return None
+
+
+def _has_gpu() -> bool:
+    import drjit
+
+    return bool(drjit.has_backend(drjit.JitBackend.CUDA))
