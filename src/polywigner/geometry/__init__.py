@@ -1,1 +1,21 @@
-"""Placeholder."""
+"""Apertures as polygons: the region itself, what its autocorrelation spans, shapes and files.
+
+- ``aperture``: the immutable :class:`Aperture`; ``triangulate`` for meshes
+- ``rings``, ``parts``, ``weld``, ``winding``: from raw vertices to valid, merged parts
+- ``convex``: convex cover and triangulation; ``exact``: predicates without rounding
+- ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
+- ``shapes``: catalogue; ``readers``: files
+"""
+
+from polywigner.geometry import shapes
+from polywigner.geometry.aperture import Aperture, triangulate
+from polywigner.geometry.automean import automean, lag_slice, position_slice
+
+__all__ = [
+    "Aperture",
+    "automean",
+    "lag_slice",
+    "position_slice",
+    "shapes",
+    "triangulate",
+]

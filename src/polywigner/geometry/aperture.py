@@ -1,0 +1,221 @@
+"""The aperture: an immutable set of polygons in the plane, with holes and disjoint parts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, NoReturn, final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import GeometryError
+from polywigner.geometry.convex import convex_pieces, triangulate_part
+from polywigner.geometry.exact import Ring, orientations, total_area
+from polywigner.geometry.grid import polygons_in
+from polywigner.geometry.parts import merge_parts, part_of_ring, simple_part
+from polywigner.geometry.rings import Part, polygon_of_part
+from polywigner.geometry.winding import split_ring
+
+__all__ = ["Aperture", "triangulate"]
+
+
+def _frozen(array: NDArray[Any]) -> NDArray[Any]:
+    copy = np.ascontiguousarray(array).copy()
+    copy.setflags(write=False)
+    return copy
+
+
+def _rotated_to_smallest(ring: Ring) -> Ring:
+    return np.roll(ring, -int(np.lexsort(ring.T[::-1])[0]), axis=0)
+
+
+def _is_ring(vertices: Any) -> bool:
+    """Whether this is one ring of (x, y) pairs rather than a sequence of rings."""
+    if isinstance(vertices, np.ndarray) and vertices.dtype != object:
+        return vertices.ndim <= 2
+    if not len(vertices) or isinstance(vertices[0], shapely.Polygon):
+        return not len(vertices)
+    return np.ndim(np.asarray(vertices[0], dtype=object)) < 2
+
+
+def _parts_from(vertices: Any) -> list[Part]:
+    if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
+        polygons = polygons_in(vertices)
+        if not polygons:
+            raise GeometryError("expected a polygon with vertices, got an empty one")
+        single = len(polygons) == 1
+        return [
+            simple_part(p, "the polygon" if single else f"polygon {n}")
+            for n, p in enumerate(polygons)
+        ]
+    if not isinstance(vertices, (np.ndarray, Sequence)) or isinstance(vertices, (str, bytes)):
+        raise GeometryError(
+            "expected an (n, 2) array of vertices, a list of such rings, or a shapely Polygon or "
+            f"MultiPolygon, got {type(vertices).__name__}"
+        )
+    if _is_ring(vertices):
+        return [part_of_ring(vertices)]
+    return [
+        simple_part(ring, f"part {n}")
+        if isinstance(ring, shapely.Polygon)
+        else part_of_ring(ring, f"ring {n}")
+        for n, ring in enumerate(vertices)
+    ]
+
+
+@final
+class Aperture:
+    """An opening (or radiating patch) of uniform illumination, bounded by polygons.
+
+    Parameters
+    ----------
+    vertices
+        One ring, shape (n, 2); or a list of rings, each a part of its own; or a shapely Polygon
+        or MultiPolygon, which may have holes. In metres (any one consistent unit works).
+
+    Orientation and starting vertex do not matter. A repeated closing vertex, repeated neighbours
+    and vertices exactly on the line between their neighbours are dropped: the region stays the
+    same. Parts may touch, and are then merged; where they differ by rounding only (64 ulp of the
+    largest coordinate), they are made to agree first.
+
+    Raises
+    ------
+    GeometryError
+        For values that are not finite numbers, fewer than three vertices, zero area, a ring that
+        crosses or touches itself (the message tells where; see :meth:`from_ring`), holes outside
+        their polygon, and parts that overlap.
+    """
+
+    _parts: tuple[Part, ...]
+
+    def __init__(self, vertices: Any) -> None:
+        self._set(merge_parts(_parts_from(vertices)))
+
+    def _set(self, parts: Sequence[Part]) -> None:
+        frozen = tuple(tuple(_frozen(ring) for ring in part) for part in parts)
+        object.__setattr__(self, "_parts", frozen)
+
+    @classmethod
+    def _of_parts(cls, parts: Sequence[Part]) -> Aperture:
+        """An aperture of parts that are valid already."""
+        aperture = object.__new__(cls)
+        aperture._set(parts)
+        return aperture
+
+    @classmethod
+    def from_ring(cls, ring: Any, winding: str = "nonzero") -> Aperture:
+        """The region enclosed by one ring (n, 2) that may cross itself, as simple parts.
+
+        `winding`: "nonzero" keeps what the ring runs around at all, "evenodd" what it runs around
+        an odd number of times. A bow-tie becomes two triangles that touch in a point.
+        """
+        return cls._of_parts(split_ring(ring, winding))
+
+    @cached_property
+    def rings(self) -> tuple[Ring, ...]:
+        """The boundary, without closing repeats: exteriors counter-clockwise, then holes clockwise.
+
+        Read-only arrays of shape (n, 2).
+        """
+        outer = tuple(part[0] for part in self._parts)
+        return outer + tuple(hole for part in self._parts for hole in part[1:])
+
+    @cached_property
+    def polygons(self) -> shapely.MultiPolygon:
+        """The parts as a shapely MultiPolygon: exteriors counter-clockwise, holes clockwise."""
+        return shapely.MultiPolygon([polygon_of_part(part) for part in self._parts])
+
+    @cached_property
+    def area(self) -> float:
+        """Area, rounded once from its exact value."""
+        return total_area(self.rings)
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax)."""
+        points = np.concatenate(self.rings)
+        (xmin, ymin), (xmax, ymax) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        return xmin, ymin, xmax, ymax
+
+    @cached_property
+    def centre(self) -> Ring:
+        """Centre of the bounds, shape (2,), read-only."""
+        xmin, ymin, xmax, ymax = self.bounds
+        return _frozen(np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2]))
+
+    @cached_property
+    def diameter(self) -> float:
+        """Largest distance between two vertices."""
+        hull = shapely.get_coordinates(shapely.convex_hull(self.polygons))
+        return max(float(np.hypot(*(hull - vertex).T).max()) for vertex in hull)
+
+    @cached_property
+    def convex_cover(self) -> tuple[Ring, ...]:
+        """Few convex polygons (k, 2) that tile the aperture, counter-clockwise, read-only.
+
+        Their vertices are the aperture's own, the very same floats. A convex part is one piece.
+        """
+        return tuple(_frozen(piece) for part in self._parts for piece in convex_pieces(part))
+
+    @cached_property
+    def _key(self) -> tuple[tuple[tuple[int, bytes], ...], ...]:
+        """Content regardless of the order of parts and of each ring's first vertex."""
+
+        def content(ring: Ring) -> tuple[int, bytes]:
+            return len(ring), _rotated_to_smallest(ring).tobytes()
+
+        return tuple(
+            sorted((content(part[0]), *sorted(map(content, part[1:]))) for part in self._parts)
+        )
+
+    def __eq__(self, other: object) -> bool:
+        return self._key == other._key if isinstance(other, Aperture) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"an Aperture cannot be changed ({name}); build a new one")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"an Aperture cannot be changed ({name}); build a new one")
+
+    def __copy__(self) -> Aperture:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Aperture:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Aperture._of_parts, (self._parts,)
+
+    def __repr__(self) -> str:
+        xmin, ymin, xmax, ymax = self.bounds
+        parts, holes = len(self._parts), len(self.rings) - len(self._parts)
+        counts = [f"{sum(map(len, self.rings))} vertices"]
+        counts += [f"{parts} parts"] if parts > 1 else []
+        counts += [f"{holes} hole{'s' if holes > 1 else ''}"] if holes else []
+        return (
+            f"Aperture({', '.join(counts)}, area {self.area:.6g}, "
+            f"bounds ({xmin:.6g}, {ymin:.6g}, {xmax:.6g}, {ymax:.6g}))"
+        )
+
+
+def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
+    """Constrained Delaunay triangles of the aperture, for meshes.
+
+    Returns vertices (n, 2) and counter-clockwise vertex numbers (m, 3). The vertices are the
+    aperture's own; triangles of zero area are left out.
+    """
+    vertices: list[Ring] = []
+    triangles: list[NDArray[np.intp]] = []
+    count = 0
+    for part in aperture._parts:
+        points, indices = triangulate_part(part)
+        a, b, c = (points[indices[:, k]] for k in range(3))
+        vertices.append(points)
+        triangles.append(indices[orientations(a, b, c) > 0] + count)
+        count += len(points)
+    return np.concatenate(vertices), np.concatenate(triangles)

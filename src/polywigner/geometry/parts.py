@@ -1,0 +1,126 @@
+"""From clean rings to a valid set of parts: simple, apart from each other, merged where they touch.
+
+Validity is decided with exact predicates (GEOS), so it does not depend on the size or place of the
+aperture. Where it fails, coordinates may differ by rounding only (tiles that were rotated, corners
+of one part on an edge of another): such places are welded, by at most 64 ulp, and tried again.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from polywigner.errors import GeometryError
+from polywigner.geometry.exact import shoelace
+from polywigner.geometry.grid import polygons_in, union_on_grid
+from polywigner.geometry.rings import (
+    Part,
+    clean_ring,
+    oriented,
+    part_of_polygon,
+    polygon_of_part,
+    rounding_tolerance,
+    spans_area,
+)
+from polywigner.geometry.weld import weld
+
+__all__ = ["merge_parts", "part_of_ring", "simple_part"]
+
+_PLACE = re.compile(r"\[(\S+) (\S+)\]")
+
+
+def _place(reason: str) -> str:
+    found = _PLACE.search(reason)
+    return f" at ({found[1]}, {found[2]})" if found else ""
+
+
+def part_of_ring(vertices: object, name: str = "the ring") -> Part:
+    """A simple ring as a part without holes; a self-crossing one raises with the place."""
+    ring = clean_ring(vertices, name)
+    hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring)))
+    if not spans_area(hull):
+        raise GeometryError(f"expected {name} to enclose an area, got vertices on one line")
+    reason = shapely.is_valid_reason(shapely.Polygon(ring))
+    if reason != "Valid Geometry":
+        what = "touches itself" if reason.startswith("Ring") else "crosses itself"
+        raise GeometryError(
+            f"expected a simple outline, got {name} that {what}{_place(reason)}; "
+            'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
+        )
+    if not spans_area(ring):
+        raise GeometryError(f"expected {name} to enclose an area, got one of zero area")
+    return (oriented(ring, True),)
+
+
+def simple_part(polygon: shapely.Polygon, name: str = "the polygon") -> Part:
+    """A shapely Polygon with its holes as a part; raises where a ring crosses another."""
+    if polygon.is_empty:
+        raise GeometryError(f"expected {name} to have vertices, got an empty polygon")
+    part = part_of_polygon(polygon, name)
+    for number, ring in enumerate(part):
+        part_of_ring(ring, f"hole {number - 1} of {name}" if number else f"the exterior of {name}")
+    for candidate in (part, weld([part])[0]):
+        reason = shapely.is_valid_reason(polygon_of_part(candidate))
+        if reason == "Valid Geometry":
+            return candidate
+    raise GeometryError(
+        f"expected holes inside {name} and apart from each other, got {reason}; "
+        "repair it with shapely.make_valid or shapely.difference"
+    )
+
+
+def _check_overlaps(parts: Sequence[Part], polygons: Sequence[shapely.Polygon]) -> bool:
+    """Raise where two parts overlap by more than rounding; tell whether any two touch."""
+    first, second = shapely.STRtree(polygons).query(polygons, predicate="intersects")
+    first, second = first[first < second], second[first < second]
+    if not len(first):
+        return False
+    array = np.array(polygons, dtype=object)
+    common = shapely.intersection(array[first], array[second])
+    # An edge displaced by the rounding tolerance sweeps that tolerance times its length.
+    shift = max(rounding_tolerance(part[0]) for part in parts)
+    allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
+    excess = shapely.area(common) > allowed
+    if excess.any():
+        worst = int(np.argmax(shapely.area(common)))
+        i, j = first[worst], second[worst]
+        inside = [n for n, m in ((i, j), (j, i)) if shapely.covers(array[m], array[n])]
+        relation = f"part {inside[0]} inside the other" if inside else "an overlap"
+        spot = shapely.point_on_surface(common[worst])
+        raise GeometryError(
+            f"expected parts that do not overlap, got {relation} between parts {i} and {j} around "
+            f"({spot.x:.15g}, {spot.y:.15g}); merge them with shapely.union_all, or give a hole as "
+            "shapely.Polygon(outer, [hole])"
+        )
+    return True
+
+
+def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
+    """The union of touching parts if it is exact: same area, and no vertex that is new."""
+    try:
+        merged = shapely.union_all([polygon_of_part(part) for part in parts])
+    except shapely.errors.GEOSException:
+        return None
+    known = {vertex.tobytes() for part in parts for ring in part for vertex in ring}
+    if not all((v + 0.0).tobytes() in known for v in shapely.get_coordinates(merged)):
+        return None
+    result = [part_of_polygon(polygon) for polygon in polygons_in(merged)]
+    before = shoelace(ring for part in parts for ring in part)
+    after = shoelace(ring for part in result for ring in part)
+    return result if before == after and shapely.is_valid(merged) else None
+
+
+def merge_parts(parts: Sequence[Part]) -> list[Part]:
+    """Parts whose union has no inner edges; touching ones are joined, overlapping ones raise."""
+    polygons = [polygon_of_part(part) for part in parts]
+    if len(parts) == 1 or not _check_overlaps(parts, polygons):
+        return list(parts)
+    merged = _clean_union(parts) or _clean_union(weld(parts))
+    if merged is not None:
+        return merged
+    # Rare: the parts' edges run along each other at rounding distance without sharing vertices.
+    coarse = union_on_grid(polygons)
+    return [part_of_polygon(polygon) for polygon in polygons_in(coarse)]

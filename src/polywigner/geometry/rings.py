@@ -1,0 +1,146 @@
+"""From what a caller hands over to clean rings: float64, finite, no repeats, known orientation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
+
+from polywigner.errors import GeometryError
+from polywigner.geometry.exact import Ring, orientations, signed_area
+
+__all__ = [
+    "Part",
+    "clean_ring",
+    "extent",
+    "oriented",
+    "part_of_polygon",
+    "polygon_of_part",
+    "rounding_tolerance",
+    "spans_area",
+    "without_straight_vertices",
+]
+
+Part = tuple[Ring, ...]
+"""One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
+
+# Beyond these the area over- or underflows float64; a change of unit is the answer.
+_LARGEST_COORDINATE = 1e100
+_SMALLEST_EXTENT = 1e-100
+
+# Points on a slanted line are off it by about one unit in the last place u = 2^-53 of the largest
+# coordinate m, so such a ring of diameter d spans an area up to a few u * m * d: that is "zero".
+_ZERO_AREA = 2.0**-50
+
+
+def rounding_tolerance(coordinates: Ring) -> float:
+    """64 ulp of the largest coordinate: what rotating, shifting and printing can do to a vertex."""
+    return float(2.0**-46 * np.abs(coordinates).max())
+
+
+def extent(points: Ring) -> float:
+    """Diagonal of the bounding box, an upper bound on the diameter."""
+    size = points.max(axis=0) - points.min(axis=0)
+    return float(np.hypot(size[0], size[1]))
+
+
+def _as_array(vertices: Any, name: str) -> NDArray[np.float64]:
+    expected = f"expected {name} as an (n, 2) array of numbers"
+    try:
+        raw = np.asarray(vertices)
+    except (ValueError, TypeError) as error:
+        raise GeometryError(f"{expected}, got {type(vertices).__name__} ({error})") from None
+    if raw.dtype.kind not in "iufO":
+        raise GeometryError(f"{expected}, got values of type {raw.dtype}; give real numbers")
+    try:
+        array = np.array(raw, dtype=np.float64)
+    except (ValueError, TypeError, OverflowError):
+        raise GeometryError(f"{expected}, got values that are not real numbers") from None
+    if array.ndim != 2 or array.shape[1] != 2:
+        hint = "; drop the z column" if array.ndim == 2 and array.shape[1] == 3 else ""
+        raise GeometryError(f"{expected}, got shape {array.shape}{hint}")
+    return array
+
+
+def _without_repeats(ring: Ring) -> Ring:
+    """Drop vertices equal to their predecessor, the closing one included."""
+    return ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)] if len(ring) else ring
+
+
+def without_straight_vertices(ring: Ring) -> Ring:
+    """Drop vertices that lie exactly on the segment between their neighbours.
+
+    The region stays exactly the same. The tips of spikes (out and straight back) are kept, so
+    that validation can find and name them.
+    """
+    before, after = np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0)
+    onward = np.sum((ring - before) * (after - ring), axis=1) > 0
+    kept = ring[~(onward & (orientations(before, ring, after) == 0))]
+    return kept if len(kept) >= 3 else ring
+
+
+def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
+    """Check one ring and return it as float64 without repeats and straight vertices.
+
+    The orientation is left as given. Raises GeometryError for anything but at least three
+    different, finite vertices that span an area.
+    """
+    ring = _as_array(vertices, name)
+    if not np.isfinite(ring).all():
+        row = int(np.argmin(np.isfinite(ring).all(axis=1)))
+        x, y = ring[row]
+        raise GeometryError(
+            f"expected finite coordinates in {name}, got ({x}, {y}) as vertex {row}; remove it"
+        )
+    if len(ring) and np.abs(ring).max() > _LARGEST_COORDINATE:
+        raise GeometryError(
+            f"expected coordinates below {_LARGEST_COORDINATE:g} in {name}, "
+            f"got {np.abs(ring).max():g}; choose a larger unit"
+        )
+    ring = _without_repeats(ring + 0.0)  # + 0.0 turns -0.0 into 0.0, so that content compares
+    count = len(np.unique(ring, axis=0)) if len(ring) else 0
+    if count < 3:
+        raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
+    size = extent(ring)
+    if size < _SMALLEST_EXTENT:
+        raise GeometryError(
+            f"expected {name} to be larger than {_SMALLEST_EXTENT:g}, got a size of {size:g}; "
+            "choose a smaller unit"
+        )
+    return without_straight_vertices(ring)
+
+
+def spans_area(ring: Ring) -> bool:
+    """Whether the ring's area is more than rounding of its coordinates could make it."""
+    zero = _ZERO_AREA * extent(ring) * float(np.abs(ring).max())
+    return abs(signed_area(ring)) > zero
+
+
+def oriented(ring: Ring, counter_clockwise: bool) -> Ring:
+    """The ring, reversed if it does not run the way asked for."""
+    return ring if (signed_area(ring) > 0) == counter_clockwise else ring[::-1]
+
+
+def polygon_of_part(part: Part) -> shapely.Polygon:
+    """The part as a shapely Polygon, same floats."""
+    return shapely.Polygon(part[0], part[1:])
+
+
+def part_of_polygon(polygon: BaseGeometry, name: str = "the polygon") -> Part:
+    """The rings of a shapely Polygon, cleaned and oriented, not yet checked against each other."""
+    if shapely.has_z(polygon):
+        heights = shapely.get_coordinates(polygon, include_z=True)[:, 2]
+        if np.any(heights != 0) and not np.isnan(heights).all():
+            raise GeometryError(
+                f"expected {name} in the plane z = 0, got other heights; "
+                "drop them with shapely.force_2d(polygon)"
+            )
+    outer = clean_ring(shapely.get_coordinates(polygon.exterior), f"the exterior of {name}")
+    holes = [
+        clean_ring(shapely.get_coordinates(hole), f"hole {number} of {name}")
+        for number, hole in enumerate(polygon.interiors)
+    ]
+    return (oriented(outer, True), *(oriented(hole, False) for hole in holes))

@@ -1,0 +1,59 @@
+"""Split a ring that crosses itself into simple parts, by its winding number."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.geometry.exact import Ring, orientations
+from polywigner.geometry.grid import grid_size, polygons_in, union_on_grid
+from polywigner.geometry.parts import part_of_ring
+from polywigner.geometry.rings import Part, clean_ring, part_of_polygon
+
+__all__ = ["split_ring", "winding_numbers"]
+
+_RULES = ("nonzero", "evenodd")
+
+
+def winding_numbers(ring: Ring, points: Ring) -> NDArray[np.int64]:
+    """How many times the ring (n, 2) runs counter-clockwise around each of the points (m, 2).
+
+    Counts signed crossings of the ray towards +x, with exact orientations; points on the ring
+    itself get the value of one of its sides.
+    """
+    start, end = ring, np.roll(ring, -1, axis=0)
+    numbers = np.zeros(len(points), dtype=np.int64)
+    for k, point in enumerate(points):
+        upward = (start[:, 1] <= point[1]) & (end[:, 1] > point[1])
+        downward = (start[:, 1] > point[1]) & (end[:, 1] <= point[1])
+        left = np.count_nonzero(orientations(start[upward], end[upward], point) > 0)
+        right = np.count_nonzero(orientations(start[downward], end[downward], point) < 0)
+        numbers[k] = left - right
+    return numbers
+
+
+def split_ring(vertices: Any, winding: str) -> list[Part]:
+    """The parts of the region where the ring's winding number is not zero, or is odd."""
+    if winding not in _RULES:
+        raise ArgumentError(f"expected winding to be one of {_RULES}, got {winding!r}")
+    ring = clean_ring(vertices, "the ring")
+    if shapely.is_valid(shapely.Polygon(ring)):
+        return [part_of_ring(ring)]
+    # Faces of the arrangement of the ring's edges, noded on a grid: passes that differ by rounding
+    # only, as in a curve run through twice, then leave no hairline faces between them.
+    edges = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
+    noded = shapely.union_all(edges, grid_size=grid_size(ring))
+    faces = polygons_in(shapely.polygonize([noded]))
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces)).reshape(-1, 2)
+    numbers = winding_numbers(ring, inside)
+    chosen = numbers != 0 if winding == "nonzero" else numbers % 2 == 1
+    kept = [face for face, keep in zip(faces, chosen, strict=True) if keep]
+    if not kept:
+        raise GeometryError(
+            f"expected a ring that encloses an area, got none by the {winding!r} rule"
+        )
+    return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(kept, ring))]
