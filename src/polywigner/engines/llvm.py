@@ -60,13 +60,17 @@ _lock = threading.Lock()
 _status: LLVMStatus | None = None
 
 
-def prepare() -> LLVMStatus:
+def prepare(*, afresh: bool = False) -> LLVMStatus:
     """Choose the LLVM library for Dr.Jit, before Dr.Jit is imported.
 
     Looks at ``DRJIT_LIBLLVM_PATH``, then into the environment, then into the system's folders
     (newest first), and sets ``DRJIT_LIBLLVM_PATH`` to the first library whose kernels have run in
     a child process. With none, the variable is set to a path that does not exist, so that Dr.Jit
     opens none either. ``POLYWIGNER_NO_LLVM=1`` asks for that.
+
+    Parameters
+    ----------
+    afresh : look again, because a library has been installed since the last call.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def prepare() -> LLVMStatus:
     """
     global _status
     with _lock:
-        if _status is None:
+        if _status is None or afresh:
             _status = _loaded() if "drjit" in sys.modules else _choose()
         return _status
 

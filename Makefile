@@ -1,0 +1,65 @@
+# Everything a newcomer or a contributor does. Each target sets up .venv by itself first
+# (tools/bootstrap: a moment when nothing has changed).
+
+# PYTHON=python3.12 make test    chooses the interpreter of .venv
+PYTHON ?=
+# DEMO_SPP=16 make demo          a quick, noisy demo (samples per pixel; empty: the scenes' own)
+DEMO_SPP ?=
+# TESTS='-k automean' make test  arguments for pytest
+TESTS ?=
+
+# An activated environment or foreign module paths must not reach into .venv.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+
+BIN := .venv/bin
+SETUP = $(if $(PYTHON),$(PYTHON),python3) tools/bootstrap $(if $(PYTHON),--python $(PYTHON))
+RENDER = $(BIN)/polywigner render $(if $(DEMO_SPP),--spp $(DEMO_SPP))
+TRANSFORM = $(BIN)/polywigner transform
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint format typecheck bench docs dist clean
+
+help: ## list the targets
+	@sed -n 's/^\([a-z]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
+
+demo: ## render the example scenes and transform the example apertures into out/
+	@$(SETUP) --group demo
+	$(TRANSFORM) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --out out/two_chevrons
+	$(RENDER) examples/patch_above_floor/scene.xml --out out/patch_above_floor
+	$(RENDER) examples/two_chevrons/scene.xml --out out/two_chevrons
+	$(RENDER) examples/street_77ghz/scene.xml --out out/street_77ghz
+	@echo; echo "Pictures:"; find out -name '*.png' | sort | sed 's/^/  /'
+
+test: ## run the tests
+	@$(SETUP) --group test
+	$(BIN)/python -m pytest $(TESTS)
+
+lint: ## check style and formatting
+	@$(SETUP) --group dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: ## put the sources into the common format
+	@$(SETUP) --group dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+typecheck: ## check the types
+	@$(SETUP) --group dev
+	$(BIN)/mypy
+
+bench: ## run the benchmarks
+	@$(SETUP) --group test
+	@for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
+
+docs: ## check the documents: every link inside them leads somewhere
+	@$(SETUP) --group test
+	$(BIN)/python tools/check_documents.py
+
+dist: ## build wheel and sdist into dist/
+	@$(SETUP) --group dev
+	$(BIN)/python -m build
+
+clean: ## remove .venv and everything made
+	rm -rf .venv out build dist docs/_build benchmarks/results .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
