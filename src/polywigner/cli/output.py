@@ -73,7 +73,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
             path.parent.mkdir(parents=True, exist_ok=True)
         yield partials
         for partial, path in zip(partials, paths, strict=True):
-            os.replace(partial, path)
+            partial.replace(path)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "
