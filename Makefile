@@ -24,7 +24,7 @@ help: ## list the targets
 
 demo: ## render the example scenes and transform the example apertures into out/
 	@$(SETUP) --group demo
-	$(TRANSFORM) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --out out/two_chevrons
+	$(TRANSFORM) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --out out/two_chevrons_transforms
 	$(RENDER) examples/patch_above_floor/scene.xml --out out/patch_above_floor
 	$(RENDER) examples/two_chevrons/scene.xml --out out/two_chevrons
 	$(RENDER) examples/street_77ghz/scene.xml --out out/street_77ghz
