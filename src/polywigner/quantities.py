@@ -1,13 +1,16 @@
 """Text such as ``"94 GHz"``, ``"10 mm"`` or ``"30 deg"`` to SI floats.
 
 Used where people write text: the command line, scene files and aperture files. Functions of the
-Python API take SI floats.
+Python API take SI floats. Units are written as SI writes them: "mW" and "MW", or "mm" and "Mm",
+differ by nine orders of magnitude. Only frequencies may be in any case ("ghz"), except "mHz".
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
+from fractions import Fraction
 
 from polywigner.errors import QuantityError
 
@@ -18,46 +21,80 @@ __all__ = [
     "parse_length",
     "parse_point",
     "parse_power",
+    "parse_unit",
     "wavelength_of",
 ]
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum, m/s (exact, SI)."""
 
+# Fractions, so that "3.1 mm" is the float nearest to 0.0031 and not 3.1 * 0.001, one ulp off.
 _LENGTHS = {
-    "km": 1e3, "m": 1.0, "dm": 1e-1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6,
-    "nm": 1e-9, "in": 0.0254, "inch": 0.0254, "mil": 2.54e-5, "ft": 0.3048,
+    "km": Fraction(1000), "m": Fraction(1), "dm": Fraction(1, 10), "cm": Fraction(1, 100),
+    "mm": Fraction(1, 1000), "um": Fraction(1, 10**6), "µm": Fraction(1, 10**6),
+    "μm": Fraction(1, 10**6), "nm": Fraction(1, 10**9), "in": Fraction(254, 10**4),
+    "inch": Fraction(254, 10**4), "mil": Fraction(254, 10**7), "ft": Fraction(3048, 10**4),
 }  # fmt: skip
-_FREQUENCIES = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "ghz": 1e9, "thz": 1e12}
-_ANGLES = {"deg": math.pi / 180, "°": math.pi / 180, "rad": 1.0, "mrad": 1e-3}
-_POWERS = {"w": 1.0, "mw": 1e-3, "uw": 1e-6, "µw": 1e-6, "kw": 1e3}
+_FREQUENCIES = {
+    "Hz": Fraction(1), "kHz": Fraction(10**3), "MHz": Fraction(10**6), "GHz": Fraction(10**9),
+    "THz": Fraction(10**12),
+}  # fmt: skip
+_SPELLING = {unit.lower(): unit for unit in _FREQUENCIES}
+_DEGREE = Fraction(math.pi) / 180
+_ANGLES = {"deg": _DEGREE, "°": _DEGREE, "rad": Fraction(1), "mrad": Fraction(1, 1000)}
+_POWERS = {
+    "W": Fraction(1), "mW": Fraction(1, 10**3), "uW": Fraction(1, 10**6),
+    "µW": Fraction(1, 10**6), "μW": Fraction(1, 10**6), "kW": Fraction(10**3),
+    "MW": Fraction(10**6),
+}  # fmt: skip
 
-_QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s.+-]*)\s*")
+# ASCII digits only, and at most three digits of exponent: Fraction("1e999999999") fills memory.
+_QUANTITY = re.compile(
+    r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s.,;+-]*)\s*"
+)
+_LONGEST = 100
 
 
-def _parse(text: str | float, units: dict[str, float], kind: str, example: str) -> float:
+def _shown(text: object) -> str:
+    try:
+        shown = repr(text)
+    except ValueError:  # an integer with more digits than Python prints
+        shown = "an integer of thousands of digits"
+    return shown if len(shown) <= _LONGEST else shown[:_LONGEST] + "..."
+
+
+def _number(value: Fraction) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _parse(text: str | float, units: Mapping[str, Fraction], kind: str, example: str) -> float:
+    expected = f'expected a {kind} such as "{example}", got {_shown(text)}'
     if isinstance(text, (int, float)) and not isinstance(text, bool):
-        value = float(text)
+        value = float(text) if isinstance(text, float) else _number(Fraction(text))
     else:
-        match = _QUANTITY.fullmatch(str(text))
+        written = str(text)
+        match = _QUANTITY.fullmatch(written) if len(written) <= _LONGEST else None
         if match is None:
-            raise QuantityError(f'expected a {kind} such as "{example}", got {text!r}')
+            raise QuantityError(f"{expected}; write a number, a space and a unit")
         number, unit = match.groups()
-        factor = 1.0 if not unit else units.get(unit, units.get(unit.lower()))
-        if factor is None:
-            known = ", ".join(units)
-            raise QuantityError(
-                f'expected a {kind} such as "{example}", got {text!r}; use one of the units {known}'
-            )
-        value = float(number) * factor
+        if unit and unit not in units:
+            raise QuantityError(f"{expected}; use one of the units {', '.join(units)}")
+        value = _number(Fraction(number) * (units[unit] if unit else 1))
     if not math.isfinite(value):
-        raise QuantityError(f'expected a finite {kind} such as "{example}", got {text!r}')
+        raise QuantityError(f"{expected}; it must be finite")
     return value
 
 
 def _positive(value: float, text: str | float, kind: str, example: str) -> float:
     if not value > 0:
-        raise QuantityError(f'expected a {kind} above zero such as "{example}", got {text!r}')
+        raise QuantityError(
+            f'expected a {kind} above zero such as "{example}", got {_shown(text)}; drop the sign'
+            if value < 0
+            else f'expected a {kind} above zero such as "{example}", got {_shown(text)}; enlarge it'
+        )
     return value
 
 
@@ -69,17 +106,36 @@ def parse_length(text: str | float) -> float:
 
 def parse_point(text: str) -> tuple[float, float]:
     """Two coordinates in metres, of either sign, such as ``"0 mm, -2 mm"``."""
-    parts = text.split(",")
+    parts = text.split(",", 2)
     if len(parts) != 2:
-        raise QuantityError(f'expected two lengths such as "0 mm, -2 mm", got {text!r}')
+        raise QuantityError(
+            f'expected two lengths such as "0 mm, -2 mm", got {_shown(text)}; '
+            "separate them by one comma"
+        )
     first, second = (_parse(part, _LENGTHS, "length", "-2 mm") for part in parts)
     return first, second
+
+
+def parse_unit(text: str | float) -> float:
+    """The metres per unit of a file: a unit's name ("mm") or a length ("0.1 mm"), above zero."""
+    if isinstance(text, str) and text.strip() in _LENGTHS:
+        return _number(_LENGTHS[text.strip()])
+    example = 'mm" or "0.1 mm'
+    return _positive(_parse(text, _LENGTHS, "unit of length", example), text, "unit", example)
 
 
 def parse_frequency(text: str | float) -> float:
     """A frequency in hertz, above zero; a bare number is in hertz."""
     example = "94 GHz"
-    return _positive(_parse(text, _FREQUENCIES, "frequency", example), text, "frequency", example)
+    if isinstance(text, str):
+        if text.rstrip().endswith("mHz"):
+            raise QuantityError(
+                f'expected a frequency such as "{example}", got {_shown(text)}, in millihertz; '
+                'write "MHz" for megahertz'
+            )
+        text = re.sub("[a-zA-Z]{2,}", lambda unit: _SPELLING.get(unit[0].lower(), unit[0]), text)
+    value = _parse(text, _FREQUENCIES, "frequency", example)
+    return _positive(value, text, "frequency", example)
 
 
 def parse_angle(text: str | float) -> float:
@@ -90,10 +146,13 @@ def parse_angle(text: str | float) -> float:
 def parse_power(text: str | float) -> float:
     """A power in watts, above zero; a bare number is in watts."""
     example = "10 mW"
-    # "mW" and "MW" differ by nine orders of magnitude: megawatts are not offered.
     return _positive(_parse(text, _POWERS, "power", example), text, "power", example)
 
 
 def wavelength_of(frequency: float) -> float:
-    """Vacuum wavelength in metres of a frequency in hertz."""
+    """Vacuum wavelength in metres of a frequency in hertz, which must be above zero."""
+    if not (frequency > 0 and math.isfinite(frequency)):
+        raise QuantityError(
+            f"expected a finite frequency above zero, got {_shown(frequency)}; give it in hertz"
+        )
     return SPEED_OF_LIGHT / frequency
