@@ -94,7 +94,7 @@ def transform(
     ] = None,
     xi: Annotated[
         str | None,
-        typer.Option(help="Lag of the ambiguity slice (default: a quarter of the width)."),
+        typer.Option(help="Lag of the ambiguity slice (default: one with a good overlap)."),
     ] = None,
     samples: Annotated[int, typer.Option(help="Samples along each frequency axis.")] = 257,
     db_floor: Annotated[

@@ -71,7 +71,8 @@ def transform_slices(
     aperture : uniformly illuminated, metres.
     x : (2,) m, inside the automean; None: the middle of the bounds where that is inside, else a
         point inside.
-    xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width.
+    xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width, or of
+        the height, or a sixteenth, whichever first leaves a quarter of the area.
     wavelength : m; the axes reach to |nu| = 1/wavelength. None: to 8/diameter.
     samples : points along each axis, at least 2; an odd number has nu = 0 among them.
 
@@ -107,14 +108,15 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
     slices : from :func:`transform_slices`.
     floor_db : lowest level of |F|^2, dB relative to |F(0)|^2, the largest value that the
         transform of a uniform aperture has.
-    title : above the panels; empty for none.
+    title : above the panels, before the wavelength.
     """
     import matplotlib as mpl
 
     check_floor(floor_db)
     unit = length_unit(slices.aperture.diameter)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(11.0, 6.9)
+        figure = new_figure(11.6, 6.9)
+        figure.get_layout_engine().set(wspace=0.05, hspace=0.03)
         panels = figure.subplots(2, 3).ravel()
         _draw_supports(panels[0], slices, unit)
         _draw_levels(panels[1], slices, unit, floor_db)
@@ -123,8 +125,7 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
         _draw_signed(panels[4], slices, slices.wigner, unit, "W(x, ν)", r"\nu")
         _draw_signed(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", r"\upsilon")
         _letter(panels)
-        if title:
-            figure.suptitle(title)
+        figure.suptitle(_heading(title, slices.wavelength))
     return figure
 
 
@@ -152,9 +153,13 @@ def _default_position(aperture: pw.Aperture) -> tuple[float, float]:
 
 
 def _default_lag(aperture: pw.Aperture) -> tuple[float, float]:
-    xmin, _, xmax, _ = aperture.bounds
-    lag = ((xmax - xmin) / 4, 0.0)
-    return lag if pw.position_slice(aperture, lag).area > 0 else (0.0, 0.0)
+    """A lag that keeps a good part of the overlap, so that A differs from F and is not small."""
+    xmin, ymin, xmax, ymax = aperture.bounds
+    width, height = xmax - xmin, ymax - ymin
+    for lag in ((width / 4, 0.0), (0.0, height / 4), (width / 16, 0.0), (0.0, height / 16)):
+        if pw.position_slice(aperture, lag).area > aperture.area / 4:
+            return lag
+    return 0.0, 0.0
 
 
 def _check_supports(aperture: pw.Aperture, x: tuple[float, float], xi: tuple[float, float]) -> None:
@@ -290,6 +295,14 @@ def _length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
 def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:
     first, second = (f"{value / unit.metres:.4g}" for value in point)
     return f"({first}, {second}) {unit.name}"
+
+
+def _heading(title: str, wavelength: float | None) -> str:
+    if wavelength is None:
+        return title
+    unit = length_unit(wavelength)
+    marked = f"λ = {wavelength / unit.metres:.4g} {unit.name}, dotted circle: |ν| = 1/λ"
+    return f"{title}; {marked}" if title else marked
 
 
 def _letter(panels: Any) -> None:
