@@ -12,7 +12,7 @@ TESTS ?=
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 BIN := .venv/bin
-SETUP = $(if $(PYTHON),$(PYTHON),python3) tools/bootstrap $(if $(PYTHON),--python $(PYTHON))
+SETUP = $(if $(shell command -v python3),python3,"$(PYTHON)") tools/bootstrap $(if $(PYTHON),--python "$(PYTHON)")
 RENDER = $(BIN)/polywigner render $(if $(DEMO_SPP),--spp $(DEMO_SPP))
 TRANSFORM = $(BIN)/polywigner transform
 

@@ -138,7 +138,7 @@ def _gather_libraries(tree: Path, folder: Path) -> None:
             link.unlink()
     needed = [str(p) for p in sorted(folder.iterdir()) if not p.is_symlink() and not _is_llvm(p)]
     opened = subprocess.run(
-        [sys.executable, "-c", _TRY_TO_OPEN, *needed], capture_output=True, text=True
+        [sys.executable, "-I", "-c", _TRY_TO_OPEN, *needed], capture_output=True, text=True
     ).stdout.splitlines()
     (folder / OPENING_ORDER).write_text("".join(f"{Path(name).name}\n" for name in opened))
 
