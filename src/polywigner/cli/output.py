@@ -72,6 +72,8 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
         for path in paths:
             path.parent.mkdir(parents=True, exist_ok=True)
         yield partials
+        for partial in partials:
+            partial.stat()  # all are there before the first takes its place
         for partial, path in zip(partials, paths, strict=True):
             partial.replace(path)
     except OSError as error:

@@ -1,0 +1,169 @@
+"""The command line as a whole: exit codes, one line per error, nothing half-written, and no heavy
+library before it is needed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.errors import ArgumentError, GeometryError
+
+HEAVY = ("numpy", "shapely", "matplotlib", "drjit", "mitsuba", "rich")
+
+
+def test_help_imports_no_heavy_library() -> None:
+    code = (
+        "import sys; from polywigner.cli import main; main(['--help']); main(['render', '--help']);"
+        f"print('HEAVY', [m for m in {HEAVY} if m in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert "HEAVY []" in run.stdout
+    assert all(command in run.stdout for command in ("render", "transform", "doctor"))
+
+
+def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"polywigner {pw.__version__}\n"
+
+
+def test_no_command_shows_the_help_and_fails(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert "Usage: polywigner" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["reder"],
+        ["render"],
+        ["render", "scene.xml", "--ssp", "3"],
+        ["render", "scene.xml", "--spp", "many"],
+        ["render", "scene.xml", "--spp"],
+        ["transform", "a.wkt", "b.wkt"],
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_code_2(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("polywigner: error: ")
+    assert captured.err.count("\n") == 1
+
+
+def _raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    def run_transform(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("polywigner.cli.transform.run_transform", run_transform)
+
+
+def test_an_error_of_several_lines_is_put_on_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _raising(monkeypatch, GeometryError("expected this,\n   got that;\n do this"))
+    assert main(["transform", "a.wkt"]) == 2
+    assert capsys.readouterr().err == "polywigner: error: expected this, got that; do this\n"
+
+
+def test_an_interruption_ends_with_130_and_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _raising(monkeypatch, KeyboardInterrupt())
+    assert main(["transform", "a.wkt"]) == 130
+    assert capsys.readouterr().err == "polywigner: interrupted\n"
+
+
+def test_an_unforeseen_error_says_how_to_report_it_and_shows_its_traceback_only_on_request(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _raising(monkeypatch, RuntimeError("the sky\nfell"))
+    monkeypatch.delenv("POLYWIGNER_DEBUG", raising=False)
+    assert main(["transform", "a.wkt"]) == 1
+    quiet = capsys.readouterr().err
+    assert quiet.count("\n") == 1
+    assert "unexpected RuntimeError: the sky fell" in quiet
+    assert "POLYWIGNER_DEBUG=1" in quiet
+    monkeypatch.setenv("POLYWIGNER_DEBUG", "1")
+    assert main(["transform", "a.wkt"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_out_may_be_a_folder_or_a_stem(tmp_path: Path) -> None:
+    assert output_stem(None, "scene") == Path("scene")
+    assert output_stem(str(tmp_path), "scene") == tmp_path / "scene"
+    assert output_stem(f"{tmp_path}/new/", "scene") == tmp_path / "new" / "scene"
+    assert output_stem(f"{tmp_path}/new", "scene") == tmp_path / "new"
+    assert output_stem("night.PNG", "scene") == Path("night")
+    assert output_stem("at_2.5_GHz", "scene") == Path("at_2.5_GHz")
+
+
+def test_dots_in_a_name_are_kept() -> None:
+    assert targets(Path("a/at_2.5"), (".png", ".npz")) == (
+        Path("a/at_2.5.png"),
+        Path("a/at_2.5.npz"),
+    )
+
+
+def test_files_appear_together_and_only_once_they_are_whole(tmp_path: Path) -> None:
+    paths = targets(tmp_path / "new" / "a", (".x", ".y"))
+    with writing(paths) as partials:
+        for partial in partials:
+            partial.write_text("whole")
+        assert not any(path.exists() for path in paths)
+        assert all(partial.name.endswith(".partial") for partial in partials)
+    assert sorted((tmp_path / "new").iterdir()) == list(paths)
+
+
+def test_a_failure_keeps_the_old_files_and_leaves_no_scratch(tmp_path: Path) -> None:
+    paths = targets(tmp_path / "a", (".x", ".y"))
+    paths[0].write_text("old")
+    with pytest.raises(ZeroDivisionError), writing(paths) as partials:
+        partials[0].write_text("half")
+        raise ZeroDivisionError
+    assert [p.name for p in tmp_path.iterdir()] == ["a.x"]
+    assert paths[0].read_text() == "old"
+
+
+def test_an_output_that_was_not_made_replaces_nothing(tmp_path: Path) -> None:
+    paths = targets(tmp_path / "a", (".x", ".y"))
+    with pytest.raises(ArgumentError, match="expected to write"), writing(paths) as partials:
+        partials[0].write_text("only the first")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_that_cannot_be_written_to_is_found_before_the_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder.png").mkdir()
+    with pytest.raises(ArgumentError, match="expected a folder"):
+        check_writable([tmp_path / "file" / "deeper" / "a.png"])
+    with pytest.raises(ArgumentError, match="name a file, got the folder"):
+        check_writable([tmp_path / "folder.png"])
+    check_writable([tmp_path / "new" / "a.png"])
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no permission bits of this kind")
+@pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_write_permission_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "locked").mkdir(mode=0o500)
+    with pytest.raises(ArgumentError, match="can be written to"):
+        check_writable([tmp_path / "locked" / "a.png"])
+
+
+def test_the_module_runs_as_a_script() -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", "polywigner.cli", "--version"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert run.stdout == f"polywigner {pw.__version__}\n"

@@ -1,0 +1,145 @@
+"""Levels in dB never depend on noise or on the logarithm of what is not positive; figures say
+what they show."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+from polywigner.figures import draw_scene, draw_transforms, level_db, picture_peak, transform_slices
+
+ROUNDING_DB = 1e-12  # log10 of exact powers of ten, float64
+ROUNDING = 1e-12  # relative to the area; the kernel's own bound
+
+
+def test_ten_times_less_radiance_is_ten_decibels_less() -> None:
+    levels = level_db([5.0, 0.5, 0.05], reference=5.0, floor_db=-40)
+    np.testing.assert_allclose(levels, [0.0, -10.0, -20.0], atol=ROUNDING_DB)
+
+
+def test_what_is_negative_or_zero_or_faint_lies_exactly_on_the_floor() -> None:
+    with np.errstate(all="raise"):  # a logarithm of any of these would raise
+        levels = level_db([-3.0, 0.0, 1e-9, -0.0, 5e-324], reference=1.0, floor_db=-40)
+    assert (levels == -40.0).all()
+
+
+def test_what_exceeds_the_reference_keeps_its_level() -> None:
+    np.testing.assert_allclose(level_db([100.0], 1.0, -40), [20.0], atol=ROUNDING_DB)
+
+
+@pytest.mark.parametrize("floor", [0.0, 3.0, np.nan, -np.inf])
+def test_a_floor_that_is_not_below_the_peak_is_refused(floor: float) -> None:
+    with pytest.raises(ArgumentError, match="expected a floor below 0 dB"):
+        level_db([1.0], 1.0, floor)
+
+
+def test_single_outliers_do_not_move_the_peak_of_a_picture() -> None:
+    y, x = np.mgrid[-20:21, -20:21]
+    beam = np.exp(-(x**2 + y**2) / 200.0)
+    noisy = beam.copy()
+    noisy[3, 4] = 1e6
+    noisy[30, 8] = -1e6
+    peak = picture_peak(beam)
+    assert peak is not None
+    assert picture_peak(noisy) == peak
+    # The median of a 3 x 3 neighbourhood of the summit lies one pixel beside it.
+    assert np.exp(-2 / 200.0) <= peak <= 1.0
+
+
+def test_a_picture_without_positive_pixels_has_no_peak_and_lies_on_the_floor() -> None:
+    dark = -np.ones((5, 7))
+    assert picture_peak(dark) is None
+    assert (level_db(dark, None, -30) == -30).all()
+
+
+def test_a_picture_one_pixel_high_has_a_peak() -> None:
+    assert picture_peak(np.array([[1.0, 1.0, 1.0, 2.0]])) == 1.0
+
+
+def test_the_scene_picture_states_reference_unit_and_floor() -> None:
+    figure = draw_scene(np.ones((4, 6)), reference=2.5e-3, floor_db=-35)
+    label = figure.axes[1].get_ylabel()
+    for part in ("dB", "0.0025 W/(m² sr)", "median", "floor -35 dB", "negative"):
+        assert part in label
+    assert figure.axes[0].images[0].get_clim() == (-35.0, 0.0)
+
+
+def test_the_scene_picture_is_as_wide_as_the_film() -> None:
+    axes = draw_scene(np.ones((4, 6)), 1.0, -40).axes[0]
+    assert axes.images[0].get_array().shape == (4, 6)
+    assert axes.get_aspect() == 1.0
+
+
+def test_slices_agree_with_the_transforms_at_single_points() -> None:
+    chevron = pw.shapes.chevron(10e-3, 12e-3, 3e-3)
+    slices = transform_slices(chevron, x=(1e-3, 0.5e-3), xi=(0.5e-3, 1e-3), samples=9)
+    i, j = 6, 2
+    nu = np.array([slices.frequency[i], slices.frequency[j]])
+    expected = (
+        pw.fourier(chevron, nu),
+        pw.wigner(chevron, np.array(slices.x), nu),
+        pw.ambiguity(chevron, nu, np.array(slices.xi)),
+    )
+    got = (slices.fourier[j, i], slices.wigner[j, i], slices.ambiguity[j, i])
+    np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING * chevron.area)
+
+
+def test_a_wavelength_sets_the_axes_to_the_horizon() -> None:
+    slices = transform_slices(pw.shapes.square(10e-3), wavelength=3e-3, samples=5)
+    assert slices.frequency[0] == -1 / 3e-3
+    assert slices.frequency[-1] == 1 / 3e-3
+
+
+def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish() -> None:
+    far_apart = pw.Aperture([[(0, 0), (1, 0), (1, 5), (0, 5)], [(9, 0), (9.5, 0), (9.5, 5)]])
+    for aperture in (pw.shapes.chevron(10.0, 12.0, 1.0), far_apart, pw.shapes.disc(1.0, 7)):
+        slices = transform_slices(aperture, samples=3)
+        assert pw.position_marginal(aperture, np.array(slices.x)) > 0
+        assert pw.lag_marginal(aperture, np.array(slices.xi)) > aperture.area / 5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"x": (1.0, 0.0)}, "inside the automean"),
+        ({"xi": (1.0, 0.0)}, "overlaps its shifted copy"),
+        ({"x": (np.nan, 0.0)}, "two finite coordinates"),
+        ({"xi": (1.0, 0.0, 0.0)}, "two finite coordinates"),
+        ({"samples": 1}, "at least 2 samples"),
+    ],
+)
+def test_slices_that_would_be_empty_are_refused(arguments: dict, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        transform_slices(pw.shapes.square(10e-3), **arguments)
+
+
+def test_the_values_of_slices_cannot_be_changed() -> None:
+    slices = transform_slices(pw.shapes.square(1.0), samples=3)
+    with pytest.raises(ValueError, match="read-only"):
+        slices.wigner[0, 0] = 1.0
+
+
+def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit() -> None:
+    slices = transform_slices(pw.shapes.triangle(10e-3, 8e-3), wavelength=3e-3, samples=5)
+    figure = draw_transforms(slices, floor_db=-30, title="triangle")
+    panels = [axes for axes in figure.axes if axes.get_xlabel()]
+    bars = [axes for axes in figure.axes if not axes.get_xlabel()]
+    assert len(panels) == 6
+    assert len(bars) == 4
+    assert all("mm" in axes.get_xlabel() and "mm" in axes.get_ylabel() for axes in panels)
+    assert [axes.get_title(loc="left") for axes in panels] == [f"({c})" for c in "abcdef"]
+    labels = " ".join(axes.get_ylabel() for axes in bars)
+    assert "floor -30 dB" in labels
+    assert labels.count("mm²") == 3
+    assert "λ = 3 mm" in figure.get_suptitle()
+
+
+def test_figures_can_be_drawn_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    stream = io.BytesIO()
+    draw_scene(np.ones((3, 3)), 1.0, -40).savefig(stream, format="png")
+    assert stream.getvalue().startswith(b"\x89PNG")
