@@ -91,9 +91,7 @@ def _parse(text: str | float, units: Mapping[str, Fraction], kind: str, example:
 def _positive(value: float, text: str | float, kind: str, example: str) -> float:
     if not value > 0:
         raise QuantityError(
-            f'expected a {kind} above zero such as "{example}", got {_shown(text)}; drop the sign'
-            if value < 0
-            else f'expected a {kind} above zero such as "{example}", got {_shown(text)}; enlarge it'
+            f'expected a {kind} above zero, got {_shown(text)}; write one such as "{example}"'
         )
     return value
 

@@ -4,18 +4,20 @@
 - ``rings``, ``parts``, ``weld``, ``winding``: from raw vertices to valid, merged parts
 - ``convex``: convex cover and triangulation; ``exact``: predicates without rounding
 - ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
-- ``shapes``: catalogue; ``readers``: files
+- ``shapes``: catalogue; ``readers``, ``geojson``: files
 """
 
 from polywigner.geometry import shapes
 from polywigner.geometry.aperture import Aperture, triangulate
 from polywigner.geometry.automean import automean, lag_slice, position_slice
+from polywigner.geometry.readers import read_aperture
 
 __all__ = [
     "Aperture",
     "automean",
     "lag_slice",
     "position_slice",
+    "read_aperture",
     "shapes",
     "triangulate",
 ]

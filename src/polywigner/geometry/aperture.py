@@ -14,8 +14,8 @@ from polywigner.errors import GeometryError
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.exact import Ring, orientations, total_area
 from polywigner.geometry.grid import polygons_in
-from polywigner.geometry.parts import merge_parts, part_of_ring, simple_part
-from polywigner.geometry.rings import Part, polygon_of_part
+from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
+from polywigner.geometry.rings import Part, polygon_of_part, rings_of_polygon
 from polywigner.geometry.winding import split_ring
 
 __all__ = ["Aperture", "triangulate"]
@@ -40,6 +40,10 @@ def _is_ring(vertices: Any) -> bool:
     return np.ndim(np.asarray(vertices[0], dtype=object)) < 2
 
 
+def _part_of_polygon(polygon: shapely.Polygon, name: str) -> Part:
+    return part_of_rings(rings_of_polygon(polygon, name), name)
+
+
 def _parts_from(vertices: Any) -> list[Part]:
     if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
         polygons = polygons_in(vertices)
@@ -47,7 +51,7 @@ def _parts_from(vertices: Any) -> list[Part]:
             raise GeometryError("expected a polygon with vertices, got an empty one")
         single = len(polygons) == 1
         return [
-            simple_part(p, "the polygon" if single else f"polygon {n}")
+            _part_of_polygon(p, "the polygon" if single else f"polygon {n}")
             for n, p in enumerate(polygons)
         ]
     if not isinstance(vertices, (np.ndarray, Sequence)) or isinstance(vertices, (str, bytes)):
@@ -58,7 +62,7 @@ def _parts_from(vertices: Any) -> list[Part]:
     if _is_ring(vertices):
         return [part_of_ring(vertices)]
     return [
-        simple_part(ring, f"part {n}")
+        _part_of_polygon(ring, f"part {n}")
         if isinstance(ring, shapely.Polygon)
         else part_of_ring(ring, f"ring {n}")
         for n, ring in enumerate(vertices)

@@ -27,7 +27,7 @@ from polywigner.geometry.rings import (
 )
 from polywigner.geometry.weld import weld
 
-__all__ = ["merge_parts", "part_of_ring", "simple_part"]
+__all__ = ["merge_parts", "part_of_ring", "part_of_rings"]
 
 _PLACE = re.compile(r"\[(\S+) (\S+)\]")
 
@@ -55,13 +55,13 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
     return (oriented(ring, True),)
 
 
-def simple_part(polygon: shapely.Polygon, name: str = "the polygon") -> Part:
-    """A shapely Polygon with its holes as a part; raises where a ring crosses another."""
-    if polygon.is_empty:
-        raise GeometryError(f"expected {name} to have vertices, got an empty polygon")
-    part = part_of_polygon(polygon, name)
-    for number, ring in enumerate(part):
-        part_of_ring(ring, f"hole {number - 1} of {name}" if number else f"the exterior of {name}")
+def part_of_rings(rings: Sequence[object], name: str = "the polygon") -> Part:
+    """An exterior and its holes as a part; raises where one crosses itself or another."""
+    outer, *holes = (
+        part_of_ring(ring, f"hole {number} of {name}" if number else f"the exterior of {name}")[0]
+        for number, ring in enumerate(rings)
+    )
+    part = (outer, *(hole[::-1] for hole in holes))
     for candidate in (part, weld([part])[0]):
         reason = shapely.is_valid_reason(polygon_of_part(candidate))
         if reason == "Valid Geometry":

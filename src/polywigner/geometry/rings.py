@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.exact import Ring, orientations, signed_area
@@ -19,6 +18,7 @@ __all__ = [
     "oriented",
     "part_of_polygon",
     "polygon_of_part",
+    "rings_of_polygon",
     "rounding_tolerance",
     "spans_area",
     "without_straight_vertices",
@@ -67,7 +67,7 @@ def _as_array(vertices: Any, name: str) -> NDArray[np.float64]:
 
 def _without_repeats(ring: Ring) -> Ring:
     """Drop vertices equal to their predecessor, the closing one included."""
-    return ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)] if len(ring) else ring
+    return ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)]
 
 
 def without_straight_vertices(ring: Ring) -> Ring:
@@ -100,7 +100,7 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
             f"expected coordinates below {_LARGEST_COORDINATE:g} in {name}, "
             f"got {np.abs(ring).max():g}; choose a larger unit"
         )
-    ring = _without_repeats(ring + 0.0)  # + 0.0 turns -0.0 into 0.0, so that content compares
+    ring = ring + 0.0  # turns -0.0 into 0.0, so that content compares
     count = len(np.unique(ring, axis=0)) if len(ring) else 0
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
@@ -110,7 +110,7 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
             f"expected {name} to be larger than {_SMALLEST_EXTENT:g}, got a size of {size:g}; "
             "choose a smaller unit"
         )
-    return without_straight_vertices(ring)
+    return without_straight_vertices(_without_repeats(ring))
 
 
 def spans_area(ring: Ring) -> bool:
@@ -129,8 +129,16 @@ def polygon_of_part(part: Part) -> shapely.Polygon:
     return shapely.Polygon(part[0], part[1:])
 
 
-def part_of_polygon(polygon: BaseGeometry, name: str = "the polygon") -> Part:
-    """The rings of a shapely Polygon, cleaned and oriented, not yet checked against each other."""
+def part_of_polygon(polygon: shapely.Polygon) -> Part:
+    """The rings of a valid shapely Polygon as a part."""
+    outer, *holes = (clean_ring(ring) for ring in rings_of_polygon(polygon))
+    return (oriented(outer, True), *(oriented(hole, False) for hole in holes))
+
+
+def rings_of_polygon(polygon: shapely.Polygon, name: str = "the polygon") -> list[Ring]:
+    """The vertices of a shapely Polygon as they are, exterior first; heights must be zero."""
+    if polygon.is_empty:
+        raise GeometryError(f"expected {name} to have vertices, got an empty polygon")
     if shapely.has_z(polygon):
         heights = shapely.get_coordinates(polygon, include_z=True)[:, 2]
         if np.any(heights != 0) and not np.isnan(heights).all():
@@ -138,9 +146,4 @@ def part_of_polygon(polygon: BaseGeometry, name: str = "the polygon") -> Part:
                 f"expected {name} in the plane z = 0, got other heights; "
                 "drop them with shapely.force_2d(polygon)"
             )
-    outer = clean_ring(shapely.get_coordinates(polygon.exterior), f"the exterior of {name}")
-    holes = [
-        clean_ring(shapely.get_coordinates(hole), f"hole {number} of {name}")
-        for number, hole in enumerate(polygon.interiors)
-    ]
-    return (oriented(outer, True), *(oriented(hole, False) for hole in holes))
+    return [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
