@@ -1,0 +1,110 @@
+"""The reference data as apertures and arrays, and the engines that tests run over."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles import exact
+from oracles.shapes import Polygons
+
+__all__ = ["ENGINES", "Reference", "aperture", "awkward", "awkward_names", "read_json"]
+
+DATA = Path(__file__).parents[1] / "data"
+
+ENGINES = [
+    "numpy",
+    pytest.param("llvm", marks=pytest.mark.llvm),
+    pytest.param("cuda", marks=pytest.mark.cuda),
+]
+
+
+def read_json(name: str) -> Any:
+    """One of the JSON files of reference values."""
+    return json.loads((DATA / f"{name}.json").read_text())
+
+
+def aperture(polygons: Polygons) -> pw.Aperture:
+    """The aperture of (outer, holes) polygons."""
+    if any(holes for _, holes in polygons):
+        return pw.Aperture(shapely.MultiPolygon([(outer, holes) for outer, holes in polygons]))
+    return pw.Aperture([outer for outer, _ in polygons])
+
+
+@dataclass(frozen=True)
+class Reference:
+    """An aperture and its exact values at special positions and lags."""
+
+    polygons: Polygons
+    x: np.ndarray
+    x_nu: np.ndarray
+    wigner: np.ndarray
+    xi: np.ndarray
+    upsilon: np.ndarray
+    ambiguity: np.ndarray
+
+    @cached_property
+    def aperture(self) -> pw.Aperture:
+        return aperture(self.polygons)
+
+    @cached_property
+    def rings(self) -> list[np.ndarray]:
+        return exact.oriented(self.polygons)
+
+    @cached_property
+    def area(self) -> float:
+        return exact.area(self.rings)
+
+    @cached_property
+    def sliverness(self) -> float:
+        """perimeter * diameter / area: how far an ulp of the diameter moves the area."""
+        points = np.concatenate(self.rings)
+        spread = np.hypot(*(points[:, None] - points).T).max()
+        perimeter = sum(np.hypot(*(np.roll(r, -1, axis=0) - r).T).sum() for r in self.rings)
+        return float(spread * perimeter / self.area)
+
+
+def _polygons(vertices: np.ndarray, lengths: np.ndarray, hole: np.ndarray) -> Polygons:
+    polygons: Polygons = []
+    rings: Iterator[np.ndarray] = iter(np.split(vertices, np.cumsum(lengths.astype(int))[:-1]))
+    for ring, is_hole in zip(rings, hole, strict=True):
+        if is_hole:
+            polygons[-1][1].append(ring)
+        else:
+            polygons.append((ring, []))
+    return polygons
+
+
+@lru_cache(maxsize=1)
+def _arrays() -> dict[str, np.ndarray]:
+    with np.load(DATA / "coincident_edges.npz") as archive:
+        return dict(archive)
+
+
+def awkward_names() -> list[str]:
+    """Names of the shapes with special positions."""
+    return list(dict.fromkeys(key.split("/")[0] for key in _arrays()))
+
+
+@lru_cache(maxsize=64)
+def awkward(name: str) -> Reference:
+    """One shape with its special positions."""
+    found = {key.split("/")[1]: v for key, v in _arrays().items() if key.split("/")[0] == name}
+    return Reference(
+        _polygons(found["vertices"], found["lengths"], found["hole"]),
+        found["x"],
+        found["nu"][found["x_nu"]],
+        found["wigner"],
+        found["xi"],
+        found["nu"][found["xi_nu"]],
+        found["ambiguity"],
+    )
