@@ -1,1 +1,39 @@
-"""Placeholder."""
+"""Coherent apertures as light sources in Mitsuba 3.
+
+Importing this module chooses the LLVM library for Dr.Jit (before Dr.Jit is loaded, because it can
+be chosen only then) and makes the shape ``wigner`` known to every Mitsuba variant. It never sets a
+variant.
+
+- ``parameters``: what the shape accepts; ``sources``: apertures handed over from memory
+- ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
+- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes
+"""
+
+from polywigner.engines import llvm
+
+llvm.prepare()  # before the next imports, which load Dr.Jit
+
+from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
+from polywigner.mitsuba.rendering import render  # noqa: E402
+from polywigner.mitsuba.scenes import (  # noqa: E402
+    aperture,
+    choose_variant,
+    has_wigner_emitter,
+    load_scene,
+    translate_error,
+)
+from polywigner.mitsuba.shape import register  # noqa: E402
+from polywigner.mitsuba.sources import register_source  # noqa: E402
+
+register()
+
+__all__ = [
+    "OBLIQUITIES",
+    "aperture",
+    "choose_variant",
+    "has_wigner_emitter",
+    "load_scene",
+    "register_source",
+    "render",
+    "translate_error",
+]

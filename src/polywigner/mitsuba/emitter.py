@@ -1,0 +1,300 @@
+"""The emitter inside a ``wigner`` shape: the Wigner radiance of an aperture, for Mitsuba.
+
+    L(x, s) = (power / area) W(x, s_par / lambda) / lambda^2 h(theta)
+
+in the aperture's own frame, for directions s on its +z side and zero on the other. W comes from
+the same kernel as :func:`polywigner.wigner`, traced into Mitsuba's render kernel.
+
+Positions are drawn, and directions formed, in the aperture's frame: the reference point is brought
+there first. An aperture of some millimetres may then stand a hundred metres from the origin of the
+world, where single precision resolves hundredths of a millimetre, without losing its pattern. Rays
+that hit the mesh by chance carry their position as texture coordinates, for the same reason.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.engines.operations import ops_for
+from polywigner.errors import SceneError
+from polywigner.geometry import automean
+from polywigner.kernels import tables_of, wigner
+from polywigner.mitsuba.obliquity import emission_factor
+from polywigner.mitsuba.parameters import EmitterSpec, rigid_pose
+from polywigner.mitsuba.sampling import Trapezoids, trapezoids
+
+__all__ = ["emitter_class", "world_positions"]
+
+
+def world_positions(
+    points: npt.NDArray[np.float64], pose: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float32]:
+    """Points (n, 2) of the aperture's plane, in the scene (n, 3)."""
+    return (points @ pose[:3, :2].T + pose[:3, 3]).astype(np.float32)
+
+
+@cache
+def emitter_class(variant: str) -> Any:
+    """The emitter's class for one Mitsuba variant; the same class on every call."""
+    m = getattr(mi, variant)
+    jit = dr.is_jit_v(m.Float)
+
+    class WignerEmitter(m.Emitter):
+        """Built by the ``wigner`` shape; not a plugin of its own."""
+
+        is_wigner = True
+
+        def __init__(self, spec: EmitterSpec, id: str = "") -> None:
+            props = mi.Properties("wigner_emitter")
+            props.set_id(id)
+            props["sampling_weight"] = spec.sampling_weight
+            super().__init__(props)
+            self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
+            self.spec = spec
+            self.wavelength = _adjustable(m, spec.wavelength)
+            self.power = _adjustable(m, spec.power)
+            self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
+            support = automean(spec.aperture)
+            self._area = float(support.area)
+            self._aperture_area = float(spec.aperture.area)
+            self._cells = _Cells(m, trapezoids(support.rings))
+            self._ops = ops_for(m.Float)
+            self._tables = tables_of(spec.aperture, double=self._ops.double)
+            self._take_over(checked=True)
+
+        # ---- what a user may change ----------------------------------------------------------
+
+        def traverse(self, callback: Any) -> None:
+            """``wavelength`` (m), ``power`` (W) and ``to_world`` (rigid)."""
+            callback.put("wavelength", self.wavelength, mi.ParamFlags.Differentiable)
+            callback.put("power", self.power, mi.ParamFlags.Differentiable)
+            # Not differentiable: Mitsuba's integrators do not move the samples along with the
+            # aperture, so the gradient would lack the change of distance and cosines.
+            callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
+
+        def parameters_changed(self, keys: list[str]) -> None:
+            """Take over new values; a new pose moves the mesh as well."""
+            self._take_over(checked="wavelength" not in keys)
+            shape = self.get_shape()
+            if "to_world" in keys and shape is not None:
+                _move(shape, rigid_pose(_matrix(self.to_world)))
+
+        def _take_over(self, checked: bool) -> None:
+            if not checked and not dr.all(self.wavelength > 0.0):
+                raise SceneError("expected a wavelength above zero, got one that is not")
+            # Opaque: as literals, every new value would compile the render kernel again.
+            if jit:
+                dr.make_opaque(self.wavelength, self.power)
+            matrix = self.to_world.matrix
+            columns = [m.Vector3f(*(matrix[row, col] for row in range(3))) for col in range(4)]
+            self._axes, self._origin = columns[:3], m.Point3f(columns[3])
+            if jit:
+                dr.make_opaque(self._axes, self._origin)
+
+        # ---- the radiance --------------------------------------------------------------------
+
+        def _radiance(self, x: Any, direction: Any) -> Any:
+            """L at positions x (2D, m) and directions (3D unit vectors) of the aperture's frame."""
+            inverse = 1.0 / _value(self.wavelength, jit)
+            density = wigner(
+                self._ops,
+                self._tables,
+                x.x,
+                x.y,
+                direction.x * inverse,
+                direction.y * inverse,
+            )
+            front = direction.z > 0.0
+            cosine = dr.select(front, direction.z, 1.0)
+            scale = _value(self.power, jit) * (inverse * inverse / self._aperture_area)
+            value = scale * density * emission_factor(self.spec.obliquity, cosine)
+            return dr.select(front, value, 0.0)
+
+        def _spectrum(self, value: Any, active: Any) -> Any:
+            # One narrow band: the same value in every channel or at every sampled wavelength.
+            return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
+
+        def _to_frame(self, v: Any) -> Any:
+            return m.Vector3f(*(dr.dot(axis, v) for axis in self._axes))
+
+        def _to_scene(self, v: Any) -> Any:
+            ex, ey, ez = self._axes
+            return ex * v.x + ey * v.y + ez * v.z
+
+        def eval(self, si: Any, active: Any = True) -> Any:
+            direction = self._to_frame(si.to_world(si.wi))
+            return self._spectrum(self._radiance(si.uv, direction), active)
+
+        # ---- sampling for receivers ----------------------------------------------------------
+
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+            x = self._cells.sample(sample)
+            direction, distance = self._seen_from(it, x)
+            cosine = direction.z
+            front = cosine > 0.0
+            density = (distance * distance) / (self._area * dr.select(front, cosine, 1.0))
+            ds = m.DirectionSample3f()
+            self._place(ds, x, it.time)
+            ds.d = -self._to_scene(direction)
+            ds.dist = distance
+            ds.pdf = dr.select(front, density, 0.0)
+            ds.emitter = m.EmitterPtr(self) if jit else self
+            weight = self._radiance(x, direction) / density
+            return ds, self._spectrum(weight, active)
+
+        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            cosine = -dr.dot(ds.d, self._axes[2])
+            front = cosine > 0.0
+            density = (ds.dist * ds.dist) / (self._area * dr.select(front, cosine, 1.0))
+            return dr.select(front, density, 0.0)
+
+        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            direction, _ = self._seen_from(it, ds.uv)
+            return self._spectrum(self._radiance(ds.uv, direction), active)
+
+        def _seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
+            """Unit vector, in the frame, from x to the point ``it``; and the distance in m."""
+            r = self._to_frame(it.p - self._origin) - m.Vector3f(x.x, x.y, 0.0)
+            distance = dr.norm(r)
+            return r / distance, distance
+
+        def _place(self, sample: Any, x: Any, time: Any) -> None:
+            """Fill in what all samples of the position x have in common."""
+            ex, ey, ez = self._axes
+            sample.p = self._origin + ex * x.x + ey * x.y
+            sample.n = m.Normal3f(ez)
+            sample.uv = x
+            sample.time = m.Float(time)
+            sample.delta = m.Bool(False)
+
+        # ---- sampling of the emitted field ---------------------------------------------------
+
+        def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
+            ps = m.PositionSample3f()
+            self._place(ps, self._cells.sample(sample), time)
+            ps.pdf = m.Float(1.0 / self._area)
+            return ps, dr.select(active, m.Float(self._area), 0.0)
+
+        def pdf_position(self, ps: Any, active: Any = True) -> Any:
+            return dr.select(active, m.Float(1.0 / self._area), 0.0)
+
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> Any:
+            """Position uniform, direction by its cosine: the weight's mean is the power."""
+            ps, area = self.sample_position(time, sample2, active)
+            direction = m.warp.square_to_cosine_hemisphere(sample3)
+            wavelengths, density = _optical_wavelengths(m, sample1)
+            si = m.SurfaceInteraction3f(ps, wavelengths)
+            si.time = time
+            weight = self._spectrum(self._radiance(ps.uv, direction) * area * dr.pi, active)
+            return si.spawn_ray(self._to_scene(direction)), weight * density
+
+        def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
+            """For the particle tracer alone, which passes the direction in scene coordinates."""
+            wavelengths, density = _optical_wavelengths(m, sample)
+            radiance = self._radiance(si.uv, self._to_frame(si.wi))
+            return wavelengths, self._spectrum(radiance, active) * density
+
+        def bbox(self) -> Any:
+            return self.get_shape().bbox()
+
+        def to_string(self) -> str:
+            return (
+                f"WignerEmitter[\n  wavelength = {self.wavelength},\n  power = {self.power},\n"
+                f"  obliquity = {self.spec.obliquity},\n  area = {self._aperture_area}\n]"
+            )
+
+    return WignerEmitter
+
+
+class _Cells:
+    """The trapezoids of an aperture as tables of one variant's arrays."""
+
+    def __init__(self, m: Any, cells: Trapezoids) -> None:
+        self._m = m
+        self._count = cells.left.size
+        # Heights are differences of coordinates: formed here, in double precision.
+        columns = (
+            cells.left,
+            cells.width,
+            cells.high_left - cells.low_left,
+            cells.high_right - cells.low_right,
+            cells.low_left,
+            cells.low_right,
+        )
+        if dr.is_jit_v(m.Float):
+            self._columns = [m.Float(column.tolist()) for column in columns]
+        else:
+            self._columns = [column.tolist() for column in columns]
+        self._choice = m.DiscreteDistribution((cells.areas / cells.areas.max()).tolist())
+
+    def sample(self, sample: Any) -> Any:
+        """A point, uniform in the aperture, for a uniform point of the unit square."""
+        m, u, index = self._m, sample.x, 0
+        if self._count > 1:
+            index, u = self._choice.sample_reuse(sample.x)
+        left, width, height_left, height_right, low_left, low_right = self._row(index)
+        # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.
+        root = dr.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
+        below = height_left + root
+        t = u * (height_left + height_right) / dr.select(below > _TINY, below, _TINY)
+        low = low_left + t * (low_right - low_left)
+        height = height_left + t * (height_right - height_left)
+        return m.Point2f(left + t * width, low + sample.y * height)
+
+    def _row(self, index: Any) -> list[Any]:
+        if dr.is_jit_v(self._m.Float):
+            return [dr.gather(self._m.Float, column, index) for column in self._columns]
+        return [column[index] for column in self._columns]
+
+
+# Smaller than any height of an aperture in metres and above zero in single precision.
+_TINY = 1e-30
+
+
+def _adjustable(m: Any, value: float) -> Any:
+    """A number that Mitsuba's ``traverse`` can change in place."""
+    if dr.is_jit_v(m.Float):
+        return dr.opaque(m.Float, value)
+    # A Python float cannot be written to, an array of one can.
+    return dr.scalar.ArrayXf(value)
+
+
+def _value(number: Any, jit: bool) -> Any:
+    return number if jit else number[0]
+
+
+def _matrix(transform: Any) -> list[list[float]]:
+    matrix = transform.matrix
+    return [
+        [float(np.asarray(dr.detach(matrix[row, column])).ravel()[0]) for column in range(4)]
+        for row in range(4)
+    ]
+
+
+def _move(shape: Any, pose: Any) -> None:
+    """Put the mesh where the emitter is; its texture coordinates are its own coordinates."""
+    params = mi.traverse(shape)
+    local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
+    params["vertex_positions"] = world_positions(local, pose).ravel().tolist()
+    params.update()
+
+
+def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:
+    """Wavelengths of the renderer's own colour spectrum and their inverse density.
+
+    Only spectral variants have any. They stand for colours, not for the wave of the aperture,
+    whose radiance is the same at each.
+    """
+    zero = dr.zeros(m.Ray3f).wavelengths
+    if dr.size_v(type(zero)) == 0:
+        return zero, 1.0
+    shifts = [sample + i / len(zero) for i in range(len(zero))]
+    return m.sample_uniform_spectrum(type(zero)(*(shift - dr.floor(shift) for shift in shifts)))

@@ -1,0 +1,206 @@
+"""Loading scenes: dictionary entries, variants, overrides, and errors in one line."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy.typing as npt
+
+from polywigner.engines import llvm
+from polywigner.errors import EngineError, PolywignerError, SceneError
+from polywigner.geometry import Aperture
+from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
+from polywigner.mitsuba.parameters import rigid_pose
+from polywigner.mitsuba.shape import PLUGIN_NAME, original_error, register
+from polywigner.mitsuba.sources import register_source
+from polywigner.quantities import parse_length, parse_power
+
+__all__ = ["aperture", "choose_variant", "has_wigner_emitter", "load_scene", "translate_error"]
+
+_FAST_VARIANT = "llvm_ad_mono"
+_PLAIN_VARIANT = "scalar_rgb"
+
+
+def aperture(
+    source: Aperture | npt.ArrayLike,
+    wavelength: float,
+    to_world: Any = None,
+    obliquity: str = OBLIQUITIES[0],
+    power: float | None = None,
+    bsdf: Mapping[str, Any] | None = None,
+    sampling_weight: float = 1.0,
+) -> dict[str, Any]:
+    """A coherent, uniformly lit aperture as an entry of a dictionary for ``mi.load_dict``.
+
+    Parameters
+    ----------
+    source: an Aperture, or what makes one; coordinates in metres.
+    wavelength: metres.
+    to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
+        z = 0 of its own frame and radiates to +z. Default: none.
+    obliquity: the diffraction integral that a floor parallel to the aperture receives:
+        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``.
+    power: watts, the integral of |u|^2 over the aperture. Default: |u| = 1, so the area in m^2.
+    bsdf: entry of the surface that radiates. Default: ``null``, which casts no shadow.
+    sampling_weight: relative number of samples spent on this source.
+
+    The entry holds a key, see :func:`register_source`: load it in the process that made it.
+
+    Raises
+    ------
+    GeometryError, QuantityError, SceneError for an unusable argument.
+    """
+    if not isinstance(source, Aperture):
+        source = Aperture(source)
+    entry: dict[str, Any] = {
+        "type": PLUGIN_NAME,
+        "aperture": register_source(source),
+        "wavelength": parse_length(wavelength),
+        "obliquity": check_obliquity(obliquity),
+        "sampling_weight": float(sampling_weight),
+    }
+    if to_world is not None:
+        pose = rigid_pose(getattr(to_world, "matrix", to_world))
+        entry["to_world"] = mi.scalar_rgb.ScalarTransform4f(pose)
+    if power is not None:
+        entry["power"] = parse_power(power)
+    if bsdf is not None:
+        entry["bsdf"] = dict(bsdf)
+    return entry
+
+
+def choose_variant(prefer: str | None = None) -> str:
+    """The Mitsuba variant to render with; it is not set.
+
+    ``prefer`` if given; else ``llvm_ad_mono`` (one channel, compiled) where a usable LLVM library
+    exists, else ``scalar_rgb`` with one warning.
+
+    Raises
+    ------
+    EngineError when the preferred variant is unknown to this Mitsuba or cannot run here.
+    """
+    status = llvm.prepare()
+    if prefer is None:
+        if status.usable:
+            return _FAST_VARIANT
+        warnings.warn(
+            f"{status.problem} Rendering with {_PLAIN_VARIANT}, about 50 times slower on one core. "
+            f"{status.remedy}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return _PLAIN_VARIANT
+    if prefer not in mi.variants():
+        raise EngineError(
+            f"expected a variant of the installed Mitsuba, got {prefer!r}; use one of "
+            f"{', '.join(mi.variants())}"
+        )
+    if prefer.startswith("llvm_") and not status.usable:
+        raise EngineError(f"{prefer} needs LLVM. {status.problem} {status.remedy}")
+    return prefer
+
+
+def load_scene(
+    path: str | Path,
+    variant: str | None = None,
+    sampler: str | None = None,
+    **parameters: Any,
+) -> Any:
+    """A Mitsuba scene from its XML file, ready to render.
+
+    Parameters
+    ----------
+    path: Mitsuba XML.
+    variant: set first, if given; default: the variant that is set, or :func:`choose_variant`.
+    sampler: plugin such as ``multijitter``, in place of the one of every sensor.
+    parameters: values of the file's ``$parameters``.
+
+    Returns the ``mi.Scene``; its folder serves to find the files it names.
+
+    Raises
+    ------
+    EngineError for a variant that cannot run; SceneError, or the package's own error behind it,
+    for a scene that does not load.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise SceneError(f"expected a Mitsuba scene file, got {str(path)!r}, which is not a file")
+    if variant is not None or mi.variant() is None:
+        mi.set_variant(choose_variant(variant))
+    register()
+    outer = mi.file_resolver()
+    inner = mi.FileResolver(outer)
+    inner.prepend(str(file.resolve().parent))
+    mi.set_file_resolver(inner)
+    try:
+        scene = _instantiate(file, sampler, parameters)
+    except (RuntimeError, ValueError) as error:
+        raise translate_error(error) from None
+    finally:
+        mi.set_file_resolver(outer)
+    if not isinstance(scene, mi.Scene):
+        raise SceneError(f"expected a <scene> in {file}, got something else; wrap it in <scene>")
+    return scene
+
+
+def has_wigner_emitter(scene: Any) -> bool:
+    """Whether a ``wigner`` shape lights this scene."""
+    return any(getattr(type(emitter), "is_wigner", False) for emitter in scene.emitters())
+
+
+def translate_error(error: Exception) -> PolywignerError:
+    """What Mitsuba raised while loading, as one line.
+
+    If an error of this package is behind it, that error with the place in the scene before it;
+    else a SceneError with what Mitsuba says.
+    """
+    if isinstance(error, PolywignerError):
+        return error
+    text = re.sub(r"^\[\w+\.cpp:\d+\] ", "", str(error))
+    place = re.match(r"(?:At|While loading) (.*?(?:\(line \d+, col \d+\)|node \"[^\"]*\")):", text)
+    own = original_error(error)
+    if own is not None:
+        return type(own)(f"{place[1]}: {own}" if place else str(own))
+    line = " ".join(text.split("Traceback (most recent call last)")[0].split())
+    return SceneError(f"expected a scene that Mitsuba can load: {line}")
+
+
+def _instantiate(file: Path, sampler: str | None, parameters: Mapping[str, Any]) -> Any:
+    """``mi.load_file``, with a look at the parsed scene before it is built."""
+    config = mi.parser.ParserConfig(mi.variant())
+    texts = {name: str(value) for name, value in parameters.items()}
+    state = mi.parser.parse_file(config, str(file), **texts)
+    mi.parser.transform_upgrade(config, state)
+    mi.parser.transform_resolve(config, state)
+    if sampler is not None:
+        _replace_samplers(state, sampler)
+    mi.parser.transform_merge_equivalent(config, state)
+    mi.parser.transform_merge_meshes(config, state)
+    return mi.parser.instantiate(config, state)
+
+
+def _replace_samplers(state: Any, name: str) -> None:
+    for node in state.nodes:
+        if node.type == mi.ObjectType.Sampler:
+            props = mi.Properties(name)
+            props.set_id(node.props.id())
+            for kept in ("sample_count", "seed"):
+                if kept in node.props:
+                    props[kept] = node.props[kept]
+            node.props = props
+    for node in state.nodes:
+        if node.type == mi.ObjectType.Sensor and not _has_sampler(state, node):
+            props = mi.Properties(node.props)
+            props["sampler"] = mi.load_dict({"type": name})
+            node.props = props
+
+
+def _has_sampler(state: Any, sensor: Any) -> bool:
+    values = (sensor.props[name] for name in sensor.props.keys())  # noqa: SIM118 (not a dict)
+    references = [value for value in values if isinstance(value, mi.Properties.ResolvedReference)]
+    return any(state.nodes[r.index()].type == mi.ObjectType.Sampler for r in references)

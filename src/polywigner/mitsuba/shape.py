@@ -1,0 +1,87 @@
+"""The ``wigner`` shape: the automean of an aperture as a mesh that carries the emitter.
+
+A shape rather than an emitter, because in Mitsuba an emitter cannot make the surface it radiates
+from. The radiance lives on the automean, the mutual support {(a + b)/2 : a, b in the aperture}:
+for a convex aperture that is the aperture, for two slits it reaches into the gap between them.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from functools import partial
+from typing import Any
+
+import mitsuba as mi
+
+from polywigner.errors import PolywignerError
+from polywigner.geometry import automean, triangulate
+from polywigner.mitsuba.emitter import emitter_class, world_positions
+from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
+
+__all__ = ["PLUGIN_NAME", "original_error", "register"]
+
+PLUGIN_NAME = "wigner"
+
+# Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
+# themselves wait here until the scene's loader asks for them; loaders may run in parallel.
+_recent_errors: deque[PolywignerError] = deque(maxlen=8)
+_registered: set[str] = set()
+_lock = threading.Lock()
+
+
+def register() -> None:
+    """Make the shape known to every Mitsuba variant, those chosen later included."""
+    mi.detail.add_variant_callback(_on_variant_change)
+    if mi.variant() is not None:
+        _on_variant_change(None, mi.variant())
+
+
+def original_error(error: BaseException) -> PolywignerError | None:
+    """The package's own error behind one that Mitsuba raised while loading, if there is one."""
+    text = str(error)
+    return next((own for own in reversed(_recent_errors) if str(own) in text), None)
+
+
+def _on_variant_change(_old: str | None, new: str) -> None:
+    # Mitsuba looks a plugin's kind up under scalar_rgb whatever the variant. Unknown there, two
+    # equal shapes would count as one shared object and fail to load.
+    for variant in ("scalar_rgb", new):
+        getattr(mi, variant).register_shape(PLUGIN_NAME, partial(_build, variant))
+
+
+def _build(variant: str, props: Any) -> Any:
+    """The mesh for the parameters of one ``wigner`` element."""
+    try:
+        spec = read_parameters(props)
+        return _mesh(variant, props, spec)
+    except PolywignerError as error:
+        _recent_errors.append(error)
+        raise
+
+
+def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
+    m = getattr(mi, variant)
+    vertices, triangles = triangulate(automean(spec.aperture))
+    inner = mi.Properties(PLUGIN_NAME)
+    inner.set_id(props.id())
+    nested = dict(props.objects())
+    for name, value in nested.items():
+        inner[name] = value
+    if not any(isinstance(value, m.BSDF) for value in nested.values()):
+        inner["bsdf"] = mi.load_dict({"type": "null"})
+    inner["emitter"] = emitter_class(variant)(spec, id=f"{props.id()}_emitter")
+    mesh = m.Mesh(
+        props.id() or PLUGIN_NAME,
+        len(vertices),
+        len(triangles),
+        props=inner,
+        has_vertex_texcoords=True,
+    )
+    params = mi.traverse(mesh)
+    # Lists: Dr.Jit would go on using NumPy's memory, whose alignment enters the kernels.
+    params["vertex_positions"] = world_positions(vertices, spec.pose).ravel().tolist()
+    params["vertex_texcoords"] = vertices.ravel().tolist()
+    params["faces"] = triangles.ravel().tolist()
+    params.update()
+    return mesh
