@@ -118,9 +118,8 @@ def _polygons_of_csv(text: str) -> list[list[Ring]]:
             continue
         header_allowed = False
         if len(fields) != 2 or not all(_NUMBER.fullmatch(field) for field in fields):
-            raise FileFormatError(
-                f'expected two numbers such as "1.5, -2", got {line.strip()[:60]!r} in line {number}'
-            )
+            got = f"{line.strip()[:60]!r} in line {number}"
+            raise FileFormatError(f'expected two numbers such as "1.5, -2", got {got}')
         vertices.append((float(fields[0]), float(fields[1])))
     if not vertices:
         raise FileFormatError("expected lines of two numbers, got none")

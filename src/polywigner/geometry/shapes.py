@@ -1,4 +1,9 @@
-"""Catalogue of apertures. Lengths in metres (any one consistent unit); centred at the origin."""
+"""Catalogue of apertures.
+
+Lengths are in metres (any one consistent unit works). Unless a docstring says otherwise, the
+centre of the bounds is the origin. All raise ArgumentError for lengths that are not finite and
+above zero, and for sizes that do not fit together.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +11,48 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
+from polywigner.geometry.exact import Ring
+from polywigner.geometry.parts import part_of_rings
 
-__all__ = ["chevron", "disc", "rectangle", "regular_polygon", "square", "triangle"]
+__all__ = [
+    "bow_tie",
+    "chevron",
+    "chevron_pair",
+    "disc",
+    "double_slit",
+    "hexagonal_segments",
+    "interferometer",
+    "patch_row",
+    "rectangle",
+    "regular_polygon",
+    "ring",
+    "square",
+    "star",
+    "triangle",
+    "u_shape",
+    "vee",
+]
 
 
-def _length(value: Any, name: str) -> float:
+def _number(value: Any, name: str, meaning: str) -> float:
     try:
-        number = float(value)
-    except (TypeError, ValueError):
+        number = math.nan if isinstance(value, (str, bytes, bool)) else float(value)
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
-    if isinstance(value, (str, bytes, bool)) or not (math.isfinite(number) and number > 0):
-        raise ArgumentError(f"expected {name} as a length above zero, got {value!r}")
+    if not math.isfinite(number):
+        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
+    return number
+
+
+def _length(value: Any, name: str, zero: bool = False) -> float:
+    meaning = "a length of at least zero" if zero else "a length above zero"
+    number = _number(value, name, meaning)
+    if number < 0 or (number == 0 and not zero):
+        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
     return number
 
 
@@ -29,15 +62,48 @@ def _count(value: Any, name: str, least: int) -> int:
     return int(value)
 
 
-def _circle(radius: float, n: int) -> np.ndarray:
+def _numbers(values: Any, name: str, meaning: str, dimensions: int) -> Ring:
+    """Pairs of finite numbers: one, shape (2,), or several, shape (m, 2)."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    fits = array.ndim == dimensions and array.shape[-1] == 2 and array.size > 0
+    if not fits or not np.isfinite(array).all():
+        raise ArgumentError(f"expected {name} as {meaning} of finite numbers, got {values!r}")
+    return array
+
+
+def _pair(values: Any, name: str) -> Ring:
+    return _numbers(values, name, "a pair", 1)
+
+
+def _require(fits: bool, expected: str, **got: Any) -> None:
+    if not fits:
+        values = ", ".join(f"{name}={value!r}" for name, value in got.items())
+        raise ArgumentError(f"expected {expected}, got {values}")
+
+
+def _circle(radius: float, n: int) -> Ring:
     angle = 2 * np.pi * np.arange(n) / n
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
+def _equal_area_factor(n: int) -> float:
+    """Circumradius of the regular n-gon that has the area of the unit disc."""
+    step = 2 * math.pi / n
+    return math.sqrt(step / math.sin(step))
+
+
+def _box(x: float, y: float, width: float, height: float) -> list[tuple[float, float]]:
+    """Rectangle around (x, y)."""
+    left, right, bottom, top = x - width / 2, x + width / 2, y - height / 2, y + height / 2
+    return [(left, bottom), (right, bottom), (right, top), (left, top)]
+
+
 def rectangle(a: float, b: float) -> Aperture:
     """Rectangle of width a along x and height b along y."""
-    x, y = _length(a, "a") / 2, _length(b, "b") / 2
-    return Aperture([[-x, -y], [x, -y], [x, y], [-x, y]])
+    return Aperture(_box(0.0, 0.0, _length(a, "a"), _length(b, "b")))
 
 
 def square(a: float) -> Aperture:
@@ -46,27 +112,152 @@ def square(a: float) -> Aperture:
 
 
 def triangle(base: float, height: float) -> Aperture:
-    """Isosceles triangle, base at the bottom; the centre of its bounds is the origin."""
+    """Isosceles triangle, base below and apex towards +y."""
     x, y = _length(base, "base") / 2, _length(height, "height") / 2
-    return Aperture([[-x, -y], [x, -y], [0.0, y]])
+    return Aperture([(-x, -y), (x, -y), (0.0, y)])
 
 
 def regular_polygon(n: int, radius: float) -> Aperture:
-    """Regular n-gon; its circumscribed circle has the given radius, a vertex is on +x."""
+    """Regular n-gon around the origin; radius of the circumscribed circle, first vertex on +x."""
     return Aperture(_circle(_length(radius, "radius"), _count(n, "n", 3)))
 
 
 def disc(radius: float, n: int = 64) -> Aperture:
-    """Regular n-gon with the area of a disc of the given radius."""
+    """Regular n-gon around the origin with the area of a disc of the given radius."""
     sides = _count(n, "n", 3)
-    step = 2 * np.pi / sides
-    return regular_polygon(sides, _length(radius, "radius") * math.sqrt(step / math.sin(step)))
+    return Aperture(_circle(_length(radius, "radius") * _equal_area_factor(sides), sides))
+
+
+def ring(outer: float, inner: float, n: int = 64) -> Aperture:
+    """Annulus of the given radii around the origin; both circles as n-gons of equal area."""
+    sides = _count(n, "n", 3)
+    large, small = _length(outer, "outer"), _length(inner, "inner")
+    _require(small < large, "inner below outer", outer=outer, inner=inner)
+    factor = _equal_area_factor(sides)
+    circles = [_circle(radius * factor, sides) for radius in (large, small)]
+    return Aperture._of_parts([part_of_rings(circles)])
+
+
+def star(points: int, outer: float, inner: float) -> Aperture:
+    """Star around the origin: tips at radius outer, the first on +x, dents at radius inner."""
+    tips = _count(points, "points", 2)
+    large, small = _length(outer, "outer"), _length(inner, "inner")
+    _require(small < large, "inner below outer", outer=outer, inner=inner)
+    vertices = _circle(large, 2 * tips)
+    vertices[1::2] *= small / large
+    return Aperture(vertices)
+
+
+def _chevron_vertices(width: Any, height: Any, thickness: Any) -> Ring:
+    x, y = _length(width, "width") / 2, _length(height, "height") / 2
+    t = _length(thickness, "thickness")
+    _require(t < 2 * y, "thickness below height", thickness=thickness, height=height)
+    return np.array([(-x, -y), (0.0, y - t), (x, -y), (x, t - y), (0.0, y), (-x, t - y)])
 
 
 def chevron(width: float, height: float, thickness: float) -> Aperture:
-    """An arrow pointing to +y: two arms of the given vertical thickness, below height overall."""
+    """Arrow head towards +y: two slanted bands of the given thickness along y."""
+    return Aperture(_chevron_vertices(width, height, thickness))
+
+
+def chevron_pair(
+    width: float, height: float, thickness: float, offset: ArrayLike | None = None
+) -> Aperture:
+    """Two equal chevrons, the second displaced from the first by offset (dx, dy).
+
+    The default offset is 1.5 thicknesses along y: one chevron behind the other, half a thickness
+    apart. They may touch but not overlap (GeometryError).
+    """
+    vertices = _chevron_vertices(width, height, thickness)
+    shift = _pair((0.0, 1.5 * thickness) if offset is None else offset, "offset")
+    return Aperture([vertices - shift / 2, vertices + shift / 2])
+
+
+def vee(width: float, height: float, thickness: float) -> Aperture:
+    """Letter V: two arms of the given thickness (across the arm) from the tip up to a flat top."""
     x, y = _length(width, "width") / 2, _length(height, "height") / 2
     t = _length(thickness, "thickness")
-    if not t < 2 * y:
-        raise ArgumentError(f"expected thickness below height {height!r}, got {thickness!r}")
-    return Aperture([[-x, -y], [0.0, y - t], [x, -y], [x, t - y], [0.0, y], [-x, t - y]])
+    length = math.hypot(x, 2 * y)
+    across, along = t * length / (2 * y), t * length / x  # the arm's extent along x and along y
+    _require(across < x, "thickness to leave a gap", thickness=thickness, width=width)
+    return Aperture(
+        [(-x, y), (0.0, -y), (x, y), (x - across, y), (0.0, along - y), (across - x, y)]
+    )
+
+
+def u_shape(width: float, height: float, thickness: float) -> Aperture:
+    """Letter U: a rectangle with a slot from the top that leaves walls of the given thickness."""
+    x, y = _length(width, "width") / 2, _length(height, "height") / 2
+    t = _length(thickness, "thickness")
+    fits = t < x and t < 2 * y
+    _require(fits, "thickness to leave a slot", thickness=thickness, width=width, height=height)
+    slot = [(x - t, y), (x - t, t - y), (t - x, t - y), (t - x, y)]
+    return Aperture([(-x, y), (-x, -y), (x, -y), (x, y), *slot])
+
+
+def bow_tie(width: float, height: float, gap: float = 0.0) -> Aperture:
+    """Two triangles, tips facing each other on the x axis at a distance gap (0: they touch).
+
+    `width` overall along x, `height` of the outer edges along y.
+    """
+    x, y = _length(width, "width") / 2, _length(height, "height") / 2
+    g = _length(gap, "gap", zero=True) / 2
+    _require(g < x, "gap below width", gap=gap, width=width)
+    return Aperture([[(-x, -y), (-g, 0.0), (-x, y)], [(x, -y), (x, y), (g, 0.0)]])
+
+
+def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Aperture:
+    """Two slits along y, of the widths (w1, w2), centred at x = offsets (x1, x2) and y = 0.
+
+    One number for `widths` means two equal slits. The slits stay where `offsets` puts them.
+    """
+    pair = _pair((widths, widths) if np.ndim(widths) == 0 else widths, "widths")
+    places = _pair(offsets, "offsets")
+    y = _length(height, "height")
+    return Aperture(
+        [_box(x, 0.0, _length(float(w), "widths"), y) for x, w in zip(places, pair, strict=True)]
+    )
+
+
+def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:
+    """Honeycomb cells out to a ring number, as multiples of (3/2 side, half the pitch)."""
+    cells = []
+    for q in range(-rings, rings + 1):
+        for r in range(max(-rings, -rings - q), min(rings, rings - q) + 1):
+            if centre or (q, r) != (0, 0):
+                cells.append((q, 2 * r + q))
+    return cells
+
+
+def hexagonal_segments(
+    flat_to_flat: float, gap: float = 0.0, rings: int = 2, centre: bool = False
+) -> Aperture:
+    """Segmented mirror: hexagons in rings around a centre cell, which is left out by default.
+
+    `flat_to_flat` is the height of one hexagon (flat sides towards +y and -y), `gap` the distance
+    between facing sides. Two rings make 18 segments. With gap 0 they share their vertices exactly
+    and merge into one outline.
+    """
+    flat, space = _length(flat_to_flat, "flat_to_flat"), _length(gap, "gap", zero=True)
+    cells = _hexagon_centres(_count(rings, "rings", 0 if centre else 1), bool(centre))
+    corners = np.array([(2, 0), (1, 1), (-1, 1), (-2, 0), (-1, -1), (1, -1)], dtype=np.float64)
+    # Half a side along x and half a flat-to-flat along y: all corners are multiples of these.
+    unit = np.array([flat / math.sqrt(12.0), flat / 2])
+    extra = np.array([space / math.sqrt(12.0), space / 2])
+    places = np.array([(3 * q, m) for q, m in cells], dtype=np.float64)
+    return Aperture([(corners + place) * unit + place * extra for place in places])
+
+
+def patch_row(count: int, width: float, length: float, pitch: float) -> Aperture:
+    """Row of equal rectangular patches along y: width along x, length and pitch along y."""
+    number = _count(count, "count", 1)
+    x, y, step = _length(width, "width"), _length(length, "length"), _length(pitch, "pitch")
+    _require(step >= y, "pitch of at least length", pitch=pitch, length=length)
+    return Aperture([_box(0.0, (k - (number - 1) / 2) * step, x, y) for k in range(number)])
+
+
+def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture:
+    """Equal discs (n-gons of equal area) at the positions (m, 2), where they stay."""
+    places = _numbers(positions, "positions", "an (m, 2) array", 2)
+    circle = disc(radius, n).rings[0]
+    return Aperture([circle + place for place in places])
