@@ -1,1 +1,36 @@
-"""Placeholder."""
+"""Where kernels run: NumPy, or Dr.Jit on LLVM or CUDA.
+
+===================  ==========================================================================
+module               what is in it
+===================  ==========================================================================
+``operations``       the operations namespaces that kernels are written over
+``choice``           which engine and precision a call runs on
+``evaluation``       NumPy arrays in and out, in chunks, on any engine
+``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
+``llvm``             finds and tries out the LLVM library before Dr.Jit is imported
+===================  ==========================================================================
+"""
+
+from polywigner.engines.choice import Engine, Precision, checked_engine, checked_precision
+from polywigner.engines.drjit_arrays import evaluate_traced, is_drjit
+from polywigner.engines.evaluation import evaluate
+from polywigner.engines.operations import (
+    DrjitOperations,
+    NumpyOperations,
+    ScalarOperations,
+    ops_for,
+)
+
+__all__ = [
+    "DrjitOperations",
+    "Engine",
+    "NumpyOperations",
+    "Precision",
+    "ScalarOperations",
+    "checked_engine",
+    "checked_precision",
+    "evaluate",
+    "evaluate_traced",
+    "is_drjit",
+    "ops_for",
+]

@@ -1,0 +1,140 @@
+"""Kernels on NumPy arrays: broadcast, cut into chunks, computed by NumPy or Dr.Jit.
+
+Memory is bounded by the result plus one chunk: broadcast arguments are never expanded as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.engines.choice import drjit_float, resolved
+from polywigner.engines.operations import DrjitOperations, NumpyOperations
+from polywigner.geometry import Aperture
+from polywigner.kernels import Kernel, Tables, parts_of, tables_of
+
+__all__ = ["evaluate"]
+
+# Samples at a time. NumPy: a temporary stays in the cache of one core. Dr.Jit: launching costs
+# little against computing, and a chunk of the largest kernel takes about 100 MB.
+_NUMPY_CHUNK = 1 << 13
+_DRJIT_CHUNK = 1 << 20
+# Edges are traced in groups of about this many clips: compilation time grows faster than linearly
+# beyond it (0.4 s for one group of 1000 on one core).
+_CLIPS_PER_KERNEL = 1000
+
+Array = npt.NDArray[Any]
+
+
+def evaluate(
+    kernel: Kernel,
+    aperture: Aperture,
+    components: Sequence[Array],
+    *,
+    double: bool,
+    engine: str,
+    outputs: int,
+) -> tuple[Array, ...]:
+    """Results of a kernel for float64 argument components that broadcast to one shape.
+
+    Arguments enter the frame in float64 whatever the precision of the sums.
+    """
+    shape = np.broadcast_shapes(*(c.shape for c in components))
+    engine = resolved(engine, int(np.prod(shape)))
+    tables = tables_of(aperture, double)
+    dtype = np.float64 if double else np.float32
+    results = tuple(np.empty(shape, dtype) for _ in range(outputs))
+    if engine == "numpy":
+        compute = _Numpy(kernel, tables, double)
+        chunk = _NUMPY_CHUNK
+    else:
+        compute = _Drjit(kernel, tables, double, engine)
+        chunk = _DRJIT_CHUNK
+    for arguments, targets in _chunks(components, results, chunk):
+        for target, values in zip(targets, compute(arguments), strict=True):
+            target[...] = values
+    return results
+
+
+def _chunks(
+    components: Sequence[Array], results: Sequence[Array], size: int
+) -> Iterator[tuple[Sequence[Array], Sequence[Array]]]:
+    count = len(components)
+    with np.nditer(
+        [*components, *results],
+        flags=["external_loop", "buffered", "zerosize_ok"],
+        op_flags=[["readonly"]] * count + [["writeonly"]] * len(results),  # type: ignore[list-item]
+        order="C",
+        buffersize=size,
+    ) as iterator:
+        for chunk in iterator:
+            if chunk[0].size:
+                yield chunk[:count], chunk[count:]
+
+
+class _Numpy:
+    def __init__(self, kernel: Kernel, tables: Tables, double: bool) -> None:
+        self.kernel, self.tables = kernel, tables
+        self.host = NumpyOperations(double=True)
+        self.ops = NumpyOperations(double)
+
+    def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        frame = self.tables.frame
+        # what lies at infinity or is not a number is so in the result; no need to warn
+        with np.errstate(invalid="ignore", over="ignore"):
+            inner = self.kernel.enter(self.host, frame, *arguments)
+            if not self.ops.double:
+                inner = tuple(a.astype(np.float32) for a in inner)
+            sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
+            return self.kernel.leave(self.ops, frame, inner, sums)
+
+
+class _Drjit:
+    def __init__(self, kernel: Kernel, tables: Tables, double: bool, engine: str) -> None:
+        self.kernel, self.tables = kernel, tables
+        self.ops = DrjitOperations(drjit_float(engine, double))
+        self.host = NumpyOperations(double=True)
+        self.parts = parts_of(tables, _CLIPS_PER_KERNEL) if kernel.cuts_edges else [tables]
+
+    def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        import drjit
+
+        frame = self.tables.frame
+        if self.ops.double:
+            inner = self.kernel.enter(self.ops, frame, *(self._sent(a) for a in arguments))
+        else:
+            with np.errstate(invalid="ignore", over="ignore"):
+                entered = self.kernel.enter(self.host, frame, *arguments)
+            inner = tuple(self._sent(a) for a in entered)
+        if len(self.parts) > 1:
+            drjit.eval(inner)
+        sums: tuple[Any, ...] = ()
+        for part in self.parts:
+            terms = self.kernel.edge_sum(self.ops, part, *inner)
+            sums = tuple(a + b for a, b in zip(sums, terms, strict=True)) if sums else terms
+            if len(self.parts) > 1:
+                drjit.eval(sums)
+        results = self.kernel.leave(self.ops, frame, inner, sums)
+        drjit.eval(results)
+        return tuple(np.asarray(r.numpy()) for r in results)
+
+    def _sent(self, array: Array) -> Any:
+        """The array as an engine's own memory.
+
+        Dr.Jit would use NumPy's memory in place and compile a kernel anew for each alignment it
+        happens to have; a copy whose alignment is always the same avoids that.
+        """
+        return self.ops.float_type(_aligned(array, np.float64 if self.ops.double else np.float32))
+
+
+def _aligned(array: Array, dtype: Any) -> Array:
+    """A contiguous copy that starts on a 64-byte boundary."""
+    item = np.dtype(dtype).itemsize
+    memory = np.empty(array.size * item + 64, np.uint8)
+    start = -memory.ctypes.data % 64
+    copy = memory[start : start + array.size * item].view(dtype)
+    copy[...] = array.ravel()
+    return copy

@@ -1,0 +1,152 @@
+"""The operations namespaces over which the kernels are written.
+
+A kernel is straight-line code in ``+ - * /``, comparisons, ``abs`` and the methods here. The same
+lines run on NumPy arrays, on Python floats (Mitsuba's scalar variants), and, traced, on Dr.Jit
+arrays of any backend.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+__all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
+
+# Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
+_SPLIT_DOUBLE, _SPLIT_SINGLE = 134217729.0, 4097.0
+
+
+def _product_error(a: Any, b: Any, product: Any, split: float) -> Any:
+    """a b minus its rounded value, exactly (Dekker)."""
+    a_high = a * split
+    a_high = a_high - (a_high - a)
+    b_high = b * split
+    b_high = b_high - (b_high - b)
+    a_low, b_low = a - a_high, b - b_high
+    return ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
+
+
+class _Unfused:
+    """What types without a fused multiply-add share."""
+
+    double: bool
+
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        """a b + c, rounded twice."""
+        return a * b + c
+
+    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+        """ax by - ay bx to about one ulp of the result."""
+        split = _SPLIT_DOUBLE if self.double else _SPLIT_SINGLE
+        first, second = ax * by, ay * bx
+        lost = _product_error(ax, by, first, split) - _product_error(ay, bx, second, split)
+        return (first - second) + lost
+
+
+class NumpyOperations(_Unfused):
+    """NumPy arrays of float64 (``double``) or float32."""
+
+    def __init__(self, double: bool) -> None:
+        self.double = double
+        self.dtype = np.dtype(np.float64 if double else np.float32)
+
+    def select(self, condition: Any, a: Any, b: Any) -> Any:
+        return np.where(condition, self._typed(a), self._typed(b))
+
+    def minimum(self, a: Any, b: Any) -> Any:
+        return np.minimum(a, b)
+
+    def maximum(self, a: Any, b: Any) -> Any:
+        return np.maximum(a, b)
+
+    def round(self, a: Any) -> Any:
+        return np.rint(a)
+
+    def exp(self, a: Any) -> Any:
+        return np.exp(a)
+
+    def sqrt(self, a: Any) -> Any:
+        return np.sqrt(a)
+
+    def _typed(self, value: Any) -> Any:
+        # np.where promotes Python floats to float64
+        return self.dtype.type(value) if isinstance(value, (int, float)) else value
+
+    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+        return super().cross(*map(self._typed, (ax, ay, bx, by)))
+
+
+class ScalarOperations(_Unfused):
+    """Python floats: the scalar variants of Mitsuba."""
+
+    double = True
+
+    def select(self, condition: Any, a: Any, b: Any) -> Any:
+        return a if condition else b
+
+    def minimum(self, a: Any, b: Any) -> Any:
+        return a if a < b else b
+
+    def maximum(self, a: Any, b: Any) -> Any:
+        return a if a > b else b
+
+    def round(self, a: Any) -> Any:
+        return math.floor(a + 0.5)
+
+    def exp(self, a: Any) -> Any:
+        return math.exp(a)
+
+    def sqrt(self, a: Any) -> Any:
+        return math.sqrt(a)
+
+
+class DrjitOperations:
+    """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
+
+    def __init__(self, float_type: Any) -> None:
+        import drjit
+
+        self._dr = drjit
+        self.float_type = float_type
+        self.double = drjit.itemsize_v(float_type) == 8
+
+    def select(self, condition: Any, a: Any, b: Any) -> Any:
+        return self._dr.select(condition, self._typed(a), self._typed(b))
+
+    # Comparisons, not dr.minimum: on some LLVM versions that aborts the process.
+    def minimum(self, a: Any, b: Any) -> Any:
+        a, b = self._typed(a), self._typed(b)
+        return self._dr.select(a < b, a, b)
+
+    def maximum(self, a: Any, b: Any) -> Any:
+        a, b = self._typed(a), self._typed(b)
+        return self._dr.select(a > b, a, b)
+
+    def round(self, a: Any) -> Any:
+        return self._dr.round(a)
+
+    def exp(self, a: Any) -> Any:
+        return self._dr.exp(a)
+
+    def sqrt(self, a: Any) -> Any:
+        return self._dr.sqrt(a)
+
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        return self._dr.fma(self._typed(a), self._typed(b), self._typed(c))
+
+    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+        """ax by - ay bx to 1.5 ulp of the result (Kahan)."""
+        ax, ay, bx, by = (self._typed(v) for v in (ax, ay, bx, by))
+        product = ay * bx
+        error = self._dr.fma(-ay, bx, product)
+        return self._dr.fma(ax, by, -product) + error
+
+    def _typed(self, value: Any) -> Any:
+        return self.float_type(value) if isinstance(value, (int, float)) else value
+
+
+def ops_for(float_type: Any) -> Any:
+    """The operations of a float type: ``float``, or a Dr.Jit type such as ``mi.Float``."""
+    return ScalarOperations() if float_type is float else DrjitOperations(float_type)
