@@ -6,7 +6,7 @@ Memory is bounded by the result plus one chunk: broadcast arguments are never ex
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -47,12 +47,11 @@ def evaluate(
     tables = tables_of(aperture, double)
     dtype = np.float64 if double else np.float32
     results = tuple(np.empty(shape, dtype) for _ in range(outputs))
+    compute: _Numpy | _Drjit
     if engine == "numpy":
-        compute = _Numpy(kernel, tables, double)
-        chunk = _NUMPY_CHUNK
+        compute, chunk = _Numpy(kernel, tables, double), _NUMPY_CHUNK
     else:
-        compute = _Drjit(kernel, tables, double, engine)
-        chunk = _DRJIT_CHUNK
+        compute, chunk = _Drjit(kernel, tables, double, engine), _DRJIT_CHUNK
     for arguments, targets in _chunks(components, results, chunk):
         for target, values in zip(targets, compute(arguments), strict=True):
             target[...] = values
@@ -63,10 +62,12 @@ def _chunks(
     components: Sequence[Array], results: Sequence[Array], size: int
 ) -> Iterator[tuple[Sequence[Array], Sequence[Array]]]:
     count = len(components)
+    read: list[list[Literal["readonly"]]] = [["readonly"]] * count
+    write: list[list[Literal["writeonly"]]] = [["writeonly"]] * len(results)
     with np.nditer(
         [*components, *results],
         flags=["external_loop", "buffered", "zerosize_ok"],
-        op_flags=[["readonly"]] * count + [["writeonly"]] * len(results),  # type: ignore[list-item]
+        op_flags=[*read, *write],
         order="C",
         buffersize=size,
     ) as iterator:

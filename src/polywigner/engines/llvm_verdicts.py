@@ -20,12 +20,12 @@ from pathlib import Path
 
 from polywigner.engines.llvm_discovery import LIBRARY_VARIABLE, OLDEST_VERSION, Candidate
 
-__all__ = ["Verdict", "cache_folder", "drjit_imports", "drjit_release", "judge"]
+__all__ = ["Verdict", "cache_folder", "drjit_imports", "drjit_release", "judge", "run_probe"]
 
 _PATIENCE = 120.0
 """Seconds that the child may take: Dr.Jit's first import from a cold disk can take many."""
 
-_PROBE = """
+_PREFACE = """
 import json, sys
 task = json.loads(sys.argv[1])
 sys.path[:] = task["sys_path"]
@@ -37,28 +37,28 @@ except Exception:
 import ctypes
 for library in task["preload"]:
     ctypes.CDLL(library)
+"""
+
+_KERNELS = """
 import drjit as dr
-if task["kernels"]:
-    if not dr.has_backend(dr.JitBackend.LLVM):
-        raise SystemExit("Dr.Jit does not accept the library")
-    from drjit.llvm import Float, Float64, UInt32
-    for kind in (Float, Float64):
-        x = dr.arange(kind, 16) - 7.5
-        low, high = dr.minimum(x, 2.0), dr.maximum(x, -2.0)
-        root = dr.floor(dr.sqrt(dr.fma(x, x, 1.0)))
-        near = dr.gather(kind, x, UInt32(15) - dr.arange(UInt32, 16))
-        dr.eval(low, high, root, near)
-        expected = [k - 7.5 for k in range(16)]
-        if (
-            list(low) != [min(v, 2.0) for v in expected]
-            or list(high) != [max(v, -2.0) for v in expected]
-            or list(root) != [int((v * v + 1) ** 0.5) for v in expected]
-            or list(near) != expected[::-1]
-        ):
-            raise SystemExit("a kernel compiled with the library returns wrong numbers")
-    print(json.dumps({"version": ".".join(str(n) for n in dr.detail.llvm_version())}))
-else:
-    print(json.dumps({"version": dr.__version__}))
+if not dr.has_backend(dr.JitBackend.LLVM):
+    raise SystemExit("Dr.Jit does not accept the library")
+from drjit.llvm import Float, Float64, UInt32
+for kind in (Float, Float64):
+    x = dr.arange(kind, 16) - 7.5
+    low, high = dr.minimum(x, 2.0), dr.maximum(x, -2.0)
+    root = dr.floor(dr.sqrt(dr.fma(x, x, 1.0)))
+    turned = dr.gather(kind, x, UInt32(15) - dr.arange(UInt32, 16))
+    dr.eval(low, high, root, turned)
+    expected = [k - 7.5 for k in range(16)]
+    if (
+        list(low) != [min(v, 2.0) for v in expected]
+        or list(high) != [max(v, -2.0) for v in expected]
+        or list(root) != [int((v * v + 1) ** 0.5) for v in expected]
+        or list(turned) != expected[::-1]
+    ):
+        raise SystemExit("a kernel compiled with the library returns wrong numbers")
+print(".".join(str(figure) for figure in dr.detail.llvm_version()))
 """
 
 
@@ -98,8 +98,8 @@ def judge(candidate: Candidate, preload: Sequence[str] = ()) -> Verdict:
 
 def drjit_imports(preload: Sequence[str] = ()) -> str | None:
     """None when a child process can import Dr.Jit, else half a sentence that says why not."""
-    code, output, errors = _run_child(None, preload, kernels=False)
-    if code == 0 and output:
+    code, _, errors = run_probe("import drjit", preload=preload)
+    if code == 0:
         return None
     return _last_line(errors) or f"the import ends with status {code}"
 
@@ -136,7 +136,7 @@ def _store_of(path: str, preload: Sequence[str]) -> Path | None:
         return None
     # The machine's name is in the key for homes shared between machines of different CPU types.
     facts = [os.path.realpath(path), state.st_mtime_ns, state.st_size, drjit_release()]
-    facts += [sys.implementation.cache_tag, platform.machine(), platform.node(), *preload, _PROBE]
+    facts += [sys.implementation.cache_tag, platform.machine(), platform.node(), *preload, _KERNELS]
     digest = hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
     return cache_folder() / "llvm" / f"{digest}.json"
 
@@ -166,9 +166,9 @@ def _remember(store: Path | None, verdict: Verdict) -> None:
 
 def _try_out(path: str, preload: Sequence[str]) -> tuple[Verdict, bool]:
     """Run the kernels in a child; also say whether the answer will stay the same."""
-    code, output, errors = _run_child(path, preload, kernels=True)
+    code, output, errors = run_probe(_KERNELS, library=path, preload=preload)
     if code == 0 and output:
-        return Verdict(True, json.loads(output)["version"]), True
+        return Verdict(True, output), True
     if code is None:
         return Verdict(False, None, errors), False
     if code < 0 or code >= 128:
@@ -179,22 +179,32 @@ def _try_out(path: str, preload: Sequence[str]) -> tuple[Verdict, bool]:
     return Verdict(False, None, _reason(errors) or f"the trial ended with status {code}"), False
 
 
-def _run_child(
-    path: str | None, preload: Sequence[str], *, kernels: bool
+def run_probe(
+    script: str, *, library: str = os.devnull, preload: Sequence[str] = ()
 ) -> tuple[int | None, str, str]:
-    """Exit status (None: no child could be run), last line of stdout, and stderr."""
+    """Run Python code in a child process with this process's module path.
+
+    Parameters
+    ----------
+    script : the code; what is opened by ``preload`` is open when it starts.
+    library : the LLVM library that Dr.Jit is told to open.
+    preload : libraries to open first.
+
+    Returns
+    -------
+    Exit status (None when no child could be run to its end), the last line of its stdout, and
+    its stderr.
+    """
     import subprocess  # these two cost 15 ms to import, which a remembered verdict saves
     import tempfile
 
-    task = {"sys_path": sys.path, "preload": list(preload), "kernels": kernels}
-    environment = {**os.environ, LIBRARY_VARIABLE: path or os.devnull}
+    task = {"sys_path": sys.path, "preload": list(preload)}
     try:
         with tempfile.TemporaryDirectory(prefix="polywigner-") as scratch:
-            # An empty kernel cache: a remembered kernel would prove nothing about the compiler.
-            environment["DRJIT_CACHE_DIR"] = scratch
             done = subprocess.run(
-                [sys.executable, "-P", "-c", _PROBE, json.dumps(task)],
-                env=environment,
+                [sys.executable, "-P", "-c", _PREFACE + script, json.dumps(task)],
+                # An empty kernel cache: a remembered kernel proves nothing about the compiler.
+                env={**os.environ, LIBRARY_VARIABLE: library, "DRJIT_CACHE_DIR": scratch},
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 text=True,

@@ -96,7 +96,7 @@ def _clusters(angles: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
     order = np.argsort(angles)
     sorted_angles = angles[order]
     starts = np.diff(sorted_angles, prepend=sorted_angles[:1]) > _TRANSVERSAL
-    labels = np.cumsum(starts)
+    labels = np.cumsum(starts, dtype=np.intp)
     if sorted_angles[0] + np.pi - sorted_angles[-1] <= _TRANSVERSAL:
         labels[labels == labels[-1]] = 0
     result = np.empty_like(labels)
