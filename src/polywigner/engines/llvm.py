@@ -25,6 +25,7 @@ from polywigner.engines.llvm_discovery import (
     Candidate,
     candidates,
     native_folders,
+    native_libatomic,
     remedy,
 )
 from polywigner.engines.llvm_verdicts import Verdict, drjit_imports, drjit_release, judge
@@ -153,7 +154,7 @@ def _none_usable(refused: Sequence[tuple[str, str]]) -> str:
 
 
 def _judge(candidate: Candidate) -> Verdict:
-    return judge(candidate, _companions(candidate) or _native_libatomic())
+    return judge(candidate, _companions(candidate))
 
 
 def _loaded() -> LLVMStatus:
@@ -211,16 +212,11 @@ def _companions(candidate: Candidate) -> list[str]:
     return []
 
 
-def _native_libatomic() -> list[str]:
-    files = (folder / LIBATOMIC for folder in native_folders())
-    return [str(file) for file in files if file.is_file()][:1]
-
-
 def _open_libatomic() -> str | None:
     """Open libatomic, which Dr.Jit's wheel needs and bare Debian lacks; None when all is well."""
     if sys.platform != "linux" or _opens(LIBATOMIC):
         return None
-    _open_all(_native_libatomic())
+    _open_all(native_libatomic())
     # Wheels for other processors may do without it, so only a failing import counts.
     return None if _opens(LIBATOMIC) else drjit_imports()
 

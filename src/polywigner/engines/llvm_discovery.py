@@ -25,6 +25,7 @@ __all__ = [
     "Candidate",
     "candidates",
     "native_folders",
+    "native_libatomic",
     "remedy",
     "version_of_name",
 ]
@@ -112,6 +113,12 @@ def native_folders() -> list[Path]:
         base = getattr(site, "getuserbase", lambda: None)()
         folders += [Path(base) / "lib" / "polywigner" / "native"] if base else []
     return folders
+
+
+def native_libatomic() -> list[str]:
+    """The unpacked libatomic, if there is one."""
+    files = (folder / LIBATOMIC for folder in native_folders())
+    return [str(file) for file in files if file.is_file()][:1]
 
 
 def version_of_name(path: str) -> tuple[int, ...] | None:

@@ -18,7 +18,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from polywigner.engines.llvm_discovery import LIBRARY_VARIABLE, OLDEST_VERSION, Candidate
+from polywigner.engines.llvm_discovery import (
+    LIBRARY_VARIABLE,
+    OLDEST_VERSION,
+    Candidate,
+    native_libatomic,
+)
 
 __all__ = ["Verdict", "cache_folder", "drjit_imports", "drjit_release", "judge", "run_probe"]
 
@@ -96,9 +101,9 @@ def judge(candidate: Candidate, preload: Sequence[str] = ()) -> Verdict:
     return verdict
 
 
-def drjit_imports(preload: Sequence[str] = ()) -> str | None:
+def drjit_imports() -> str | None:
     """None when a child process can import Dr.Jit, else half a sentence that says why not."""
-    code, _, errors = run_probe("import drjit", preload=preload)
+    code, _, errors = run_probe("import drjit")
     if code == 0:
         return None
     return _last_line(errors) or f"the import ends with status {code}"
@@ -198,7 +203,8 @@ def run_probe(
     import subprocess  # these two cost 15 ms to import, which a remembered verdict saves
     import tempfile
 
-    task = {"sys_path": sys.path, "preload": list(preload)}
+    # Dr.Jit itself needs libatomic, which may lie in the environment only.
+    task = {"sys_path": sys.path, "preload": [*native_libatomic(), *preload]}
     try:
         with tempfile.TemporaryDirectory(prefix="polywigner-") as scratch:
             done = subprocess.run(
