@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.rings import extent
 
-__all__ = ["grid_size", "polygons_in", "restored", "union_on_grid"]
+__all__ = ["grid_size", "polygons_in", "restored", "straightened", "union_on_grid"]
 
 # 256 ulp of a coordinate as large as the size: above the few ulp by which computed vertices are
 # off, and a factor 20 below the 1e-12 to which areas and transforms are promised.
@@ -52,6 +52,22 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
     return exact if shapely.is_valid(exact) else geometry
 
 
+def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
+    """Drop vertices within `reach` of the line between the kept ones, if that stays valid."""
+    simple = shapely.simplify(geometry, reach, preserve_topology=True)
+    return simple if shapely.is_valid(simple) else geometry
+
+
+def _is_hairline(region: BaseGeometry, width: float) -> bool:
+    return bool(region.area <= width * region.length)
+
+
+def _without_hairlines(polygon: shapely.Polygon, width: float) -> shapely.Polygon:
+    """Close holes that are cracks no wider than the grid."""
+    holes = [hole for hole in polygon.interiors if not _is_hairline(shapely.Polygon(hole), width)]
+    return shapely.Polygon(polygon.exterior, holes)
+
+
 def union_on_grid(
     geometries: Sequence[BaseGeometry], originals: Ring | None = None
 ) -> BaseGeometry:
@@ -62,6 +78,7 @@ def union_on_grid(
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
     union = shapely.union_all(list(geometries), grid_size=grid)
-    polygons = polygons_in(union)
-    joined = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
-    return restored(joined, points, grid)
+    polygons = [_without_hairlines(polygon, grid) for polygon in polygons_in(union)]
+    wide = [polygon for polygon in polygons if not _is_hairline(polygon, grid)] or polygons
+    joined = wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
+    return straightened(restored(joined, points, grid), grid)

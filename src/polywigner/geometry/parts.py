@@ -15,7 +15,7 @@ import shapely
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.exact import shoelace
-from polywigner.geometry.grid import polygons_in, union_on_grid
+from polywigner.geometry.grid import polygons_in, straightened, union_on_grid
 from polywigner.geometry.rings import (
     Part,
     clean_ring,
@@ -118,9 +118,15 @@ def merge_parts(parts: Sequence[Part]) -> list[Part]:
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not _check_overlaps(parts, polygons):
         return list(parts)
-    merged = _clean_union(parts) or _clean_union(weld(parts))
+    merged = _clean_union(parts)
     if merged is not None:
         return merged
+    merged = _clean_union(weld(parts))
+    if merged is not None:
+        # Corners of tiles along a side of the whole are on one line up to rounding: drop them.
+        whole = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
+        reach = max(rounding_tolerance(part[0]) for part in merged)
+        return [part_of_polygon(polygon) for polygon in polygons_in(straightened(whole, reach))]
     # Rare: the parts' edges run along each other at rounding distance without sharing vertices.
     coarse = union_on_grid(polygons)
     return [part_of_polygon(polygon) for polygon in polygons_in(coarse)]
