@@ -43,7 +43,7 @@ def look_for_gpu() -> GPUStatus:
         return GPUStatus(
             False,
             problem="no NVIDIA GPU answers",
-            remedy="If there is one, run `apt-get install nvidia-driver` (Debian) to bring its driver.",
+            remedy="If there is one, its driver is missing (Debian: `apt-get install nvidia-driver`).",
         )
     lines = errors.strip().splitlines()
     return GPUStatus(
