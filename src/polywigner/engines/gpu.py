@@ -43,7 +43,7 @@ def look_for_gpu() -> GPUStatus:
         return GPUStatus(
             False,
             problem="no NVIDIA GPU answers",
-            remedy="If there is one, its driver is missing (Debian: `apt-get install nvidia-driver`).",
+            remedy="If there is one, bring its driver: `apt-get install nvidia-driver` on Debian.",
         )
     lines = errors.strip().splitlines()
     return GPUStatus(
