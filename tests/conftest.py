@@ -4,6 +4,7 @@ cannot run is left out in one way, counted, and named at the end of the run."""
 from __future__ import annotations
 
 from collections import Counter
+from typing import NoReturn
 
 import pytest
 
@@ -45,6 +46,15 @@ def cuda(request: pytest.FixtureRequest) -> None:
     _need("cuda", request.config)
 
 
+@pytest.fixture
+def bad_llvm(request: pytest.FixtureRequest) -> str:
+    """The path of an LLVM library that ends the process (14 to 16), to see it refused."""
+    for candidate, verdict in _llvm.survey():
+        if not verdict.usable and candidate.version is not None and candidate.version >= (15,):
+            return candidate.path
+    _leave_out("a bad LLVM library (15 or 16), to see it refused.", request.config)
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     left_out = terminalreporter.config.stash[_LEFT_OUT]
     for reason, count in sorted(left_out.items()):
@@ -53,11 +63,15 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def _need(what: str, config: pytest.Config) -> None:
-    """The one place where tests are left out."""
     reason = _lacking(what)
     if reason is not None:
-        config.stash[_LEFT_OUT][reason] += 1
-        pytest.skip(f"needs {reason}")
+        _leave_out(reason, config)
+
+
+def _leave_out(reason: str, config: pytest.Config) -> NoReturn:
+    """The one place where tests are left out."""
+    config.stash[_LEFT_OUT][reason] += 1
+    pytest.skip(f"needs {reason.split('. ')[0]}")  # the rest is said once, in the summary
 
 
 def _lacking(what: str) -> str | None:

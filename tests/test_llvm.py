@@ -1,0 +1,393 @@
+"""The LLVM library is found, tried out in a child process, and chosen before Dr.Jit is imported.
+
+What concerns a whole process (Dr.Jit opens one library, once) is tested in processes of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from polywigner.engines import llvm as llvm_module
+from polywigner.engines import llvm_discovery as discovery
+from polywigner.engines import llvm_verdicts as verdicts
+from polywigner.engines.llvm import LLVMStatus
+from polywigner.engines.llvm_discovery import NONE_USABLE, Candidate, version_of_name
+from polywigner.engines.llvm_verdicts import Verdict, judge
+
+# What choosing a library whose verdict is remembered may cost, in seconds.
+QUICK = 0.05
+
+# Stands in for a library that compiles a minimum into nothing: what LLVM 15 and 16 print and do.
+ABORTING_KERNELS = """
+import os, sys
+print("LLVM ERROR: Cannot select: 0x55: f32 = fminimum 0x56, 0x57", file=sys.stderr, flush=True)
+os.abort()
+"""
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache folder of the test's own: no verdict is known, and none is left behind."""
+    for variable in ("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"):
+        monkeypatch.setenv(variable, str(tmp_path / "home"))
+    return verdicts.cache_folder() / "llvm"
+
+
+def python(code: str, **variables: str) -> Any:
+    """What a fresh Python process prints last, as JSON; it must end well."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment.update(variables)
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def library(folder: Path, name: str, content: str = "not a library") -> str:
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / name
+    path.write_text(content)
+    return str(path)
+
+
+@pytest.fixture
+def bare_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A system folder and an environment of the test's own, both empty, and nothing named."""
+    monkeypatch.delenv(discovery.LIBRARY_VARIABLE, raising=False)
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "environment"))
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(discovery, "_LINUX_FOLDERS", (str(tmp_path / "system" / "*"),))
+    monkeypatch.setattr(discovery, "_linker_cache", list)
+    return tmp_path / "system" / "x86_64-linux-gnu"
+
+
+# --- discovery ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("/nowhere/libLLVM-15.so.1", (15,)),
+        ("/nowhere/libLLVM-14.0.6.so.1", (14, 0, 6)),
+        ("/nowhere/libLLVM.so.19.1", (19, 1)),
+        ("/nowhere/libLLVM-19.so", (19,)),
+        ("/nowhere/llvm-18/lib/libLLVM.so", (18,)),
+        ("/nowhere/llvm@17/lib/libLLVM.dylib", (17,)),
+        ("/somewhere/libLLVM.so", None),
+    ],
+)
+def test_a_name_tells_the_version(name: str, version: tuple[int, ...] | None) -> None:
+    assert version_of_name(name) == version
+
+
+def test_a_link_without_a_version_has_that_of_its_target(tmp_path: Path) -> None:
+    library(tmp_path, "libLLVM-16.so.1")
+    (tmp_path / "libLLVM.so").symlink_to("libLLVM-16.so.1")
+    assert version_of_name(str(tmp_path / "libLLVM.so")) == (16,)
+
+
+def test_the_variable_comes_first_then_the_environment_then_the_newest_of_the_system(
+    bare_system: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old = library(bare_system, "libLLVM-15.so.1")
+    new = library(bare_system, "libLLVM.so.19.1")
+    middle = library(bare_system, "libLLVM-18.so.1")
+    own = library(tmp_path / "environment" / "lib" / "polywigner" / "native", "libLLVM.so.17")
+    named = library(tmp_path / "elsewhere", "anything.so")
+    monkeypatch.setenv(discovery.LIBRARY_VARIABLE, named)
+    assert [c.path for c in discovery.candidates()] == [named, own, new, middle, old]
+
+
+def test_one_library_under_several_names_is_one_candidate(
+    bare_system: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = library(bare_system, "libLLVM.so.19.1")
+    link = bare_system / "libLLVM-19.so"
+    link.symlink_to("libLLVM.so.19.1")
+    monkeypatch.setenv(discovery.LIBRARY_VARIABLE, str(link))
+    assert [os.path.realpath(c.path) for c in discovery.candidates()] == [real]
+
+
+def test_the_mark_left_for_dr_jit_is_no_candidate(
+    bare_system: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(discovery.LIBRARY_VARIABLE, NONE_USABLE)
+    assert discovery.candidates() == []
+
+
+@pytest.mark.parametrize(
+    ("platform", "tools", "command"),
+    [
+        ("darwin", (), "brew install llvm"),
+        ("win32", (), "winget install"),
+        ("linux", ("apt-get",), "polywigner doctor --install-llvm"),
+        ("linux", ("dnf",), "dnf install llvm-libs"),
+        ("linux", (), discovery.LIBRARY_VARIABLE),
+    ],
+)
+def test_the_remedy_is_one_sentence_with_this_systems_command(
+    platform: str, tools: tuple[str, ...], command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setattr(discovery.shutil, "which", lambda tool: tool if tool in tools else None)
+    text = discovery.remedy()
+    assert command in text
+    assert text.endswith(".") and text.count(". ") == 0
+
+
+# --- verdicts ----------------------------------------------------------------------------------
+
+
+def test_a_library_too_old_by_its_name_is_refused_without_a_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdicts, "run_probe", None)  # a trial would be a TypeError
+    for name in ("libLLVM-15.so.1", "libLLVM-16.so.1", "libLLVM-14.0.6.so.1"):
+        path = library(tmp_path, name)
+        verdict = judge(Candidate(path, "system", version_of_name(path)))
+        assert not verdict.usable
+        assert "too old" in (verdict.reason or "")
+
+
+def test_a_bad_library_ends_the_trial_but_not_this_process(
+    bad_llvm: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Its name hidden, so that only the trial can tell.
+    verdict = judge(Candidate(bad_llvm, "system", None))
+    assert not verdict.usable
+    assert "end the process" in (verdict.reason or "")
+
+
+def test_a_usable_library_passes_the_trial_and_tells_its_version(llvm: LLVMStatus) -> None:
+    assert llvm.path is not None
+    assert judge(Candidate(llvm.path, "system", None)) == Verdict(True, llvm.version)
+
+
+@pytest.mark.drjit
+def test_a_file_that_is_no_library_is_refused_for_now(own_cache: Path, tmp_path: Path) -> None:
+    path = library(tmp_path, "libLLVM.so.19.1")
+    verdict = judge(Candidate(path, "system", (19, 1)))
+    assert not verdict.usable
+    assert verdict.reason and path not in verdict.reason.replace(f"{path}:", "")
+    # What could not be opened may have lacked a library that will be there tomorrow.
+    assert not own_cache.exists()
+
+
+def test_a_verdict_is_remembered_until_the_library_changes(
+    own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trials = []
+    probe = verdicts.run_probe
+
+    def counted(script: str, **options: Any) -> tuple[int | None, str, str]:
+        trials.append(script)
+        return probe(script, **options)
+
+    monkeypatch.setattr(verdicts, "run_probe", counted)
+    monkeypatch.setattr(verdicts, "_KERNELS", ABORTING_KERNELS)
+    path = library(tmp_path, "libLLVM.so.19.1")
+    candidate = Candidate(path, "system", (19, 1))
+    first = judge(candidate)
+    assert not first.usable and "fminimum" in (first.reason or "")
+    assert judge(candidate) == first
+    assert len(trials) == 1
+    library(tmp_path, "libLLVM.so.19.1", content="another library")
+    judge(candidate)
+    assert len(trials) == 2
+    monkeypatch.setattr(verdicts, "drjit_release", lambda: "another Dr.Jit")
+    judge(candidate)
+    assert len(trials) == 3
+
+
+@pytest.mark.parametrize("spoilt", [b"", b"{", b"[1, 2]", b'{"usable": true, "colour": "red"}'])
+def test_a_spoilt_cache_is_as_good_as_none(
+    spoilt: bytes, own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdicts, "_KERNELS", ABORTING_KERNELS)
+    candidate = Candidate(library(tmp_path, "libLLVM.so.19.1"), "system", (19, 1))
+    expected = judge(candidate)
+    (entry,) = own_cache.iterdir()
+    entry.write_bytes(spoilt)
+    assert judge(candidate) == expected
+    assert json.loads(entry.read_bytes())["usable"] is False
+
+
+def test_a_cache_that_cannot_be_written_does_not_matter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdicts, "_KERNELS", ABORTING_KERNELS)
+    for variable in ("XDG_CACHE_HOME", "LOCALAPPDATA", "HOME"):
+        monkeypatch.setenv(variable, os.devnull)  # nothing can be made below a file
+    candidate = Candidate(library(tmp_path, "libLLVM.so.19.1"), "system", (19, 1))
+    assert not judge(candidate).usable
+
+
+def test_a_trial_that_takes_too_long_is_no_lasting_verdict(
+    own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdicts, "_KERNELS", "import time; time.sleep(60)")
+    monkeypatch.setattr(verdicts, "_PATIENCE", 0.5)
+    verdict = judge(Candidate(library(tmp_path, "libLLVM.so.19.1"), "system", (19, 1)))
+    assert not verdict.usable and "longer than" in (verdict.reason or "")
+    assert not own_cache.exists()
+
+
+# --- choosing ----------------------------------------------------------------------------------
+
+CHOOSE = """
+import json, sys
+from dataclasses import asdict
+from polywigner.engines.llvm import prepare
+assert "drjit" not in sys.modules
+status = prepare()
+assert prepare() is status and "drjit" not in sys.modules
+"""
+
+
+def test_dr_jit_opens_the_library_that_was_chosen(llvm: LLVMStatus) -> None:
+    code = CHOOSE + (
+        "import drjit as dr\n"
+        "opened = sorted({line.split()[-1] for line in open('/proc/self/maps') if 'libLLVM' in line"
+        "}) if sys.platform == 'linux' else [status.path]\n"
+        "version = '.'.join(map(str, dr.detail.llvm_version()))\n"
+        "print(json.dumps([asdict(status), opened, version]))"
+    )
+    status, opened, version = python(code)
+    assert status["usable"] and status["problem"] is None and status["remedy"] is None
+    assert opened == [os.path.realpath(status["path"])]
+    assert version == status["version"]
+
+
+def test_a_bad_library_that_the_variable_names_is_passed_over(
+    llvm: LLVMStatus, tmp_path: Path
+) -> None:
+    named = library(tmp_path, "libLLVM-15.so.1")
+    good = tmp_path / "environment" / "lib" / "polywigner" / "native" / "libLLVM.so.19"
+    good.parent.mkdir(parents=True)
+    good.symlink_to(llvm.path or "")
+    code = f"import sys; sys.prefix = {str(tmp_path / 'environment')!r}" + CHOOSE
+    code += "import drjit as dr, drjit.llvm as l\n"
+    code += "two = dr.minimum(l.Float([1, 5]), 2)[1]\n"
+    code += "print(json.dumps([status.path, status.passed_over, two]))"
+    path, passed_over, two = python(code, DRJIT_LIBLLVM_PATH=named)
+    assert os.path.realpath(path) == os.path.realpath(llvm.path or "")
+    assert [refused for refused, _ in passed_over] == [named]
+    assert two == 2
+
+
+def test_choosing_costs_little_once_the_verdict_is_remembered(llvm: LLVMStatus) -> None:
+    code = "import json, time\nfrom polywigner.engines.llvm import prepare\nstart = time.time()\n"
+    code += "usable = prepare().usable\nprint(json.dumps([usable, time.time() - start]))"
+    results = [python(code, DRJIT_LIBLLVM_PATH=llvm.path or "") for _ in range(4)]
+    assert all(usable for usable, _ in results)
+    # The best of three: other work on the machine is not the cost that is meant.
+    assert min(seconds for _, seconds in results[1:]) < QUICK
+
+
+def test_processes_that_start_together_agree(llvm: LLVMStatus, own_cache: Path) -> None:
+    code = CHOOSE + "print(json.dumps(asdict(status)))"
+    with ThreadPoolExecutor(3) as pool:
+        statuses = list(pool.map(lambda _: python(code), range(3)))
+    assert statuses[0]["usable"]
+    assert statuses[0] == statuses[1] == statuses[2]
+    assert {path.suffix for path in own_cache.iterdir()} == {".json"}  # no half-written verdict
+
+
+@pytest.mark.drjit
+def test_without_llvm_the_transforms_run_and_kernels_are_refused() -> None:
+    code = CHOOSE + (
+        "import numpy as np, polywigner as pw\n"
+        "from polywigner.engines.llvm import require\n"
+        "from polywigner.errors import EngineError\n"
+        "square = pw.Aperture([(-1, -1), (1, -1), (1, 1), (-1, 1)])\n"
+        "many = np.zeros((100_000, 2))\n"
+        "values = pw.wigner(square, many, (0.0, 0.0))\n"
+        "complaints = []\n"
+        "for ask in (require, lambda: pw.wigner(square, many, (0.0, 0.0), engine='llvm')):\n"
+        "    try: ask()\n"
+        "    except EngineError as error: complaints.append(str(error))\n"
+        "import drjit as dr\n"
+        "backend = bool(dr.has_backend(dr.JitBackend.LLVM))\n"
+        "print(json.dumps([asdict(status), float(values[-1]), complaints, backend]))"
+    )
+    status, value, complaints, backend = python(code, POLYWIGNER_NO_LLVM="1")
+    assert not status["usable"] and not backend
+    # W(0, 0) of a square of side 2: the lag slice is twice the square, of area 16.
+    assert value == pytest.approx(16.0, rel=1e-12)
+    assert complaints == [f"{status['problem']} {status['remedy']}"] * 2
+
+
+def test_dr_jit_imported_first_without_a_library_is_told_of_the_usable_one(
+    llvm: LLVMStatus, tmp_path: Path
+) -> None:
+    code = (
+        "import json, os, drjit\n"
+        f"os.environ['DRJIT_LIBLLVM_PATH'] = {llvm.path!r}\n"  # too late: Dr.Jit has looked
+        "from polywigner.engines.llvm import prepare, require\n"
+        "from polywigner.errors import EngineError\n"
+        "try: require()\n"
+        "except EngineError as error: print(json.dumps([prepare().usable, str(error)]))"
+    )
+    usable, message = python(code, DRJIT_LIBLLVM_PATH=str(tmp_path / "none.so"))
+    assert not usable
+    assert "imported before polywigner" in message
+    assert f"(to {llvm.path})" in message
+
+
+def test_dr_jit_imported_first_with_a_usable_library_is_fine(llvm: LLVMStatus) -> None:
+    code = (
+        "import json, drjit\n"
+        "from dataclasses import asdict\n"
+        "from polywigner.engines.llvm import require\n"
+        "print(json.dumps(asdict(require())))"
+    )
+    status = python(code, DRJIT_LIBLLVM_PATH=llvm.path or "")
+    assert os.path.realpath(status["path"]) == os.path.realpath(llvm.path or "")
+    assert status["version"] == llvm.version
+
+
+def test_dr_jit_imported_first_with_a_bad_library_is_refused_before_any_kernel(
+    bad_llvm: str,
+) -> None:
+    code = (
+        "import json, drjit, numpy as np, polywigner as pw\n"
+        "from polywigner.errors import EngineError\n"
+        "square = pw.Aperture([(-1, -1), (1, -1), (1, 1), (-1, 1)])\n"
+        "many = np.zeros((100_000, 2))\n"
+        "value = float(pw.wigner(square, many, (0.0, 0.0))[0])\n"
+        "try: pw.wigner(square, many, (0.0, 0.0), engine='llvm')\n"
+        "except EngineError as error: print(json.dumps([value, str(error)]))"
+    )
+    value, message = python(code, DRJIT_LIBLLVM_PATH=bad_llvm)
+    assert value == pytest.approx(16.0, rel=1e-12)  # by NumPy
+    assert "imported before polywigner" in message
+    assert "Import polywigner before drjit" in message
+
+
+def test_a_missing_libatomic_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(llvm_module, "_opens", lambda library: "libatomic" not in library)
+    monkeypatch.setattr(
+        llvm_module, "drjit_imports", lambda: "NameError: name '_drjit_ext' is not defined"
+    )
+    status = llvm_module._find()
+    assert not status.usable and not status.drjit_imports
+    assert "libatomic1" in (status.remedy or "")
+
+
+@pytest.mark.drjit
+def test_a_missing_libatomic_does_not_matter_to_a_dr_jit_that_does_without(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.setattr(llvm_module, "_opens", lambda library: False)
+    assert llvm_module._open_libatomic() is None  # the child imports Dr.Jit without complaint
