@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.exact import Ring, cross_products, orientations, shoelace
+from polywigner.geometry.exact import Ring, cross_products, orientations, shoelace, turn
 from polywigner.geometry.rings import Part, extent, polygon_of_part
 
 __all__ = ["convex_pieces", "triangulate_part"]
@@ -20,9 +21,13 @@ Indices = NDArray[np.intp]
 # then misses at most this fraction of the area, a tenth of the accuracy of the transforms.
 _DENT = 2.0**-48
 
-# Greedy merging depends on the order of the diagonals; some random orders find fewer pieces.
-_RESTARTS = 32
-_LARGEST_SHUFFLED = 400
+# Larger dented pieces stay cut, because testing them is quadratic.
+_LARGEST_DENTED = 512
+
+# Greedy merging depends on the order of the diagonals: random orders are tried until so many in a
+# row found nothing better, or until that many merges in all.
+_PATIENCE = 16
+_MOST_MERGES = 20_000
 
 
 def triangulate_part(part: Part) -> tuple[Ring, Indices]:
@@ -38,9 +43,9 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
     triangles = np.array(
         [[index[corner.tobytes()] for corner in triangle] for triangle in corners], dtype=np.intp
     ).reshape(-1, 3)
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    clockwise = orientations(a, b, c) < 0
-    triangles[clockwise] = triangles[clockwise][:, ::-1]
+    if shoelace(vertices[triangles]) < 0:
+        # All together: triangles of zero area, too, keep edges that run against their neighbours'.
+        triangles = triangles[:, ::-1]
     if shoelace(vertices[triangles]) != shoelace(part):
         raise GeometryError(
             "expected an outline that can be triangulated, got one whose triangles miss its area; "
@@ -50,28 +55,22 @@ def triangulate_part(part: Part) -> tuple[Ring, Indices]:
 
 
 def _is_convex(ring: Ring, dent: float) -> bool:
-    """Whether every vertex lies left of every edge's line, or right of it by at most `dent`."""
+    """Whether every vertex lies left of every edge's line, or right of it by at most `dent`.
+
+    Edges times vertices in cost: refused for rings beyond _LARGEST_DENTED.
+    """
+    if len(ring) > _LARGEST_DENTED:
+        return False
     start, end = ring, np.roll(ring, -1, axis=0)
     value, bound = cross_products(start[:, None], end[:, None], ring[None, :])
     slack = dent * np.hypot(*(end - start).T)[:, None]
-    if np.any(value < -bound - slack):
+    if np.any(value < -slack - bound):
         return False
-    unsure = np.nonzero(value < bound - slack)
-    if not len(unsure[0]):
-        return True
-    i, j = unsure
-    signs = orientations(start[i], end[i], ring[j])
-    # Right of the line: the float value then is known to be within `bound` of the dent's limit,
-    # which is at rounding level itself.
-    return bool(np.all((signs >= 0) | (value[i, j] >= -slack[i, 0])))
-
-
-def _winds_once(ring: Ring) -> bool:
-    """For a ring with left turns only: whether they add up to one turn, not to several."""
-    edges = np.roll(ring, -1, axis=0) - ring
-    angles = np.arctan2(edges[:, 1], edges[:, 0])
-    turns = (np.roll(angles, -1) - angles) % (2 * np.pi)
-    return float(turns.sum()) < 3 * np.pi
+    unsure = zip(*np.nonzero(value < bound - slack), strict=True)
+    return all(
+        turn(start[i].tolist(), end[i].tolist(), ring[j].tolist()) >= -slack[i, 0]
+        for i, j in unsure
+    )
 
 
 class _Merger:
@@ -79,7 +78,9 @@ class _Merger:
 
     def __init__(self, vertices: Ring, triangles: Indices, dent: float) -> None:
         self.vertices = vertices
+        self.points = [(float(x), float(y)) for x, y in vertices]
         self.dent = dent
+        self.dented: set[int] = set()
         self.pieces: list[list[int]] = [list(map(int, t)) for t in triangles]
         self.owner = {
             (piece[k - 1], piece[k]): n for n, piece in enumerate(self.pieces) for k in range(3)
@@ -94,15 +95,31 @@ class _Merger:
             return False
         ahead, back = self.pieces[left], self.pieces[right]
         p, q = ahead.index(j), back.index(i)
+        at_i = self._dent_at(ahead[p - 2], i, back[(q + 1) % len(back)])
+        at_j = self._dent_at(back[q - 2], j, ahead[(p + 1) % len(ahead)])
+        if max(at_i, at_j) > self.dent:
+            return False
         # From j round the left piece to i, then from i round the right piece to j.
         merged = (ahead[p:] + ahead[:p])[:-1] + (back[q:] + back[:q])[:-1]
-        if len(set(merged)) < len(merged) or not _is_convex(self.vertices[merged], self.dent):
-            return False
+        if at_i > 0 or at_j > 0 or left in self.dented or right in self.dented:
+            # Dents at rounding level: how far they reach depends on the whole piece.
+            if not _is_convex(self.vertices[merged], self.dent):
+                return False
+            self.dented.add(left)
         self.pieces[left], self.pieces[right] = merged, []
         for k in range(len(merged)):
             self.owner[merged[k - 1], merged[k]] = left
         del self.owner[i, j], self.owner[j, i]
         return True
+
+    def _dent_at(self, before: int, corner: int, after: int) -> float:
+        """How far the neighbours of a corner lie right of its edges' lines; 0 where convex."""
+        a, b, c = self.points[before], self.points[corner], self.points[after]
+        value = turn(a, b, c)
+        if value >= 0:
+            return 0.0
+        shorter = min(math.hypot(b[0] - a[0], b[1] - a[1]), math.hypot(c[0] - b[0], c[1] - b[1]))
+        return -value / shorter
 
     def run(self, order: Sequence[tuple[int, int]]) -> list[list[int]]:
         for i, j in order:
@@ -110,18 +127,34 @@ class _Merger:
         return [piece for piece in self.pieces if piece]
 
 
-def _fewest_pieces(vertices: Ring, triangles: Indices, dent: float) -> list[list[int]]:
+def _fewest_pieces(vertices: Ring, triangles: Indices, dent: float, enough: int) -> list[list[int]]:
+    """The best of several orders of merging; `enough` pieces cannot be improved on."""
     diagonals = _Merger(vertices, triangles, dent).diagonals()
+
+    def merged(order: Sequence[int] | Indices) -> list[list[int]]:
+        return _Merger(vertices, triangles, dent).run([diagonals[k] for k in order])
+
     ends = vertices[np.array(diagonals, dtype=np.intp).reshape(-1, 2)]
     longest_first = np.argsort(-np.hypot(*(ends[:, 1] - ends[:, 0]).T), kind="stable")
+    best = min(merged(longest_first), merged(longest_first[::-1]), key=len)
     shuffle = np.random.default_rng(0).permutation
-    restarts = _RESTARTS if len(triangles) <= _LARGEST_SHUFFLED else 0
-    orders = [longest_first, longest_first[::-1]]
-    orders += [shuffle(len(diagonals)) for _ in range(restarts)]
-    covers = [
-        _Merger(vertices, triangles, dent).run([diagonals[k] for k in order]) for order in orders
-    ]
-    return min(covers, key=len)
+    idle = 0
+    for _ in range(_MOST_MERGES // (len(diagonals) + 1)):
+        if len(best) <= enough or idle == _PATIENCE:
+            break
+        cover = merged(shuffle(len(diagonals)))
+        idle = 0 if len(cover) < len(best) else idle + 1
+        best = min(best, cover, key=len)
+    return best
+
+
+def _fewest_possible(part: Part) -> int:
+    """Each dent needs a diagonal, one serves at most two, and one per hole makes no new piece."""
+    dents = 0
+    for ring in part:
+        turns = orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0))
+        dents += int(np.count_nonzero(turns < 0))
+    return max(1, (dents + 1) // 2 + 2 - len(part))
 
 
 def convex_pieces(part: Part) -> list[Ring]:
@@ -136,10 +169,9 @@ def convex_pieces(part: Part) -> list[Ring]:
     if len(part) == 1:
         ring = part[0]
         turns = orientations(np.roll(ring, 1, axis=0), ring, np.roll(ring, -1, axis=0))
-        if np.all(turns >= 0) and _winds_once(ring):
-            return [ring]
-        if len(ring) <= 2000 and np.count_nonzero(turns < 0) < 3 and _is_convex(ring, dent):
+        if np.all(turns >= 0) or _is_convex(ring, dent):
             return [ring]
     vertices, triangles = triangulate_part(part)
-    pieces = [vertices[piece] for piece in _fewest_pieces(vertices, triangles, dent)]
+    enough = _fewest_possible(part)
+    pieces = [vertices[piece] for piece in _fewest_pieces(vertices, triangles, dent, enough)]
     return [piece for piece in pieces if shoelace([piece]) > 0]

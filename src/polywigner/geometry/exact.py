@@ -19,6 +19,7 @@ __all__ = [
     "shoelace",
     "signed_area",
     "total_area",
+    "turn",
 ]
 
 Ring = NDArray[np.float64]
@@ -27,11 +28,6 @@ Ring = NDArray[np.float64]
 # (3 + 16 u) u with u = 2^-53 bounds the rounding error of the cross product below in units of
 # |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
 _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
-
-
-def _exact_cross(a: Ring, b: Ring, c: Ring) -> Fraction:
-    ax, ay, bx, by, cx, cy = (Fraction(float(v)) for v in (*a, *b, *c))
-    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
 
 def cross_products(a: Ring, b: Ring, c: Ring) -> tuple[Ring, Ring]:
@@ -44,13 +40,24 @@ def cross_products(a: Ring, b: Ring, c: Ring) -> tuple[Ring, Ring]:
     return first - second, _CROSS_ERROR * (np.abs(first) + np.abs(second))
 
 
+def turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
+    """Twice the signed area of one triangle (a, b, c), with the exact sign; for scalar loops."""
+    first = (b[0] - a[0]) * (c[1] - a[1])
+    second = (b[1] - a[1]) * (c[0] - a[0])
+    value = first - second
+    if abs(value) > _CROSS_ERROR * (abs(first) + abs(second)):
+        return value
+    ax, ay, bx, by, cx, cy = (Fraction(v) for v in (*a, *b, *c))
+    return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+
 def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
     """Exact sign of the turn a -> b -> c: +1 left, -1 right, 0 straight. Shapes as above."""
     a, b, c = np.broadcast_arrays(a, b, c)
     value, bound = cross_products(a, b, c)
     signs = np.sign(value).astype(np.int8)
     for index in zip(*np.nonzero(np.abs(value) <= bound), strict=True):
-        exact = _exact_cross(a[index], b[index], c[index])
+        exact = turn(a[index].tolist(), b[index].tolist(), c[index].tolist())
         signs[index] = (exact > 0) - (exact < 0)
     return signs
 

@@ -55,7 +55,11 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
     """Drop vertices within `reach` of the line between the kept ones, if that stays valid."""
     simple = shapely.simplify(geometry, reach, preserve_topology=True)
-    return simple if shapely.is_valid(simple) else geometry
+    if not shapely.is_valid(simple):
+        return geometry
+    # Again until nothing changes, so that what comes out passes unchanged the next time.
+    fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
+    return straightened(simple, reach) if fewer else geometry
 
 
 def _is_hairline(region: BaseGeometry, width: float) -> bool:
