@@ -22,8 +22,8 @@ __all__ = ["evaluate"]
 # little against computing, and a chunk of the largest kernel takes about 100 MB.
 _NUMPY_CHUNK = 1 << 13
 _DRJIT_CHUNK = 1 << 20
-# Edges are traced in groups of about this many clips: compilation time grows faster than linearly
-# beyond it (0.4 s for one group of 1000 on one core).
+# Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
+# than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
 _CLIPS_PER_KERNEL = 1000
 
 Array = npt.NDArray[Any]
@@ -98,7 +98,7 @@ class _Drjit:
         self.kernel, self.tables = kernel, tables
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host = NumpyOperations(double=True)
-        self.parts = parts_of(tables, _CLIPS_PER_KERNEL) if kernel.cuts_edges else [tables]
+        self.parts = parts_of(kernel, tables, _CLIPS_PER_KERNEL)
 
     def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         import drjit

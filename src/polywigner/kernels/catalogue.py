@@ -44,8 +44,10 @@ class Kernel:
     """(ops, tables, *arguments in the frame) -> sums; may ignore trailing arguments."""
     leave: Callable[..., Values]
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
-    cuts_edges: bool
-    """Whether edges are cut by the pieces (else the cost is linear in the edges)."""
+    copies: int
+    """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
+    clips_per_pair: int = 0
+    """Code for what is left of an edge inside a piece, in units of the code for one cut."""
 
     def __call__(self, ops: Any, tables: Tables, *arguments: Any) -> Values:
         """The whole transform with one namespace of operations."""
@@ -59,10 +61,13 @@ def tables_of(aperture: Aperture, double: bool) -> Tables:
     return build_tables(aperture.rings, aperture.convex_cover, double=double)
 
 
-def parts_of(tables: Tables, clips: int) -> list[Tables]:
-    """Tables whose edge sums add up to that of ``tables``, each with at most about ``clips``."""
-    sides = tables.clips // len(tables.edges)
-    count = max(1, clips // sides)
+def parts_of(kernel: Kernel, tables: Tables, size: int) -> list[Tables]:
+    """Tables whose edge sums add up to that of ``tables``, each of about ``size`` clips or less.
+
+    A sine or two of every (edge, piece) pair count as ``kernel.clips_per_pair`` clips.
+    """
+    per_edge = sum(len(piece.sides) + kernel.clips_per_pair for piece in tables.pieces)
+    count = max(1, size // (per_edge * kernel.copies)) if kernel.copies else len(tables.edges)
     edges = tables.edges
     return [replace(tables, edges=edges[k : k + count]) for k in range(0, len(edges), count)]
 
@@ -115,40 +120,42 @@ WIGNER = Kernel(
     _enter_wigner,
     lambda ops, tables, *inner: (wigner_sums.wigner(ops, tables, *inner),),
     _scaled,
-    cuts_edges=True,
+    copies=1,
+    clips_per_pair=4,
 )
 POSITION_MARGINAL = Kernel(
     "position marginal",
     lambda ops, frame, x, y: frame.position(ops, x, y),
     lambda ops, tables, *inner: (wigner_sums.lag_slice_area(ops, tables, *inner),),
     _scaled,
-    cuts_edges=True,
+    copies=1,
 )
 FOURIER = Kernel(
     "fourier",
     _enter_fourier,
     lambda ops, tables, turns, *nu: fourier.fourier(ops, tables, *nu),
     _turned,
-    cuts_edges=False,
+    copies=0,
 )
 FOURIER_COMPLEX = Kernel(
     "fourier of complex frequencies",
     _enter_fourier_complex,
     _fourier_complex,
     _leave_fourier_complex,
-    cuts_edges=False,
+    copies=0,
 )
 AMBIGUITY = Kernel(
     "ambiguity",
     _enter_ambiguity,
     lambda ops, tables, turns, *inner: fourier.ambiguity(ops, tables, *inner),
     _turned,
-    cuts_edges=True,
+    copies=2,
+    clips_per_pair=16,
 )
 LAG_MARGINAL = Kernel(
     "lag marginal",
     lambda ops, frame, xi_x, xi_y: frame.vector(ops, xi_x, xi_y),
     lambda ops, tables, *inner: (fourier.position_slice_area(ops, tables, *inner),),
     _scaled,
-    cuts_edges=True,
+    copies=2,
 )

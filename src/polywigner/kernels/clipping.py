@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from polywigner.kernels.lattice import exact_cross
 from polywigner.kernels.tables import Edge, Line, Piece, Tables
 
 __all__ = ["AHEAD", "BEHIND", "MIRRORED", "Clipper", "View"]
@@ -76,7 +77,7 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.tables.lines[number]
-            slope = line.dx * edge.ey - line.dy * edge.ex
+            slope = exact_cross(line.dx, line.dy, edge.ex, edge.ey)
             if self._is_parallel(edge, line, slope):
                 gates.append((self._lies_left(edge, line, view), side))
                 continue

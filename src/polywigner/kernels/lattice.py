@@ -2,18 +2,19 @@
 
 The grid is so coarse that sums and differences of a few coordinates are exact in the kernel's
 float type, and fine enough to move a vertex by half an ulp of the diameter. On the grid, cross
-products are exact integers here, and one ulp accurate in the kernels (``ops.cross``).
+products are exact here, and one ulp accurate in the kernels (``ops.cross``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Lattice", "signed_convex_pieces"]
+__all__ = ["Lattice", "exact_cross", "signed_convex_pieces"]
 
 
 @dataclass(frozen=True)
@@ -36,28 +37,21 @@ class Lattice:
         keep = (points != np.roll(points, 1, axis=0)).any(axis=1)
         return points[keep]
 
-    def integers(self, *values: float) -> list[int]:
-        """Coordinates in steps, as exact integers."""
-        return [int(value / self.step) for value in values]
 
-    def cross(self, ax: float, ay: float, bx: float, by: float) -> float:
-        """cross(a, b), correctly rounded."""
-        iax, iay, ibx, iby = self.integers(ax, ay, bx, by)
-        return float(iax * iby - iay * ibx) * self.step * self.step
+def exact_cross(ax: float, ay: float, bx: float, by: float) -> float:
+    """cross(a, b), correctly rounded: no digits are lost where a and b are nearly parallel."""
+    return float(Fraction(ax) * Fraction(by) - Fraction(ay) * Fraction(bx))
 
 
-def _turns(polygon: npt.NDArray[np.float64], lattice: Lattice) -> list[int]:
-    """Exact sign-carrying turn at every vertex: twice the area of (previous, this, next)."""
-    points = [lattice.integers(x, y) for x, y in polygon]
-    turns = []
-    for k, (x, y) in enumerate(points):
-        (px, py), (nx, ny) = points[k - 1], points[(k + 1) % len(points)]
-        turns.append((x - px) * (ny - y) - (y - py) * (nx - x))
-    return turns
+def _turns(polygon: npt.NDArray[np.float64]) -> list[float]:
+    """The turn at every vertex, twice the area of (previous, this, next), correctly rounded."""
+    before = (polygon - np.roll(polygon, 1, axis=0)).tolist()
+    after = (np.roll(polygon, -1, axis=0) - polygon).tolist()
+    return [exact_cross(*a, *b) for a, b in zip(before, after, strict=True)]
 
 
 def signed_convex_pieces(
-    pieces: Sequence[npt.NDArray[np.float64]], lattice: Lattice
+    pieces: Sequence[npt.NDArray[np.float64]],
 ) -> list[tuple[npt.NDArray[np.float64], float]]:
     """Exactly convex pieces with weights whose sum is the same set as the rounded pieces'.
 
@@ -68,13 +62,13 @@ def signed_convex_pieces(
     for piece in pieces:
         if len(piece) < 3:
             continue
-        turns = _turns(piece, lattice)
+        turns = _turns(piece)
         if min(turns) >= 0 < max(turns):
             result.append((piece, 1.0))
             continue
         for k in range(1, len(piece) - 1):
             triangle = piece[[0, k, k + 1]]
-            turn = _turns(triangle, lattice)[1]
+            turn = _turns(triangle)[1]
             if turn:
                 result.append((triangle if turn > 0 else triangle[::-1], float(np.sign(turn))))
     return result

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.kernels.frame import Frame, frame_of
-from polywigner.kernels.lattice import Lattice, signed_convex_pieces
+from polywigner.kernels.lattice import Lattice, exact_cross, signed_convex_pieces
 
 __all__ = ["Edge", "Line", "Piece", "Tables", "build_tables"]
 
@@ -122,7 +122,8 @@ class _LineBook:
         tolerance = _PARALLEL_DOUBLE if double else _PARALLEL_SINGLE
         self.lines: list[Line] = []
         self.number_of: list[int] = []
-        self.signs = signs
+        self.signs: list[int] = []
+        """+1 where a segment runs along its line, -1 where it runs against it."""
         keys: dict[tuple[float, ...], int] = {}
         directions: dict[int, tuple[float, float] | None] = {}
         for cluster in np.unique(clusters):
@@ -137,10 +138,11 @@ class _LineBook:
             if shared is None:
                 key = _exact_key(ax, ay, ex, ey, sign)
                 line = Line(sign * ex, sign * ey, 0.0, cluster, True, key[0], key[1])
-                offset = line.dx * line.py - line.dy * line.px
+                offset = exact_cross(line.dx, line.dy, line.px, line.py)
                 line = Line(line.dx, line.dy, offset, cluster, True, line.px, line.py)
             else:
                 dx, dy = shared
+                sign = 1 if ex * dx + ey * dy > 0 else -1
                 offset = _merged(dx * ay - dy * ax, offsets.setdefault(cluster, []))
                 key = (cluster, offset)
                 line = Line(dx, dy, offset, cluster, False, float(ax), float(ay))
@@ -148,6 +150,7 @@ class _LineBook:
                 keys[key] = len(self.lines)
                 self.lines.append(line)
             self.number_of.append(keys[key])
+            self.signs.append(sign)
 
 
 def _exact_key(ax: float, ay: float, ex: float, ey: float, sign: int) -> tuple[float, ...]:
@@ -206,7 +209,7 @@ def build_tables(
     if gridded:
         outlines = [ring for ring in map(lattice.rounded, outlines) if len(ring) > 2]
         pieces = [lattice.rounded(piece) for piece in pieces]
-    weighted = signed_convex_pieces(pieces, lattice) if gridded else [(p, 1.0) for p in pieces]
+    weighted = signed_convex_pieces(pieces) if gridded else [(p, 1.0) for p in pieces]
     parts = [*outlines, *(piece for piece, _ in weighted)]
     book = _LineBook(np.concatenate([_segments_of(p) for p in parts]), double)
     edge_count = sum(len(ring) for ring in outlines)
@@ -215,13 +218,11 @@ def build_tables(
         Piece(tuple(dict.fromkeys((n, int(s)) for n, s in (next(numbers) for _ in p))), w)
         for p, w in weighted
     )
-    edges = _edges(outlines, book, lattice if gridded else None)
+    edges = _edges(outlines, book)
     return Tables(frame, edges, tuple(book.lines), table_pieces, lattice.step if gridded else None)
 
 
-def _edges(
-    outlines: Sequence[npt.NDArray[np.float64]], book: _LineBook, lattice: Lattice | None
-) -> tuple[Edge, ...]:
+def _edges(outlines: Sequence[npt.NDArray[np.float64]], book: _LineBook) -> tuple[Edge, ...]:
     waves: dict[tuple[float, float], tuple[float, float]] = {}
     edges = []
     segments = np.concatenate([_segments_of(ring) for ring in outlines])
@@ -231,7 +232,7 @@ def _edges(
         unit = (sign * ex / length, sign * ey / length)
         # directions equal up to rounding share one float pair, so that nu.direction is shared
         unit = waves.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
-        area = ax * ey - ay * ex if lattice is None else lattice.cross(ax, ay, ex, ey)
+        area = exact_cross(ax, ay, ex, ey)
         wave = (*unit, sign * length)
         edges.append(Edge(ax, ay, ex, ey, book.number_of[number], area, wave))
     return tuple(edges)
