@@ -12,7 +12,8 @@ TESTS ?=
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 BIN := .venv/bin
-SETUP = $(if $(shell command -v python3),python3,"$(PYTHON)") tools/bootstrap $(if $(PYTHON),--python "$(PYTHON)")
+RUNNER = $(if $(shell command -v python3 2>/dev/null),python3,"$(or $(PYTHON),python3)")
+SETUP = $(RUNNER) tools/bootstrap $(if $(PYTHON),--python "$(PYTHON)")
 RENDER = $(BIN)/polywigner render $(if $(DEMO_SPP),--spp $(DEMO_SPP))
 TRANSFORM = $(BIN)/polywigner transform
 
@@ -50,7 +51,9 @@ typecheck: ## check the types
 
 bench: ## run the benchmarks
 	@$(SETUP) --group test
-	@for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
+	@for script in $$(grep -l __main__ benchmarks/*.py); do \
+	  echo "== $$script"; $(BIN)/python "$$script" || exit 1; \
+	done
 
 docs: ## check the documents: every link inside them leads somewhere
 	@$(SETUP) --group test

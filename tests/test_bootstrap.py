@@ -1,0 +1,244 @@
+"""``tools/bootstrap`` does what is needed and no more, and recovers from whatever it finds.
+
+The steps that download (venv, pip, LLVM) are stood in for by ones that leave their mark.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.util
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+SCRIPT = Path(__file__).resolve().parent.parent / "tools" / "bootstrap"
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="make and flock are Unix's")
+
+
+class Project:
+    """A project folder with the bootstrap in it, and a diary of its steps."""
+
+    def __init__(self, root: Path) -> None:
+        loader = importlib.machinery.SourceFileLoader("bootstrap", str(SCRIPT))
+        specification = importlib.util.spec_from_loader("bootstrap", loader)
+        assert specification is not None
+        self.module: Any = importlib.util.module_from_spec(specification)
+        loader.exec_module(self.module)
+        self.steps: list[str] = []
+        self.move(root)
+
+    def move(self, root: Path) -> None:
+        """Point the script at another folder, as it finds itself after the project was moved."""
+        self.root = root
+        environment = root / ".venv"
+        self.module.ROOT = root
+        self.module.ENVIRONMENT = environment
+        self.module.INTERPRETER = environment / "bin" / "python"
+        self.module.STAMP = environment / "polywigner-setup.json"
+        self.module.UNFINISHED = environment / "polywigner-setup.unfinished"
+        self.module.create = self.create
+        self.module.install = self.install
+        self.module.bring_llvm = lambda: self.steps.append("llvm")
+        self.module.say = lambda message: None
+
+    def create(self, python: str) -> None:
+        import shutil
+
+        shutil.rmtree(self.root / ".venv", ignore_errors=True)
+        version = f"python3.{sys.version_info.minor}"
+        packages = self.root / ".venv" / "lib" / version / "site-packages"
+        for name in ("numpy", "shapely", "drjit", "mitsuba", "matplotlib"):
+            (packages / name).mkdir(parents=True)
+        (self.root / ".venv" / "bin").mkdir()
+        (self.root / ".venv" / "bin" / "python").symlink_to(sys.executable)
+        self.steps.append("create")
+
+    def install(self, group: str) -> None:
+        self.steps.append(f"install {group}")
+
+    def set_up(self, group: str = "test", python: str | None = None) -> list[str]:
+        """The steps that one run of the bootstrap takes."""
+        self.steps = []
+        done = self.module.set_up(python, group)
+        assert done == bool(self.steps)
+        return self.steps
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Project:
+    root = tmp_path / "a project"
+    root.mkdir()
+    (root / "pyproject.toml").write_text("[project]\n")
+    return Project(root)
+
+
+def test_a_second_run_does_nothing(project: Project) -> None:
+    assert project.set_up() == ["create", "install test", "llvm"]
+    assert project.set_up() == []
+
+
+def test_a_demo_after_the_tests_needs_nothing_and_tests_after_a_demo_only_their_tools(
+    project: Project,
+) -> None:
+    project.set_up("demo")
+    assert project.set_up("test") == ["install test", "llvm"]
+    assert project.set_up("demo") == []
+    assert project.set_up("dev") == ["install dev", "llvm"]
+    assert project.set_up("test") == []
+
+
+def test_new_requirements_are_installed_into_the_same_environment(project: Project) -> None:
+    project.set_up("dev")
+    (project.root / "pyproject.toml").write_text("[project]\nversion = '2'\n")
+    # With all the tools that were there before.
+    assert project.set_up("demo") == ["install dev", "llvm"]
+
+
+def interrupted(project: Project) -> None:
+    def killed(group: str) -> None:
+        raise KeyboardInterrupt
+
+    (project.root / "pyproject.toml").write_text("[project]\nversion = '2'\n")
+    project.module.install = killed
+    with pytest.raises(KeyboardInterrupt):
+        project.module.set_up(None, "test")
+    project.module.install = project.install
+
+
+def without_its_interpreter(project: Project) -> None:
+    link = project.root / ".venv" / "bin" / "python"
+    link.unlink()
+    link.symlink_to("/gone/python3")
+
+
+def after_an_upgrade_of_the_system(project: Project) -> None:
+    (folder,) = project.root.glob(".venv/lib/python3.*")
+    folder.rename(folder.with_name("python3.10"))
+    link = project.root / ".venv" / "bin" / "python"
+    link.unlink()
+    target = project.root / "python3.11"
+    target.write_text("#!/bin/sh")
+    target.chmod(0o755)
+    link.symlink_to(target)
+
+
+def without_a_library(project: Project) -> None:
+    (library,) = project.root.glob(".venv/lib/*/site-packages/mitsuba")
+    library.rmdir()
+
+
+def with_a_spoilt_stamp(project: Project) -> None:
+    (project.root / ".venv" / "polywigner-setup.json").write_text('{"project"')
+
+
+def with_a_foreign_stamp(project: Project) -> None:
+    (project.root / ".venv" / "polywigner-setup.json").write_text('["not", "ours"]')
+
+
+def made_by_hand(project: Project) -> None:
+    (project.root / ".venv" / "polywigner-setup.json").unlink()
+
+
+def moved(project: Project) -> None:
+    # The scripts in .venv/bin name the old place in their first line.
+    project.move(project.root.rename(project.root.with_name("elsewhere")))
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        interrupted,
+        without_its_interpreter,
+        after_an_upgrade_of_the_system,
+        without_a_library,
+        with_a_spoilt_stamp,
+        with_a_foreign_stamp,
+        made_by_hand,
+        moved,
+    ],
+)
+def test_a_damaged_environment_is_made_anew(
+    damage: Callable[[Project], None], project: Project
+) -> None:
+    project.set_up()
+    damage(project)
+    assert project.set_up() == ["create", "install test", "llvm"]
+    assert project.set_up() == []
+
+
+def test_another_python_asks_for_another_environment_and_then_stays(project: Project) -> None:
+    project.set_up()
+    other = {"path": "/opt/python3.99", "version": "3.99.0"}
+    this = project.module.python_of(None)
+    project.module.python_of = lambda named: other if named == "python3.99" else this
+    assert project.set_up(python="python3.99")[0] == "create"
+    assert project.set_up(python="python3.99") == []
+    # Not naming one is not asking for the old one back.
+    assert project.set_up() == []
+
+
+@pytest.mark.parametrize(
+    ("interpreter", "complaint"),
+    [
+        ("no-such-python", "there is no interpreter 'no-such-python'"),
+        ("false", "is not a Python that runs"),
+    ],
+)
+def test_an_interpreter_that_cannot_be_used_is_one_sentence(
+    interpreter: str, complaint: str, project: Project
+) -> None:
+    with pytest.raises(project.module.SetupError, match=complaint):
+        project.set_up(python=interpreter)
+    assert not (project.root / ".venv").exists()
+
+
+def test_a_python_that_is_too_old_is_one_sentence(project: Project, tmp_path: Path) -> None:
+    old = tmp_path / "python3.9"
+    old.write_text(f"#!/bin/sh\necho {old}\necho 3.9.2\n")
+    old.chmod(0o755)
+    with pytest.raises(project.module.SetupError, match=r"3\.11 or newer, but .* is 3\.9"):
+        project.set_up(python=str(old))
+
+
+def test_an_activated_environment_and_foreign_paths_do_not_reach_inside(
+    project: Project, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for variable in ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "PIP_TARGET"):
+        monkeypatch.setenv(variable, "/somewhere/else")
+    monkeypatch.setenv("PIP_INDEX_URL", "https://index.example")
+    code = "import os, json; print(json.dumps(dict(os.environ)))"
+    seen = json.loads(project.module.run([sys.executable, "-I", "-c", code]).stdout)
+    assert not {"PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV", "PIP_TARGET"} & set(seen)
+    assert seen["PIP_INDEX_URL"] == "https://index.example"  # pip's own settings stay the user's
+
+
+def test_the_module_about_apt_loads_without_the_package() -> None:
+    """From a bare Python: nothing installed, no polywigner on the path."""
+    code = (
+        "import sys, importlib.machinery as m, importlib.util as u\n"
+        f"s = u.spec_from_loader('b', m.SourceFileLoader('b', {str(SCRIPT)!r}))\n"
+        "b = u.module_from_spec(s); s.loader.exec_module(b)\n"
+        "print(b.load_debian().is_root() in (True, False), 'polywigner' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-S", "-I", "-c", code], capture_output=True, text=True)
+    assert done.stdout.split() == ["True", "False"], done.stderr
+
+
+def test_two_runs_at_once_take_turns(project: Project) -> None:
+    module: ModuleType = project.module
+    other = (
+        "import fcntl, os, sys\n"
+        f"handle = os.open({str(project.root)!r}, os.O_RDONLY)\n"
+        "try: fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)\n"
+        "except BlockingIOError: sys.exit(7)"
+    )
+    with module.one_at_a_time():
+        assert subprocess.run([sys.executable, "-c", other]).returncode == 7
+    assert subprocess.run([sys.executable, "-c", other]).returncode == 0

@@ -1,0 +1,109 @@
+"""The package and the project around it hold together: metadata, public names, make targets, and
+the example that the README opens with."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import polywigner
+from polywigner.engines.llvm import LLVMStatus
+
+ROOT = Path(__file__).resolve().parent.parent
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_installed_version_is_that_of_the_sources() -> None:
+    version = PYPROJECT["project"]["version"]
+    assert polywigner.__version__ == version == importlib.metadata.version("polywigner")
+
+
+def test_the_changelog_has_an_entry_for_this_version() -> None:
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert f"## [{polywigner.__version__}]" in changelog
+
+
+def test_the_package_says_that_it_is_typed() -> None:
+    assert (Path(polywigner.__file__).parent / "py.typed").is_file()
+
+
+@pytest.mark.parametrize("name", sorted(set(polywigner.__all__)))
+def test_every_public_name_can_be_had(name: str) -> None:
+    assert getattr(polywigner, name) is not None
+
+
+def test_the_public_names_are_the_same_in_all_three_lists() -> None:
+    """``__all__``, the lazy loader's table, and what type checkers are shown."""
+    tree = ast.parse(Path(polywigner.__file__).read_text(encoding="utf-8"))
+    shown = {
+        alias.name: node.module
+        for branch in tree.body
+        if isinstance(branch, ast.If)
+        for node in branch.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert shown == polywigner._HOMES
+    assert set(polywigner.__all__) == {*shown, "__version__"}
+
+
+def test_an_unknown_public_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'wagner'"):
+        _ = polywigner.wagner  # type: ignore[attr-defined]
+
+
+def test_importing_the_package_loads_no_heavy_library() -> None:
+    code = "import sys, polywigner; print(*{'numpy', 'shapely', 'drjit'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout.split() == []
+
+
+@pytest.mark.parametrize(
+    "target", ["demo", "test", "lint", "typecheck", "bench", "docs", "clean", "help"]
+)
+def test_make_has_the_target(target: str) -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    assert re.search(rf"^{target}:.* ## \S", makefile, flags=re.MULTILINE)
+
+
+def test_the_sdist_takes_along_what_it_names() -> None:
+    for name in PYPROJECT["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]:
+        assert (ROOT / name).exists(), name
+
+
+def test_the_demo_renders_examples_that_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    inputs = re.findall(r"\bexamples/\S+", makefile)
+    assert inputs
+    assert [path for path in inputs if not (ROOT / path).is_file()] == []
+
+
+def test_every_local_link_of_the_documents_leads_somewhere() -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / "tools" / "check_documents.py"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_readmes_first_example_runs_as_printed(llvm: LLVMStatus, tmp_path: Path) -> None:
+    match = re.search(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    assert match, "expected a ```python block in README.md"
+    environment = {**os.environ, "MPLBACKEND": "agg"}
+    done = subprocess.run(
+        [sys.executable, "-c", match.group(1)],
+        cwd=tmp_path,  # as an installed package, away from the sources
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
