@@ -50,15 +50,15 @@ def draw_scene(
 
 
 def _size(width: int, height: int) -> tuple[float, float]:
-    """Inches: the longer side of the picture is 5, and the colour bar has room beside it."""
+    """Inches: the longer side of the picture is 5, with room for a colour bar and its label."""
     scale = 5.0 / max(width, height)
-    return width * scale + 1.1, max(height * scale, 2.5)
+    return width * scale + 1.2, max(height * scale, 3.4)
 
 
 def _label(reference: float | None, floor_db: float, unit: str) -> str:
     if reference is None:
-        return f"radiance (dB); no pixel is positive, floor {floor_db:g} dB"
+        return f"radiance; nothing positive to compare with\nat the floor, {floor_db:g} dB"
     return (
-        f"radiance (dB); 0 dB = peak ({PEAK_RULE}), {quantity_text(reference, unit)}\n"
-        f"floor {floor_db:g} dB, which also shows what is negative"
+        f"radiance, dB relative to {quantity_text(reference, unit)}\n"
+        f"(peak: {PEAK_RULE}); floor {floor_db:g} dB:\nall below it, negative radiance included"
     )

@@ -1,0 +1,195 @@
+"""``polywigner render``: a scene to signed radiance, a picture in dB, and a record of both."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.errors import ArgumentError, SceneError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+__all__ = ["run_render"]
+
+_INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
+_SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
+_RADIANCE_UNIT = "W m^-2 sr^-1"
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """The options of one run, as they are recorded; None stands for what the scene says."""
+
+    scene: str
+    spp: int | None
+    variant: str | None
+    integrator: str | None
+    sampler: str | None
+    seed: int
+    floor_db: float
+
+
+def run_render(
+    scene: str,
+    *,
+    spp: int | None,
+    variant: str | None,
+    integrator: str | None,
+    sampler: str | None,
+    seed: int,
+    floor_db: float,
+    out: str | None,
+) -> None:
+    """Render a Mitsuba XML scene, write NAME.exr, NAME.png and NAME.json, print their paths.
+
+    Raises
+    ------
+    PolywignerError : input that cannot be used; nothing is written then.
+    """
+    settings = RenderSettings(scene, spp, variant, integrator, sampler, seed, floor_db)
+    _check(settings)
+    files = targets(output_stem(out, Path(scene).stem), (".exr", ".png", ".json"))
+    check_writable(files)
+
+    from polywigner.figures import draw_scene, picture_peak
+    from polywigner.figures.levels import check_floor
+    from polywigner.mitsuba import choose_variant, has_wigner_emitter, load_scene, render
+    from polywigner.mitsuba.images import write_exr
+
+    check_floor(floor_db)
+    start = time.perf_counter()
+    chosen = choose_variant(variant)
+    loaded = load_scene(scene, chosen, sampler)
+    if not has_wigner_emitter(loaded):
+        raise SceneError(
+            f'expected a <shape type="wigner"> in {scene}, got a scene without; add one, or render '
+            "it with mitsuba itself"
+        )
+    ready = time.perf_counter()
+    with _progress_bar() as progress:
+        image = render(loaded, integrator, spp, seed, progress=progress)
+    done = time.perf_counter()
+
+    radiance = _radiance(image)
+    reference = picture_peak(radiance)
+    record = _record(settings, chosen, loaded, radiance, reference)
+    record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
+    figure = draw_scene(radiance, reference, floor_db)
+    with writing(files) as (exr, png, text):
+        write_exr(exr, image)
+        figure.savefig(png, format="png")
+        text.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    for path in files:
+        print(path)
+
+
+def _check(settings: RenderSettings) -> None:
+    """All that can be known to be wrong before Mitsuba takes its second to load."""
+    if not Path(settings.scene).is_file():
+        raise SceneError(
+            f"expected a Mitsuba scene file, got {settings.scene!r}, which is not a file"
+        )
+    if settings.spp is not None and settings.spp < 1:
+        raise ArgumentError(f"expected --spp of at least 1, got {settings.spp}")
+    if settings.seed < 0:
+        raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
+    _check_name("--integrator", settings.integrator, _INTEGRATORS)
+    _check_name("--sampler", settings.sampler, _SAMPLERS)
+
+
+def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
+    if name is not None and name not in known:
+        raise ArgumentError(f"expected {option} to be one of {', '.join(known)}, got {name!r}")
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Callable[[int, int], None]]:
+    """What to call after each pass: moves a bar on a terminal, does nothing elsewhere."""
+    # Never None: the number of passes, and with it the noise, must not depend on the terminal.
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (
+        TextColumn("rendering"),
+        BarColumn(),
+        TextColumn("{task.completed:.0f}/{task.total:.0f} samples per pixel"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _radiance(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(height, width) from a film of one channel, or of colours (their mean) and others."""
+    import numpy as np
+
+    colours = 3 if image.shape[-1] >= 3 else 1
+    return np.asarray(image[..., :colours].mean(axis=-1))
+
+
+def _record(
+    settings: RenderSettings,
+    variant: str,
+    scene: Any,
+    radiance: npt.NDArray[Any],
+    reference: float | None,
+) -> dict[str, Any]:
+    """What NAME.json says, without the times."""
+    import numpy as np
+
+    from polywigner.figures.levels import PEAK_RULE
+
+    camera = scene.sensors()[0]
+    height, width = radiance.shape
+    return {
+        "settings": asdict(settings),
+        "used": {
+            "variant": variant,
+            "integrator": settings.integrator or _class_name(scene.integrator()),
+            "sampler": settings.sampler or _class_name(camera.sampler()),
+            "size": [width, height],
+        },
+        "radiance": {
+            "unit": _RADIANCE_UNIT,
+            "largest": float(radiance.max()),
+            "smallest": float(radiance.min()),
+            "fraction_not_positive": float(np.mean(~(radiance > 0))),
+        },
+        "picture": {
+            "zero_db": reference,
+            "zero_db_rule": PEAK_RULE,
+            "floor_db": settings.floor_db,
+        },
+        "versions": _versions(variant),
+    }
+
+
+def _class_name(plugin: Any) -> str:
+    name = plugin.class_name() if hasattr(plugin, "class_name") else type(plugin).__name__
+    return str(name)
+
+
+def _versions(variant: str) -> dict[str, str | None]:
+    from importlib.metadata import version
+
+    from polywigner.engines.llvm import prepare
+
+    packages = ("polywigner", "mitsuba", "drjit", "numpy")
+    found: dict[str, str | None] = {name: version(name) for name in packages}
+    found["llvm"] = prepare().version if variant.startswith("llvm_") else None
+    found["python"] = platform.python_version()
+    found["machine"] = f"{platform.system()} {platform.machine()}"
+    return found
