@@ -14,7 +14,7 @@ Precision = Literal["double", "single"] | None
 
 # Compiling a kernel the first time costs as much as NumPy takes for some tens of thousands of
 # samples, whatever the polygon: both grow with its number of edges.
-_WORTH_COMPILING = 16384
+_WORTH_COMPILING = 1 << 16
 
 
 def checked_engine(engine: str) -> str:

@@ -22,14 +22,14 @@ class Lattice:
     """Multiples of ``step``.
 
     In the frame, vertices lie within 1/2 of the origin and offsets 2x, xi within 1: the largest
-    combination of an offset and two vertices is below 2, which fits with a bit to spare.
+    combination of an offset and two vertices is below 2: 53 (24) bits of this step.
     """
 
     step: float
 
     @classmethod
     def for_precision(cls, double: bool) -> Lattice:
-        return cls(2.0**-51 if double else 2.0**-22)
+        return cls(2.0**-52 if double else 2.0**-23)
 
     def rounded(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Vertices (n, 2) on the grid, without repeats."""
