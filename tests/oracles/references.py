@@ -64,14 +64,6 @@ class Reference:
     def area(self) -> float:
         return exact.area(self.rings)
 
-    @cached_property
-    def sliverness(self) -> float:
-        """perimeter * diameter / area: how far an ulp of the diameter moves the area."""
-        points = np.concatenate(self.rings)
-        spread = np.hypot(*(points[:, None] - points).T).max()
-        perimeter = sum(np.hypot(*(np.roll(r, -1, axis=0) - r).T).sum() for r in self.rings)
-        return float(spread * perimeter / self.area)
-
 
 def _polygons(vertices: np.ndarray, lengths: np.ndarray, hole: np.ndarray) -> Polygons:
     polygons: Polygons = []

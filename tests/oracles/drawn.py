@@ -1,0 +1,95 @@
+"""Apertures drawn by hypothesis: convex, concave, holed, disjoint, slivers, coincident edges."""
+
+from __future__ import annotations
+
+import math
+from functools import reduce
+
+import numpy as np
+from hypothesis import strategies as st
+
+from oracles.shapes import Polygons
+
+__all__ = ["polygons"]
+
+_angles = st.floats(0, 2 * math.pi)
+_sizes = st.floats(0.2, 1.0)
+
+
+@st.composite
+def _round_ring(draw: st.DrawFn, convex: bool) -> np.ndarray:
+    """A ring around the origin, star-shaped; on an ellipse if convex."""
+    count = draw(st.integers(3, 9))
+    # 1 against two of 0.6: no gap reaches half a turn, the origin stays inside
+    gaps = np.array(draw(st.lists(st.floats(0.6, 1), min_size=count, max_size=count)))
+    angle = 2 * math.pi * np.cumsum(gaps / gaps.sum())
+    radius = np.ones(count)
+    if not convex:
+        radius = np.array(draw(st.lists(_sizes, min_size=count, max_size=count)))
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+
+
+def _apply(polygons: Polygons, matrix: np.ndarray, shift: np.ndarray) -> Polygons:
+    return [
+        (outer @ matrix.T + shift, [hole @ matrix.T + shift for hole in holes])
+        for outer, holes in polygons
+    ]
+
+
+@st.composite
+def _posed(draw: st.DrawFn, polygons: Polygons, squeeze: float = 1.0) -> Polygons:
+    """Squeezed along y, turned, shifted; half of them left along the axes."""
+    angle = draw(st.sampled_from([0.0, draw(_angles)]))
+    shift = np.array([draw(st.floats(-2, 2)), draw(st.floats(-2, 2))])
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, -s], [s, c]])
+    return _apply(polygons, turn @ np.diag([1.0, squeeze]), shift)
+
+
+@st.composite
+def _plain(draw: st.DrawFn) -> Polygons:
+    return draw(_posed([(draw(_round_ring(draw(st.booleans()))), [])]))
+
+
+@st.composite
+def _holed(draw: st.DrawFn) -> Polygons:
+    ring = draw(_round_ring(draw(st.booleans())))
+    return draw(_posed([(ring, [ring * draw(st.floats(0.1, 0.8))])]))
+
+
+@st.composite
+def _disjoint(draw: st.DrawFn) -> Polygons:
+    first, second = draw(_round_ring(True)), draw(_round_ring(False))
+    offset = np.array([draw(st.floats(2.01, 3.0)), draw(st.floats(-2, 2))])
+    return draw(_posed([(first, []), (second + offset, [])]))
+
+
+@st.composite
+def _sliver(draw: st.DrawFn) -> Polygons:
+    squeeze = 10.0 ** -draw(st.integers(1, 3))
+    return draw(_posed([(draw(_round_ring(draw(st.booleans()))), [])], squeeze))
+
+
+@st.composite
+def _tiles(draw: st.DrawFn) -> Polygons:
+    """Tiles of one grid: they share edges and corners, and mirror onto one another."""
+    columns = np.cumsum([0.0, *draw(st.lists(st.sampled_from([0.5, 1.0]), min_size=3, max_size=3))])
+    rows = np.cumsum([0.0, *draw(st.lists(st.sampled_from([0.3, 0.6]), min_size=2, max_size=2))])
+    cells = draw(st.sets(st.integers(0, 5), min_size=1))
+    angle = draw(st.sampled_from([0.0, draw(_angles)]))
+    c, s = math.cos(angle), math.sin(angle)
+
+    def corner(i: int, j: int) -> list[float]:  # the same floats from every tile
+        return [c * columns[i] - s * rows[j], s * columns[i] + c * rows[j]]
+
+    def tile(cell: int) -> np.ndarray:
+        i, j = cell % 3, cell // 3
+        return np.array([corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)])
+
+    return [(tile(cell), []) for cell in sorted(cells)]
+
+
+def polygons() -> st.SearchStrategy[Polygons]:
+    """Any of the kinds."""
+    kinds = [_plain(), _holed(), _disjoint(), _sliver(), _tiles()]
+    return reduce(lambda a, b: a | b, kinds)

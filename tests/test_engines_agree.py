@@ -1,0 +1,261 @@
+"""What goes in and what comes out, on every engine: shapes, types, errors, and the same values."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tracemalloc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.references import ENGINES, awkward
+from polywigner.errors import PolywignerError
+
+# Two engines round differently: a few units of the double's, or single's, last place of the area.
+AGREEMENT = {"double": 1e-13, "single": 5e-6}
+
+# (function, number of point arguments, complex result)
+TRANSFORMS = [
+    pytest.param(pw.wigner, 2, False, id="wigner"),
+    pytest.param(pw.ambiguity, 2, True, id="ambiguity"),
+    pytest.param(pw.fourier, 1, True, id="fourier"),
+    pytest.param(pw.position_marginal, 1, False, id="position_marginal"),
+    pytest.param(pw.lag_marginal, 1, False, id="lag_marginal"),
+]
+transforms = pytest.mark.parametrize(("transform", "arguments", "is_complex"), TRANSFORMS)
+engines = pytest.mark.parametrize("engine", ENGINES)
+
+CHEVRON = awkward("chevron").aperture
+
+
+def _points(*shape: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(0, 1, (*shape, 2))
+
+
+@transforms
+@engines
+@pytest.mark.parametrize("precision", list(AGREEMENT))
+def test_engines_agree_with_numpy_in_double_precision(
+    transform: Callable[..., Any], arguments: int, is_complex: bool, engine: str, precision: str
+) -> None:
+    for name in ("chevron", "holes aligned with edges", "hexagonal segments without gap"):
+        source = awkward(name).aperture
+        points = [_points(300, seed=k) for k in range(arguments)]
+        expected = transform(source, *points, engine="numpy")
+        got = transform(source, *points, engine=engine, precision=precision)
+        assert np.abs(got - expected).max() < AGREEMENT[precision] * source.area
+
+
+@transforms
+@engines
+def test_one_point_gives_a_numpy_scalar(
+    transform: Callable[..., Any], arguments: int, is_complex: bool, engine: str
+) -> None:
+    value = transform(CHEVRON, *[[0.9, 0.6]] * arguments, engine=engine)
+    assert isinstance(value, np.complex128 if is_complex else np.float64)
+    assert np.ndim(value) == 0
+
+
+@transforms
+@engines
+def test_the_result_has_the_type_of_its_precision(
+    transform: Callable[..., Any], arguments: int, is_complex: bool, engine: str
+) -> None:
+    for given in (np.float32, np.float64):  # NumPy input is computed in double unless asked
+        points = [_points(3, seed=k).astype(given) for k in range(arguments)]
+        value = transform(CHEVRON, *points, engine=engine)
+        assert value.dtype == (np.complex128 if is_complex else np.float64)
+    value = transform(CHEVRON, *points, engine=engine, precision="single")
+    assert value.dtype == (np.complex64 if is_complex else np.float32)
+
+
+@engines
+def test_everything_before_the_last_axis_broadcasts(engine: str) -> None:
+    x, nu = _points(4, 1, 3), _points(5, 1, seed=1)
+    value = pw.wigner(CHEVRON, x, nu, engine=engine)
+    assert value.shape == (4, 5, 3)
+    one = pw.wigner(CHEVRON, x[2, 0, 1], nu[3, 0], engine=engine)
+    assert value[2, 3, 1] == pytest.approx(one, abs=1e-14)
+    assert pw.ambiguity(CHEVRON, nu, x, engine=engine).shape == (4, 5, 3)
+    assert pw.wigner(CHEVRON, x[0, 0, 0], nu, engine=engine).shape == (5, 1)
+    assert pw.fourier(CHEVRON, nu, engine=engine).shape == (5, 1)
+
+
+@transforms
+@engines
+def test_no_points_give_no_values(
+    transform: Callable[..., Any], arguments: int, is_complex: bool, engine: str
+) -> None:
+    value = transform(CHEVRON, *[np.empty((0, 2))] * arguments, engine=engine)
+    assert value.shape == (0,)
+    value = transform(CHEVRON, *[np.empty((3, 0, 2))] * arguments, engine=engine)
+    assert value.shape == (3, 0)
+
+
+@engines
+def test_lists_integers_and_strided_arrays_are_points_too(engine: str) -> None:
+    x, nu = _points(6)[::2, ::-1], np.asfortranarray(_points(3, seed=1))
+    expected = pw.wigner(CHEVRON, x.copy(), nu.copy(), engine=engine)
+    assert np.array_equal(pw.wigner(CHEVRON, x, nu, engine=engine), expected)
+    assert np.array_equal(pw.wigner(CHEVRON, x.tolist(), nu.tolist(), engine=engine), expected)
+    by_integers = pw.wigner(CHEVRON, [1, 1], np.array([1, 0], dtype=np.int64), engine=engine)
+    assert by_integers == pw.wigner(CHEVRON, [1.0, 1.0], [1.0, 0.0], engine=engine)
+
+
+@engines
+def test_arguments_are_left_as_they_were(engine: str) -> None:
+    x, nu = _points(50), _points(50, seed=1)
+    x.setflags(write=False)
+    before = nu.copy()
+    pw.wigner(CHEVRON, x, nu, engine=engine)
+    assert np.array_equal(nu, before)
+
+
+@engines
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_many_calls_and_sizes_give_the_same_values(engine: str, precision: str) -> None:
+    """Chunks, vector tails and caches must not show."""
+    x, nu = _points(70_001), _points(70_001, seed=1)
+    whole = pw.wigner(CHEVRON, x, nu, engine=engine, precision=precision)
+    allowed = AGREEMENT[precision] * CHEVRON.area
+    for part in (slice(0, 1), slice(0, 7), slice(65_530, 65_545), slice(-1, None)):
+        again = pw.wigner(CHEVRON, x[part], nu[part], engine=engine, precision=precision)
+        assert np.abs(again - whole[part]).max() < allowed
+
+
+@engines
+def test_infinite_or_missing_coordinates_never_give_a_number(engine: str) -> None:
+    for bad in (np.nan, np.inf):
+        for x, nu in (([bad, 0.5], [1.0, 0.0]), ([0.5, 0.5], [bad, 0.0])):
+            try:
+                value = pw.wigner(CHEVRON, x, nu, engine=engine)
+            except PolywignerError:
+                continue
+            outside = np.isinf(x).any() and value == 0  # infinitely far away there is no field
+            assert outside or np.isnan(value), (x, nu, value)
+
+
+@transforms
+def test_points_with_the_wrong_number_of_components_are_refused(
+    transform: Callable[..., Any], arguments: int, is_complex: bool
+) -> None:
+    for bad in (0.5, [0.5], [0.1, 0.2, 0.3], np.zeros((2, 3)), np.zeros((4, 0))):
+        for place in range(arguments):
+            points: list[Any] = [[0.1, 0.2]] * arguments
+            points[place] = bad
+            with pytest.raises(PolywignerError, match=r"expected .*2.*got"):
+                transform(CHEVRON, *points)
+
+
+def test_points_that_do_not_broadcast_are_refused() -> None:
+    with pytest.raises(PolywignerError, match=r"expected .*got"):
+        pw.wigner(CHEVRON, _points(3), _points(4))
+
+
+@pytest.mark.parametrize("bad", ["0.1 0.2", [None, None], [[0.1, 0.2], [0.3]], object()])
+def test_what_is_not_numbers_is_refused(bad: Any) -> None:
+    with pytest.raises(PolywignerError, match=r"expected .*got"):
+        pw.wigner(CHEVRON, bad, [0.0, 0.0])
+
+
+def test_complex_frequencies_are_for_the_fourier_transform_only() -> None:
+    nu = np.array([0.5 + 0.1j, 0.2])
+    assert isinstance(pw.fourier(CHEVRON, nu), np.complex128)
+    with pytest.raises(PolywignerError, match=r"expected .*real.*got"):
+        pw.wigner(CHEVRON, [0.9, 0.6], nu)
+    with pytest.raises(PolywignerError, match=r"expected .*real.*got"):
+        pw.ambiguity(CHEVRON, nu, [0.1, 0.1])
+
+
+def test_unknown_engines_and_precisions_are_refused_by_name() -> None:
+    with pytest.raises(PolywignerError, match="abacus"):
+        pw.wigner(CHEVRON, [0.9, 0.6], [0, 0], engine="abacus")
+    with pytest.raises(PolywignerError, match="quadruple"):
+        pw.wigner(CHEVRON, [0.9, 0.6], [0, 0], precision="quadruple")
+
+
+def test_what_is_not_an_aperture_is_refused() -> None:
+    with pytest.raises(PolywignerError, match=r"expected .*got"):
+        pw.wigner([[0, 0], [1, 0], [0, 1]], [0.1, 0.1], [0, 0])
+
+
+def test_without_an_llvm_library_auto_computes_and_llvm_says_what_is_missing() -> None:
+    program = """
+import polywigner as pw
+from polywigner.errors import EngineError
+source = pw.Aperture([[0, 0], [1, 0], [0, 1]])
+point = [0.3, 0.3], [0, 0]
+print(pw.wigner(source, *point) == pw.wigner(source, *point, engine="numpy"))
+try:
+    pw.wigner(source, [0.3, 0.3], [0, 0], engine="llvm")
+except EngineError as error:
+    print(error)
+"""
+    environment = {**os.environ, "POLYWIGNER_NO_LLVM": "1"}
+    answer = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60
+    )
+    assert answer.returncode == 0, answer.stderr
+    same, message = answer.stdout.splitlines()
+    assert same == "True"
+    assert "LLVM" in message
+
+
+def test_an_outer_product_of_millions_needs_little_more_than_its_result() -> None:
+    source = awkward("square").aperture
+    x, nu = _points(1500, 1), _points(1, 1500, seed=1)
+    tracemalloc.start()
+    value = pw.wigner(source, x, nu, engine="numpy")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert value.shape == (1500, 1500)
+    assert peak < value.nbytes + 60e6  # one chunk's temporaries, whatever the size
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_drjit_arrays_in_give_drjit_arrays_out(precision: str) -> None:
+    import drjit as dr
+    import drjit.llvm as backend
+
+    double = precision == "double"
+    vector = backend.Array2f64 if double else backend.Array2f
+    tensor = backend.TensorXf64 if double else backend.TensorXf
+    real = backend.Float64 if double else backend.Float
+    x, nu = _points(40), _points(40, seed=1)
+    expected = pw.wigner(CHEVRON, x, nu, engine="numpy")
+    allowed = AGREEMENT[precision] * CHEVRON.area
+    components = pw.wigner(CHEVRON, vector(*x.T.copy()), vector(*nu.T.copy()))
+    assert isinstance(components, real)
+    assert np.abs(np.array(components) - expected).max() < allowed
+    last = pw.wigner(CHEVRON, tensor(x.reshape(8, 5, 2)), tensor(nu.reshape(8, 5, 2)))
+    assert isinstance(last, tensor) and dr.shape(last) == (8, 5)
+    assert np.abs(np.array(last).ravel() - expected).max() < allowed
+    amplitude = pw.fourier(CHEVRON, vector(*nu.T.copy()))
+    got = np.array(amplitude.real) + 1j * np.array(amplitude.imag)
+    assert np.abs(got - pw.fourier(CHEVRON, nu, engine="numpy")).max() < allowed
+
+
+@pytest.mark.llvm
+def test_a_precision_that_contradicts_a_drjit_array_is_refused() -> None:
+    import drjit.llvm as backend
+
+    point = backend.Array2f([0.9], [0.6])
+    with pytest.raises(PolywignerError, match=r"double.*single|single.*double|float32|float64"):
+        pw.wigner(CHEVRON, point, point, precision="double")
+    with pytest.raises(PolywignerError):
+        pw.wigner(CHEVRON, point, backend.Array2f64([0.9], [0.6]))
+
+
+@pytest.mark.llvm
+def test_an_engine_that_contradicts_a_drjit_array_is_refused() -> None:
+    import drjit.llvm as backend
+
+    point = backend.Array2f([0.9], [0.6])
+    with pytest.raises(PolywignerError):
+        pw.wigner(CHEVRON, point, point, engine="cuda")
