@@ -14,7 +14,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.rings import extent
+from polywigner.geometry.rings import extent, rings_of_polygon, without_slight_bends
 
 __all__ = ["grid_size", "polygons_in", "restored", "straightened", "union_on_grid"]
 
@@ -54,12 +54,13 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
     """Drop vertices within `reach` of the line between the kept ones, if that stays valid."""
-    simple = shapely.simplify(geometry, reach, preserve_topology=True)
-    if not shapely.is_valid(simple):
-        return geometry
-    # Again until nothing changes, so that what comes out passes unchanged the next time.
+    polygons = []
+    for polygon in polygons_in(geometry):
+        outer, *holes = (without_slight_bends(ring, reach) for ring in rings_of_polygon(polygon))
+        polygons.append(shapely.Polygon(outer, holes))
+    simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
     fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
-    return straightened(simple, reach) if fewer else geometry
+    return simple if fewer and shapely.is_valid(simple) else geometry
 
 
 def _is_hairline(region: BaseGeometry, width: float) -> bool:

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.exact import Ring, orientations, signed_area
+from polywigner.geometry.exact import Ring, cross_products, orientations, signed_area
 
 __all__ = [
     "Part",
@@ -21,6 +21,7 @@ __all__ = [
     "rings_of_polygon",
     "rounding_tolerance",
     "spans_area",
+    "without_slight_bends",
     "without_straight_vertices",
 ]
 
@@ -80,6 +81,34 @@ def without_straight_vertices(ring: Ring) -> Ring:
     onward = np.sum((ring - before) * (after - ring), axis=1) > 0
     kept = ring[~(onward & (orientations(before, ring, after) == 0))]
     return kept if len(kept) >= 3 else ring
+
+
+def _certainly_within(points: Ring, start: Ring, end: Ring, reach: float) -> NDArray[np.bool_]:
+    """Which points lie within reach of the segments from start to end, whatever the rounding."""
+    chord = end - start
+    value, bound = cross_products(start, end, points)
+    near = np.abs(value) + bound <= reach * np.hypot(chord[..., 0], chord[..., 1])
+    between = np.sum((points - start) * chord, axis=-1) > 0
+    return near & between & (np.sum((end - points) * chord, axis=-1) > 0)
+
+
+def without_slight_bends(ring: Ring, reach: float) -> Ring:
+    """Drop vertices within `reach` of the segment between the kept vertices next to them.
+
+    Runs of such vertices go as a whole or stay as a whole, so that a second pass changes nothing
+    and it does not matter where the ring starts. A closing repeat is dropped.
+    """
+    ring = _without_repeats(ring)
+    slight = _certainly_within(ring, np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0), reach)
+    anchors = np.nonzero(~slight)[0]
+    if len(anchors) < 3 or len(anchors) == len(ring):
+        return ring
+    keep = ~slight
+    for first, last in zip(anchors, np.roll(anchors, -1), strict=True):
+        run = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
+        if len(run) and not _certainly_within(ring[run], ring[first], ring[last], reach).all():
+            keep[run] = True
+    return ring[keep]
 
 
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
