@@ -75,7 +75,7 @@ def _float_type(name: str, value: Any) -> Any:
 
     if _is_tensor(value):
         found = type(value.array)
-    elif drjit.is_dynamic_array_v(value) or drjit.depth_v(value) > 1:
+    elif drjit.is_jit_v(value):
         found = drjit.value_t(value) if drjit.depth_v(value) > 1 else type(value)
     else:
         raise ArgumentError(
