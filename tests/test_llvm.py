@@ -21,6 +21,7 @@ from polywigner.engines import llvm_verdicts as verdicts
 from polywigner.engines.llvm import LLVMStatus
 from polywigner.engines.llvm_discovery import NONE_USABLE, Candidate, version_of_name
 from polywigner.engines.llvm_verdicts import Verdict, judge
+from polywigner.errors import EngineError
 
 # What choosing a library whose verdict is remembered may cost, in seconds.
 QUICK = 0.05
@@ -382,6 +383,29 @@ def test_a_missing_libatomic_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     status = llvm_module._find()
     assert not status.usable and not status.drjit_imports
     assert "libatomic1" in (status.remedy or "")
+
+
+def test_what_the_linker_said_is_told_not_what_dr_jit_made_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said = (
+        "Traceback (most recent call last):\n"
+        "ImportError: libatomic.so.1: cannot open shared object file: No such file or directory\n"
+        "During handling of the above exception, another exception occurred:\n"
+        "NameError: name '_drjit_ext' is not defined\n"
+    )
+    monkeypatch.setattr(verdicts, "run_probe", lambda script: (1, "", said))
+    complaint = verdicts.drjit_imports()
+    assert complaint is not None and complaint.startswith("libatomic.so.1: cannot open")
+
+
+def test_a_dr_jit_that_cannot_be_imported_is_refused_before_the_import(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    broken = LLVMStatus(False, problem="Broken.", remedy="Mend it.", drjit_imports=False)
+    monkeypatch.setattr(llvm_module, "_status", broken)
+    with pytest.raises(EngineError, match=r"Broken\. Mend it\."):
+        llvm_module.require_drjit()
 
 
 @pytest.mark.drjit

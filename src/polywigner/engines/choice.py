@@ -56,9 +56,7 @@ def resolved(engine: str, samples: int) -> str:
 
 
 def _require_cuda() -> None:
-    status = llvm.prepare()
-    if not status.drjit_imports:
-        raise EngineError(f"{status.problem} {status.remedy}")
+    llvm.require_drjit()
     import drjit
 
     if not drjit.has_backend(drjit.JitBackend.CUDA):

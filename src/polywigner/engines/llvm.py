@@ -31,7 +31,7 @@ from polywigner.engines.llvm_discovery import (
 from polywigner.engines.llvm_verdicts import Verdict, drjit_imports, drjit_release, judge
 from polywigner.errors import EngineError
 
-__all__ = ["LLVMStatus", "prepare", "require", "survey"]
+__all__ = ["LLVMStatus", "prepare", "require", "require_drjit", "survey"]
 
 
 @dataclass(frozen=True)
@@ -95,6 +95,19 @@ def require() -> LLVMStatus:
     """
     status = prepare()
     if not status.usable:
+        raise EngineError(f"{status.problem} {status.remedy}")
+    return status
+
+
+def require_drjit() -> LLVMStatus:
+    """The status of :func:`prepare` where ``import drjit`` works, with LLVM or without.
+
+    Raises
+    ------
+    EngineError when it would fail, with the remedy.
+    """
+    status = prepare()
+    if not status.drjit_imports:
         raise EngineError(f"{status.problem} {status.remedy}")
     return status
 

@@ -106,7 +106,7 @@ def drjit_imports() -> str | None:
     code, _, errors = run_probe("import drjit")
     if code == 0:
         return None
-    return _last_line(errors) or f"the import ends with status {code}"
+    return _reason(errors) or f"the import ends with status {code}"
 
 
 def drjit_release() -> str | None:
@@ -232,6 +232,9 @@ def _reason(errors: str) -> str:
             return line.rsplit('": ', 1)[-1].strip().rstrip("!")
         if "too old" in line or "lacks" in line:
             return line.split("): ", 1)[-1].split(".", 1)[0].strip()
+        if line.startswith(("ImportError: lib", "OSError: ")):
+            # Dr.Jit hides what the linker said behind a NameError of its own.
+            return line.split(": ", 1)[1].strip()
     return _last_line(errors)
 
 

@@ -11,7 +11,7 @@ variant.
 
 from polywigner.engines import llvm
 
-llvm.prepare()  # before the next imports, which load Dr.Jit
+llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
