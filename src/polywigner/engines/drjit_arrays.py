@@ -73,15 +73,12 @@ def _float_type(name: str, value: Any) -> Any:
     """The one-dimensional float type behind a Dr.Jit array of any shape."""
     import drjit
 
-    if _is_tensor(value):
-        found = type(value.array)
-    elif drjit.is_jit_v(value):
-        found = drjit.value_t(value) if drjit.depth_v(value) > 1 else type(value)
-    else:
+    if not drjit.is_jit_v(value):
         raise ArgumentError(
             f"expected {name} as a Dr.Jit array of the LLVM or CUDA backend, got "
             f"{type(value).__name__}; pass NumPy arrays instead"
         )
+    found = drjit.array_t(value) if _is_tensor(value) else drjit.leaf_t(value)
     if not drjit.is_float_v(found) or drjit.itemsize_v(found) not in (4, 8):
         raise ArgumentError(
             f"expected {name} of 32 or 64 bit real floats, got {type(value).__name__}"

@@ -82,7 +82,7 @@ def _moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
     Changes A by the floor times the diameter, far below rounding.
     """
     floor = 1e-140 if ops.double else 1e-16
-    tiny = ops.maximum(abs(x), abs(y)) < floor
+    tiny = (abs(x) < floor) & (abs(y) < floor)  # false if either is not a number
     return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)
 
 

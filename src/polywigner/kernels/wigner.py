@@ -21,7 +21,7 @@ __all__ = ["lag_slice_area", "wigner"]
 def _floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     """nu, moved off 0 by so little that W, even in nu, changes by less than rounding."""
     floor = 1e-9 if ops.double else 1e-6
-    tiny = ops.maximum(abs(nu_x), abs(nu_y)) < floor
+    tiny = (abs(nu_x) < floor) & (abs(nu_y) < floor)  # false if either is not a number
     return ops.select(tiny, floor, nu_x), ops.select(tiny, 0.0, nu_y)
 
 
