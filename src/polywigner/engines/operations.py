@@ -32,6 +32,7 @@ class _Unfused:
     """What types without a fused multiply-add share."""
 
     double: bool
+    round: Any
 
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         """a b + c, rounded twice."""
@@ -43,6 +44,10 @@ class _Unfused:
         first, second = ax * by, ay * bx
         lost = _product_error(ax, by, first, split) - _product_error(ay, bx, second, split)
         return (first - second) + lost
+
+    def snapped(self, a: Any, step: float) -> Any:
+        """The nearest multiple of ``step``, a power of two."""
+        return self.round(a * (1 / step)) * step
 
 
 class NumpyOperations(_Unfused):
@@ -126,6 +131,10 @@ class DrjitOperations:
 
     def round(self, a: Any) -> Any:
         return self._dr.round(a)
+
+    def snapped(self, a: Any, step: float) -> Any:
+        """The nearest multiple of ``step``, a power of two; the derivative is that of ``a``."""
+        return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
 
     def exp(self, a: Any) -> Any:
         return self._dr.exp(a)

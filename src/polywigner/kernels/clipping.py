@@ -50,8 +50,7 @@ class Clipper:
         self.ops = ops
         self.tables = tables
         if tables.grid is not None:
-            tx = ops.round(tx * (1 / tables.grid)) * tables.grid
-            ty = ops.round(ty * (1 / tables.grid)) * tables.grid
+            tx, ty = ops.snapped(tx, tables.grid), ops.snapped(ty, tables.grid)
         self.tx, self.ty = tx, ty
         self._levels: dict[tuple[float, float], Any] = {}
 
