@@ -49,7 +49,7 @@ def ambiguity(
     v = upsilon, q = v.e, c = cross(v, e), m the middle: the edge sum of the paper with the
     sum of c, which vanishes, taken out, so that nothing is lost as v goes to 0. (Cheaper than
     triangles, and cut edges are many; the frame has no slivers that would make it less accurate.)
-    Source: maths, sections 2 and 4.
+    Source: docs/theory.md, (A1).
     """
     clipper = Clipper(ops, tables, xi_x, xi_y)
     v_x, v_y = _moved_off_zero(ops, upsilon_x, upsilon_y)

@@ -4,7 +4,7 @@ The transform of a polygon is a signed sum over the triangles (origin, p, p') sp
 edges. One triangle contributes ``cross(p, p') exp[0, a, b]``, the second divided difference of
 the exponential at ``0``, ``a = -2 pi i nu.p`` and ``b = -2 pi i nu.p'``. Unlike the edge sum of
 the paper's eq. (FVT) it has no division by nu, stays accurate for slivers, and a boundary that
-closes only up to rounding costs no more than rounding (docs/theory, "Fourier transform").
+closes only up to rounding costs no more than rounding (docs/theory.md, (F2)).
 """
 
 from __future__ import annotations
