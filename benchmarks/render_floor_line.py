@@ -16,13 +16,16 @@ import argparse
 from dataclasses import dataclass
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
-import render_reference as reference
 
 import polywigner as pw
-import polywigner.mitsuba as pwm
+import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
+
+# isort: split
+import mitsuba as mi
+import render_reference as reference
+
 from polywigner.quantities import wavelength_of
 
 __all__ = ["COLUMNS", "WAVELENGTH", "Case", "cases", "floor_scene", "quadrature_line", "rendered"]
@@ -133,19 +136,20 @@ def main() -> None:
     mi.set_variant(pwm.choose_variant())
     mi.set_log_level(mi.LogLevel.Error)
     print("aperture  distance   error dB (asked)    bias   model dB (asked)   quadrature")
-    for case in cases():
+    for index, case in enumerate(cases()):
         expected = quadrature_line(case)
         scene = floor_scene(case, sampler=arguments.sampler)
-        runs = [rendered(scene, arguments.spp, seed) for seed in range(arguments.seeds)]
+        # Seeds of their own: with shared ones the rows' errors would go up and down together.
+        seeds = range(index * arguments.seeds, (index + 1) * arguments.seeds)
+        runs = [rendered(scene, arguments.spp, seed) for seed in seeds]
         errors = (np.array(runs) - expected) / expected.max()
         level = 10 * np.log10(np.abs(errors).mean())
         signed = errors.mean(axis=1)
         bias = signed.mean() / (signed.std(ddof=1) / np.sqrt(len(signed)))
         asked = "" if case.model_db is None else f"({case.model_db})"
-        print(
-            f"{case.name:9} {case.distance:4} waves   {level:7.2f} ({case.error_db:.0f})"
-            f"   {bias:+7.2f}   {model_error_db(case):8.3f} {asked:8}   {quadrature_error(case):.0e}"
-        )
+        row = f"{case.name:9} {case.distance:4} waves   {level:7.2f} ({case.error_db:.0f})"
+        row += f"   {bias:+7.2f}   {model_error_db(case):8.3f} {asked:8}"
+        print(f"{row}   {quadrature_error(case):.0e}", flush=True)
 
 
 if __name__ == "__main__":

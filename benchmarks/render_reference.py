@@ -121,7 +121,7 @@ def convergence(aperture: pw.Aperture, points: Array, wavelength: float, values:
 
 
 def pixel_points(columns: int, half_width: float, z: float, per_side: int = 4) -> Array:
-    """Gauss nodes (columns, per_side, per_side, 3) in the square pixels of a line through the axis."""
+    """Gauss nodes (columns, per_side, per_side, 3) in the square pixels of a centred line."""
     pitch = 2 * half_width / columns
     centres = (np.arange(columns) + 0.5) * pitch - half_width
     offsets = np.polynomial.legendre.leggauss(per_side)[0] * pitch / 2

@@ -45,7 +45,9 @@ def emitter_class(variant: str) -> Any:
     m = getattr(mi, variant)
     jit = dr.is_jit_v(m.Float)
 
-    class WignerEmitter(m.Emitter):
+    base: Any = m.Emitter
+
+    class WignerEmitter(base):
         """Built by the ``wigner`` shape; not a plugin of its own."""
 
         is_wigner = True
@@ -61,9 +63,10 @@ def emitter_class(variant: str) -> Any:
             self.power = _adjustable(m, spec.power)
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             support = automean(spec.aperture)
-            self._area = float(support.area)
+            self._unit = spec.scene_unit
+            self._area = float(support.area) / self._unit**2
             self._aperture_area = float(spec.aperture.area)
-            self._cells = _Cells(m, trapezoids(support.rings))
+            self._cells = _Cells(m, trapezoids([ring / self._unit for ring in support.rings]))
             self._ops = ops_for(m.Float)
             self._tables = tables_of(spec.aperture, double=self._ops.double)
             self._take_over(checked=True)
@@ -100,13 +103,16 @@ def emitter_class(variant: str) -> Any:
         # ---- the radiance --------------------------------------------------------------------
 
         def _radiance(self, x: Any, direction: Any) -> Any:
-            """L at positions x (2D, m) and directions (3D unit vectors) of the aperture's frame."""
+            """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame.
+
+            Positions are in scene units, as everything that Mitsuba sees.
+            """
             inverse = 1.0 / _value(self.wavelength, jit)
             density = wigner(
                 self._ops,
                 self._tables,
-                x.x,
-                x.y,
+                x.x * self._unit,
+                x.y * self._unit,
                 direction.x * inverse,
                 direction.y * inverse,
             )
@@ -159,7 +165,7 @@ def emitter_class(variant: str) -> Any:
             return self._spectrum(self._radiance(ds.uv, direction), active)
 
         def _seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
-            """Unit vector, in the frame, from x to the point ``it``; and the distance in m."""
+            """Unit vector, in the frame, from x to the point ``it``; and the distance."""
             r = self._to_frame(it.p - self._origin) - m.Vector3f(x.x, x.y, 0.0)
             distance = dr.norm(r)
             return r / distance, distance
@@ -255,7 +261,7 @@ class _Cells:
         return [column[index] for column in self._columns]
 
 
-# Smaller than any height of an aperture in metres and above zero in single precision.
+# Smaller than any height of an aperture and above zero in single precision.
 _TINY = 1e-30
 
 

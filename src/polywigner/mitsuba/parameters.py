@@ -10,10 +10,15 @@
 ``power``           text such as ``10 mW`` or watts: the integral of |u|^2 over the aperture;
                     default: |u| = 1, so that the power is the aperture's area in m^2
 ``obliquity``       which diffraction integral a parallel floor receives, see ``obliquity.py``
+``scene_unit``      length of one unit of the scene, such as ``mm`` or ``0.1 m``; default 1 m
 ``sampling_weight`` relative number of samples spent on this emitter; default 1
 nested BSDF         of the surface that radiates; default ``null``, so that it casts no shadow
 nested media        ``interior`` and ``exterior``, as for any Mitsuba shape
 ==================  =============================================================================
+
+On ``scene_unit``: Mitsuba starts its rays about 1e-4 of a scene unit off the surfaces, a tenth of a
+millimetre in a scene in metres. For receivers within some centimetres of the aperture, and for all
+of optics, write the scene in a smaller unit and say so here.
 """
 
 from __future__ import annotations
@@ -43,6 +48,7 @@ _PARAMETERS = (
     "to_world",
     "power",
     "obliquity",
+    "scene_unit",
     "sampling_weight",
 )
 
@@ -59,8 +65,10 @@ class EmitterSpec:
     wavelength: float
     power: float
     pose: npt.NDArray[np.float64]
-    """(4, 4), read-only."""
+    """(4, 4), read-only; the translation in scene units."""
     obliquity: str = OBLIQUITIES[0]
+    scene_unit: float = 1.0
+    """Metres."""
     sampling_weight: float = 1.0
 
 
@@ -82,6 +90,7 @@ def read_parameters(props: Any) -> EmitterSpec:
         power=power,
         pose=rigid_pose(values["to_world"].matrix if "to_world" in values else np.eye(4)),
         obliquity=check_obliquity(_text(values, "obliquity", OBLIQUITIES[0])),
+        scene_unit=_scene_unit(values.get("scene_unit", 1.0)),
         sampling_weight=_sampling_weight(values.get("sampling_weight", 1.0)),
     )
 
@@ -155,6 +164,12 @@ def _wavelength(values: dict[str, Any]) -> float:
     if given == ["frequency"]:
         return wavelength_of(_number(values, "frequency", parse_frequency))
     return _number(values, "wavelength", parse_length)
+
+
+def _scene_unit(value: Any) -> float:
+    if isinstance(value, str) and value.strip()[:1].isalpha():
+        value = f"1 {value}"
+    return _number({"scene_unit": value}, "scene_unit", parse_length)
 
 
 def _number(values: dict[str, Any], name: str, parse: Any) -> float:

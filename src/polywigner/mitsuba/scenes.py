@@ -33,6 +33,7 @@ def aperture(
     obliquity: str = OBLIQUITIES[0],
     power: float | None = None,
     bsdf: Mapping[str, Any] | None = None,
+    scene_unit: float = 1.0,
     sampling_weight: float = 1.0,
 ) -> dict[str, Any]:
     """A coherent, uniformly lit aperture as an entry of a dictionary for ``mi.load_dict``.
@@ -47,6 +48,8 @@ def aperture(
         ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``.
     power: watts, the integral of |u|^2 over the aperture. Default: |u| = 1, so the area in m^2.
     bsdf: entry of the surface that radiates. Default: ``null``, which casts no shadow.
+    scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation. Use
+        1e-3 and a scene in millimetres when receivers stand within centimetres of the aperture.
     sampling_weight: relative number of samples spent on this source.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it.
@@ -62,6 +65,7 @@ def aperture(
         "aperture": register_source(source),
         "wavelength": parse_length(wavelength),
         "obliquity": check_obliquity(obliquity),
+        "scene_unit": parse_length(scene_unit),
         "sampling_weight": float(sampling_weight),
     }
     if to_world is not None:

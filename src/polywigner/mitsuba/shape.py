@@ -63,6 +63,7 @@ def _build(variant: str, props: Any) -> Any:
 def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
     m = getattr(mi, variant)
     vertices, triangles = triangulate(automean(spec.aperture))
+    vertices = vertices / spec.scene_unit
     inner = mi.Properties(PLUGIN_NAME)
     inner.set_id(props.id())
     nested = dict(props.objects())
