@@ -19,9 +19,9 @@ from polywigner.kernels import Kernel, Tables, parts_of, tables_of
 __all__ = ["evaluate"]
 
 # Samples at a time. NumPy: a temporary stays in the cache of one core. Dr.Jit: launching costs
-# little against computing, and a chunk of the largest kernel takes about 100 MB.
+# little against computing, and the arguments of a chunk take some 10 MB.
 _NUMPY_CHUNK = 1 << 13
-_DRJIT_CHUNK = 1 << 20
+_DRJIT_CHUNK = 1 << 18
 # Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
 # than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
 _CLIPS_PER_KERNEL = 1000
@@ -98,6 +98,7 @@ class _Drjit:
         self.kernel, self.tables = kernel, tables
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host = NumpyOperations(double=True)
+        self.memory: dict[int, Array] = {}
         self.parts = parts_of(kernel, tables, _CLIPS_PER_KERNEL)
 
     def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
@@ -105,11 +106,11 @@ class _Drjit:
 
         frame = self.tables.frame
         if self.ops.double:
-            inner = self.kernel.enter(self.ops, frame, *(self._sent(a) for a in arguments))
+            inner = self.kernel.enter(self.ops, frame, *self._sent_all(arguments))
         else:
             with np.errstate(invalid="ignore", over="ignore"):
                 entered = self.kernel.enter(self.host, frame, *arguments)
-            inner = tuple(self._sent(a) for a in entered)
+            inner = self._sent_all(entered)
         if len(self.parts) > 1:
             drjit.eval(inner)
         sums: tuple[Any, ...] = ()
@@ -122,20 +123,26 @@ class _Drjit:
         drjit.eval(results)
         return tuple(np.asarray(r.numpy()) for r in results)
 
-    def _sent(self, array: Array) -> Any:
-        """The array as an engine's own memory.
+    def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
+        return tuple(self._sent(slot, array) for slot, array in enumerate(arrays))
 
-        Dr.Jit would use NumPy's memory in place and compile a kernel anew for each alignment it
-        happens to have; a copy whose alignment is always the same avoids that.
+    def _sent(self, slot: int, array: Array) -> Any:
+        """The chunk as an engine's array, in memory that all chunks use in turn.
+
+        Dr.Jit uses NumPy's memory in place and compiles a kernel anew for each alignment that it
+        happens to have; here the alignment is always the same. Every chunk is finished, and its
+        results fetched, before the next one is sent.
         """
-        return self.ops.float_type(_aligned(array, np.float64 if self.ops.double else np.float32))
+        if slot not in self.memory:
+            self.memory[slot] = _aligned(array.size, self.ops.double)
+        memory = self.memory[slot][: array.size]
+        memory[...] = array
+        return self.ops.float_type(memory)
 
 
-def _aligned(array: Array, dtype: Any) -> Array:
-    """A contiguous copy that starts on a 64-byte boundary."""
-    item = np.dtype(dtype).itemsize
-    memory = np.empty(array.size * item + 64, np.uint8)
+def _aligned(size: int, double: bool) -> Array:
+    """An uninitialised array that starts on a 64-byte boundary."""
+    dtype = np.dtype(np.float64 if double else np.float32)
+    memory = np.empty(size * dtype.itemsize + 64, np.uint8)
     start = -memory.ctypes.data % 64
-    copy = memory[start : start + array.size * item].view(dtype)
-    copy[...] = array.ravel()
-    return copy
+    return memory[start : start + size * dtype.itemsize].view(dtype)

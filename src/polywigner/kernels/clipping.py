@@ -76,7 +76,7 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.tables.lines[number]
-            slope = exact_cross(line.dx, line.dy, edge.ex, edge.ey)
+            slope = _slope(line, edge)
             if self._is_parallel(edge, line, slope):
                 gates.append((self._lies_left(edge, line, view), side))
                 continue
@@ -127,6 +127,13 @@ class Clipper:
             return self.level(line) > line.offset - own.offset
         # not (level > ...), so that it is the exact complement of what AHEAD sees
         return self.level(line) <= own.offset - line.offset
+
+
+def _slope(line: Line, edge: Edge) -> float:
+    """cross(direction, e); without rounding first where the two may be nearly parallel."""
+    if line.exact:
+        return exact_cross(line.dx, line.dy, edge.ex, edge.ey)
+    return line.dx * edge.ey - line.dy * edge.ex
 
 
 def _cross_with_constant(ops: Any, dx: float, dy: float, x: Any, y: Any) -> Any:

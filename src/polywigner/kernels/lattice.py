@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,7 @@ class Lattice:
         return points[keep]
 
 
+@lru_cache(maxsize=1 << 16)
 def exact_cross(ax: float, ay: float, bx: float, by: float) -> float:
     """cross(a, b), correctly rounded: no digits are lost where a and b are nearly parallel."""
     return float(Fraction(ax) * Fraction(by) - Fraction(ay) * Fraction(bx))

@@ -26,7 +26,7 @@ def _floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
 
 
 def wigner(ops: Any, tables: Tables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
-    """W(x, nu) in the units of the frame, for x and nu in the frame. Source: docs/theory.md, (W1)."""
+    """W(x, nu) in the units of the frame, for arguments in it. Source: docs/theory.md, (W1)."""
     clipper = Clipper(ops, tables, 2.0 * x, 2.0 * y)
     nu_x, nu_y = _floored(ops, nu_x, nu_y)
     nu_t = ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
