@@ -17,6 +17,7 @@ from polywigner.engines.llvm import LLVMStatus
 
 def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment.pop("POLYWIGNER_NO_LLVM", None)  # a whole run may have it set
     return subprocess.run(
         [sys.executable, "-m", "polywigner.cli", "doctor", *arguments],
         env={**environment, **variables},

@@ -45,6 +45,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def python(code: str, **variables: str) -> Any:
     """What a fresh Python process prints last, as JSON; it must end well."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    environment.pop(discovery.OFF_VARIABLE, None)  # a whole run may have it set
     environment.update(variables)
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300
