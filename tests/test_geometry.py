@@ -1,0 +1,288 @@
+"""Apertures: the same region however it is written, and one clear error where there is none."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+import re
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from oracles import exact
+from outlines import CHEVRON, apertures, cells, poses, relaxed, rotated, square_at, tours
+from polywigner.errors import GeometryError
+from polywigner.geometry import Aperture, shapes
+
+# Tiles that meet in rounded vertices are moved by at most 64 ulp of the largest coordinate.
+WELD = 64 * 2.0**-52
+
+
+def _reach(aperture: Aperture) -> float:
+    """Largest change of area by moving the whole outline by the weld's tolerance."""
+    return WELD * float(np.abs(aperture.bounds).max()) * aperture.polygons.length
+
+
+@relaxed
+@given(tours(), poses())
+def test_area_is_that_of_the_vertices_in_rational_arithmetic(ring, pose):
+    aperture = Aperture(pose(ring))
+    expected = exact.area(exact.oriented([(pose(ring), [])]))
+    straightening = 1e-14  # vertices that are straight up to 2^-48 area/diameter are dropped
+    assert aperture.area == pytest.approx(expected, rel=straightening)
+
+
+@relaxed
+@given(apertures())
+def test_exteriors_run_counter_clockwise_then_holes_clockwise(aperture):
+    outer = len(aperture.polygons.geoms)
+    signs = [shapely.LinearRing(ring).is_ccw for ring in aperture.rings]
+    assert signs == [True] * outer + [False] * (len(signs) - outer)
+    for ring in aperture.rings:
+        assert ring.dtype == np.float64
+        assert not ring.flags.writeable
+        assert not np.array_equal(ring[0], ring[-1])
+    assert aperture.polygons.is_valid
+
+
+@relaxed
+@given(tours(), st.integers(0, 15), st.booleans(), st.booleans())
+def test_start_direction_closing_and_repeats_do_not_matter(ring, start, backwards, closed):
+    other = np.roll(ring, start, axis=0)
+    other = other[::-1] if backwards else other
+    other = np.repeat(other, 2, axis=0)
+    other = np.vstack([other, other[:1]]) if closed else other
+    assert Aperture(other) == Aperture(ring)
+    assert hash(Aperture(other)) == hash(Aperture(ring))
+
+
+@relaxed
+@given(apertures())
+def test_shapely_takes_an_aperture_out_and_in_unchanged(aperture):
+    again = Aperture(aperture.polygons)
+    assert again == aperture
+    assert hash(again) == hash(aperture)
+
+
+@relaxed
+@given(apertures())
+def test_copies_and_pickles_are_equal_and_stay_frozen(aperture):
+    for twin in (copy.copy(aperture), copy.deepcopy(aperture)):
+        assert twin is aperture
+    twin = pickle.loads(pickle.dumps(aperture))
+    assert twin == aperture and hash(twin) == hash(aperture)
+    assert not twin.rings[0].flags.writeable
+
+
+def test_an_aperture_cannot_be_changed_not_even_through_its_input():
+    ring = CHEVRON.copy()
+    aperture = Aperture(ring)
+    ring[0] = 7.0
+    assert aperture == Aperture(CHEVRON)
+    with pytest.raises(AttributeError, match="build a new one"):
+        aperture.area = 2.0
+    with pytest.raises(AttributeError, match="build a new one"):
+        del aperture.area
+    with pytest.raises(ValueError, match="read-only"):
+        aperture.rings[0][0, 0] = 1.0
+    for array in (aperture.centre, *aperture.convex_cover):
+        assert not array.flags.writeable
+
+
+def test_different_content_is_not_equal():
+    assert Aperture(CHEVRON) != Aperture(CHEVRON + np.array([1e-15, 0]))
+    assert Aperture(CHEVRON) != Aperture([CHEVRON, CHEVRON + 5])
+    assert Aperture(CHEVRON) != "chevron"
+    ring = shapely.box(0, 0, 3, 3) - shapely.box(1, 1, 2, 2)
+    assert Aperture(ring) != Aperture(shapely.box(0, 0, 3, 3))
+    assert len({Aperture(CHEVRON), Aperture(CHEVRON[::-1]), Aperture(ring)}) == 2
+
+
+def test_negative_zero_is_zero():
+    assert Aperture([[-0.0, -0.0], [1, -0.0], [0.0, 1]]) == Aperture([[0, 0], [1, 0], [0, 1]])
+
+
+@relaxed
+@given(apertures())
+def test_diameter_centre_and_bounds_are_those_of_the_vertices(aperture):
+    points = np.concatenate(aperture.rings)
+    gaps = points[:, None] - points[None, :]
+    assert aperture.diameter == pytest.approx(np.hypot(gaps[..., 0], gaps[..., 1]).max(), rel=1e-15)
+    low, high = points.min(axis=0), points.max(axis=0)
+    assert aperture.bounds == (*low, *high)
+    ulp = 2.0**-52 * np.abs(points).max()
+    assert np.allclose(aperture.centre, (low + high) / 2, rtol=0, atol=ulp)
+
+
+@relaxed
+@given(cells(), poses())
+def test_touching_tiles_merge_into_one_outline_of_the_same_area(tiles, pose):
+    """T-junctions and shared edges of rotated tiles meet up to rounding only."""
+    placed = [pose(tile) for tile in tiles]
+    aperture = Aperture(placed)
+    total = sum(exact.area(exact.oriented([(tile, [])])) for tile in placed)
+    assert abs(aperture.area - total) <= _reach(aperture)
+    side = math.dist(placed[0][0], placed[0][1])
+    inner = shapely.union_all([shapely.Polygon(tile).buffer(-1e-6 * side) for tile in placed])
+    assert aperture.polygons.buffer(1e-9 * side).contains(inner)
+
+
+@relaxed
+@given(st.floats(0.05, 0.95), st.floats(0, 6.3), st.sampled_from([0.0, 1e3]))
+def test_a_rotated_brick_wall_has_no_inner_edges(bond, angle, shift):
+    """Half-bond courses: every corner is a T-junction on the long side of another brick."""
+    bricks = [square_at(i + bond * (j % 2), j) for i in range(4) for j in range(4)]
+    wall = Aperture([rotated(brick, angle) + shift for brick in bricks])
+    assert len(wall.rings) == 1
+    assert len(wall.rings[0]) == 16  # four corners at the ends, three steps of two on each side
+    assert wall.area == pytest.approx(16, rel=1e-14 * (1 + shift))
+
+
+def test_parts_may_touch_in_a_point():
+    aperture = Aperture([square_at(0, 0), square_at(1, 1)])
+    assert len(aperture.polygons.geoms) == 2
+    assert aperture.area == 2
+
+
+def test_a_part_may_lie_in_the_hole_of_another():
+    frame = shapely.box(0, 0, 9, 9) - shapely.box(1, 1, 8, 8)
+    aperture = Aperture(shapely.MultiPolygon([frame, shapely.box(2, 2, 3, 3)]))
+    assert len(aperture.rings) == 3
+    assert aperture.area == 33
+
+
+@pytest.mark.parametrize("angle", np.linspace(0, 6.2, 23))
+def test_a_hole_may_touch_the_outer_edge_in_a_point_at_any_angle(angle):
+    outer, hole = square_at(0, 0, 4.0), np.array([[2, 0], [3, 2], [1, 2]])
+    aperture = Aperture(shapely.Polygon(rotated(outer, angle), [rotated(hole, angle)]))
+    assert aperture.area == pytest.approx(14, rel=1e-14)
+    assert len(aperture.rings) == 2
+
+
+@pytest.mark.parametrize("samples", [2, 10, 400])
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e3])
+def test_a_densely_sampled_straight_outline_has_its_corners_only(samples, size):
+    along = np.linspace(0, 1, samples, endpoint=False)[:, None]
+    ahead = np.roll(CHEVRON, -1, axis=0)
+    dense = np.concatenate([a + along * (b - a) for a, b in zip(CHEVRON, ahead, strict=True)])
+    aperture = Aperture(rotated(dense, 0.3) * size)
+    assert len(aperture.rings[0]) == len(CHEVRON)
+    assert aperture.area == pytest.approx(1.2 * size**2, rel=1e-14)
+
+
+@pytest.mark.parametrize("aspect", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e3])
+def test_slivers_are_apertures(aspect, size):
+    corners = rotated(np.array([[0, 0], [1, 0], [1, aspect], [0, aspect]]), 0.7) * size
+    aperture = Aperture(corners)
+    assert aperture.area == exact.area(exact.oriented([(corners, [])]))
+    assert len(aperture.rings[0]) == 4
+
+
+@pytest.mark.parametrize("size", [1e-30, 1e-6, 1.0, 1e3, 1e30])
+def test_validation_does_not_depend_on_the_unit(size):
+    assert len(Aperture(CHEVRON * size).rings[0]) == 6
+    bow_tie = np.array([[0, 0], [2, 1], [2, 0], [0, 1]]) * size
+    for bad in (bow_tie, np.array([[0, 0], [0.1, 0.3], [0.2, 0.6]]) * size):
+        with pytest.raises(GeometryError):
+            Aperture(bad)
+    overlapping = [square_at(0, 0) * size, square_at(1 - 1e-9, 0) * size]
+    with pytest.raises(GeometryError, match="do not overlap"):
+        Aperture(overlapping)
+
+
+@relaxed
+@given(st.floats(-3, 3), st.floats(-3, 3), st.floats(0.5, 5), st.floats(0, 6.3))
+def test_a_self_crossing_ring_names_the_crossing_point(x, y, size, angle):
+    crossing = np.array([x, y])
+    ring = rotated(np.array([[-1, -1], [1, 1], [1, -1], [-1, 1]]) * size, angle) + crossing
+    with pytest.raises(GeometryError, match="crosses itself") as raised:
+        Aperture(ring)
+    named = [float(v) for v in re.search(r"at \((\S+), (\S+)\)", str(raised.value)).groups()]
+    assert np.allclose(named, crossing, rtol=0, atol=1e-13 * (size + np.abs(crossing).max()))
+    assert "from_ring" in str(raised.value)
+
+
+def test_a_ring_that_touches_itself_names_the_point():
+    with pytest.raises(GeometryError, match=r"touches itself at \(2, 0\).*from_ring"):
+        Aperture([[0, 0], [4, 0], [4, 4], [2, 0], [0, 4]])
+
+
+SQUARE = square_at(0, 0)
+BAD_INPUT = {
+    "nothing": ([], "shape"),
+    "None": (None, "NoneType"),
+    "a number": (3.0, "float"),
+    "a text": ("0 0, 1 0, 1 1", "str"),
+    "a mapping": ({"x": [0, 1, 1]}, "dict"),
+    "three columns": (np.zeros((4, 3)), "drop the z column"),
+    "one column": ([0, 1, 2], "shape"),
+    "ragged rows": ([[0, 0], [1, 0], [1]], "array of numbers"),
+    "words": ([["a", "b"], ["c", "d"], ["e", "f"]], "array of numbers"),
+    "numerals": ([["0", "0"], ["1", "0"], ["1", "1"]], "array of numbers"),
+    "complex numbers": ([[0, 0], [1j, 0], [1, 1]], "real numbers"),
+    "missing values": ([[0, None], [1, 0], [1, 1]], "finite"),
+    "NaN": ([[0, 0], [1, 0], [np.nan, 1]], r"finite.*\(nan, 1\.0\) as vertex 2"),
+    "infinity": ([[0, 0], [np.inf, 0], [0, 1]], "finite.*vertex 1"),
+    "two vertices": ([[0, 0], [1, 1]], "at least 3 different vertices"),
+    "a repeated vertex": ([[1, 1]] * 5, "at least 3 different vertices.*got 1"),
+    "a straight line": ([[0, 0], [0.1, 0.3], [0.2, 0.6], [0.7, 2.1]], "enclose an area"),
+    "there and back": ([[0, 0], [2, 1], [4, 2], [2, 1]], "enclose an area"),
+    "a spike": ([[0, 0], [2, 0], [2, 2], [2, 5], [2, 2], [0, 2]], "crosses itself"),
+    "too large": ([[0, 0], [1e200, 0], [0, 1e200]], "larger unit"),
+    "too small": ([[0, 0], [1e-200, 0], [0, 1e-200]], "smaller unit"),
+    "overlapping rings": ([SQUARE, SQUARE + 0.5], r"overlap between parts 0 and 1 around \(0\.75"),
+    "a ring twice": ([SQUARE, SQUARE], "inside the other"),
+    "nested rings": ([SQUARE * 4, SQUARE + 1], r"part 1 inside the other.*Polygon\(outer"),
+    "a bad second ring": ([SQUARE, [[5, 5], [6, 6]]], "ring 1"),
+    "an empty ring": ([SQUARE, []], "ring 1"),
+    "a point": (shapely.Point(0, 0), "Point"),
+    "an empty polygon": (shapely.Polygon(), "empty"),
+    "a polygon in space": (shapely.Polygon([(0, 0, 1), (1, 0, 1), (1, 1, 1)]), "z = 0"),
+    "a hole outside": (shapely.Polygon(SQUARE, [SQUARE + 5]), "holes inside"),
+    "a hole across": (shapely.Polygon(SQUARE, [SQUARE + 0.5]), "holes inside"),
+    "crossing holes": (
+        shapely.Polygon(SQUARE * 9, [square_at(1, 1, 3), square_at(3, 3, 3)]),
+        "holes inside",
+    ),
+    "a crossing hole": (
+        shapely.Polygon(SQUARE * 9, [[(1, 1), (3, 3), (3, 1), (1, 3)]]),
+        "hole 1 of the polygon that crosses itself at",
+    ),
+}
+
+
+@pytest.mark.parametrize(("vertices", "message"), BAD_INPUT.values(), ids=BAD_INPUT)
+def test_bad_input_raises_one_error_that_says_what_was_expected(vertices, message):
+    with pytest.raises(GeometryError, match=message) as raised:
+        Aperture(vertices)
+    assert "expected" in str(raised.value)
+    assert "got" in str(raised.value)
+
+
+def test_integers_objects_and_flat_shapely_heights_are_numbers():
+    from fractions import Fraction
+
+    assert Aperture([(0, 0), (Fraction(1, 2), 0), (0, 1)]) == Aperture([[0, 0], [0.5, 0], [0, 1]])
+    assert Aperture(np.array([[0, 0], [2, 0], [0, 2]], dtype=np.uint8)).area == 2
+    assert Aperture(shapely.Polygon([(0, 0, 0), (1, 0, 0), (0, 1, 0)])).area == 0.5
+
+
+def test_the_representation_tells_size_and_place():
+    ring = Aperture(shapely.box(0, 0, 3, 3) - shapely.box(1, 1, 2, 2))
+    assert repr(ring) == "Aperture(8 vertices, 1 hole, area 8, bounds (0, 0, 3, 3))"
+    assert "2 parts" in repr(shapes.bow_tie(2, 1))
+
+
+@settings(parent=relaxed, max_examples=10)
+@given(st.integers(100, 1000), st.integers(0, 2**32 - 1))
+def test_outlines_of_a_thousand_vertices_are_fine(count, seed):
+    angle = 2 * np.pi * np.arange(count) / count
+    radius = np.random.default_rng(seed).uniform(0.5, 1, count)
+    ring = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    wedges = radius * np.roll(radius, -1) * np.sin(2 * np.pi / count) / 2
+    assert Aperture(ring).area == pytest.approx(math.fsum(wedges), rel=1e-14)

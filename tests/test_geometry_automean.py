@@ -1,0 +1,173 @@
+"""The automean is where lag slices are not empty; slices are what exact arithmetic finds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+from oracles import exact
+from outlines import CHEVRON, apertures, cells, poses, relaxed, rotated, sample, square_at
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture, automean, lag_slice, position_slice, shapes
+
+# Outlines of the automean are rounded to 2^-44 of its size, or of its distance from the origin.
+GRID = 2.0**-43
+
+# Slices are clipped by shapely in double precision.
+CLIPPING = 1e-13
+
+
+def _size(aperture: Aperture) -> float:
+    return max(float(np.abs(aperture.bounds).max()), aperture.diameter)
+
+
+@relaxed
+@given(apertures())
+def test_points_are_in_the_automean_where_their_lag_slice_is_not_empty(aperture):
+    mean = automean(aperture)
+    near = 1e3 * GRID * _size(aperture)
+    for x in sample(Aperture(aperture.polygons.convex_hull), 4, seed=1):
+        if mean.polygons.boundary.distance(shapely.Point(x)) > near:
+            lags = exact.lag_region(aperture.rings, x).area
+            assert mean.polygons.contains(shapely.Point(x)) == (lags > 0)
+
+
+@relaxed
+@given(apertures(), st.integers(0, 2**32 - 1))
+def test_midpoints_of_the_vertices_and_of_inner_points_are_in_the_automean(aperture, seed):
+    mean = automean(aperture).polygons.buffer(2 * GRID * _size(aperture))
+    rng = np.random.default_rng(seed)
+    vertices = np.concatenate(aperture.rings)
+    inner = np.array([piece.mean(axis=0) for piece in aperture.convex_cover])
+    points = np.concatenate([vertices, inner])
+    pairs = points[rng.integers(0, len(points), (200, 2))]
+    assert shapely.contains_xy(mean, *pairs.mean(axis=1).T).all()
+
+
+@relaxed
+@given(apertures())
+def test_the_automean_lies_between_the_aperture_and_its_hull(aperture):
+    mean = automean(aperture).polygons
+    slack = 2 * GRID * _size(aperture)
+    assert mean.buffer(slack).contains(aperture.polygons)
+    assert aperture.polygons.convex_hull.buffer(slack).contains(mean)
+
+
+@relaxed
+@given(st.integers(3, 40), st.floats(0.1, 10), poses())
+def test_a_convex_aperture_is_its_own_automean(sides, radius, pose):
+    aperture = Aperture(pose(shapes.regular_polygon(sides, radius).rings[0]))
+    assert automean(aperture) == aperture
+
+
+@relaxed
+@given(cells(), poses())
+def test_the_automean_of_tiles_has_no_cracks_and_no_slivers(tiles, pose):
+    """Unit cells mean to cells of half the pitch: whatever remains is a multiple of 1/4."""
+    aperture = Aperture([pose(tile) for tile in tiles])
+    side = np.hypot(*np.subtract(*pose(tiles[0])[:2]))
+    mean = automean(aperture)
+    tolerance = 100 * GRID * _size(aperture) / side
+    for ring in mean.rings:
+        quarters = 4 * shapely.Polygon(ring).area / side**2
+        assert round(quarters) >= 1
+        assert quarters == pytest.approx(round(quarters), abs=max(1e-11, 400 * tolerance))
+    assert sum(map(len, mean.rings)) <= 16 * len(tiles) + 4
+
+
+def test_two_distant_squares_have_three_in_their_automean():
+    mean = automean(Aperture([square_at(0, 0), square_at(6, 4)]))
+    assert mean == Aperture([square_at(0, 0), square_at(3, 2), square_at(6, 4)])
+
+
+def test_the_chevron_spans_an_automean_of_known_area():
+    """Parallelograms P, Q: (P + Q)/2 is a hexagon that fills the notch by a rhombus."""
+    mean = automean(Aperture(CHEVRON))
+    rhombus = shapely.Polygon([(1, 0), (1.5, 0.25), (1, 0.5), (0.5, 0.25)])
+    expected = shapely.Polygon(CHEVRON).union(rhombus)
+    assert mean.polygons.symmetric_difference(expected).area < 1e-14
+    assert mean.area == pytest.approx(1.45, rel=1e-14)
+
+
+def test_the_automean_of_an_annulus_is_the_disc_that_it_encloses():
+    annulus, disc = shapes.ring(1.0, 0.5), shapes.disc(1.0)
+    assert automean(annulus).polygons.symmetric_difference(disc.polygons).area < 1e-13
+    assert len(automean(annulus).rings) == 1
+
+
+@relaxed
+@given(apertures(), poses())
+def test_slices_have_the_area_of_exact_clipping(aperture, pose):
+    rng = np.random.default_rng(0)
+    for x in sample(aperture, 3):
+        found = lag_slice(aperture, x)
+        expected = float(exact.lag_region(aperture.rings, x).area)
+        rounding = 2.0**-50 * _size(aperture) * aperture.polygons.length
+        assert found.area == pytest.approx(expected, abs=CLIPPING * aperture.area + 16 * rounding)
+    xi = (rng.random(2) - 0.5) * aperture.diameter
+    expected = float(exact.position_region(aperture.rings, xi).area)
+    slack = CLIPPING * aperture.area + 16 * 2.0**-50 * _size(aperture) * aperture.polygons.length
+    assert position_slice(aperture, xi).area == pytest.approx(expected, abs=slack)
+
+
+@relaxed
+@given(st.floats(-1.2, 1.2), st.floats(-0.8, 0.8))
+def test_slices_of_a_rectangle_are_the_rectangles_of_the_closed_form(x, y):
+    a, b = 2.0, 1.0
+    rectangle = shapes.rectangle(a, b)
+    sides = np.array([2 * a - 4 * abs(x), 2 * b - 4 * abs(y)])
+    lags = lag_slice(rectangle, (x, y))
+    assert lags.area == pytest.approx(sides.prod() if sides.min() > 0 else 0.0, abs=1e-14)
+    overlap = np.array([a - abs(x), b - abs(y)])
+    positions = position_slice(rectangle, (x, y))
+    assert positions.area == pytest.approx(overlap.prod() if overlap.min() > 0 else 0.0, abs=1e-14)
+
+
+@relaxed
+@given(apertures())
+def test_slices_are_symmetric_about_their_origin(aperture):
+    """xi -> -xi exchanges the two copies: lag slices are even, position slices even in xi."""
+    x = aperture.convex_cover[0].mean(axis=0)
+    lags = lag_slice(aperture, x)
+    flipped = shapely.transform(lags, np.negative)
+    slack = CLIPPING * aperture.area + 2.0**-44 * _size(aperture) * aperture.polygons.length
+    assert lags.symmetric_difference(flipped).area <= slack
+    xi = np.array([0.1, -0.2]) * aperture.diameter
+    there, back = position_slice(aperture, xi), position_slice(aperture, -xi)
+    assert there.symmetric_difference(back).area <= slack
+
+
+def test_slices_at_the_centre_of_symmetry_and_at_no_lag_are_the_aperture():
+    square = shapes.square(1.0)
+    assert lag_slice(square, (0, 0)).equals(shapely.box(-1, -1, 1, 1))
+    assert position_slice(square, (0, 0)).equals(shapely.box(-0.5, -0.5, 0.5, 0.5))
+
+
+def test_slices_that_only_touch_are_empty():
+    square = shapes.square(1.0)
+    for empty in (
+        lag_slice(square, (0.5, 0)),
+        lag_slice(square, (9, 9)),
+        position_slice(square, (1, 0)),
+        position_slice(square, (1, 1)),
+    ):
+        assert empty.is_empty and empty.area == 0
+        assert empty.geom_type in ("Polygon", "MultiPolygon")
+
+
+@pytest.mark.parametrize("point", [1.0, (1,), (1, 2, 3), [[1, 2]], ("a", "b"), (np.nan, 0), None])
+def test_a_point_has_two_finite_components(point):
+    for cut in (lag_slice, position_slice):
+        with pytest.raises(ArgumentError, match="two"):
+            cut(shapes.square(1.0), point)
+
+
+def test_midpoints_keep_their_floats():
+    aperture = Aperture(rotated(CHEVRON, 0.3))
+    corners = np.concatenate(aperture.rings)
+    means = {v.tobytes() for v in (corners[:, None] / 2 + corners[None] / 2).reshape(-1, 2)}
+    outline = np.concatenate(automean(aperture).rings)
+    assert sum(vertex.tobytes() in means for vertex in outline) >= len(outline) - 2

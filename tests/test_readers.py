@@ -1,0 +1,248 @@
+"""Aperture files: the outline in metres, or one error that names the file."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from outlines import CHEVRON, apertures, square_at
+from polywigner.errors import FileFormatError, GeometryError, QuantityError
+from polywigner.geometry import Aperture, read_aperture, shapes
+
+MILLIMETRES = 1000 * CHEVRON / 100  # a chevron of 20 mm
+EXPECTED = Aperture(MILLIMETRES / 1000)
+
+
+def _closed(ring) -> list[list[float]]:
+    return [*np.asarray(ring).tolist(), np.asarray(ring)[0].tolist()]
+
+
+POLYGON = {"type": "Polygon", "coordinates": [_closed(MILLIMETRES)]}
+FEATURE = {"type": "Feature", "properties": {"name": "antenna"}, "geometry": POLYGON}
+EMPTY_FEATURE = {"type": "Feature", "properties": None, "geometry": None}
+WKT = shapely.Polygon(MILLIMETRES).wkt
+ROWS = [f"{x},{y}" for x, y in MILLIMETRES]
+
+SAME = {
+    "polygon.geojson": json.dumps(POLYGON),
+    "polygon.json": "\ufeff" + json.dumps(POLYGON, indent=1),
+    "POLYGON.GEOJSON": json.dumps(POLYGON),
+    "open.geojson": json.dumps({"type": "Polygon", "coordinates": [MILLIMETRES.tolist()]}),
+    "flat.geojson": json.dumps(
+        {"type": "Polygon", "coordinates": [[[*v, 0] for v in _closed(MILLIMETRES)]]}
+    ),
+    "multi.geojson": json.dumps({"type": "MultiPolygon", "coordinates": [POLYGON["coordinates"]]}),
+    "feature.geojson": json.dumps(FEATURE),
+    "collection.geojson": json.dumps(
+        {"type": "FeatureCollection", "features": [EMPTY_FEATURE, FEATURE]}
+    ),
+    "geometries.geojson": json.dumps({"type": "GeometryCollection", "geometries": [POLYGON]}),
+    "polygon.wkt": WKT,
+    "lines.wkt": WKT.replace(",", ",\n").lower(),
+    "multi.wkt": shapely.MultiPolygon([shapely.Polygon(MILLIMETRES)]).wkt,
+    "flat.wkt": "POLYGON Z ((0 0 0, 10 5 0, 20 0 0, 20 6 0, 10 11 0, 0 6 0, 0 0 0))",
+    "ring.csv": "\n".join(ROWS),
+    "closed.csv": "\n".join([*ROWS, ROWS[0]]) + "\n",
+    "header.csv": "x [mm],y [mm]\r\n" + "\r\n".join(ROWS),
+    "comments.csv": "# a chevron\n\n" + "\n".join(f"{row}  # corner" for row in ROWS),
+    "semicolons.csv": "x;y\n" + "\n".join(ROWS).replace(",", ";").replace(".", ","),
+    "blanks.csv": "\n".join(ROWS).replace(",", "\t  "),
+    "quotes.csv": "\n".join(f'"{x}","{y}",' for x, y in MILLIMETRES),
+    "wkt.txt": WKT,
+    "rows.txt": "\n".join(ROWS),
+    "json.txt": json.dumps(FEATURE),
+    "no_suffix": WKT,
+}
+
+
+@pytest.mark.parametrize("name", SAME)
+def test_every_format_reads_as_the_same_aperture_in_metres(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(SAME[name], encoding="utf-8", newline="")
+    assert read_aperture(path) == EXPECTED
+    assert read_aperture(str(path), unit="mm") == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"),
+    [("m", 1.0), ("mm", 1e-3), ("um", 1e-6), ("in", 0.0254), ("0.1 mm", 1e-4), (0.5, 0.5)],
+)
+def test_the_unit_says_what_one_stands_for(tmp_path, unit, metres):
+    path = tmp_path / "square.csv"
+    path.write_text("0,0\n3.1,0\n3.1,3.1\n0,3.1\n")
+    side = float(f"{3.1 * metres:.12g}")
+    assert read_aperture(path, unit).bounds == pytest.approx((0, 0, side, side), rel=1e-15)
+
+
+def test_decimals_in_millimetres_are_the_floats_nearest_to_metres(tmp_path):
+    path = tmp_path / "square.csv"
+    path.write_text("-3.1,-3.1\n3.1,-3.1\n3.1,3.1\n-3.1,3.1\n")
+    assert read_aperture(path) == shapes.square(0.0062)
+
+
+def _wkt(aperture: Aperture) -> str:
+    """All digits; GEOS writes 16 decimals at most."""
+
+    def ring(vertices) -> str:
+        return "(" + ", ".join(f"{x!r} {y!r}" for x, y in _closed(vertices)) + ")"
+
+    polygons = [
+        f"({', '.join(ring(r.coords[:-1]) for r in (p.exterior, *p.interiors))})"
+        for p in aperture.polygons.geoms
+    ]
+    return f"MULTIPOLYGON ({', '.join(polygons)})"
+
+
+@settings(
+    deadline=None, max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(apertures())
+def test_holes_and_parts_survive_geojson_and_wkt(tmp_path, aperture):
+    for name, text in (
+        ("any.geojson", shapely.to_geojson(aperture.polygons)),
+        ("any.wkt", _wkt(aperture)),
+    ):
+        (tmp_path / name).write_text(text)
+        assert read_aperture(tmp_path / name, unit="m") == aperture
+
+
+def test_touching_polygons_of_a_collection_merge(tmp_path):
+    halves = [{"type": "Polygon", "coordinates": [_closed(square_at(x, 0))]} for x in (0.0, 1.0)]
+    path = tmp_path / "halves.geojson"
+    path.write_text(json.dumps({"type": "GeometryCollection", "geometries": halves}))
+    assert read_aperture(path, "m") == Aperture([[0, 0], [2, 0], [2, 1], [0, 1]])
+
+
+def _polygon_text(*ring: str) -> str:
+    return '{"type":"Polygon","coordinates":[[' + ",".join(ring) + "]]}"
+
+
+BAD_FILES = {
+    "empty.geojson": ("", FileFormatError, "empty file"),
+    "blank.wkt": (" \n ", FileFormatError, "empty file"),
+    "binary.csv": (bytes(range(256)), FileFormatError, "binary"),
+    "utf16.csv": ("0,0\n1,0\n1,1".encode("utf-16"), FileFormatError, "UTF-8"),
+    "cut.geojson": (json.dumps(POLYGON)[:-9], FileFormatError, "not JSON"),
+    "words.geojson": ("hello", FileFormatError, "not JSON"),
+    "list.geojson": ("[]", FileFormatError, "empty list"),
+    "number.geojson": ("5", FileFormatError, "a number"),
+    "untyped.geojson": ("{}", FileFormatError, "without a type"),
+    "point.geojson": ('{"type":"Point","coordinates":[0,0]}', FileFormatError, "'Point'"),
+    "odd_type.geojson": ('{"type":["Polygon"]}', FileFormatError, "of type"),
+    "no_coordinates.geojson": ('{"type":"Polygon"}', FileFormatError, "coordinates of a Polygon"),
+    "no_rings.geojson": ('{"type":"Polygon","coordinates":[]}', FileFormatError, "empty list"),
+    "no_vertices.geojson": ('{"type":"Polygon","coordinates":[[]]}', FileFormatError, "a ring"),
+    "no_features.geojson": ('{"type":"FeatureCollection","features":[]}', FileFormatError, "empty"),
+    "only_null.geojson": (json.dumps(EMPTY_FEATURE), FileFormatError, "at least one polygon"),
+    "flat_list.geojson": (_polygon_text("0", "1", "2"), FileFormatError, r"\[x, y\]"),
+    "texts.geojson": (_polygon_text('["0",0]', "[1,0]", "[1,1]"), FileFormatError, r"\[x, y\]"),
+    "booleans.geojson": (_polygon_text("[true,0]", "[1,0]"), FileFormatError, r"\[x, y\]"),
+    "null.geojson": (_polygon_text("[null,0]", "[1,0]"), FileFormatError, r"\[x, y\]"),
+    "nan.geojson": (_polygon_text("[NaN,0]", "[1,0]", "[1,1]"), FileFormatError, "finite.*NaN"),
+    "inf.geojson": (_polygon_text("[-Infinity,0]", "[1,0]"), FileFormatError, "finite"),
+    "huge.geojson": (_polygon_text("[1e999,0]", "[1,0]", "[1,1]"), FileFormatError, "finite"),
+    "digits.geojson": (_polygon_text(f"[{'9' * 5000},0]", "[1,0]"), FileFormatError, "JSON"),
+    "big_integer.geojson": (_polygon_text(f"[{'9' * 999},0]", "[1,0]"), FileFormatError, "finite"),
+    "high.geojson": (_polygon_text("[0,0,3]", "[1,0,3]", "[1,1,3]"), FileFormatError, "z = 0"),
+    "deep_lists.geojson": ("[" * 200_000, FileFormatError, "nested"),
+    "deep_objects.geojson": ('{"a":' * 200_000, FileFormatError, "nested"),
+    "two.geojson": (_polygon_text("[0,0]", "[1,1]", "[0,0]"), GeometryError, "3 different"),
+    "bow_tie.geojson": (
+        _polygon_text("[0,0]", "[2,1]", "[2,0]", "[0,1]"),
+        GeometryError,
+        r"crosses itself at \(1, 0\.5\)",  # in the file's unit
+    ),
+    "line.geojson": (_polygon_text("[0,0]", "[1,1]", "[2,2]"), GeometryError, "one line"),
+    "overlap.geojson": (
+        json.dumps({"type": "MultiPolygon", "coordinates": [[_closed(MILLIMETRES)]] * 2}),
+        GeometryError,
+        "do not overlap",
+    ),
+    "words.wkt": ("hello", FileFormatError, "does not parse"),
+    "open.wkt": ("POLYGON ((0 0, 1 0, 1 1, 0 1))", FileFormatError, "closed"),
+    "cut.wkt": ("POLYGON ((0 0, 1 0, 1 1", FileFormatError, "does not parse"),
+    "nothing.wkt": ("POLYGON EMPTY", FileFormatError, "EMPTY"),
+    "line.wkt": ("LINESTRING (0 0, 1 1)", FileFormatError, "LineString"),
+    "curve.wkt": ("CURVEPOLYGON ((0 0, 1 0, 1 1, 0 0))", FileFormatError, "expected"),
+    "deep.wkt": ("GEOMETRYCOLLECTION (" * 100_000, FileFormatError, "nested"),
+    "nan.wkt": ("POLYGON ((0 0, 1 0, nan 1, 0 0))", GeometryError, "finite"),
+    "high.wkt": ("POLYGON Z ((0 0 1, 1 0 1, 1 1 1, 0 0 1))", GeometryError, "z = 0"),
+    "columns.csv": ("0,0,0\n1,0,0\n1,1,0\n", FileFormatError, "line 1"),
+    "word.csv": ("0,0\n1,zero\n1,1\n", FileFormatError, "'1,zero' in line 2"),
+    "nan.csv": ("0,0\n1,nan\n1,1\n", FileFormatError, "line 2"),
+    "underscore.csv": ("0,0\n1_0,0\n1,1\n", FileFormatError, "line 2"),
+    "second_header.csv": ("x,y\nx,y\n0,0\n1,0\n1,1", FileFormatError, "line 2"),
+    "header_only.csv": ("x,y\n", FileFormatError, "none"),
+    "huge.csv": ("0,0\n1e999,0\n1,1\n", GeometryError, "finite"),
+    "two.csv": ("0,0\n1,0\n", GeometryError, "3 different"),
+    "drawing.svg": ("<svg/>", FileFormatError, "not read yet"),
+    "words.txt": ("hello world", FileFormatError, "expected"),
+}
+
+
+@pytest.mark.parametrize(("name", "case"), BAD_FILES.items(), ids=BAD_FILES)
+def test_a_bad_file_raises_one_error_that_names_it(tmp_path, name, case):
+    content, kind, message = case
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(kind, match=message) as raised:
+        read_aperture(path)
+    assert str(raised.value).startswith(f"{path}: expected")
+    assert len(str(raised.value)) < 600
+    assert raised.value.__cause__ is None
+
+
+def test_paths_that_are_no_files_raise(tmp_path):
+    for path, message in (
+        (tmp_path / "missing.csv", "does not exist"),
+        (tmp_path, "directory"),
+        (Path("nul\0character.csv"), "expected"),
+        (Path("x" * 5000), "expected"),
+    ):
+        with pytest.raises(FileFormatError, match=message):
+            read_aperture(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_is_refused_rather_than_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(FileFormatError, match="pipe"):
+        read_aperture(tmp_path / "pipe.csv")
+
+
+def test_a_file_that_is_too_large_is_refused_unread(tmp_path):
+    path = tmp_path / "large.csv"
+    with path.open("wb") as file:
+        file.truncate(65 * 2**20)  # sparse
+    with pytest.raises(FileFormatError, match="64 MiB, got 65 MiB"):
+        read_aperture(path)
+
+
+@pytest.mark.parametrize("unit", ["furlong", "", "0 mm", "-1 mm", "94 GHz", None])
+def test_a_unit_that_does_not_parse_raises(tmp_path, unit):
+    path = tmp_path / "square.csv"
+    path.write_text("0,0\n1,0\n1,1\n")
+    with pytest.raises(QuantityError, match="expected"):
+        read_aperture(path, unit)
+
+
+@settings(
+    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.sampled_from(list(SAME)), st.data())
+def test_damaged_files_read_or_raise_but_never_break(tmp_path, name, data):
+    text = SAME[name]
+    at = data.draw(st.integers(0, len(text) - 1))
+    path = tmp_path / f"damaged_{name}"
+    path.write_text(text[:at] + data.draw(st.text(max_size=3)) + text[at + 1 :], encoding="utf-8")
+    try:
+        assert read_aperture(path).area > 0
+    except (FileFormatError, GeometryError) as error:
+        assert str(path) in str(error)

@@ -1,0 +1,184 @@
+"""Shapes of the catalogue: areas in closed form, symmetry, and arguments that fit together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from outlines import CHEVRON, relaxed
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.geometry import Aperture, shapes
+
+# Vertices are products and sums of a few doubles.
+ROUNDING = 1e-14
+
+_length = st.floats(1e-6, 1e3)
+_part = st.floats(0.01, 0.99)
+
+AREAS = {
+    "rectangle": (shapes.rectangle(2, 3), 6),
+    "square": (shapes.square(0.01), 1e-4),
+    "triangle": (shapes.triangle(2, 3), 3),
+    "hexagon": (shapes.regular_polygon(6, 2), 6 * math.sqrt(3)),
+    "disc": (shapes.disc(2), 4 * math.pi),
+    "ring": (shapes.ring(2, 1, n=50), 3 * math.pi),
+    "star": (shapes.star(5, 1, 0.4), 5 * 0.4 * math.sin(math.pi / 5)),
+    "chevron": (shapes.chevron(2, 1.1, 0.6), 1.2),
+    "two chevrons": (shapes.chevron_pair(2, 1.1, 0.6), 2.4),
+    "V": (shapes.vee(2, 1, 0.1), 1 - (1 - 0.1 * math.sqrt(2)) ** 2),
+    "U": (shapes.u_shape(3, 4, 0.5), 12 - 2 * 3.5),
+    "bow-tie": (shapes.bow_tie(2, 1), 1),
+    "bow-tie with a gap": (shapes.bow_tie(2, 1, gap=0.5), 0.75),
+    "two slits": (shapes.double_slit((0.1, 0.3), 2, (-1, 0.5)), 0.8),
+    "18 segments": (shapes.hexagonal_segments(1.32), 18 * 1.32**2 * math.sqrt(3) / 2),
+    "18 segments apart": (shapes.hexagonal_segments(1.32, 0.01), 18 * 1.32**2 * math.sqrt(3) / 2),
+    "patches": (shapes.patch_row(8, 1.2, 1, 2), 9.6),
+    "three discs": (shapes.interferometer([(0, 0), (5, 0), (0, 9)], 1), 3 * math.pi),
+}
+
+
+@pytest.mark.parametrize(("aperture", "area"), AREAS.values(), ids=AREAS)
+def test_areas_have_their_closed_form(aperture, area):
+    assert aperture.area == pytest.approx(area, rel=ROUNDING)
+
+
+PLACED = {"two slits", "three discs"}
+ROUND = {"star"}  # around the origin, but with unequal bounds
+
+
+@pytest.mark.parametrize("name", AREAS.keys() - PLACED - ROUND)
+def test_bounds_are_centred_at_the_origin(name):
+    aperture = AREAS[name][0]
+    assert np.allclose(aperture.centre, 0, rtol=0, atol=ROUNDING * aperture.diameter)
+
+
+@relaxed
+@given(_length, _length, _part)
+def test_the_chevron_is_the_reference_one_scaled(width, height, part):
+    thickness = height * part
+    x, y = width / 2, height / 2
+    expected = [
+        (-x, -y),
+        (0, y - thickness),
+        (x, -y),
+        (x, thickness - y),
+        (0, y),
+        (-x, thickness - y),
+    ]
+    assert shapes.chevron(width, height, thickness) == Aperture(expected)
+    reference = Aperture(CHEVRON - [1, 0.55])
+    found = shapes.chevron(2, 1.1, 0.6)
+    assert found.polygons.symmetric_difference(reference.polygons).area < ROUNDING
+
+
+@relaxed
+@given(st.integers(3, 200), _length)
+def test_a_disc_has_the_area_of_the_circle_whatever_its_sides(sides, radius):
+    assert shapes.disc(radius, sides).area == pytest.approx(math.pi * radius**2, rel=ROUNDING)
+
+
+@relaxed
+@given(_length, _length, _part)
+def test_arms_of_the_vee_are_as_thick_as_asked(width, height, part):
+    """The distance between the outer edge and the notch is the thickness."""
+    half, length = width / 2, math.hypot(width / 2, height)
+    thickness = part * half * height / length
+    aperture = shapes.vee(width, height, thickness)
+    x, y = max(aperture.rings[0], key=lambda vertex: (vertex[0] == 0) * (vertex[1] + height))
+    assert x == 0  # the notch
+    distance = half * (y + height / 2) / length
+    assert distance == pytest.approx(thickness, rel=1e-9)
+
+
+@pytest.mark.parametrize("rings", [1, 2, 3])
+@pytest.mark.parametrize("centre", [False, True])
+def test_honeycombs_have_their_number_of_segments(rings, centre):
+    count = 3 * rings * (rings + 1) + centre
+    apart = shapes.hexagonal_segments(1.0, 0.1, rings, centre)
+    assert len(apart.polygons.geoms) == count
+    together = shapes.hexagonal_segments(1.0, 0.0, rings, centre)
+    assert len(together.polygons.geoms) == 1
+    assert len(together.rings) == (1 if centre else 2)
+    assert together.area == pytest.approx(count * math.sqrt(3) / 2, rel=ROUNDING)
+
+
+def test_facing_sides_of_segments_are_a_gap_apart():
+    segments = list(shapes.hexagonal_segments(1.0, 0.05).polygons.geoms)
+    gaps = [a.distance(b) for a in segments for b in segments if a is not b]
+    assert min(gaps) == pytest.approx(0.05, rel=1e-12)
+
+
+def test_patches_without_space_between_them_are_one_strip():
+    assert shapes.patch_row(8, 1, 0.5, 0.5) == shapes.rectangle(1, 4)
+    assert len(shapes.patch_row(8, 1, 0.5, 0.6).polygons.geoms) == 8
+
+
+def test_slits_and_stations_stay_where_they_are_put():
+    slits = shapes.double_slit((0.1, 0.3), 2, (-1, 0.5))
+    assert slits.bounds == pytest.approx((-1.05, -1, 0.65, 1))
+    assert shapes.double_slit(0.2, 2, (-1, 1)) == shapes.double_slit((0.2, 0.2), 2, (-1, 1))
+    stations = shapes.interferometer([(0, 0), (5, 1)], 0.5, n=16)
+    centres = sorted((p.centroid.x, p.centroid.y) for p in stations.polygons.geoms)
+    assert np.allclose(centres, [(0, 0), (5, 1)], rtol=0, atol=1e-14)
+
+
+def test_two_chevrons_stand_one_behind_the_other():
+    pair = shapes.chevron_pair(2, 1.1, 0.6)
+    single = shapes.chevron(2, 1.1, 0.6).rings[0]
+    shift = np.array([0, 0.45])
+    expected = Aperture([single - shift, single + shift])
+    assert pair.polygons.symmetric_difference(expected.polygons).area < ROUNDING
+    beside = shapes.chevron_pair(2, 1.1, 0.6, offset=(2.5, 0))
+    assert beside.bounds == pytest.approx((-2.25, -0.55, 2.25, 0.55))
+    touching = shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0.6))
+    assert len(touching.rings) == 1
+
+
+BAD = {
+    "zero": lambda: shapes.square(0),
+    "negative": lambda: shapes.rectangle(1, -1),
+    "NaN": lambda: shapes.rectangle(math.nan, 1),
+    "infinite": lambda: shapes.disc(math.inf),
+    "text": lambda: shapes.square("10 mm"),
+    "None": lambda: shapes.triangle(None, 1),
+    "an array": lambda: shapes.square([1, 2]),
+    "two sides": lambda: shapes.regular_polygon(2, 1),
+    "half a side": lambda: shapes.disc(1, 6.5),
+    "true sides": lambda: shapes.disc(1, True),
+    "inner above outer": lambda: shapes.ring(1, 2),
+    "inner equals outer": lambda: shapes.star(5, 1, 1),
+    "one tip": lambda: shapes.star(1, 1, 0.5),
+    "thick chevron": lambda: shapes.chevron(2, 1, 1),
+    "thick V": lambda: shapes.vee(1, 1, 0.5),
+    "thick U": lambda: shapes.u_shape(1, 1, 0.5),
+    "wide gap": lambda: shapes.bow_tie(1, 1, gap=1),
+    "negative gap": lambda: shapes.hexagonal_segments(1, -0.1),
+    "no segment": lambda: shapes.hexagonal_segments(1, rings=0),
+    "three slits": lambda: shapes.double_slit(1, 1, (0, 2, 4)),
+    "zero slit": lambda: shapes.double_slit((1, 0), 1, (0, 2)),
+    "no patch": lambda: shapes.patch_row(0, 1, 1, 1),
+    "patches on patches": lambda: shapes.patch_row(3, 1, 1, 0.5),
+    "no station": lambda: shapes.interferometer([], 1),
+    "stations on a line": lambda: shapes.interferometer([0, 1, 2], 1),
+    "offset in space": lambda: shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0, 1)),
+}
+
+
+@pytest.mark.parametrize("build", BAD.values(), ids=BAD)
+def test_arguments_that_do_not_fit_raise_and_say_why(build):
+    with pytest.raises(ArgumentError, match=r"expected .*, got "):
+        build()
+
+
+def test_parts_that_would_overlap_raise():
+    for build in (
+        lambda: shapes.double_slit(2, 1, (0, 1)),
+        lambda: shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0.5)),
+        lambda: shapes.interferometer([(0, 0), (1, 0)], 1),
+    ):
+        with pytest.raises(GeometryError, match="do not overlap"):
+            build()
