@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 
 from polywigner.errors import PolywignerError
@@ -32,6 +33,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0 when the work was done, 2 for input that cannot be used (a :class:`PolywignerError` or a
     wrong option), 130 after Ctrl-C, 1 for anything unforeseen.
     """
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        return _run(arguments)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     from polywigner.cli.app import app
 
     try:
@@ -70,6 +77,10 @@ def _from_exception(error: Exception) -> int:
         f"please report it with the traceback that {_DEBUG}=1 shows)",
         _FAILED,
     )
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    _say(f"warning: {message}", 0)
 
 
 def _say(message: str, code: int) -> int:
