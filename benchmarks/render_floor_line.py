@@ -24,8 +24,8 @@ import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
 
 # isort: split
 import mitsuba as mi
-import render_reference as reference
 
+import render_reference as reference
 from polywigner.quantities import wavelength_of
 
 __all__ = ["COLUMNS", "WAVELENGTH", "Case", "cases", "floor_scene", "quadrature_line", "rendered"]

@@ -3,8 +3,8 @@
 The same floor, camera, integrator, sampler and samples; the same mesh with a null BSDF; each
 emitter in processes of its own, which take turns. A process renders once to compile (stated apart)
 and then several times; the table gives the medians and their ratio, of the time on the wall and of
-the processors' time, which other work on the machine disturbs less. Asked: 1.2 for the square, 3 for
-the chevron.
+the processors' time, which other work on the machine disturbs less. Asked: 1.2 for the square, 3
+for the chevron.
 """
 
 from __future__ import annotations

@@ -21,13 +21,13 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.engines.operations import ops_for
+from polywigner.engines import ops_for
 from polywigner.errors import SceneError
 from polywigner.geometry import automean
 from polywigner.kernels import tables_of, wigner
 from polywigner.mitsuba.obliquity import emission_factor
 from polywigner.mitsuba.parameters import EmitterSpec, rigid_pose
-from polywigner.mitsuba.sampling import Trapezoids, trapezoids
+from polywigner.mitsuba.sampling import cells_of
 
 __all__ = ["emitter_class", "world_positions"]
 
@@ -66,7 +66,7 @@ def emitter_class(variant: str) -> Any:
             self._unit = spec.scene_unit
             self._area = float(support.area) / self._unit**2
             self._aperture_area = float(spec.aperture.area)
-            self._cells = _Cells(m, trapezoids([ring / self._unit for ring in support.rings]))
+            self._cells = cells_of(m, [ring / self._unit for ring in support.rings])
             self._ops = ops_for(m.Float)
             self._tables = tables_of(spec.aperture, double=self._ops.double)
             self._take_over(checked=True)
@@ -218,51 +218,6 @@ def emitter_class(variant: str) -> Any:
             )
 
     return WignerEmitter
-
-
-class _Cells:
-    """The trapezoids of an aperture as tables of one variant's arrays."""
-
-    def __init__(self, m: Any, cells: Trapezoids) -> None:
-        self._m = m
-        self._count = cells.left.size
-        # Heights are differences of coordinates: formed here, in double precision.
-        columns = (
-            cells.left,
-            cells.width,
-            cells.high_left - cells.low_left,
-            cells.high_right - cells.low_right,
-            cells.low_left,
-            cells.low_right,
-        )
-        if dr.is_jit_v(m.Float):
-            self._columns = [m.Float(column.tolist()) for column in columns]
-        else:
-            self._columns = [column.tolist() for column in columns]
-        self._choice = m.DiscreteDistribution((cells.areas / cells.areas.max()).tolist())
-
-    def sample(self, sample: Any) -> Any:
-        """A point, uniform in the aperture, for a uniform point of the unit square."""
-        m, u, index = self._m, sample.x, 0
-        if self._count > 1:
-            index, u = self._choice.sample_reuse(sample.x)
-        left, width, height_left, height_right, low_left, low_right = self._row(index)
-        # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.
-        root = dr.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
-        below = height_left + root
-        t = u * (height_left + height_right) / dr.select(below > _TINY, below, _TINY)
-        low = low_left + t * (low_right - low_left)
-        height = height_left + t * (height_right - height_left)
-        return m.Point2f(left + t * width, low + sample.y * height)
-
-    def _row(self, index: Any) -> list[Any]:
-        if dr.is_jit_v(self._m.Float):
-            return [dr.gather(self._m.Float, column, index) for column in self._columns]
-        return [column[index] for column in self._columns]
-
-
-# Smaller than any height of an aperture and above zero in single precision.
-_TINY = 1e-30
 
 
 def _adjustable(m: Any, value: float) -> Any:

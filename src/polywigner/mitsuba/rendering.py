@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 
 __all__ = ["render"]
@@ -58,7 +58,7 @@ def render(
     Raises
     ------
     ArgumentError for an spp below one or a sensor that is not there; SceneError for an unknown
-    integrator.
+    integrator, or one that cannot render this scene.
     """
     sensors = scene.sensors()
     if not 0 <= sensor < len(sensors):
@@ -78,10 +78,8 @@ def render(
         for index, samples in enumerate(passes):
             own = number * len(passes) + index
             with _cropped(camera, top, rows), _without_complaints():
-                part = mi.render(
-                    scene, sensor=camera, integrator=method, spp=samples, seed=int(seeds[own])
-                )
-            image = image + samples / total * np.array(part, dtype=np.float64)
+                part = _part(scene, camera, method, samples, int(seeds[own]))
+            image = image + samples / total * part
             if progress is not None:
                 progress(own + 1, len(seeds))
         images.append(image)
@@ -99,6 +97,19 @@ def _strips(camera: Any, total: int) -> list[tuple[int, int]]:
         count = min(_SCALAR_STRIPS, height // _SCALAR_ROWS)
     rows = math.ceil(height / max(1, min(count, height)))
     return [(top, min(rows, height - top)) for top in range(0, height, rows)]
+
+
+def _part(scene: Any, camera: Any, integrator: Any, spp: int, seed: int) -> npt.NDArray[np.float64]:
+    """What Mitsuba renders in one go."""
+    try:
+        image = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=seed)
+        return np.array(image, dtype=np.float64)
+    except RuntimeError as error:
+        # Dr.Jit says only that something failed; what failed is the cause.
+        cause = error.__cause__ or error
+        raise SceneError(
+            f"expected a scene that {integrator.class_name()} can render: {cause}"
+        ) from error
 
 
 def _passes(camera: Any, total: int, rows: int) -> list[int]:
@@ -167,7 +178,7 @@ def _warn_of_limits(scene: Any, integrator: Any) -> None:
     if name == "DirectIntegrator" and len(surfaces) > 1:
         warnings.warn(
             "the integrator 'direct' lets the surfaces of light sources cast shadows, even those "
-            "with a null BSDF; use 'path' where one source stands in front of another",
+            "with a null BSDF; use 'volpath' where one source stands in front of another",
             RuntimeWarning,
             stacklevel=3,
         )

@@ -13,15 +13,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
+import drjit as dr
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Trapezoids", "trapezoids"]
+__all__ = ["Cells", "Trapezoids", "cells_of", "trapezoids"]
 
 # Vertices that should share an abscissa and differ in the last digits make trapezoids of no
 # account; dropping them changes the density by less than single precision can tell.
 _NEGLIGIBLE = 1e-12
+
+# Smaller than any height of an aperture and above zero in single precision.
+_TINY = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +56,7 @@ def trapezoids(rings: Sequence[npt.NDArray[np.float64]]) -> Trapezoids:
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     rightwards = start[:, :1] <= end[:, :1]
     start, end = np.where(rightwards, start, end), np.where(rightwards, end, start)
-    cuts = np.unique(start[:, 0])
+    cuts = np.unique([*start[:, 0], *end[:, 0]])
     rows: list[npt.NDArray[np.float64]] = []
     for left, right in pairwise(cuts):
         rows.extend(_slab(start, end, left, right))
@@ -77,3 +82,49 @@ def _slab(
     low, high = order[0::2], order[1::2]
     sides = (at_left[low], at_right[low], at_left[high], at_right[high])
     return np.stack([np.full(low.shape, left), np.full(low.shape, right - left), *sides], axis=-1)
+
+
+def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> Cells:
+    """The sampler of positions inside boundary rings, for the variant ``m``."""
+    return Cells(m, trapezoids(rings))
+
+
+class Cells:
+    """The trapezoids of an aperture as tables of one variant's arrays."""
+
+    def __init__(self, m: Any, cells: Trapezoids) -> None:
+        self._m = m
+        self._count = cells.left.size
+        # Heights are differences of coordinates: formed here, in double precision.
+        columns = (
+            cells.left,
+            cells.width,
+            cells.high_left - cells.low_left,
+            cells.high_right - cells.low_right,
+            cells.low_left,
+            cells.low_right,
+        )
+        if dr.is_jit_v(m.Float):
+            self._columns = [m.Float(column.tolist()) for column in columns]
+        else:
+            self._columns = [column.tolist() for column in columns]
+        self._choice = m.DiscreteDistribution((cells.areas / cells.areas.max()).tolist())
+
+    def sample(self, sample: Any) -> Any:
+        """A point, uniform in the aperture, for a uniform point of the unit square."""
+        m, u, index = self._m, sample.x, 0
+        if self._count > 1:
+            index, u = self._choice.sample_reuse(sample.x)
+        left, width, height_left, height_right, low_left, low_right = self._row(index)
+        # Solves (h0 t + (h1 - h0) t^2 / 2) = u (h0 + h1) / 2 without cancellation.
+        root = dr.sqrt((1.0 - u) * height_left * height_left + u * height_right * height_right)
+        below = height_left + root
+        t = u * (height_left + height_right) / dr.select(below > _TINY, below, _TINY)
+        low = low_left + t * (low_right - low_left)
+        height = height_left + t * (height_right - height_left)
+        return m.Point2f(left + t * width, low + sample.y * height)
+
+    def _row(self, index: Any) -> list[Any]:
+        if dr.is_jit_v(self._m.Float):
+            return [dr.gather(self._m.Float, column, index) for column in self._columns]
+        return [column[index] for column in self._columns]

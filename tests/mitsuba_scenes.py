@@ -1,0 +1,107 @@
+"""Scenes that the tests of the Mitsuba room share: an aperture above a white floor."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.quantities import wavelength_of
+
+# The reference integrals serve the benchmarks and the tests.
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+
+WAVELENGTH = wavelength_of(94e9)
+SQUARE = pw.shapes.square(0.01)
+CHEVRON = pw.shapes.chevron(0.01, 0.01, 0.004)
+MILLIMETRE = 1e-3
+
+MONO = pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)
+RGB = pytest.param("llvm_ad_rgb", marks=pytest.mark.llvm)
+SPECTRAL = pytest.param("llvm_ad_spectral", marks=pytest.mark.llvm)
+CUDA = pytest.param("cuda_ad_mono", marks=pytest.mark.cuda)
+VARIANTS = ["scalar_rgb", MONO, RGB, SPECTRAL, CUDA]
+
+
+def use(variant: str) -> Any:
+    """Mitsuba with this variant set, quiet."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba  # noqa: F401 (registers the plugin)
+
+    mi.set_variant(variant)
+    mi.set_log_level(mi.LogLevel.Error)
+    return mi
+
+
+def pose(translation: Any = (0.0, 0.0, 0.0), about_x: float = 0.0) -> np.ndarray:
+    """Rotation about x by an angle in radians, then a translation."""
+    c, s = np.cos(about_x), np.sin(about_x)
+    result = np.eye(4)
+    result[1:3, 1:3] = [[c, -s], [s, c]]
+    result[:3, 3] = translation
+    return result
+
+
+def floor_scene(
+    lights: dict[str, Any],
+    integrator: Any = None,
+    distance: float = 10 * WAVELENGTH / MILLIMETRE,
+    columns: int = 16,
+    rows: int | None = None,
+    sampler: str = "multijitter",
+) -> Any:
+    """A white floor at z = distance (mm), seen from its upper side over +-2 distances."""
+    import mitsuba as mi
+
+    transform = mi.ScalarTransform4f
+    half = 2 * distance
+    look = transform().look_at([0, 0, distance / 2], [0, 0, distance], [0, 1, 0])
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": integrator or {"type": "path", "max_depth": 3},
+            "sensor": {
+                "type": "orthographic",
+                "near_clip": 1e-3 * distance,
+                "to_world": look.scale([half, half, 1]),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": columns,
+                    "height": rows or columns,
+                    "rfilter": {"type": "box"},
+                },
+                "sampler": {"type": sampler},
+            },
+            "floor": {
+                "type": "rectangle",
+                "to_world": transform()
+                .translate([0, 0, distance])
+                .rotate([1, 0, 0], 180)
+                .scale(2 * half),
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}},
+            },
+            **lights,
+        }
+    )
+
+
+def light(source: pw.Aperture = SQUARE, wavelength: float = WAVELENGTH, **more: Any) -> Any:
+    """A scene entry; the scene is in millimetres."""
+    import polywigner.mitsuba as pwm
+
+    return pwm.aperture(source, wavelength, scene_unit=MILLIMETRE, **more)
+
+
+def emitter_of(entry: dict[str, Any]) -> Any:
+    """The emitter inside one aperture, loaded alone; keeps its scene alive."""
+    import mitsuba as mi
+
+    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    emitter = scene.emitters()[0]
+    emitter.kept_scene = scene
+    return emitter
