@@ -113,19 +113,27 @@ def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
 
 @contextmanager
 def _progress_bar() -> Iterator[Callable[[int, int], None]]:
-    """What to call after each pass: moves a bar on a terminal, does nothing elsewhere."""
-    # Never None: the number of passes, and with it the noise, must not depend on the terminal.
+    """What to call after each part: moves a bar on a terminal, does nothing elsewhere."""
     if not sys.stderr.isatty():
         yield lambda done, total: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("rendering"),
         BarColumn(),
-        TextColumn("{task.completed:.0f}/{task.total:.0f} samples per pixel"),
+        TaskProgressColumn(),
         TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)

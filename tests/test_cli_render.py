@@ -1,0 +1,227 @@
+"""``polywigner render`` on scenes whose radiance is known in closed form."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.quantities import wavelength_of
+
+pytestmark = pytest.mark.drjit
+
+WAVELENGTH = wavelength_of(94e9)
+
+# 64 stratified samples of a pixel, over which W turns by 1.7 radians, against its exact average.
+STRATIFIED = 0.02
+# 64 pixels x 64 samples; a sample's relative standard deviation is sqrt(16/9 - 1) = 0.88.
+STATISTICAL = 4 * 0.88 / 64
+
+APERTURE = "POLYGON ((-{h} -{h}, {h} -{h}, {h} {h}, -{h} {h}, -{h} -{h}))"
+
+SENSOR = """<sensor type="orthographic">
+        <transform name="to_world">
+            <scale x="{half}" y="{half}"/>
+            <lookat origin="{origin}" target="{target}" up="0, 1, 0"/>
+        </transform>
+        <sampler type="multijitter"><integer name="sample_count" value="64"/></sampler>
+        <film type="hdrfilm">
+            <integer name="width" value="{size}"/>
+            <integer name="height" value="{size}"/>
+            {pixels}
+            <rfilter type="box"/>
+        </film>
+    </sensor>"""
+
+SCENE = """<scene version="3.0.0">
+    <integrator type="path"><integer name="max_depth" value="3"/></integrator>
+    {sensor}
+    <shape type="wigner">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+    </shape>
+    {others}
+</scene>
+"""
+LUMINANCE = '<string name="pixel_format" value="luminance"/>'
+
+
+def scene_of_the_aperture_itself(folder: Path, sine: float, pixels: str = LUMINANCE) -> Path:
+    """A camera that looks straight at a 10 mm square, from a direction in the x-z plane."""
+    cosine = math.sqrt(1 - sine**2)
+    (folder / "square.wkt").write_text(APERTURE.format(h=5))
+    sensor = SENSOR.format(
+        half=6e-3, origin=f"{sine}, 0, {cosine}", target="0, 0, 0", size=16, pixels=pixels
+    )
+    path = folder / "looking.xml"
+    # Mitsuba's path integrators drop what they saw on the way to nothing at all: a black wall.
+    wall = """<shape type="rectangle">
+        <transform name="to_world"><translate z="-0.1"/></transform>
+        <bsdf type="diffuse"><spectrum name="reflectance" value="0"/></bsdf>
+    </shape>"""
+    path.write_text(SCENE.format(sensor=sensor, others=wall))
+    return path
+
+
+def scene_of_a_lit_floor(folder: Path) -> Path:
+    """A floor of reflectance 0.5, 1 m in front of a 2 mm square, seen where the axis meets it."""
+    (folder / "square.wkt").write_text(APERTURE.format(h=1))
+    sensor = SENSOR.format(
+        half=5e-3, origin="0, 0, 0.5", target="0, 0, 1", size=8, pixels=LUMINANCE
+    )
+    floor = """<shape type="rectangle">
+        <transform name="to_world"><rotate x="1" angle="180"/><translate z="1"/></transform>
+        <bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf>
+    </shape>"""
+    path = folder / "floor.xml"
+    path.write_text(SCENE.format(sensor=sensor, others=floor))
+    return path
+
+
+def rendered(path: Path, *options: str) -> tuple[np.ndarray, dict[str, Any]]:
+    """The EXR file, (height, width, channels), and the record."""
+    import mitsuba as mi
+
+    out = path.parent / "out" / "picture"
+    assert main(["render", str(path), "--out", str(out), *options]) == 0
+    assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
+    assert bitmap.component_format() == mi.Struct.Type.Float32
+    image = np.array(bitmap)
+    return image.reshape(*image.shape[:2], -1), json.loads(out.with_suffix(".json").read_text())
+
+
+@pytest.fixture(params=["scalar_rgb", pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)])
+def variant(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+def test_looking_at_the_aperture_shows_its_wigner_function_with_its_sign(
+    tmp_path: Path, variant: str
+) -> None:
+    sine = 0.5
+    image, record = rendered(scene_of_the_aperture_itself(tmp_path, sine), "--variant", variant)
+    assert image.shape == (16, 16, 1)
+    # Averages over pixels of the picture's plane; along x the aperture is seen foreshortened.
+    fine = 16
+    across = (np.arange(16 * fine) + 0.5) / (16 * fine) * 12e-3 - 6e-3
+    x = np.stack(np.meshgrid(across / math.sqrt(1 - sine**2), across), axis=-1)
+    square = pw.shapes.square(10e-3)
+    radiance = pw.wigner(square, x, np.array([sine / WAVELENGTH, 0.0])) / WAVELENGTH**2
+    expected = radiance.reshape(16, fine, 16, fine).mean(axis=(1, 3))
+    peak = np.abs(expected).max()
+    assert expected.min() < -0.1 * peak  # or the test would not be about signs
+    np.testing.assert_allclose(image[..., 0], expected, rtol=0, atol=STRATIFIED * peak)
+    told = record["radiance"]
+    assert told["fraction_not_positive"] == np.mean(image <= 0)
+    assert told["largest"] == pytest.approx(image.max())
+    assert told["smallest"] == pytest.approx(image.min())
+
+
+def test_a_distant_floor_is_as_bright_as_the_far_field_says(tmp_path: Path, variant: str) -> None:
+    image, record = rendered(scene_of_a_lit_floor(tmp_path), "--variant", variant)
+    intensity = (2e-3) ** 4 / WAVELENGTH**2  # |F(0)|^2/lambda^2; the distance is 1 m
+    expected = 0.5 / math.pi * intensity
+    assert image.mean() == pytest.approx(expected, rel=STATISTICAL)
+    assert record["radiance"]["unit"] == "W m^-2 sr^-1"
+    assert record["picture"]["zero_db"] == pytest.approx(expected, rel=0.5)
+
+
+def test_the_record_tells_settings_versions_and_times(tmp_path: Path) -> None:
+    _, record = rendered(
+        scene_of_a_lit_floor(tmp_path),
+        *("--variant", "scalar_rgb", "--spp", "4", "--sampler", "independent"),
+        *("--integrator", "direct", "--seed", "7", "--db-floor", "-25"),
+    )
+    settings = record["settings"]
+    assert (settings["spp"], settings["seed"], settings["floor_db"]) == (4, 7, -25)
+    used = record["used"]
+    assert (used["variant"], used["integrator"]) == ("scalar_rgb", "direct")
+    assert used["sampler"] == "independent"
+    versions = record["versions"]
+    assert versions["polywigner"] == pw.__version__
+    assert versions["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert versions["mitsuba"].startswith("3.")
+    assert versions["llvm"] is None  # not used by this variant
+    assert record["seconds"]["render"] > 0
+    assert record["picture"]["floor_db"] == -25
+
+
+def test_the_seed_decides_the_noise(tmp_path: Path) -> None:
+    path = scene_of_a_lit_floor(tmp_path)
+    options = ("--variant", "scalar_rgb", "--spp", "1")
+    first, _ = rendered(path, *options, "--seed", "1")
+    again, _ = rendered(path, *options, "--seed", "1")
+    other, _ = rendered(path, *options, "--seed", "2")
+    assert (first == again).all()
+    assert not (first == other).all()
+
+
+def test_a_film_in_colour_is_kept_and_its_mean_is_drawn(tmp_path: Path) -> None:
+    path = scene_of_the_aperture_itself(tmp_path, 0.0, pixels="")
+    image, record = rendered(path, "--variant", "scalar_rgb", "--spp", "4")
+    assert image.shape == (16, 16, 3)
+    assert record["radiance"]["largest"] == pytest.approx(image.mean(axis=-1).max())
+
+
+def test_a_dark_scene_gives_a_picture_without_a_reference(tmp_path: Path) -> None:
+    path = scene_of_a_lit_floor(tmp_path)
+    turned = '<transform name="to_world"><rotate x="1" angle="180"/></transform></shape>'
+    path.write_text(path.read_text().replace("</shape>", turned, 1))
+    image, record = rendered(path, "--variant", "scalar_rgb", "--spp", "1")
+    assert (image == 0).all()
+    assert record["picture"]["zero_db"] is None
+    assert record["radiance"]["fraction_not_positive"] == 1.0
+
+
+def test_nothing_but_the_paths_is_printed_off_a_terminal(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = scene_of_a_lit_floor(tmp_path)
+    capfd.readouterr()
+    rendered(path, "--variant", "scalar_rgb", "--spp", "1")
+    out, err = capfd.readouterr()
+    stem = tmp_path / "out" / "picture"
+    assert out.splitlines() == [f"{stem}{suffix}" for suffix in (".exr", ".png", ".json")]
+    assert err == ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are a Unix thing")
+def test_a_progress_bar_is_shown_on_a_terminal(tmp_path: Path) -> None:
+    import pty
+
+    path = scene_of_a_lit_floor(tmp_path)
+    controller, terminal = pty.openpty()
+    command = [sys.executable, "-m", "polywigner.cli", "render", str(path)]
+    command += ["--variant", "scalar_rgb", "--spp", "1", "--out", str(tmp_path / "a")]
+    run = subprocess.run(command, stderr=terminal, stdout=subprocess.PIPE, timeout=120, check=True)
+    os.close(terminal)
+    assert b"rendering" in os.read(controller, 1 << 16)
+    os.close(controller)
+    assert run.stdout.decode().split() == [f"{tmp_path}/a{s}" for s in (".exr", ".png", ".json")]
+
+
+def test_without_llvm_rendering_goes_on_with_one_warning(tmp_path: Path) -> None:
+    path = scene_of_a_lit_floor(tmp_path)
+    command = [sys.executable, "-m", "polywigner.cli", "render", str(path)]
+    command += ["--spp", "1", "--out", str(tmp_path / "a")]
+    from polywigner.engines.llvm_discovery import OFF_VARIABLE
+
+    environment = {**os.environ, OFF_VARIABLE: "1"}
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    assert run.returncode == 0, run.stderr
+    warnings = [line for line in run.stderr.splitlines() if line.startswith("polywigner: ")]
+    assert len(warnings) == 1
+    assert warnings[0].startswith("polywigner: warning: ")
+    assert "scalar_rgb" in warnings[0]
+    assert "slower" in warnings[0]
+    assert json.loads((tmp_path / "a.json").read_text())["used"]["variant"] == "scalar_rgb"
