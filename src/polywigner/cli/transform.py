@@ -85,8 +85,8 @@ def _save_values(file: Any, slices: TransformSlices) -> None:
             "x": "m",
             "xi": "m",
             "wavelength": "m (nan: not given)",
-            "aperture_wkt": "m",
-            "automean_wkt": "m",
+            "aperture_geojson": "m",
+            "automean_geojson": "m",
         },
         "polywigner": pw.__version__,
     }
@@ -99,13 +99,14 @@ def _save_values(file: Any, slices: TransformSlices) -> None:
         x=np.asarray(slices.x),
         xi=np.asarray(slices.xi),
         wavelength=np.asarray(np.nan if slices.wavelength is None else slices.wavelength),
-        aperture_wkt=np.asarray(_wkt(slices.aperture)),
-        automean_wkt=np.asarray(_wkt(pw.automean(slices.aperture))),
+        aperture_geojson=np.asarray(_geojson(slices.aperture)),
+        automean_geojson=np.asarray(_geojson(pw.automean(slices.aperture))),
         metadata=np.asarray(json.dumps(metadata)),
     )
 
 
-def _wkt(aperture: Any) -> str:
+def _geojson(aperture: Any) -> str:
     import shapely
 
-    return str(shapely.to_wkt(aperture.polygons, rounding_precision=-1))  # all digits
+    # GeoJSON rather than WKT: GEOS writes all digits of it.
+    return str(shapely.to_geojson(aperture.polygons))

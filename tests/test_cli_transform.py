@@ -1,0 +1,98 @@
+"""``polywigner transform``: the files it writes hold the transforms, with their units."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.quantities import wavelength_of
+
+# Separable closed forms of a rectangle; the kernel's own bound, relative to the area.
+ROUNDING = 1e-12
+
+RECTANGLE = "POLYGON ((-3 -2, 3 -2, 3 2, -3 2, -3 -2))"  # 6 mm x 4 mm
+SIDES = np.array([6e-3, 4e-3])
+
+
+@pytest.fixture
+def rectangle(tmp_path: Path) -> Path:
+    path = tmp_path / "rectangle.wkt"
+    path.write_text(RECTANGLE)
+    return path
+
+
+def transformed(path: Path, *options: str) -> dict[str, np.ndarray]:
+    stem = path.parent / "out" / "values"
+    assert main(["transform", str(path), "--out", str(stem), *options]) == 0
+    assert stem.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    with np.load(stem.with_suffix(".npz")) as file:  # without pickle: plain arrays only
+        return dict(file)
+
+
+def test_the_values_are_those_of_the_closed_forms(rectangle: Path) -> None:
+    values = transformed(
+        rectangle,
+        *("--frequency", "94 GHz", "--samples", "17"),
+        *("--x", "-1 mm,0.5 mm", "--xi", "2 mm,-1 mm"),
+    )
+    axis = values["frequency"]
+    assert axis.shape == (17,)
+    assert axis[-1] == -axis[0] == 1 / wavelength_of(94e9)
+    nu = np.stack(np.meshgrid(axis, axis), axis=-1)
+    area = SIDES.prod()
+    expected = np.prod(SIDES * np.sinc(nu * SIDES), axis=-1)
+    np.testing.assert_allclose(values["fourier"], expected, rtol=0, atol=ROUNDING * area)
+
+    np.testing.assert_allclose(values["x"], [-1e-3, 0.5e-3])
+    lengths = SIDES - 2 * np.abs(values["x"])
+    expected = np.prod(2 * lengths * np.sinc(2 * nu * lengths), axis=-1)
+    np.testing.assert_allclose(values["wigner"], expected, rtol=0, atol=ROUNDING * 4 * area)
+
+    np.testing.assert_allclose(values["xi"], [2e-3, -1e-3])
+    lengths = SIDES - np.abs(values["xi"])
+    expected = np.prod(lengths * np.sinc(nu * lengths), axis=-1)
+    np.testing.assert_allclose(values["ambiguity"], expected, rtol=0, atol=ROUNDING * area)
+
+
+def test_every_array_has_its_unit_in_the_metadata(rectangle: Path) -> None:
+    values = transformed(rectangle, "--samples", "5")
+    metadata = json.loads(str(values["metadata"]))
+    assert set(metadata["units"]) == set(values) - {"metadata"}
+    assert metadata["polywigner"] == pw.__version__
+    assert np.isnan(values["wavelength"])
+
+
+def test_the_outlines_come_back_with_all_digits(rectangle: Path) -> None:
+    rectangle.write_text("POLYGON ((0 0, 0.1 0, 0.30000000000000004 1, 0 0))")
+    values = transformed(rectangle, "--unit", "m", "--samples", "3")
+    outline = shapely.from_geojson(str(values["aperture_geojson"]))
+    assert pw.Aperture(outline) == pw.read_aperture(rectangle, unit="m")
+
+
+def test_the_unit_scales_the_aperture(rectangle: Path) -> None:
+    millimetres = transformed(rectangle, "--samples", "3")
+    inches = transformed(rectangle, "--samples", "3", "--unit", "in")
+    ratio = inches["fourier"][1, 1] / millimetres["fourier"][1, 1]
+    np.testing.assert_allclose(ratio, 25.4**2, rtol=ROUNDING)
+
+
+def test_a_wavelength_says_the_same_as_its_frequency(rectangle: Path) -> None:
+    first = transformed(rectangle, "--frequency", "299.792458 GHz", "--samples", "3")
+    second = transformed(rectangle, "--wavelength", "1 mm", "--samples", "3")
+    np.testing.assert_allclose(first["frequency"], second["frequency"], rtol=ROUNDING)
+
+
+def test_the_files_are_named_after_the_aperture_and_told(
+    rectangle: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    out = f"{tmp_path}/new/"
+    assert main(["transform", str(rectangle), "--samples", "3", "--out", out]) == 0
+    captured = capfd.readouterr()
+    assert captured.out.splitlines() == [f"{out}rectangle.png", f"{out}rectangle.npz"]
+    assert captured.err == ""

@@ -1,0 +1,101 @@
+"""The examples, and every block of Python in the README and in docs/, run as they stand."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = ROOT / "examples"
+SCENES = sorted(EXAMPLES.glob("*/scene.xml"))
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def by_folder(path: Path) -> str:
+    return path.parent.name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_python_of_a_page_runs(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocks = BLOCK.findall(page.read_text(encoding="utf-8"))
+    if any("mitsuba" in block for block in blocks):
+        pytest.importorskip("mitsuba")
+    script = tmp_path / "page.py"
+    script.write_text("\n".join(blocks), encoding="utf-8")
+    run_script(script, tmp_path)
+
+
+def run_script(script: Path, folder: Path) -> None:
+    environment = {**os.environ, "MPLBACKEND": "agg"}
+    run = subprocess.run(
+        [sys.executable, str(script)],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert run.returncode == 0, run.stderr
+
+
+def test_the_readme_reaches_its_first_picture_in_five_lines(tmp_path: Path) -> None:
+    block = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))[0]
+    assert len(block.strip().splitlines()) == 5
+    script = tmp_path / "five.py"
+    script.write_text(block, encoding="utf-8")
+    run_script(script, tmp_path)
+    assert (tmp_path / "wigner.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_first_picture_is_drawn(tmp_path: Path) -> None:
+    run_script(EXAMPLES / "first_picture.py", tmp_path)
+    assert (tmp_path / "wigner.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=by_folder)
+def test_an_example_explains_itself_and_brings_its_files(scene: Path) -> None:
+    assert (scene.parent / "README.md").is_file()
+    root = ET.parse(scene).getroot()
+    shapes = root.findall("shape[@type='wigner']")
+    assert shapes
+    for shape in shapes:
+        given = {child.get("name"): child.get("value") for child in shape.findall("string")}
+        aperture = pw.read_aperture(scene.parent / given["aperture"], unit=given["unit"])
+        assert 1e-6 < aperture.area < 1e-3  # between 1 mm^2 and 10 cm^2
+    for mesh in root.findall("shape[@type='obj']/string[@name='filename']"):
+        assert (scene.parent / mesh.get("value", "")).is_file()
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("scene", SCENES, ids=by_folder)
+def test_an_example_renders(scene: Path, tmp_path: Path) -> None:
+    assert main(["render", str(scene), "--spp", "4", "--out", str(tmp_path / "a")]) == 0
+    record = json.loads((tmp_path / "a.json").read_text())
+    assert record["picture"]["zero_db"] > 0
+    assert record["radiance"]["fraction_not_positive"] < 0.9
+
+
+def test_the_meshes_of_the_street_are_what_their_script_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    street = EXAMPLES / "street_77ghz"
+    script = tmp_path / "make_meshes.py"
+    script.write_text((street / "make_meshes.py").read_text())
+    run_script(script, tmp_path)
+    committed = {path.name: path.read_text() for path in (street / "meshes").glob("*.obj")}
+    written = {path.name: path.read_text() for path in (tmp_path / "meshes").glob("*.obj")}
+    assert committed == written
+    assert len(committed) == 4
