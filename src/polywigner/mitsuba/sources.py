@@ -13,13 +13,13 @@ from collections import OrderedDict
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 
-__all__ = ["KEY_PREFIX", "is_key", "register_source", "registered_source"]
+__all__ = ["CAPACITY", "KEY_PREFIX", "is_key", "register_source", "registered_source"]
 
 KEY_PREFIX = "memory:"
 
 # Bounds what a long-lived process that makes a scene per aperture (an optimiser) keeps. A scene
 # needs its key only while it is being loaded.
-_CAPACITY = 1024
+CAPACITY = 1024
 
 _sources: OrderedDict[str, Aperture] = OrderedDict()
 _lock = threading.Lock()
@@ -39,7 +39,7 @@ def register_source(aperture: Aperture) -> str:
     with _lock:
         _sources[key] = aperture
         _sources.move_to_end(key)
-        while len(_sources) > _CAPACITY:
+        while len(_sources) > CAPACITY:
             _sources.popitem(last=False)
     return key
 

@@ -1,0 +1,263 @@
+"""The emitter alone: its radiance, its sampling, its power."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import (
+    CHEVRON,
+    MILLIMETRE,
+    MONO,
+    RGB,
+    SPECTRAL,
+    SQUARE,
+    VARIANTS,
+    WAVELENGTH,
+    emitter_of,
+    light,
+    pose,
+    use,
+)
+
+pytestmark = pytest.mark.drjit
+
+# |W| is at most 4 areas; float32 kernels are good to 5e-6 areas, and frequencies formed in float32
+# turn the phase by 1e-7 of some tens of turns.
+RADIANCE_ERROR = 2e-5
+
+# What h(theta) is for each name, written out.
+FACTORS = {
+    "rayleigh-sommerfeld-1": lambda c: np.ones_like(c),
+    "kirchhoff": lambda c: ((1 + c) / 2) ** 2 / c**2,
+    "rayleigh-sommerfeld-2": lambda c: 1 / c**2,
+    "paper": lambda c: 1 / c,
+}
+
+
+def draws(count: int, within: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 2) in a square, and directions (n, 3) on the +z side down to 80 degrees."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-within, within, (count, 2))
+    cosine, azimuth = rng.uniform(0.17, 1.0, count), rng.uniform(0, 2 * np.pi, count)
+    sine = np.sqrt(1 - cosine**2)
+    return x, np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+
+
+def vectors(mi: Any, kind: str, values: np.ndarray) -> Any:
+    """Points or vectors (n, d) as one array of the variant; (d,) in scalar variants."""
+    make = getattr(mi, f"{kind}{values.shape[-1]}f")
+    if mi.variant().startswith("scalar"):
+        return make(*values.tolist())
+    return make(*(mi.Float(column.tolist()) for column in values.T))
+
+
+def evaluated(mi: Any, emitter: Any, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Radiance (n, channels) at positions (mm) for directions in the frame of the scene."""
+    if mi.variant().startswith("scalar") and x.ndim == 2:
+        rows = [evaluated(mi, emitter, a, b) for a, b in zip(x, direction, strict=True)]
+        return np.concatenate(rows)
+    si = mi.SurfaceInteraction3f() if x.ndim == 1 else _zeros(mi)
+    si.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+    si.uv = vectors(mi, "Point", x)
+    si.wi = si.sh_frame.to_local(vectors(mi, "Vector", direction))
+    value = np.array(emitter.eval(si, True), dtype=float)
+    return value.reshape(1, -1) if x.ndim == 1 else value.T
+
+
+def _zeros(mi: Any) -> Any:
+    import drjit as dr
+
+    return dr.zeros(mi.SurfaceInteraction3f)
+
+
+def uniform(mi: Any, count: int, dimensions: int, seed: int) -> Any:
+    return vectors(mi, "Point", np.random.default_rng(seed).uniform(size=(count, dimensions)))
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("source", [SQUARE, CHEVRON], ids=["square", "chevron"])
+def test_the_radiance_is_the_wigner_function_over_the_wavelength_squared(
+    source: pw.Aperture, variant: str
+) -> None:
+    mi = use(variant)
+    x, direction = draws(40, 0.005)
+    seen = evaluated(mi, emitter_of(light(source)), x / MILLIMETRE, direction)
+    expected = pw.wigner(source, x, direction[:, :2] / WAVELENGTH) / WAVELENGTH**2
+    scale = 4 * source.area / WAVELENGTH**2
+    assert seen.shape[1] in (1, 3, 4)
+    assert np.abs(seen - expected[:, None]).max() < RADIANCE_ERROR * scale
+    assert expected.min() < 0  # negative values are part of it
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+@pytest.mark.parametrize("obliquity", FACTORS)
+def test_the_obliquity_makes_a_parallel_floor_receive_g(obliquity: str, variant: str) -> None:
+    mi = use(variant)
+    x, direction = draws(20, 0.004)
+    plain = evaluated(mi, emitter_of(light()), x / MILLIMETRE, direction)
+    seen = evaluated(mi, emitter_of(light(obliquity=obliquity)), x / MILLIMETRE, direction)
+    factor = FACTORS[obliquity](direction[:, 2:])
+    assert np.abs(seen / factor - plain).max() < RADIANCE_ERROR * np.abs(plain).max()
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_nothing_is_radiated_to_the_back(variant: str) -> None:
+    mi = use(variant)
+    x, direction = draws(10, 0.004)
+    emitter = emitter_of(light())
+    assert not evaluated(mi, emitter, x / MILLIMETRE, direction * [1, 1, -1]).any()
+    behind = mi.Interaction3f()
+    behind.p = mi.Point3f(1.0, 2.0, -5.0)
+    ds, weight = emitter.sample_direction(behind, mi.Point2f(0.3, 0.6), True)
+    assert not np.any(np.array(weight))
+    assert not np.any(np.array(ds.pdf))
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_the_power_scales_the_radiance_from_its_default_the_area(variant: str) -> None:
+    mi = use(variant)
+    x, direction = draws(10, 0.004)
+    default = evaluated(mi, emitter_of(light()), x / MILLIMETRE, direction)
+    twelve = evaluated(mi, emitter_of(light(power=12.0)), x / MILLIMETRE, direction)
+    assert np.allclose(twelve, default * 12 / SQUARE.area, rtol=1e-5)
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO, RGB, SPECTRAL])
+def test_sampled_directions_agree_with_density_and_evaluation(variant: str) -> None:
+    mi = use(variant)
+    emitter = emitter_of(light(CHEVRON, to_world=pose((3.0, -2.0, 1.0), about_x=0.3)))
+    it = mi.Interaction3f()
+    it.p = mi.Point3f(4.0, 6.0, 25.0)
+    for u, v in np.random.default_rng(1).uniform(size=(20, 2)).tolist():
+        ds, weight = emitter.sample_direction(it, mi.Point2f(u, v), True)
+        density = np.array(emitter.pdf_direction(it, ds, True), dtype=float).item()
+        radiance = np.array(emitter.eval_direction(it, ds, True), dtype=float).ravel()
+        assert density == pytest.approx(np.array(ds.pdf, dtype=float).item(), rel=1e-5)
+        assert np.array(weight, dtype=float).ravel() * density == pytest.approx(radiance, rel=1e-4)
+        assert np.array(ds.p - it.p).ravel() == pytest.approx(
+            np.array(ds.d * ds.dist).ravel(), abs=1e-4
+        )
+
+
+@pytest.mark.parametrize("source", [SQUARE, CHEVRON], ids=["square", "chevron"])
+def test_sampled_directions_follow_their_density_by_chi_square(
+    source: pw.Aperture, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    from mitsuba.chi2 import ChiSquareTest, SphericalDomain
+
+    emitter = emitter_of(light(source, to_world=pose(about_x=0.4)))
+    it = mi.Interaction3f()
+    it.p = mi.Point3f(2.0, -1.0, 6.0)
+
+    def density(direction: Any) -> Any:
+        si = emitter.kept_scene.ray_intersect(mi.Ray3f(it.p, direction))
+        ds = mi.DirectionSample3f(emitter.kept_scene, si, it)
+        import drjit as dr
+
+        return dr.select(si.is_valid(), emitter.pdf_direction(it, ds, True), 0.0)
+
+    test = ChiSquareTest(
+        domain=SphericalDomain(),
+        sample_func=lambda sample: emitter.sample_direction(it, sample, True)[0].d,
+        pdf_func=density,
+        sample_count=1_000_000,
+        res=51,
+        ires=64,  # the density ends abruptly at the aperture's edges
+    )
+    assert test.run(), test.messages
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_positions_have_the_density_of_the_automean(variant: str) -> None:
+    mi = use(variant)
+    emitter = emitter_of(light(CHEVRON))
+    ps, weight = emitter.sample_position(0.0, mi.Point2f(0.2, 0.7), True)
+    area = pw.automean(CHEVRON).area / MILLIMETRE**2
+    assert np.array(weight, dtype=float).item() == pytest.approx(area, rel=1e-6)
+    assert np.array(ps.pdf, dtype=float).item() == pytest.approx(1 / area, rel=1e-6)
+    assert np.array(emitter.pdf_position(ps, True), dtype=float).item() == pytest.approx(
+        1 / area, rel=1e-6
+    )
+    assert np.array(emitter.get_shape().surface_area(), dtype=float).item() == pytest.approx(
+        area, rel=1e-5
+    )
+
+
+def propagating_part(source: pw.Aperture) -> float:
+    """int |F|^2 over |nu| < 1/lambda, by Gauss-Legendre in polar coordinates."""
+    t, w = np.polynomial.legendre.leggauss(200)
+    radius, weight = (t + 1) / 2 / WAVELENGTH, w / 2 / WAVELENGTH
+    angle = np.arange(400) * (2 * np.pi / 400)  # periodic: the rectangle rule converges fast
+    nu = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    density = np.abs(pw.fourier(source, nu)) ** 2
+    return float((density.mean(axis=1) * 2 * np.pi * radius * weight).sum())
+
+
+def test_the_square_of_ten_millimetres_keeps_6_62_percent_to_itself() -> None:
+    assert propagating_part(SQUARE) / SQUARE.area == pytest.approx(1 - 0.0662, abs=5e-5)
+
+
+@pytest.mark.parametrize("source", [SQUARE, CHEVRON], ids=["square", "chevron"])
+def test_the_emitted_power_is_the_propagating_part_of_the_field(
+    source: pw.Aperture, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    count = 2**21
+    emitter = emitter_of(light(source, to_world=pose(about_x=0.7)))
+    _, weight = emitter.sample_ray(
+        0.0, 0.5, uniform(mi, count, 2, seed=1), uniform(mi, count, 2, seed=2), True
+    )
+    samples = np.array(weight, dtype=float).ravel() * MILLIMETRE**2
+    error = samples.std() / np.sqrt(count)
+    expected = propagating_part(source)
+    assert error < 0.01 * expected
+    assert abs(samples.mean() - expected) < 4 * error
+
+
+def test_rays_leave_from_the_aperture_to_its_front(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    placed = pose((1.0, 2.0, 3.0), about_x=0.7)
+    emitter = emitter_of(light(CHEVRON, to_world=placed))
+    samples = uniform(mi, 1000, 2, seed=3), uniform(mi, 1000, 2, seed=4)
+    ray, _ = emitter.sample_ray(0.0, 0.5, *samples, True)
+    normal = placed[:3, 2]
+    heights = (np.array(ray.o).T - placed[:3, 3]) @ normal
+    assert np.abs(heights).max() < 0.01  # Mitsuba lifts rays off surfaces by some 1e-4
+    assert (np.array(ray.d).T @ normal > 0).all()
+
+
+def test_an_aperture_far_from_the_origin_keeps_its_pattern(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    source, distance = CHEVRON, 0.5
+    origin = np.array([80.0, -50.0, 40.0])  # metres: single precision resolves 8 micrometres
+    placed = pose(origin, about_x=0.7)
+    emitter = emitter_of(pwm.aperture(source, WAVELENGTH, scene_unit=1.0, to_world=placed))
+    frame = placed[:3, :3]
+    _, direction = draws(2000, 0.0, seed=5)
+    # What single precision makes of the receivers' positions is theirs, not the emitter's.
+    points = (origin + distance * direction @ frame.T).astype(np.float32).astype(float)
+    it = mi.Interaction3f()
+    it.p = vectors(mi, "Point", points)
+    ds, weight = emitter.sample_direction(it, uniform(mi, 2000, 2, seed=6), True)
+    seen = np.array(weight, dtype=float).ravel() * np.array(ds.pdf, dtype=float).ravel()
+    local = (points - origin.astype(np.float32)) @ frame
+    x = np.array(ds.uv, dtype=float).T
+    r = local - np.pad(x, ((0, 0), (0, 1)))
+    nu = r[:, :2] / np.linalg.norm(r, axis=-1, keepdims=True) / WAVELENGTH
+    expected = pw.wigner(source, x, nu) / WAVELENGTH**2
+    scale = 4 * source.area / WAVELENGTH**2
+    assert np.abs(seen - expected).max() < RADIANCE_ERROR * scale
+
+
+def test_identical_apertures_stay_apart(llvm: object) -> None:
+    for variant in ("llvm_ad_mono", "scalar_rgb"):
+        mi = use(variant)
+        entries = {f"aperture{k}": light() for k in range(3)}
+        assert len(mi.load_dict({"type": "scene", **entries}).emitters()) == 3

@@ -1,0 +1,238 @@
+"""Parameters of the ``wigner`` shape, from XML and from dictionaries, good and bad."""
+
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import MONO, SQUARE, WAVELENGTH, pose, use
+from polywigner.errors import EngineError, PolywignerError, SceneError
+
+pytestmark = pytest.mark.drjit
+
+WKT = "POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))"
+GOOD = (
+    '<string name="aperture" value="patch.wkt"/><string name="unit" value="mm"/>'
+    '<string name="frequency" value="94 GHz"/>'
+)
+
+
+def write_scene(folder: Path, inside: str, name: str = "scene.xml") -> Path:
+    (folder / "patch.wkt").write_text(WKT)
+    file = folder / name
+    shape = f'<shape type="wigner" id="aperture">{inside}</shape>'
+    file.write_text(f'<scene version="3.0.0"><integrator type="path"/>{shape}</scene>')
+    return file
+
+
+def load(folder: Path, inside: str) -> Any:
+    import polywigner.mitsuba as pwm
+
+    return pwm.load_scene(write_scene(folder, inside), "scalar_rgb").emitters()[0].spec
+
+
+def test_a_file_is_found_beside_the_scene_and_read_in_its_unit(tmp_path: Path) -> None:
+    spec = load(tmp_path, GOOD)
+    assert spec.aperture == SQUARE
+    assert spec.wavelength == pytest.approx(WAVELENGTH, rel=1e-15)
+    assert spec.power == pytest.approx(SQUARE.area)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "name", "value"),
+    [
+        ('<float name="frequency" value="94e9"/>', "wavelength", WAVELENGTH),
+        ('<string name="wavelength" value="3.19 mm"/>', "wavelength", 3.19e-3),
+        ('<float name="wavelength" value="0.00319"/>', "wavelength", 3.19e-3),
+    ],
+)
+def test_frequency_and_wavelength_are_texts_or_si_numbers(
+    tmp_path: Path, parameter: str, name: str, value: float
+) -> None:
+    spec = load(tmp_path, f'<string name="aperture" value="patch.wkt"/>{parameter}')
+    assert getattr(spec, name) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "name", "value"),
+    [
+        ('<string name="power" value="10 mW"/>', "power", 1e-2),
+        ('<float name="power" value="2.5"/>', "power", 2.5),
+        ('<integer name="power" value="2"/>', "power", 2.0),
+        ('<string name="obliquity" value="kirchhoff"/>', "obliquity", "kirchhoff"),
+        ('<string name="scene_unit" value="mm"/>', "scene_unit", 1e-3),
+        ('<string name="scene_unit" value="0.1 m"/>', "scene_unit", 0.1),
+        ('<float name="sampling_weight" value="3"/>', "sampling_weight", 3.0),
+    ],
+)
+def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: Any) -> None:
+    assert getattr(load(tmp_path, GOOD + parameter), name) == value
+
+
+@pytest.mark.parametrize(
+    ("inside", "fragments"),
+    [
+        (GOOD + '<string name="colour" value="red"/>', ["parameters aperture, unit", "'colour'"]),
+        (GOOD + '<float name="wavelength" value="0.003"/>', ["both", "give one"]),
+        ('<string name="aperture" value="patch.wkt"/>', ["neither", "give one"]),
+        ('<string name="frequency" value="94 GHz"/>', ["'aperture'", "none"]),
+        (GOOD.replace("94 GHz", "94 GHx"), ["frequency", "94 GHx"]),
+        (GOOD.replace("94 GHz", "-94 GHz"), ["frequency above zero", "-94 GHz"]),
+        (GOOD.replace("94 GHz", "0"), ["frequency above zero"]),
+        (GOOD.replace('value="mm"', 'value="furlong"'), ["furlong"]),
+        (GOOD.replace("patch.wkt", "none.wkt"), ["none.wkt"]),
+        (GOOD.replace("patch.wkt", "memory:123"), ["expected no unit"]),
+        (GOOD + '<string name="power" value="much"/>', ["power", "much"]),
+        (GOOD + '<float name="power" value="-1"/>', ["power above zero"]),
+        (GOOD + '<boolean name="power" value="true"/>', ["number or a text as power", "bool"]),
+        (GOOD + '<float name="obliquity" value="1"/>', ['<string name="obliquity"', "float"]),
+        (GOOD + '<string name="obliquity" value="rs1"/>', ["obliquity", "'rs1'", "kirchhoff"]),
+        (GOOD + '<float name="sampling_weight" value="-1"/>', ["sampling_weight"]),
+        (GOOD + '<emitter type="area"/>', ["no emitter inside", "brings its own"]),
+        (
+            GOOD + '<transform name="to_world"><scale value="2"/></transform>',
+            ["rotations and translations only", "scales by 2, 2, 2", "scale the aperture itself"],
+        ),
+        (
+            GOOD + '<transform name="to_world"><scale x="-1"/></transform>',
+            ["mirror"],
+        ),
+        (
+            GOOD.replace("patch.wkt", "memory:0123"). replace(
+                '<string name="unit" value="mm"/>', ""
+            ),
+            ["key of an aperture", "polywigner.mitsuba.aperture"],
+        ),
+    ],
+)  # fmt: skip
+def test_a_bad_parameter_is_one_line_that_says_where(
+    tmp_path: Path, inside: str, fragments: list[str]
+) -> None:
+    with pytest.raises(PolywignerError) as caught:
+        load(tmp_path, inside)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "Traceback" not in message
+    assert message.startswith(f"{tmp_path / 'scene.xml'} (line 1")
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_the_message_is_in_what_mitsuba_itself_raises(tmp_path: Path) -> None:
+    mi = use("scalar_rgb")
+    file = write_scene(tmp_path, GOOD + '<string name="colour" value="red"/>')
+    with pytest.raises(RuntimeError, match=r"expected the parameters aperture, unit.*'colour'"):
+        mi.load_file(str(file))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<scene",
+        '<scene version="3.0.0"><shape type="no_such_plugin"/></scene>',
+        '<bsdf version="3.0.0" type="diffuse"/>',
+    ],
+)
+def test_a_scene_that_mitsuba_cannot_load_is_one_line(tmp_path: Path, text: str) -> None:
+    import polywigner.mitsuba as pwm
+
+    file = tmp_path / "scene.xml"
+    file.write_text(text)
+    with pytest.raises(SceneError, match=r"expected a .*scene") as caught:
+        pwm.load_scene(file, "scalar_rgb")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_scene_and_an_unknown_variant_are_refused(tmp_path: Path) -> None:
+    import polywigner.mitsuba as pwm
+
+    with pytest.raises(SceneError, match="not a file"):
+        pwm.load_scene(tmp_path / "none.xml", "scalar_rgb")
+    with pytest.raises(EngineError, match="expected a variant"):
+        pwm.load_scene(write_scene(tmp_path, GOOD), "scalar_mono")
+
+
+def test_a_scene_without_the_emitter_is_told_from_one_with_it(tmp_path: Path) -> None:
+    import polywigner.mitsuba as pwm
+
+    assert pwm.has_wigner_emitter(pwm.load_scene(write_scene(tmp_path, GOOD), "scalar_rgb"))
+    bare = tmp_path / "bare.xml"
+    bare.write_text('<scene version="3.0.0"><emitter type="constant"/></scene>')
+    assert not pwm.has_wigner_emitter(pwm.load_scene(bare, "scalar_rgb"))
+
+
+def test_a_sampler_given_at_loading_replaces_those_of_the_scene(tmp_path: Path) -> None:
+    import polywigner.mitsuba as pwm
+
+    file = tmp_path / "scene.xml"
+    film = '<film type="hdrfilm"/>'
+    own = '<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>'
+    sensors = f'<sensor type="perspective">{film}</sensor><sensor type="perspective">{film}{own}'
+    file.write_text(
+        f'<scene version="3.0.0"><default name="spp" value="9"/>{sensors}</sensor></scene>'
+    )
+    scene = pwm.load_scene(file, "scalar_rgb", sampler="stratified", spp=25)
+    assert [s.sampler().class_name() for s in scene.sensors()] == ["StratifiedSampler"] * 2
+    assert scene.sensors()[1].sampler().sample_count() == 25
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    placed = pose((1.0, 2.0, 3.0), about_x=0.5)
+    entry = pwm.aperture(
+        SQUARE, WAVELENGTH, to_world=placed, obliquity="paper", power=2.0, bsdf={"type": "diffuse"}
+    )
+    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    spec = scene.emitters()[0].spec
+    assert (spec.aperture, spec.wavelength, spec.obliquity) == (SQUARE, WAVELENGTH, "paper")
+    assert spec.power == 2.0
+    assert np.allclose(spec.pose, placed, atol=1e-7)
+    assert "Diffuse" in str(scene.shapes()[0].bsdf())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragment"),
+    [
+        ({"wavelength": -1.0}, "above zero"),
+        ({"wavelength": float("nan")}, "finite"),
+        ({"wavelength": 1.0, "obliquity": "none"}, "obliquity"),
+        ({"wavelength": 1.0, "power": 0.0}, "above zero"),
+        ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
+        ({"wavelength": 1.0, "to_world": np.full((4, 4), np.nan)}, "finite"),
+    ],
+)
+def test_a_bad_argument_of_an_entry_is_refused_at_once(
+    arguments: dict[str, Any], fragment: str
+) -> None:
+    import polywigner.mitsuba as pwm
+
+    with pytest.raises(PolywignerError, match=fragment):
+        pwm.aperture(SQUARE, **arguments)
+
+
+def test_apertures_in_memory_are_shared_by_content_and_bounded() -> None:
+    from polywigner.mitsuba import sources
+
+    first = sources.register_source(pw.shapes.square(0.01))
+    assert sources.register_source(pw.shapes.square(0.01)) == first
+    for k in range(sources.CAPACITY):
+        sources.register_source(pw.shapes.square(0.02 + k))
+    gc.collect()
+    with pytest.raises(SceneError, match="key of an aperture"):
+        sources.registered_source(first)
+
+
+def test_importing_the_plugin_sets_no_variant() -> None:
+    import subprocess
+    import sys
+
+    code = "import polywigner.mitsuba, mitsuba; assert mitsuba.variant() is None"
+    subprocess.run([sys.executable, "-c", code], check=True)
