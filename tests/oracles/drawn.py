@@ -1,4 +1,9 @@
-"""Apertures drawn by hypothesis: convex, concave, holed, disjoint, slivers, coincident edges."""
+"""Apertures drawn by hypothesis: convex, concave, holed, disjoint, slivers, coincident edges.
+
+Tiles and lattice polygons have many parallel, collinear and coincident edges; half of them are
+turned, which makes those relations true up to rounding only, and some are shaken by 1e-16 to
+1e-4, which makes them nearly true.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +11,15 @@ import math
 from functools import reduce
 
 import numpy as np
+import shapely
+from hypothesis import assume
 from hypothesis import strategies as st
 
 from oracles.shapes import Polygons
 
 __all__ = ["polygons"]
+
+LEAST_CLEARANCE = 1e-2  # far more than the shaking: a ring may not touch itself
 
 _angles = st.floats(0, 2 * math.pi)
 _sizes = st.floats(0.2, 1.0)
@@ -89,7 +98,28 @@ def _tiles(draw: st.DrawFn) -> Polygons:
     return [(tile(cell), []) for cell in sorted(cells)]
 
 
+def _clearance(ring: np.ndarray) -> float:
+    """Smallest distance between a vertex and an edge that does not end there."""
+    edges = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
+    distance = shapely.distance(shapely.points(ring)[:, None], edges)
+    own = np.arange(len(ring))
+    distance[own, own] = distance[own, own - 1] = np.inf
+    return float(distance.min())
+
+
+@st.composite
+def _lattice(draw: st.DrawFn) -> Polygons:
+    """A concave polygon with corners on a 6 x 6 lattice, star-shaped, turned and shaken."""
+    points = draw(st.sets(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=4, max_size=9))
+    away = np.array(sorted(points), float) - 2.4 + np.array([0.0, 0.03])
+    ring = away[np.argsort(np.arctan2(away[:, 1], away[:, 0]))] / 5
+    assume(shapely.Polygon(ring).is_valid and _clearance(ring) > LEAST_CLEARANCE)
+    shake = draw(st.sampled_from([0.0, 10.0 ** -draw(st.integers(4, 16))]))
+    offsets = np.random.default_rng(draw(st.integers(0, 999))).normal(size=ring.shape)
+    return draw(_posed([(ring + shake * offsets, [])]))
+
+
 def polygons() -> st.SearchStrategy[Polygons]:
     """Any of the kinds."""
-    kinds = [_plain(), _holed(), _disjoint(), _sliver(), _tiles()]
+    kinds = [_plain(), _holed(), _disjoint(), _sliver(), _tiles(), _lattice()]
     return reduce(lambda a, b: a | b, kinds)

@@ -8,6 +8,7 @@ rounded until the phases 2 pi nu.V go to mpmath.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -245,15 +246,21 @@ class _Exponentials:
         return (self.first(a, b) - self.first(b, c)) / self.exponent((a[0] - c[0], a[1] - c[1]))
 
 
+def _log10(value: Any) -> float:
+    """Of a positive rational number, which may be too small for a float."""
+    bits = int(value.numerator).bit_length() - int(value.denominator).bit_length()
+    return bits * math.log10(2)
+
+
 def _digits_lost(triangles: list[tuple[Any, list[tuple[Any, Any]]]]) -> int:
     """A second divided difference loses two digits per decade of its smallest difference."""
-    lost = 0
+    smallest = 0.0
     for _, q in triangles:
         for k in range(3):
-            size = float(abs(q[k][0] - q[k - 1][0]) + abs(q[k][1] - q[k - 1][1]))
-            if 0 < size < 1:
-                lost = max(lost, int(-2 * np.log10(size)) + 2)
-    return lost
+            size = abs(q[k][0] - q[k - 1][0]) + abs(q[k][1] - q[k - 1][1])
+            if size:
+                smallest = min(smallest, _log10(size))
+    return int(-2 * smallest) + 2
 
 
 def transform(shape: Region, nu: Sequence[complex], digits: int = DIGITS) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -44,6 +45,21 @@ def _nearly_parallel() -> np.ndarray:
     lower = np.cumsum([0, 1e-3, -1e-5, 1e-7, -1e-9, 1e-11, -1e-13]) / 6
     upper = 0.4 + np.cumsum([0, -1e-4, 1e-6, -1e-8, 1e-10, -1e-12, 0]) / 6
     return np.concatenate([np.column_stack([x, lower]), np.column_stack([x, upper])[::-1]])
+
+
+def _with_redundant_corners(out: Sequence[float]) -> np.ndarray:
+    """A square with three more corners on each side, moved out of it by these distances."""
+    corners = _box(-0.5, -0.5, 0.5, 0.5)
+    ring = []
+    for k, (start, end) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
+        along = end - start
+        outward = np.array([along[1], -along[0]])
+        ring.append(start)
+        ring += [start + (j + 1) / 4 * along + out[3 * k + j] * outward for j in range(3)]
+    return np.array(ring)
+
+
+BENDS = np.array([1e-5, -1e-6, 1e-7, -3e-8, 1e-8, -1e-8, 3e-9, -1e-9, 1e-9, -1e-10, 1e-11, 1e-13])
 
 
 def _hexagons() -> Polygons:
@@ -120,5 +136,11 @@ def awkward_shapes() -> dict[str, Polygons]:
         "needle 1e-6": _parts([[-0.5, -5e-7], [0.5, -5e-7], [0.5, 5e-7], [-0.5, 5e-7]]),
         "needle 1e-3, rotated": _turned(
             _parts([[-0.5, -5e-4], [0.5, -5e-4], [0.5, 5e-4], [-0.5, 5e-4]]), 0.4
+        ),
+        "nearly collinear corners": _parts(_with_redundant_corners(BENDS)),
+        "nearly collinear corners, rotated": _turned(_parts(_with_redundant_corners(BENDS)), 0.9),
+        "corners collinear to 1e-9": _parts(_with_redundant_corners(1e-4 * BENDS[::-1])),
+        "corners collinear to rounding, rotated": _turned(
+            _parts(_with_redundant_corners(np.zeros(12))), 0.9
         ),
     }
