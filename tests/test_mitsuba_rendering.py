@@ -1,0 +1,378 @@
+"""Rendered floors: against the diffraction integral, across integrators, variants and changes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import (
+    CHEVRON,
+    MILLIMETRE,
+    MONO,
+    RGB,
+    SQUARE,
+    WAVELENGTH,
+    floor_scene,
+    light,
+    pose,
+    use,
+)
+from polywigner.errors import ArgumentError, EngineError, SceneError
+
+pytestmark = pytest.mark.drjit
+
+COLUMNS = 101
+# With 8 seeds, the squared ratio of mean to standard error has mean 7/5 without bias; its average
+# over 101 pixels, whose errors are hardly correlated, stays below this.
+LARGEST_MEAN_SQUARE = 2.2
+
+
+def line(source: pw.Aperture, distance: float) -> np.ndarray:
+    """What a line of pixels through the axis must show at ``distance`` wavelengths."""
+    import render_reference as reference
+
+    z = distance * WAVELENGTH
+    points = reference.pixel_points(COLUMNS, 2 * z, z)
+    return reference.mean_over_pixels(reference.wigner_floor(source, points, WAVELENGTH))
+
+
+def irradiance(image: np.ndarray) -> np.ndarray:
+    """On a white floor, in the order of x: the camera's columns run towards -x."""
+    return np.pi * image[0, ::-1, 0].astype(float)
+
+
+def mean_and_error(runs: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    stack = np.array(runs, dtype=float)
+    return stack.mean(axis=0), stack.std(axis=0, ddof=1) / np.sqrt(len(runs))
+
+
+@pytest.mark.parametrize("sampler", ["multijitter", "independent"])
+@pytest.mark.parametrize(
+    ("source", "distance"), [(SQUARE, 2), (SQUARE, 10), (CHEVRON, 10), (CHEVRON, 50)]
+)
+def test_a_floor_shows_the_diffraction_integral_without_bias(
+    source: pw.Aperture, distance: float, sampler: str, llvm: object
+) -> None:
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    scene = floor_scene(
+        {"aperture": light(source)},
+        distance=distance * WAVELENGTH / MILLIMETRE,
+        columns=COLUMNS,
+        rows=1,
+        sampler=sampler,
+    )
+    expected = line(source, distance)
+    runs = [irradiance(pwm.render(scene, spp=1024, seed=seed)) for seed in range(8)]
+    mean, error = mean_and_error(runs)
+    assert np.mean(((mean - expected) / error) ** 2) < LARGEST_MEAN_SQUARE
+    assert np.abs(mean - expected).mean() < 0.01 * expected.max()
+
+
+@pytest.mark.parametrize(("distance", "rms_db"), [(2, 0.7), (5, 0.35), (10, 0.2), (20, 0.08)])
+def test_that_integral_is_the_rayleigh_sommerfeld_field(distance: float, rms_db: float) -> None:
+    import render_reference as reference
+
+    z = distance * WAVELENGTH
+    points = reference.pixel_points(COLUMNS, 2 * z, z, per_side=1)[:, 0, 0]
+    leading = reference.wigner_floor(SQUARE, points, WAVELENGTH)
+    exact = reference.rayleigh_sommerfeld(SQUARE, points, WAVELENGTH)
+    lit = exact > 0.01 * exact.max()
+    assert np.sqrt(np.mean((10 * np.log10(leading[lit] / exact[lit])) ** 2)) < rms_db
+
+
+@pytest.mark.parametrize(
+    ("distance", "of", "value"),
+    [
+        (2, "rayleigh_sommerfeld", 1.9824987166920205),
+        (2, "wigner_floor", 1.740957057358862),
+    ],
+)
+def test_the_reference_integrals_agree_with_published_digits(
+    distance: float, of: str, value: float
+) -> None:
+    import render_reference as reference
+
+    axis = np.array([[0.0, 0.0, distance * WAVELENGTH]])
+    assert getattr(reference, of)(SQUARE, axis, WAVELENGTH)[0] == pytest.approx(value, rel=1e-9)
+
+
+@pytest.mark.parametrize("integrator", ["direct", "volpath", "volpathmis", "prb", "prbvolpath"])
+def test_integrators_agree(integrator: str, llvm: object) -> None:
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    scene = floor_scene({"aperture": light(CHEVRON)}, columns=8)
+    expected, error = mean_and_error([pwm.render(scene, spp=256, seed=s) for s in range(8)])
+    runs = [pwm.render(scene, integrator, spp=256, seed=100 + s) for s in range(8)]
+    mean, own_error = mean_and_error(runs)
+    deviation = (mean - expected) / np.hypot(error, own_error)
+    assert np.mean(deviation**2) < LARGEST_MEAN_SQUARE
+
+
+def test_the_particle_tracer_agrees_and_warns_of_russian_roulette(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    z = 10 * WAVELENGTH / MILLIMETRE
+    transform = mi.ScalarTransform4f
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 2},
+            "sensor": {
+                "type": "perspective",
+                "fov": 60,
+                "to_world": transform().look_at([30, 0, 0], [0, 0, z], [0, 1, 0]),
+                "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
+            },
+            "floor": {
+                "type": "rectangle",
+                "to_world": transform().translate([0, 0, z]).rotate([1, 0, 0], 180).scale(100),
+            },
+            "aperture": light(),
+        }
+    )
+    expected, error = mean_and_error([pwm.render(scene, spp=4096, seed=s) for s in range(8)])
+    runs = []
+    for seed in range(8):
+        with pytest.warns(RuntimeWarning, match="Russian roulette"):
+            runs.append(pwm.render(scene, "ptracer", spp=8192, seed=seed))
+    mean, own_error = mean_and_error(runs)
+    assert np.mean(((mean - expected) / np.hypot(error, own_error)) ** 2) < LARGEST_MEAN_SQUARE
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", RGB])
+def test_variants_show_the_same_floor(variant: str, llvm: object) -> None:
+    import polywigner.mitsuba as pwm
+
+    use("llvm_ad_mono")
+    scene = floor_scene({"aperture": light(CHEVRON)}, columns=4)
+    expected, error = mean_and_error([pwm.render(scene, spp=256, seed=s) for s in range(8)])
+    use(variant)
+    scene = floor_scene({"aperture": light(CHEVRON)}, columns=4)
+    runs = [pwm.render(scene, spp=256, seed=50 + s) for s in range(8)]
+    mean, own_error = mean_and_error(runs)
+    assert mean.shape == (4, 4, 3)
+    assert np.abs(mean - mean[..., :1]).max() < 1e-6 * mean.max()  # one band in every channel
+    deviation = (mean[..., 0] - expected[..., 0]) / np.hypot(error, own_error)[..., 0]
+    assert np.mean(deviation**2) < 2 * LARGEST_MEAN_SQUARE  # 16 pixels only
+
+
+def test_the_plugin_survives_changes_of_the_variant(llvm: object) -> None:
+    import polywigner.mitsuba as pwm
+
+    images = []
+    for variant in ("llvm_ad_mono", "scalar_rgb", "llvm_ad_rgb", "llvm_ad_mono"):
+        use(variant)
+        scene = floor_scene({"aperture": light()}, columns=4)
+        images.append(pwm.render(scene, spp=16, seed=1))
+    assert np.array_equal(images[0], images[-1])
+
+
+def test_two_identical_apertures_shine_twice_as_bright(llvm: object) -> None:
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    one = floor_scene({"a": light()}, columns=8)
+    two = floor_scene({"a": light(), "b": light()}, columns=8)
+    expected, error = mean_and_error([pwm.render(one, spp=256, seed=s) for s in range(8)])
+    mean, own_error = mean_and_error([pwm.render(two, spp=256, seed=s) for s in range(8)])
+    assert np.mean(((mean - 2 * expected) / np.hypot(2 * error, own_error)) ** 2) < (
+        LARGEST_MEAN_SQUARE
+    )
+
+
+def heavy_kernels(render: Any, samples: int) -> list[dict[str, Any]]:
+    """The kernels that ran over at least one item per sample."""
+    import drjit as dr
+
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        dr.kernel_history_clear()
+        np.array(render())
+        history = dr.kernel_history([dr.KernelType.JIT])
+    return [kernel for kernel in history if kernel["size"] >= samples]
+
+
+def test_a_render_is_one_kernel_whatever_shines_in_the_scene(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    lights = {
+        "a": light(to_world=pose((20.0, 0.0, 0.0))),
+        "b": light(to_world=pose((-20.0, 0.0, 0.0))),
+        "c": light(CHEVRON, 1.1 * WAVELENGTH, power=1.0),
+    }
+    scene = floor_scene(lights, columns=16)
+    kernels = heavy_kernels(lambda: mi.render(scene, spp=64, seed=1), 16 * 16 * 64)
+    assert len(kernels) == 1
+
+
+def test_new_parameters_give_the_picture_of_a_new_scene_from_the_same_kernel(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    placed = pose((20.0, 30.0, -1.0), about_x=0.2)
+    scene = floor_scene({"aperture": light()}, columns=8)
+    mi.render(scene, spp=16)
+    params = mi.traverse(scene)
+    params["aperture.emitter.wavelength"] = 0.9 * WAVELENGTH
+    params["aperture.emitter.power"] = 2e-4
+    params["aperture.emitter.to_world"] = mi.Transform4f(mi.Matrix4f(placed))
+    params.update()
+    changed: list[np.ndarray] = []
+    (kernel,) = heavy_kernels(
+        lambda: changed.append(np.array(mi.render(scene, spp=16, seed=2))), 8 * 8 * 16
+    )
+    assert kernel["cache_hit"]
+    fresh = floor_scene(
+        {"aperture": light(SQUARE, 0.9 * WAVELENGTH, power=2e-4, to_world=placed)}, columns=8
+    )
+    expected = np.array(mi.render(fresh, spp=16, seed=2))
+    assert np.abs(changed[0] - expected).max() < 1e-5 * expected.max()
+    box, fresh_box = scene.bbox(), fresh.bbox()
+    assert np.allclose(box.min, fresh_box.min)
+    assert np.allclose(box.max, fresh_box.max)
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_parameters_change_in_every_variant_and_are_checked(variant: str) -> None:
+    mi = use(variant)
+    scene = floor_scene({"aperture": light()}, columns=2)
+    params = mi.traverse(scene)
+    params["aperture.emitter.power"] = 3.0
+    params.update()
+    assert np.array(scene.emitters()[0].power).item() == pytest.approx(3.0)
+    params["aperture.emitter.wavelength"] = -1.0
+    with pytest.raises(SceneError, match="wavelength above zero"):
+        params.update()
+    params["aperture.emitter.wavelength"] = WAVELENGTH
+    params["aperture.emitter.to_world"] = mi.Transform4f().scale(2.0)
+    with pytest.raises(SceneError, match="scales by 2, 2, 2"):
+        params.update()
+
+
+@pytest.mark.parametrize(("name", "value"), [("wavelength", WAVELENGTH), ("power", 1e-4)])
+def test_gradients_flow_to_wavelength_and_power(name: str, value: float, llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    import drjit as dr
+
+    scene = floor_scene({"aperture": light()}, {"type": "prb", "max_depth": 2}, columns=4)
+    params = mi.traverse(scene)
+    key = f"aperture.emitter.{name}"
+
+    def images(shift: float) -> np.ndarray:
+        params[key] = mi.Float(value * (1 + shift))
+        params.update()
+        return np.mean([np.array(mi.render(scene, spp=1024, seed=s)) for s in range(8)], axis=0)
+
+    gradients = []
+    for seed in range(8):
+        params[key] = mi.Float(value)
+        dr.enable_grad(params[key])
+        params.update()
+        image = mi.render(scene, params, spp=1024, seed=seed)
+        dr.forward(params[key])
+        gradients.append(np.array(dr.grad(image)))
+    gradient, error = mean_and_error(gradients)
+    step = 5e-3  # the pattern changes by a few per cent of its curvature
+    difference = (images(step) - images(-step)) / (2 * step * value)
+    # The difference's own noise, from the same seeds on both sides, is like the gradient's.
+    deviation = (gradient - difference) / (np.sqrt(2) * error)
+    assert np.mean(deviation**2) < 2 * LARGEST_MEAN_SQUARE
+    assert np.abs(gradient / error).max() > 5  # it is not that everything drowns in noise
+
+
+def test_an_aperture_casts_no_shadow_in_volpath_and_direct_warns(llvm: object) -> None:
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    rear = {"rear": light(to_world=pose((0.0, 0.0, -10.0)))}
+    # Dark, larger, and between the other aperture and the floor.
+    front = {"front": light(pw.shapes.square(0.03), power=1e-15, sampling_weight=0.1)}
+    free = floor_scene(rear, columns=4)
+    behind = floor_scene(rear | front, columns=4)
+    expected, error = mean_and_error([pwm.render(free, spp=256, seed=s) for s in range(8)])
+    runs = [pwm.render(behind, "volpath", spp=256, seed=50 + s) for s in range(8)]
+    mean, own_error = mean_and_error(runs)
+    deviation = (mean - expected) / np.hypot(error, own_error)
+    assert np.mean(deviation**2) < 2 * LARGEST_MEAN_SQUARE
+    with pytest.warns(RuntimeWarning, match="cast shadows"):
+        dark = pwm.render(behind, "direct", spp=64)
+    assert dark.mean() < 0.1 * expected.mean()
+
+
+def test_the_same_seed_gives_the_same_image_and_another_seed_another(llvm: object) -> None:
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    scene = floor_scene({"aperture": light()}, columns=8)
+    steps: list[tuple[int, int]] = []
+    first = pwm.render(scene, spp=64, seed=3, progress=lambda *step: steps.append(step))
+    assert first.dtype == np.float32
+    assert first.shape == (8, 8, 1)
+    assert steps[-1][0] == steps[-1][1]
+    assert np.array_equal(first, pwm.render(scene, spp=64, seed=3))
+    assert not np.array_equal(first, pwm.render(scene, spp=64, seed=4))
+
+
+def test_bad_requests_are_refused() -> None:
+    use("scalar_rgb")
+    import polywigner.mitsuba as pwm
+
+    scene = floor_scene({"aperture": light()}, columns=2)
+    with pytest.raises(ArgumentError, match="at least one sample"):
+        pwm.render(scene, spp=0)
+    with pytest.raises(ArgumentError, match="sensor below 1"):
+        pwm.render(scene, sensor=1)
+    with pytest.raises(SceneError, match="no_such_integrator"):
+        pwm.render(scene, "no_such_integrator")
+    with (
+        pytest.warns(RuntimeWarning),
+        pytest.raises(SceneError, match=r"can render: .*sample_direction.*not implemented"),
+    ):
+        pwm.render(scene, "ptracer", spp=1)  # an orthographic sensor cannot be aimed at
+
+
+def test_without_llvm_one_warning_says_what_to_do_and_rendering_works() -> None:
+    code = (
+        "import warnings, sys; sys.path.insert(0, sys.argv[1])\n"
+        "import polywigner.mitsuba as pwm\n"
+        "from mitsuba_scenes import floor_scene, light, use\n"
+        "from polywigner.errors import EngineError\n"
+        "with warnings.catch_warnings(record=True) as caught:\n"
+        "    warnings.simplefilter('always')\n"
+        "    variant = pwm.choose_variant()\n"
+        "assert variant == 'scalar_rgb' and len(caught) == 1, caught\n"
+        "assert 'times slower' in str(caught[0].message)\n"
+        "try:\n"
+        "    pwm.choose_variant('llvm_ad_mono')\n"
+        "except EngineError as error:\n"
+        "    assert 'needs LLVM' in str(error)\n"
+        "else:\n"
+        "    raise AssertionError\n"
+        "use(variant)\n"
+        "image = pwm.render(floor_scene({'aperture': light()}, columns=4), spp=4)\n"
+        "assert image.max() > 0\n"
+    )
+    environment = os.environ | {"POLYWIGNER_NO_LLVM": "1"}
+    tests = os.path.dirname(__file__)  # noqa: PTH120 (a string is what the child needs)
+    done = subprocess.run(
+        [sys.executable, "-c", code, tests], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_preferred_variant_is_the_fast_one(llvm: object) -> None:
+    import polywigner.mitsuba as pwm
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pwm.choose_variant() == "llvm_ad_mono"
+        assert pwm.choose_variant("scalar_rgb") == "scalar_rgb"
+    with pytest.raises(EngineError, match="expected a variant"):
+        pwm.choose_variant("llvm_ad_gold")
