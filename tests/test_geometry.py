@@ -142,6 +142,20 @@ def test_a_rotated_brick_wall_has_no_inner_edges(bond, angle, shift):
     assert wall.area == pytest.approx(16, rel=1e-14 * (1 + shift))
 
 
+@pytest.mark.parametrize("crack", [-4e-16, -1.2e-16, 0.0, 1.2e-16, 4e-16])
+@pytest.mark.parametrize("angle", [0.0, 0.3])
+def test_cracks_and_overlaps_of_some_ulp_close(crack, angle):
+    """A crack would double every edge along it, and cost accuracy as well as time."""
+    halves = [square_at(0, 0), square_at(1 + crack, 0)]
+    whole = Aperture([rotated(half, angle) for half in halves])
+    assert len(whole.rings) == 1 and len(whole.rings[0]) == 4
+    assert whole.area == pytest.approx(2, rel=1e-15)
+
+
+def test_a_gap_beyond_rounding_stays():
+    assert len(Aperture([square_at(0, 0), square_at(1 + 1e-12, 0)]).rings) == 2
+
+
 def test_parts_may_touch_in_a_point():
     aperture = Aperture([square_at(0, 0), square_at(1, 1)])
     assert len(aperture.polygons.geoms) == 2
@@ -238,6 +252,7 @@ BAD_INPUT = {
     "overlapping rings": ([SQUARE, SQUARE + 0.5], r"overlap between parts 0 and 1 around \(0\.75"),
     "a ring twice": ([SQUARE, SQUARE], "inside the other"),
     "nested rings": ([SQUARE * 4, SQUARE + 1], r"part 1 inside the other.*Polygon\(outer"),
+    "slivers on each other": ([SQUARE * [1, 1e-14], SQUARE * [1, 1e-14]], "inside the other"),
     "a bad second ring": ([SQUARE, [[5, 5], [6, 6]]], "ring 1"),
     "an empty ring": ([SQUARE, []], "ring 1"),
     "a point": (shapely.Point(0, 0), "Point"),

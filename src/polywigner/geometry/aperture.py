@@ -80,9 +80,10 @@ class Aperture:
         or MultiPolygon, which may have holes. In metres (any one consistent unit works).
 
     Orientation and starting vertex do not matter. A repeated closing vertex, repeated neighbours
-    and vertices exactly on the line between their neighbours are dropped: the region stays the
-    same. Parts may touch, and are then merged; where they differ by rounding only (64 ulp of the
-    largest coordinate), they are made to agree first.
+    and vertices on the line between their neighbours are dropped; "on the line" means within
+    2^-48 area/diameter, so that the area changes by less than 1e-14 of itself. Parts may touch,
+    and are then merged; where they miss each other by rounding only (64 ulp of the largest
+    coordinate), they are made to agree first.
 
     Raises
     ------

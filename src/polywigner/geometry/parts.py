@@ -74,10 +74,12 @@ def part_of_rings(rings: Sequence[object], name: str = "the polygon") -> Part:
         for number, ring in enumerate(rings)
     )
     part = (outer, *(hole[::-1] for hole in holes))
-    for candidate in (part, weld([part])[0]):
-        reason = shapely.is_valid_reason(polygon_of_part(candidate))
-        if reason == "Valid Geometry":
-            return candidate
+    reason = shapely.is_valid_reason(polygon_of_part(part))
+    if reason == "Valid Geometry":
+        return part
+    welded = weld([part])[0]
+    if all(len(ring) >= 3 for ring in welded) and shapely.is_valid(polygon_of_part(welded)):
+        return welded
     raise GeometryError(
         f"expected holes inside {name} and apart from each other, got {reason}; "
         "repair it with shapely.make_valid or shapely.difference"
@@ -86,15 +88,19 @@ def part_of_rings(rings: Sequence[object], name: str = "the polygon") -> Part:
 
 def _check_overlaps(parts: Sequence[Part], polygons: Sequence[shapely.Polygon]) -> bool:
     """Raise where two parts overlap by more than rounding; tell whether any two touch."""
-    first, second = shapely.STRtree(polygons).query(polygons, predicate="intersects")
-    first, second = first[first < second], second[first < second]
+    # Parts a rounding error apart are meant to touch, too.
+    shift = max(rounding_tolerance(part[0]) for part in parts)
+    near = shapely.STRtree(polygons).query(polygons, predicate="dwithin", distance=shift)
+    first, second = near[:, near[0] < near[1]]
     if not len(first):
         return False
     array = np.array(polygons, dtype=object)
     common = shapely.intersection(array[first], array[second])
-    # An edge displaced by the rounding tolerance sweeps that tolerance times its length.
-    shift = max(rounding_tolerance(part[0]) for part in parts)
+    # An edge displaced by the rounding tolerance sweeps that tolerance times its length. Half of a
+    # sliver is an overlap, however thin it is.
     allowed = shift * np.minimum(shapely.length(array[first]), shapely.length(array[second]))
+    smaller = np.minimum(shapely.area(array[first]), shapely.area(array[second]))
+    allowed = np.minimum(allowed, smaller / 2)
     excess = shapely.area(common) > allowed
     if excess.any():
         worst = int(np.argmax(shapely.area(common)))
@@ -112,6 +118,8 @@ def _check_overlaps(parts: Sequence[Part], polygons: Sequence[shapely.Polygon]) 
 
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
     """The union of touching parts if it is exact: same area, and no vertex that is new."""
+    if any(len(ring) < 3 for part in parts for ring in part):
+        return None  # a sliver that welding has closed
     try:
         merged = shapely.union_all([polygon_of_part(part) for part in parts])
     except shapely.errors.GEOSException:
@@ -130,7 +138,7 @@ def merge_parts(parts: Sequence[Part]) -> list[Part]:
     polygons = [polygon_of_part(part) for part in parts]
     if len(parts) == 1 or not _check_overlaps(parts, polygons):
         return list(parts)
-    merged = _clean_union(parts) or _clean_union(weld(parts))
+    merged = _clean_union(weld(parts)) or _clean_union(parts)
     if merged is not None:
         # Corners of tiles along a side of the whole are on one line up to rounding: drop them.
         whole = shapely.MultiPolygon([polygon_of_part(part) for part in merged])
