@@ -261,21 +261,21 @@ def test_gradients_flow_to_wavelength_and_power(name: str, value: float, llvm: o
     mi = use("llvm_ad_mono")
     import drjit as dr
 
-    scene = floor_scene({"aperture": light()}, {"type": "prb", "max_depth": 2}, columns=4)
+    scene = floor_scene({"aperture": light()}, {"type": "prb", "max_depth": 2}, columns=9)
     params = mi.traverse(scene)
     key = f"aperture.emitter.{name}"
 
     def images(shift: float) -> np.ndarray:
         params[key] = mi.Float(value * (1 + shift))
         params.update()
-        return np.mean([np.array(mi.render(scene, spp=1024, seed=s)) for s in range(8)], axis=0)
+        return np.mean([np.array(mi.render(scene, spp=2048, seed=s)) for s in range(8)], axis=0)
 
     gradients = []
     for seed in range(8):
         params[key] = mi.Float(value)
         dr.enable_grad(params[key])
         params.update()
-        image = mi.render(scene, params, spp=1024, seed=seed)
+        image = mi.render(scene, params, spp=2048, seed=seed)
         dr.forward(params[key])
         gradients.append(np.array(dr.grad(image)))
     gradient, error = mean_and_error(gradients)
