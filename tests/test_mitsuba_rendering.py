@@ -178,6 +178,35 @@ def test_the_plugin_survives_changes_of_the_variant(llvm: object) -> None:
     assert np.array_equal(images[0], images[-1])
 
 
+@pytest.mark.parametrize("integrator", ["path", "direct", "volpath", "prb"])
+def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(
+    integrator: str, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    # From 100 times its size, all pixels see the aperture in one direction: (0.6, 0, 0.8).
+    camera = {
+        "type": "perspective",
+        "fov": 0.7,
+        "near_clip": 1.0,
+        "to_world": mi.ScalarTransform4f().look_at([600, 0, 800], [0, 0, 0], [0, 1, 0]),
+        "film": {"type": "hdrfilm", "width": 64, "height": 64, "rfilter": {"type": "box"}},
+    }
+    background = {"type": "constant", "radiance": {"type": "spectrum", "value": 1e-9}}
+    scene = mi.load_dict(
+        {"type": "scene", "sensor": camera, "aperture": light(), "background": background}
+    )
+    image = pwm.render(scene, integrator, spp=16, seed=1)[..., 0]
+    centre = np.linspace(-0.0045, 0.0045, 100)
+    x = np.stack(np.meshgrid(centre, centre), axis=-1)
+    density = pw.wigner(SQUARE, x, np.array([0.6, 0.0]) / WAVELENGTH) / WAVELENGTH**2
+    # Pixels a fiftieth of the aperture wide flatten the peaks a little.
+    assert density.min() < 0
+    assert 0.8 < image.min() / density.min() < 1.05
+    assert 0.8 < image.max() / density.max() < 1.05
+
+
 def test_two_identical_apertures_shine_twice_as_bright(llvm: object) -> None:
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm

@@ -3,6 +3,16 @@
 A shape rather than an emitter, because in Mitsuba an emitter cannot make the surface it radiates
 from. The radiance lives on the automean, the mutual support {(a + b)/2 : a, b in the aperture}:
 for a convex aperture that is the aperture, for two slits it reaches into the gap between them.
+
+The surface is there to be hit by rays, not to be seen: its BSDF is ``null`` unless the scene gives
+one. What Mitsuba's integrators make of that:
+
+- ``direct`` lets it cast shadows all the same; ``path`` and ``prb`` do so for the light they sample
+  and find it again by chance, without bias and with noise; ``volpath`` and ``volpathmis`` look
+  through it. It matters only where one source stands before another.
+- passing through it counts as a bounce towards ``max_depth``.
+- ``path`` leaves a pixel black whose rays meet null surfaces and then nothing at all. To look at an
+  aperture itself, put something behind it, be it a faint ``constant`` emitter.
 """
 
 from __future__ import annotations
