@@ -14,21 +14,25 @@ unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 BIN := .venv/bin
 RUNNER = $(if $(shell command -v python3 2>/dev/null),python3,"$(or $(PYTHON),python3)")
 SETUP = $(RUNNER) tools/bootstrap $(if $(PYTHON),--python "$(PYTHON)")
-RENDER = $(BIN)/polywigner render $(if $(DEMO_SPP),--spp $(DEMO_SPP))
+RENDER = $(BIN)/polywigner render
 TRANSFORM = $(BIN)/polywigner transform
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format typecheck bench docs dist clean
+.PHONY: help demo pictures test lint format typecheck bench docs dist clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
 
 demo: ## render the example scenes and transform the example apertures into out/
 	@$(SETUP) --group demo
+	@$(MAKE) --no-print-directory pictures \
+	  SAMPLES="$$(if [ -n '$(DEMO_SPP)' ]; then echo --spp $(DEMO_SPP); else $(BIN)/python tools/demo_samples.py; fi)"
+
+pictures:
 	$(TRANSFORM) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --out out/two_chevrons_transforms
-	$(RENDER) examples/patch_above_floor/scene.xml --out out/patch_above_floor
-	$(RENDER) examples/two_chevrons/scene.xml --out out/two_chevrons
-	$(RENDER) examples/street_77ghz/scene.xml --out out/street_77ghz
+	$(RENDER) examples/patch_above_floor/scene.xml $(SAMPLES) --out out/patch_above_floor
+	$(RENDER) examples/two_chevrons/scene.xml $(SAMPLES) --out out/two_chevrons
+	$(RENDER) examples/street_77ghz/scene.xml $(SAMPLES) --out out/street_77ghz
 	@echo; echo "Pictures:"; find out -name '*.png' | sort | sed 's/^/  /'
 
 test: ## run the tests
