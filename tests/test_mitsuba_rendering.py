@@ -96,7 +96,7 @@ def test_that_integral_is_the_rayleigh_sommerfeld_field(distance: float, rms_db:
         (2, "wigner_floor", 1.740957057358862),
     ],
 )
-def test_the_reference_integrals_agree_with_published_digits(
+def test_the_reference_integrals_agree_with_values_computed_elsewhere(
     distance: float, of: str, value: float
 ) -> None:
     import render_reference as reference
