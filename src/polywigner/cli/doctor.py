@@ -99,7 +99,7 @@ def _mitsuba(llvm: LLVMStatus, gpu: GPUStatus) -> Finding:
     found = ", ".join(name for name in variants.split() if works.get(name.split("_")[0]))
     if llvm.usable or gpu.usable:
         return Finding("rendering", _GOOD, found)
-    return Finding("rendering", _GOOD, f"{found}; fifty times slower than LLVM", llvm.remedy or "")
+    return Finding("rendering", _GOOD, f"{found}; hundreds of times slower", llvm.remedy or "")
 
 
 def _libraries() -> list[Finding]:
