@@ -1,21 +1,24 @@
 """A slice of the Wigner function of a chevron, W(x, nu) at one position: the README's five lines
-with labelled axes. Writes wigner.png into the current folder."""
+with the chevron beside it and labelled axes. Writes wigner.png into the current folder."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 
 import polywigner as pw
 
-chevron = pw.shapes.chevron(10e-3, 12e-3, 4e-3)  # metres
-axis = np.linspace(-300, 300, 301)  # cycles per metre
+chevron = pw.shapes.chevron(20e-3, 12e-3, 4e-3)  # metres
+x = np.array([0, 1e-3])
+axis = np.linspace(-600, 600, 401)  # cycles per metre
 nu = np.stack(np.meshgrid(axis, axis), axis=-1)
-w = pw.wigner(chevron, (0, 2e-3), nu)
+w = pw.wigner(chevron, x, nu)
 
-figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")
-limit = 0.3 * abs(w).max()
-picture = axes.imshow(
-    w * 1e6, "RdBu_r", vmin=-limit * 1e6, vmax=limit * 1e6, origin="lower", extent=[-300, 300] * 2
+figure, (left, right) = plt.subplots(1, 2, figsize=(8.4, 3.8), layout="constrained")
+left.fill(*chevron.rings[0].T * 1e3, color="#1f3b57")
+left.plot(*x * 1e3, "+", color="#c1440e", markersize=10, markeredgewidth=2)
+left.set(title="aperture, and x", xlabel="$x_x$ (mm)", ylabel="$x_y$ (mm)", aspect="equal")
+picture = right.imshow(
+    w * 1e6, "RdBu_r", vmin=-20, vmax=20, origin="lower", extent=[-600, 600, -600, 600]
 )
-axes.set(title="Chevron, x = (0, 2) mm", xlabel=r"$\nu_x$ (1/m)", ylabel=r"$\nu_y$ (1/m)")
-figure.colorbar(picture, label="W(x, ν) (mm²)", extend="both")
-figure.savefig("wigner.png", dpi=150)
+right.set(title="W(x, ν)", xlabel=r"$\nu_x$ (1/m)", ylabel=r"$\nu_y$ (1/m)")
+figure.colorbar(picture, label="W (mm²)", extend="both")
+figure.savefig("wigner.png", dpi=110)
