@@ -93,7 +93,7 @@ def choose_variant(prefer: str | None = None) -> str:
         if status.usable:
             return _FAST_VARIANT
         warnings.warn(
-            f"{status.problem} Rendering with {_PLAIN_VARIANT}, about 50 times slower on one core. "
+            f"{status.problem} Rendering with {_PLAIN_VARIANT}, hundreds of times slower. "
             f"{status.remedy}",
             RuntimeWarning,
             stacklevel=2,
