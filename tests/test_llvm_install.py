@@ -27,13 +27,15 @@ case "$*" in
     mkdir -p "$lists" && touch "$lists/fetched" ;;
   *madison*)
     if [ -e "$lists/fetched" ]; then
-      echo "  libllvm18 | 1:18.1 | mirror"; echo "  libllvm19 | 1:19.1 | mirror"
+      if [ ! -e "$SYSTEM/old" ]; then
+        echo "  libllvm18 | 1:18.1 | mirror"; echo "  libllvm19 | 1:19.1 | mirror"
+      fi
       echo " libatomic1 | 14.2 | mirror"
     fi ;;
   *" -s install"*)
     echo "Inst libatomic1 (14.2 Debian [amd64])"
     echo "Inst libc6 [2.36] (2.41 Debian [amd64])"
-    echo "Inst libllvm19 (1:19.1 Debian [amd64])" ;;
+    case "$*" in *libllvm19*) echo "Inst libllvm19 (1:19.1 Debian [amd64])" ;; esac ;;
   *download*) for word in "$@"; do
       case "$word" in lib*) touch "$word.deb" ;; esac
     done ;;
@@ -67,6 +69,10 @@ system = os.environ["SYSTEM"]
 llvm_discovery._LINUX_FOLDERS = (f"{system}/usr*",)
 llvm_discovery._linker_cache = list
 debian.is_root = lambda: bool(os.environ["ROOT"])
+if os.environ["LIBATOMIC"] == "missing":
+    from polywigner.engines import llvm
+    llvm._opens = lambda library: "libatomic" not in library
+    llvm.drjit_imports = lambda: "libatomic.so.1: cannot open shared object file"
 lines = []
 try:
     print(json.dumps([asdict(install_llvm(lines.append)), lines]))
@@ -91,7 +97,9 @@ class Machine:
         path = self.folder / "diary"
         return path.read_text().splitlines() if path.exists() else []
 
-    def install(self, *, root: bool, apt: bool = True) -> tuple[dict[str, object] | str, list[str]]:
+    def install(
+        self, *, root: bool, apt: bool = True, libatomic: str = "present"
+    ) -> tuple[dict[str, object] | str, list[str]]:
         """The status, or the error's text, and what was said on the way."""
         tools = self.folder / "bin"
         tools.mkdir(exist_ok=True)
@@ -113,6 +121,7 @@ class Machine:
             "DIARY": str(self.folder / "diary"),
             "LIBRARY": self.library,
             "ROOT": "1" if root else "",
+            "LIBATOMIC": libatomic,
         }
         done = subprocess.run(
             [sys.executable, "-c", INSTALL],
@@ -206,6 +215,16 @@ def test_a_machine_that_is_offline_is_told_what_can_be_done_without(
     assert isinstance(message, str)
     assert "Could not resolve the mirror" in message
     assert "scalar_rgb" in message and "NumPy" in message
+
+
+@pytest.mark.drjit
+def test_a_system_whose_llvm_is_too_old_gets_libatomic_at_least(tmp_path: Path) -> None:
+    machine = Machine(tmp_path / "with a space", os.devnull)
+    (machine.folder / "old").touch()
+    message, lines = machine.install(root=True, libatomic="missing")
+    assert isinstance(message, str)
+    assert message.startswith("no LLVM library could be brought: apt offers no libllvm19")
+    assert "Installed libatomic1." in lines
 
 
 @pytest.mark.drjit

@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from polywigner.engines import debian
@@ -29,11 +29,9 @@ from polywigner.errors import EngineError
 
 __all__ = ["install_llvm"]
 
-_PACKAGES = [
-    # 19 first: the one the tests are run with. Ubuntu renamed some for its 64-bit time.
-    [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")],
-    ["libatomic1"],
-]
+_LIBATOMIC = ["libatomic1"]
+# 19 first: the one the tests are run with. Ubuntu renamed some for its 64-bit time.
+_LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 
 _TRY_TO_OPEN = """
 import ctypes, sys
@@ -72,43 +70,59 @@ def install_llvm(say: Callable[[str], None] = print) -> LLVMStatus:
     if status.usable:
         say(f"LLVM {status.version} is usable already: {status.path}")
         return status
-    if os.environ.get(OFF_VARIABLE, "") not in ("", "0"):
-        raise EngineError(f"{status.problem} {status.remedy}")
     if not debian.is_debian():
         raise EngineError(
             f"expected a Debian or Ubuntu system (with apt-get and dpkg-deb), got {sys.platform}; "
             f"--install-llvm cannot help here. {remedy()}"
         )
-    try:
-        _install_into_system(say) if debian.is_root() else _unpack_into_environment(say)
-    except debian.PackageError as error:
-        raise EngineError(
-            f"no LLVM library could be brought: {error}. Install LLVM 17 or newer and libatomic1, "
-            "or go on without: transforms run on NumPy and scenes in scalar_rgb, both slower."
-        ) from error
+    bring = _install_into_system if debian.is_root() else _unpack_into_environment
+    if os.environ.get(OFF_VARIABLE, "") in ("", "0"):
+        try:
+            bring([_LLVM, _LIBATOMIC], say)
+        except debian.PackageError as error:
+            if not status.drjit_imports:
+                _bring_libatomic(bring, say)
+            raise EngineError(
+                f"no LLVM library could be brought: {error}. Install LLVM 17 or newer and "
+                "libatomic1, or go on without: transforms run on NumPy and scenes in scalar_rgb, "
+                "both slower."
+            ) from error
+    elif not status.drjit_imports:
+        _bring_libatomic(bring, say)
     status = prepare(afresh=True)
     if not status.usable:
-        raise EngineError(f"the library that was brought is not usable: {status.problem}")
+        raise EngineError(f"{status.problem} {status.remedy}")
     say(f"LLVM {status.version} is usable: {status.path}")
     return status
 
 
-def _install_into_system(say: Callable[[str], None]) -> None:
-    say("Installing an LLVM library and libatomic1 (apt-get install) ...")
-    say(f"Installed {' '.join(debian.install(_PACKAGES))}.")
+_Bring = Callable[[Sequence[list[str]], Callable[[str], None]], None]
 
 
-def _unpack_into_environment(say: Callable[[str], None]) -> None:
+def _bring_libatomic(bring: _Bring, say: Callable[[str], None]) -> None:
+    """Dr.Jit and Mitsuba can at least be imported then, for scalar rendering."""
+    try:
+        bring([_LIBATOMIC], say)
+    except debian.PackageError as error:
+        say(f"libatomic1 could not be brought, so that nothing can be rendered: {error}.")
+
+
+def _install_into_system(wanted: Sequence[list[str]], say: Callable[[str], None]) -> None:
+    say(f"Installing {_named(wanted)} (apt-get install) ...")
+    say(f"Installed {' '.join(debian.install(wanted))}.")
+
+
+def _unpack_into_environment(wanted: Sequence[list[str]], say: Callable[[str], None]) -> None:
     """Fill a folder beside the final one, try it out there, and only then put it in place."""
     folder = native_folders()[-1]
-    say(f"Downloading an LLVM library and libatomic1 into {folder} (no root needed) ...")
+    say(f"Downloading {_named(wanted)} into {folder} (no root needed) ...")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".partial-") as scratch:
             tree, fresh = Path(scratch) / "tree", Path(scratch) / "native"
             tree.mkdir()
             fresh.mkdir()
-            names = debian.unpack(_PACKAGES, tree)
+            names = debian.unpack(wanted, tree)
             _gather_libraries(tree, fresh)
             _try_out(fresh)
             _put_in_place(fresh, folder)
@@ -118,6 +132,10 @@ def _unpack_into_environment(say: Callable[[str], None]) -> None:
             "virtual environment (`python3 -m venv .venv`) and run this again there."
         ) from error
     say(f"Unpacked {' '.join(names)}." if names else "The system has all packages already.")
+
+
+def _named(wanted: Sequence[list[str]]) -> str:
+    return "an LLVM library and libatomic1" if _LLVM in wanted else "libatomic1"
 
 
 def _gather_libraries(tree: Path, folder: Path) -> None:
