@@ -21,7 +21,7 @@ __all__ = [
 LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
 SIGNED_MAP = "RdBu_r"  # diverging, white at zero
 
-TYPOGRAPHY = {
+TYPOGRAPHY: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
     "font.size": 9,
     "axes.titlesize": 9,
@@ -57,12 +57,17 @@ def quantity_text(value: float, unit: str) -> str:
     return f"{value:.3g} {unit}"
 
 
-def new_figure(width: float, height: float, dpi: int = 150) -> Figure:
-    """An empty figure, in inches, that no window shows and pyplot does not keep."""
+def new_figure(width: float, height: float, spacing: float = 0.02) -> Figure:
+    """An empty figure, in inches, that no window shows and pyplot does not keep.
+
+    ``spacing`` between panels, as a part of their size.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(width, height), dpi=dpi, layout="constrained")
+    layout = ConstrainedLayoutEngine(wspace=spacing, hspace=spacing)
+    figure = Figure(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)
     return figure
 

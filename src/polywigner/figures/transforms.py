@@ -115,8 +115,7 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
     check_floor(floor_db)
     unit = length_unit(slices.aperture.diameter)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(11.6, 6.9)
-        figure.get_layout_engine().set(wspace=0.05, hspace=0.03)
+        figure = new_figure(11.6, 6.9, spacing=0.04)
         panels = figure.subplots(2, 3).ravel()
         _draw_supports(panels[0], slices, unit)
         _draw_levels(panels[1], slices, unit, floor_db)
