@@ -8,6 +8,7 @@ from fractions import Fraction
 import mpmath
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,7 +17,12 @@ from polywigner.engines import NumpyOperations, ScalarOperations
 from polywigner.kernels import AMBIGUITY, WIGNER, parts_of, tables_of
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.frame import frame_of
-from polywigner.kernels.lattice import Lattice, exact_cross, signed_convex_pieces
+from polywigner.kernels.lattice import (
+    Lattice,
+    exact_cross,
+    signed_convex_pieces,
+    with_vertices_on_sides,
+)
 from polywigner.kernels.phases import turns_to_centre
 from polywigner.kernels.stokes import segment_wave, triangle_complex_wave, triangle_plane_wave
 from polywigner.kernels.trigonometry import cos_sin_turns, sin_turns
@@ -132,6 +138,28 @@ def test_pieces_bent_by_the_grid_keep_their_area_and_their_shared_sides() -> Non
     )
     assert len(pieces) > 1
     assert any(weight < 0 for _, weight in pieces) or all(len(p) == 3 for p, _ in pieces)
+
+
+def test_a_piece_that_the_grid_folds_onto_itself_is_not_taken_for_convex() -> None:
+    folded = np.array([[0, 0], [0.5, 0], [0.25, 0], [0.5, 0.5]])  # no right turn, but a reversal
+    pieces = signed_convex_pieces([folded])
+    assert all(len(piece) == 3 for piece, _ in pieces)
+    area = sum(w * shapely.Polygon(piece).area for piece, w in pieces)
+    assert area == pytest.approx(0.0625)
+
+
+def test_vertices_on_a_side_of_a_piece_become_its_own() -> None:
+    bar = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [0.0, 1.0]])
+    others = np.array([[2.0, 1.0], [1.0, 1.0], [1.5, 1.0 + 1e-15], [0.0, 1.0], [4.0, 1.0]])
+    (piece,) = with_vertices_on_sides([bar], np.concatenate([bar, others]))
+    assert piece.tolist() == [[0, 0], [3, 0], [3, 1], [2, 1], [1, 1], [0, 1]]
+
+
+def test_lines_closer_than_float32_can_tell_apart_are_cut_exactly() -> None:
+    corners = [[0, 0], [0.5, 1e-8], [1, -1e-8], [1, 1], [0, 1]]
+    assert tables_of(pw.Aperture(corners), False).grid is not None
+    square = pw.shapes.square(1.0)
+    assert tables_of(square, False).grid is None
 
 
 def test_the_frame_of_a_needle_is_as_wide_as_long() -> None:

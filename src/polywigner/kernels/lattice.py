@@ -7,7 +7,8 @@ products are exact here, and one ulp accurate in the kernels (``ops.cross``).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -15,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Lattice", "exact_cross", "signed_convex_pieces"]
+__all__ = ["Lattice", "exact_cross", "signed_convex_pieces", "with_vertices_on_sides"]
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,60 @@ def exact_cross(ax: float, ay: float, bx: float, by: float) -> float:
     return float(Fraction(ax) * Fraction(by) - Fraction(ay) * Fraction(bx))
 
 
-def _turns(polygon: npt.NDArray[np.float64]) -> list[float]:
-    """The turn at every vertex, twice the area of (previous, this, next), correctly rounded."""
-    before = (polygon - np.roll(polygon, 1, axis=0)).tolist()
-    after = (np.roll(polygon, -1, axis=0) - polygon).tolist()
-    return [exact_cross(*a, *b) for a, b in zip(before, after, strict=True)]
+def _is_convex(polygon: npt.NDArray[np.float64]) -> bool:
+    """Whether a ring turns left or goes straight on at every vertex, and runs round once."""
+    before = polygon - np.roll(polygon, 1, axis=0)
+    after = np.roll(polygon, -1, axis=0) - polygon
+    turns = np.array(
+        [exact_cross(*a, *b) for a, b in zip(before.tolist(), after.tolist(), strict=True)]
+    )
+    ahead = (before * after).sum(axis=1)
+    if (turns < 0).any() or ((turns == 0) & (ahead <= 0)).any():
+        return False
+    return bool(np.arctan2(turns, ahead).sum() < 3 * np.pi)  # 2 pi, or more rounds
+
+
+def with_vertices_on_sides(
+    pieces: Sequence[npt.NDArray[np.float64]], vertices: npt.NDArray[np.float64]
+) -> list[npt.NDArray[np.float64]]:
+    """The pieces with every vertex that lies exactly on a side put into it.
+
+    Sides then meet sides of neighbours, and edges, end to end, and go on doing so when all vertices
+    are moved.
+    """
+    return [np.concatenate([_split_side(*s, vertices) for s in _sides(p)]) for p in pieces]
+
+
+def _sides(
+    piece: npt.NDArray[np.float64],
+) -> Iterable[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
+    return zip(piece, np.roll(piece, -1, axis=0), strict=True)
+
+
+def _split_side(
+    start: npt.NDArray[np.float64],
+    end: npt.NDArray[np.float64],
+    vertices: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """The start of a side and the vertices strictly between it and the end, in order."""
+    side, relative = end - start, vertices - start
+    length = float(side @ side)
+    along = relative @ side
+    across = np.abs(side[0] * relative[:, 1] - side[1] * relative[:, 0])
+    # far wider than rounding; what is left is looked at exactly
+    size = float(np.abs(vertices).max())
+    near = (along > 0) & (along < length) & (across <= 1e-12 * size * math.sqrt(length))
+    inside = [k for k in np.flatnonzero(near) if _on_line(start, end, vertices[k])]
+    inside.sort(key=lambda k: float(along[k]))
+    return np.vstack([start, *(vertices[k] for k in inside)])
+
+
+def _on_line(
+    a: npt.NDArray[np.float64], b: npt.NDArray[np.float64], c: npt.NDArray[np.float64]
+) -> bool:
+    (ax, ay), (bx, by), (cx, cy) = ([Fraction(v) for v in p.tolist()] for p in (a, b, c))
+    on_line = (bx - ax) * (cy - ay) == (by - ay) * (cx - ax)
+    return on_line and (cx, cy) not in ((ax, ay), (bx, by))
 
 
 def signed_convex_pieces(
@@ -60,17 +110,16 @@ def signed_convex_pieces(
     Rounding may bend a piece or turn over a sliver. Such a piece is cut into triangles of either
     sign; since all of them share their sides exactly, the inner sides still cancel exactly.
     """
-    result = []
+    result: list[tuple[npt.NDArray[np.float64], float]] = []
     for piece in pieces:
         if len(piece) < 3:
             continue
-        turns = _turns(piece)
-        if min(turns) >= 0 < max(turns):
+        if _is_convex(piece):
             result.append((piece, 1.0))
             continue
         for k in range(1, len(piece) - 1):
             triangle = piece[[0, k, k + 1]]
-            turn = _turns(triangle)[1]
-            if turn:
-                result.append((triangle if turn > 0 else triangle[::-1], float(np.sign(turn))))
+            area = exact_cross(*(triangle[1] - triangle[0]), *(triangle[2] - triangle[0]))
+            if area:
+                result.append((triangle if area > 0 else triangle[::-1], float(np.sign(area))))
     return result

@@ -27,17 +27,24 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.kernels.frame import Frame, frame_of
-from polywigner.kernels.lattice import Lattice, exact_cross, signed_convex_pieces
+from polywigner.kernels.lattice import (
+    Lattice,
+    exact_cross,
+    signed_convex_pieces,
+    with_vertices_on_sides,
+)
 
 __all__ = ["Edge", "Line", "Piece", "Tables", "build_tables"]
 
 # sine of the angle below which two lines count as nearly parallel: an intersection of lines at
 # this angle is off by 1/0.03 ulps
 _TRANSVERSAL = 0.03
-# Lines of a cluster within this angle are made parallel: moves an edge by less than 1e-14 (1e-7)
-# of the diameter. Lines a little less parallel go the exact way, so nothing depends on the value.
-_PARALLEL_DOUBLE, _PARALLEL_SINGLE = 1e-14, 1e-7
-# offsets of parallel lines that agree to this (in diameters) are one line
+# A cluster counts as parallel if its lines agree to this angle, which moves an edge by less than
+# 1e-14 (1e-7) of the diameter, and if no two of them lie so close that this could matter: their
+# offsets either agree to the first of these figures, and are one line, or differ by the second.
+# All other clusters go the exact way, so nothing depends on the values.
+_PARALLEL = {True: 1e-14, False: 1e-7}  # by double precision or not
+_SEPARATE = {True: 1e-12, False: 1e-5}
 _SAME_OFFSET = 1e-14
 
 
@@ -119,57 +126,51 @@ class _LineBook:
         signs = np.array([_canonical(v) for v in vectors])
         angles = np.arctan2(signs * vectors[:, 1], signs * vectors[:, 0]) % np.pi
         clusters = _clusters(angles)
-        tolerance = _PARALLEL_DOUBLE if double else _PARALLEL_SINGLE
         self.lines: list[Line] = []
         self.number_of: list[int] = []
         self.signs: list[int] = []
         """+1 where a segment runs along its line, -1 where it runs against it."""
+        shared = {
+            int(cluster): _shared_direction(segments[clusters == cluster], double)
+            for cluster in np.unique(clusters)
+        }
         keys: dict[tuple[float, ...], int] = {}
-        directions: dict[int, tuple[float, float] | None] = {}
-        for cluster in np.unique(clusters):
-            members = np.flatnonzero(clusters == cluster)
-            directions[int(cluster)] = _shared_direction(
-                signs[members, None] * vectors[members], tolerance
-            )
         offsets: dict[int, list[float]] = {}
-        for (ax, ay, ex, ey), sign, label in zip(segments, signs, clusters, strict=True):
+        for (ax, ay, ex, ey), sign, label in zip(segments.tolist(), signs, clusters, strict=True):
             cluster = int(label)
-            shared = directions[cluster]
-            if shared is None:
-                key = _exact_key(ax, ay, ex, ey, sign)
-                line = Line(sign * ex, sign * ey, 0.0, cluster, True, key[0], key[1])
-                offset = exact_cross(line.dx, line.dy, line.px, line.py)
-                line = Line(line.dx, line.dy, offset, cluster, True, line.px, line.py)
+            direction = shared[cluster]
+            if direction is None:
+                start = (ax, ay) if sign > 0 else (ax + ex, ay + ey)
+                dx, dy = sign * ex, sign * ey
+                offset = exact_cross(dx, dy, *start)
+                key: tuple[float, ...] = (*start, dx, dy)
             else:
-                dx, dy = shared
+                start = (ax, ay)
+                dx, dy = direction
                 sign = 1 if ex * dx + ey * dy > 0 else -1
                 offset = _merged(dx * ay - dy * ax, offsets.setdefault(cluster, []))
                 key = (cluster, offset)
-                line = Line(dx, dy, offset, cluster, False, float(ax), float(ay))
             if key not in keys:
                 keys[key] = len(self.lines)
-                self.lines.append(line)
+                self.lines.append(Line(dx, dy, offset, cluster, direction is None, *start))
             self.number_of.append(keys[key])
-            self.signs.append(sign)
-
-
-def _exact_key(ax: float, ay: float, ex: float, ey: float, sign: int) -> tuple[float, ...]:
-    """Start and vector of a segment taken in its canonical direction."""
-    if sign < 0:
-        ax, ay, ex, ey = ax + ex, ay + ey, -ex, -ey
-    return (float(ax), float(ay), float(ex), float(ey))
+            self.signs.append(int(sign))
 
 
 def _shared_direction(
-    vectors: npt.NDArray[np.float64], tolerance: float
+    segments: npt.NDArray[np.float64], double: bool
 ) -> tuple[float, float] | None:
-    """The unit vector of vectors that are parallel within the tolerance, else None."""
-    units = vectors / np.hypot(vectors[:, 0], vectors[:, 1])[:, None]
-    # one that lies across the seam at angle 0 = pi points the other way
-    units = units * np.where(units @ units[0] < 0, -1.0, 1.0)[:, None]
-    longest = units[int(np.hypot(vectors[:, 0], vectors[:, 1]).argmax())]
-    spread = np.abs(units[:, 0] * longest[1] - units[:, 1] * longest[0]).max()
-    return (float(longest[0]), float(longest[1])) if spread <= tolerance else None
+    """The unit vector, in [0, pi), of a cluster whose lines are parallel, equal or well apart."""
+    vectors = segments[:, 2:]
+    lengths = np.hypot(vectors[:, 0], vectors[:, 1])
+    longest = int(lengths.argmax())
+    dx, dy = (_canonical(vectors[longest]) * vectors[longest] / lengths[longest]).tolist()
+    angles = np.abs(dx * vectors[:, 1] - dy * vectors[:, 0]) / lengths
+    offsets = np.sort(dx * segments[:, 1] - dy * segments[:, 0])
+    parallel, separate = _PARALLEL[double], _SEPARATE[double]
+    ends = np.flatnonzero(np.diff(offsets) > separate)
+    spans = offsets[np.append(ends, -1)] - offsets[np.insert(ends + 1, 0, 0)]
+    return (dx, dy) if max(angles) <= parallel and max(spans) <= _SAME_OFFSET else None
 
 
 def _merged(offset: float, known: list[float]) -> float:
@@ -177,8 +178,8 @@ def _merged(offset: float, known: list[float]) -> float:
     for other in known:
         if abs(offset - other) <= _SAME_OFFSET:
             return other
-    known.append(float(offset))
-    return float(offset)
+    known.append(offset)
+    return offset
 
 
 def _segments_of(polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -208,7 +209,8 @@ def build_tables(
     gridded = _needs_grid(segments, double)
     if gridded:
         outlines = [ring for ring in map(lattice.rounded, outlines) if len(ring) > 2]
-        pieces = [lattice.rounded(piece) for piece in pieces]
+        joined = with_vertices_on_sides(convex_cover, np.concatenate(list(rings)))
+        pieces = [lattice.rounded(frame.vertices(piece)) for piece in joined]
     weighted = signed_convex_pieces(pieces) if gridded else [(p, 1.0) for p in pieces]
     parts = [*outlines, *(piece for piece, _ in weighted)]
     book = _LineBook(np.concatenate([_segments_of(p) for p in parts]), double)
