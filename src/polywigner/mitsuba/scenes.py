@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import drjit as dr
 import mitsuba as mi
 import numpy.typing as npt
 
@@ -23,6 +24,7 @@ from polywigner.quantities import parse_length, parse_power
 __all__ = ["aperture", "choose_variant", "has_wigner_emitter", "load_scene", "translate_error"]
 
 _FAST_VARIANT = "llvm_ad_mono"
+_GPU_VARIANT = "cuda_ad_mono"
 _PLAIN_VARIANT = "scalar_rgb"
 
 
@@ -82,7 +84,7 @@ def choose_variant(prefer: str | None = None) -> str:
     """The Mitsuba variant to render with; it is not set.
 
     ``prefer`` if given; else ``llvm_ad_mono`` (one channel, compiled) where a usable LLVM library
-    exists, else ``scalar_rgb`` with one warning.
+    exists, else ``cuda_ad_mono`` where there is a GPU, else ``scalar_rgb`` with one warning.
 
     Raises
     ------
@@ -92,6 +94,8 @@ def choose_variant(prefer: str | None = None) -> str:
     if prefer is None:
         if status.usable:
             return _FAST_VARIANT
+        if dr.has_backend(dr.JitBackend.CUDA):
+            return _GPU_VARIANT
         warnings.warn(
             f"{status.problem} Rendering with {_PLAIN_VARIANT}, hundreds of times slower. "
             f"{status.remedy}",
