@@ -5,8 +5,9 @@ unit length; the last axis of every argument holds the two components, everythin
 broadcasts; the result has the broadcast shape without that axis, and one point gives a NumPy
 scalar. Lengths are in the aperture's unit (metres), results in its square.
 
-Formulas: docs/theory.md. Accuracy: |error| <= 1e-12 area in float64 and 5e-6 area in float32, for |nu| times diameter up
-to 1e3, for all positions including those where edges of the two copies coincide.
+Formulas: docs/theory.md. Accuracy: |error| <= 1e-12 area in float64 and 5e-6 area in float32, for
+|nu| times diameter up to 1e3 and all positions, including those where edges of the two copies
+coincide.
 """
 
 from __future__ import annotations
