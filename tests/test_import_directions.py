@@ -49,7 +49,8 @@ STANDARD_LIBRARY_ONLY = {
     "engines/debian.py": (),
     "engines/llvm_discovery.py": (),
     "engines/llvm_verdicts.py": ("polywigner.engines",),
-    "engines/llvm.py": ("polywigner.engines", "polywigner.errors"),
+    # drjit: by require_drjit() only, when the library has been chosen
+    "engines/llvm.py": ("polywigner.engines", "polywigner.errors", "drjit"),
     "engines/llvm_install.py": ("polywigner.engines", "polywigner.errors"),
     "engines/gpu.py": ("polywigner.engines",),
     "errors.py": (),

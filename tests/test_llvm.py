@@ -328,6 +328,26 @@ def test_without_llvm_the_transforms_run_and_kernels_are_refused() -> None:
     assert complaints == [f"{status['problem']} {status['remedy']}"] * 2
 
 
+@pytest.mark.drjit
+def test_without_llvm_dr_jit_is_imported_without_a_word_on_stderr() -> None:
+    code = (
+        "import sys; sys.stderr.write('before. ')\n"
+        "from polywigner.engines.llvm import require_drjit\n"
+        "usable = require_drjit().usable\n"
+        "import drjit; sys.stderr.write('after.')\n"
+        "print(usable)"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**environment, discovery.OFF_VARIABLE: "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert (done.stdout.strip(), done.stderr) == ("False", "before. after.")
+
+
 def test_dr_jit_imported_first_without_a_library_is_told_of_the_usable_one(
     llvm: LLVMStatus, tmp_path: Path
 ) -> None:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import importlib
 import os
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,7 @@ def require() -> LLVMStatus:
 
 
 def require_drjit() -> LLVMStatus:
-    """The status of :func:`prepare` where ``import drjit`` works, with LLVM or without.
+    """Import Dr.Jit, with an LLVM library or without, and return the status of :func:`prepare`.
 
     Raises
     ------
@@ -109,7 +110,24 @@ def require_drjit() -> LLVMStatus:
     status = prepare()
     if not status.drjit_imports:
         raise EngineError(f"{status.problem} {status.remedy}")
+    with contextlib.nullcontext() if status.usable else _silent_stderr():
+        importlib.import_module("drjit")
     return status
+
+
+@contextlib.contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Without a library Dr.Jit's import prints two lines about it, from C++, in its own words; the
+    status says it better. Exceptions are not kept back."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 (a device, not a path of ours)
+            os.dup2(nowhere.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def survey() -> list[tuple[Candidate, Verdict]]:
