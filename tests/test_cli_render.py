@@ -146,7 +146,7 @@ def test_the_record_tells_settings_versions_and_times(tmp_path: Path) -> None:
     assert (settings["spp"], settings["seed"], settings["floor_db"]) == (4, 7, -25)
     used = record["used"]
     assert (used["variant"], used["integrator"]) == ("scalar_rgb", "direct")
-    assert used["sampler"] == "independent"
+    assert (used["sampler"], used["spp"]) == ("independent", 4)
     versions = record["versions"]
     assert versions["polywigner"] == pw.__version__
     assert versions["python"] == ".".join(map(str, sys.version_info[:3]))
@@ -154,6 +154,13 @@ def test_the_record_tells_settings_versions_and_times(tmp_path: Path) -> None:
     assert versions["llvm"] is None  # not used by this variant
     assert record["seconds"]["render"] > 0
     assert record["picture"]["floor_db"] == -25
+
+
+def test_the_record_names_what_the_scene_chose(tmp_path: Path) -> None:
+    _, record = rendered(scene_of_a_lit_floor(tmp_path), "--variant", "scalar_rgb")
+    used = record["used"]
+    assert (used["integrator"], used["sampler"], used["spp"]) == ("path", "multijitter", 64)
+    assert record["settings"]["spp"] is None
 
 
 def test_the_seed_decides_the_noise(tmp_path: Path) -> None:

@@ -61,7 +61,10 @@ def render(
     ] = -40.0,
     out: Annotated[str | None, typer.Option(help=_OUT_HELP)] = None,
 ) -> None:
-    """Render a scene that a coherent aperture lights: NAME.exr, NAME.png and NAME.json."""
+    """Render a Mitsuba scene lit by a coherent aperture.
+
+    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json.
+    """
     from polywigner.cli.render import run_render
 
     run_render(
@@ -102,7 +105,11 @@ def transform(
     ] = -40.0,
     out: Annotated[str | None, typer.Option(help=_OUT_HELP)] = None,
 ) -> None:
-    """Transforms of an aperture, as one figure NAME.png and the values NAME.npz."""
+    """Draw and save the transforms of an aperture file.
+
+    Writes a figure NAME.png (Fourier transform, automean, a Wigner and an ambiguity slice) and
+    the values NAME.npz.
+    """
     from polywigner.cli.transform import run_transform
 
     run_transform(
@@ -125,7 +132,10 @@ def doctor(
         typer.Option("--install-llvm", help="Bring a good LLVM library into this environment."),
     ] = False,
 ) -> None:
-    """What works here: engines, LLVM, GPU, extras; and how to get what is missing."""
+    """Say what works here, and how to get what does not.
+
+    Engines, LLVM library, GPU and extras; for each thing missing the command that brings it.
+    """
     from polywigner.cli.doctor import run_doctor
 
     raise typer.Exit(run_doctor(install_llvm))

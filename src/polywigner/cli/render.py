@@ -74,14 +74,17 @@ def run_render(
             f'expected a <shape type="wigner"> in {scene}, got a scene without; add one, or render '
             "it with mitsuba itself"
         )
+    samples = spp or loaded.sensors()[0].sampler().sample_count()
     ready = time.perf_counter()
     with _progress_bar() as progress:
-        image = render(loaded, integrator, spp, seed, progress=progress)
+        image = render(loaded, integrator, samples, seed, progress=progress)
     done = time.perf_counter()
 
     radiance = _radiance(image)
     reference = picture_peak(radiance)
-    record = _record(settings, chosen, loaded, radiance, reference)
+    record = _record(settings, loaded, radiance, reference)
+    record["used"] |= {"variant": chosen, "spp": samples}
+    record["versions"] = _versions(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     figure = draw_scene(radiance, reference, floor_db)
     with writing(files) as (exr, png, text):
@@ -150,12 +153,11 @@ def _radiance(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 def _record(
     settings: RenderSettings,
-    variant: str,
     scene: Any,
     radiance: npt.NDArray[Any],
     reference: float | None,
 ) -> dict[str, Any]:
-    """What NAME.json says, without the times."""
+    """What NAME.json says of the settings and the picture."""
     import numpy as np
 
     from polywigner.figures.levels import PEAK_RULE
@@ -165,9 +167,8 @@ def _record(
     return {
         "settings": asdict(settings),
         "used": {
-            "variant": variant,
-            "integrator": settings.integrator or _class_name(scene.integrator()),
-            "sampler": settings.sampler or _class_name(camera.sampler()),
+            "integrator": settings.integrator or _plugin(scene.integrator(), "Integrator"),
+            "sampler": settings.sampler or _plugin(camera.sampler(), "Sampler"),
             "size": [width, height],
         },
         "radiance": {
@@ -181,13 +182,12 @@ def _record(
             "zero_db_rule": PEAK_RULE,
             "floor_db": settings.floor_db,
         },
-        "versions": _versions(variant),
     }
 
 
-def _class_name(plugin: Any) -> str:
-    name = plugin.class_name() if hasattr(plugin, "class_name") else type(plugin).__name__
-    return str(name)
+def _plugin(instance: Any, kind: str) -> str:
+    """The name under which a scene asks for it: ``path`` for a ``PathIntegrator``."""
+    return str(instance.class_name()).removesuffix(kind).lower()
 
 
 def _versions(variant: str) -> dict[str, str | None]:
