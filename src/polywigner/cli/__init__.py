@@ -58,7 +58,7 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _from_exception(error: Exception) -> int:
-    # Typer carries its own copy of click since 0.20 or so and imported click before that: its
+    # Typer carries its own copy of click since 0.26 and imported click before that: its
     # usage errors are told by what they can do, not by a class that only one of the two has.
     if hasattr(error, "format_message"):
         text = error.format_message()
