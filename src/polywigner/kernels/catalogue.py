@@ -141,7 +141,7 @@ FOURIER = Kernel(
     lambda ops, tables, turns, *nu: fourier.fourier(ops, tables, *nu),
     _turned,
     copies=0,
-    clips_per_term=20,
+    clips_per_term=1,
 )
 FOURIER_COMPLEX = Kernel(
     "fourier of complex frequencies",
@@ -149,7 +149,7 @@ FOURIER_COMPLEX = Kernel(
     _fourier_complex,
     _leave_fourier_complex,
     copies=0,
-    clips_per_term=60,
+    clips_per_term=1,
 )
 AMBIGUITY = Kernel(
     "ambiguity",
