@@ -83,6 +83,9 @@ def bare_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("/nowhere/libLLVM.so.19.1", (19, 1)),
         ("/nowhere/libLLVM-19.so", (19,)),
         ("/nowhere/llvm-18/lib/libLLVM.so", (18,)),
+        ("/nowhere/llvm-18/lib/libLLVM.so.1", (18,)),
+        ("/nowhere/libLLVM-18.so.18.1", (18,)),
+        ("/nowhere/libLLVM.so.1", None),
         ("/nowhere/llvm@17/lib/libLLVM.dylib", (17,)),
         ("/somewhere/libLLVM.so", None),
     ],
@@ -95,6 +98,13 @@ def test_a_link_without_a_version_has_that_of_its_target(tmp_path: Path) -> None
     library(tmp_path, "libLLVM-16.so.1")
     (tmp_path / "libLLVM.so").symlink_to("libLLVM-16.so.1")
     assert version_of_name(str(tmp_path / "libLLVM.so")) == (16,)
+
+
+def test_a_link_with_a_version_tells_what_its_target_does_not(tmp_path: Path) -> None:
+    """As on Ubuntu 24.04, where libLLVM-18.so leads to llvm-18/lib/libLLVM.so.1."""
+    library(tmp_path / "a", "libLLVM.so.1")
+    (tmp_path / "libLLVM-18.so").symlink_to("a/libLLVM.so.1")
+    assert version_of_name(str(tmp_path / "libLLVM-18.so")) == (18,)
 
 
 def test_the_variable_comes_first_then_the_environment_then_the_newest_of_the_system(
@@ -171,7 +181,7 @@ def test_a_bad_library_ends_the_trial_but_not_this_process(
 
 def test_a_usable_library_passes_the_trial_and_tells_its_version(llvm: LLVMStatus) -> None:
     assert llvm.path is not None
-    assert judge(Candidate(llvm.path, "system", None)) == Verdict(True, llvm.version)
+    assert llvm_module._judge(Candidate(llvm.path, "", None)) == Verdict(True, llvm.version)
 
 
 @pytest.mark.drjit
@@ -273,9 +283,11 @@ def test_a_bad_library_that_the_variable_names_is_passed_over(
     llvm: LLVMStatus, tmp_path: Path
 ) -> None:
     named = library(tmp_path, "libLLVM-15.so.1")
-    good = tmp_path / "environment" / "lib" / "polywigner" / "native" / "libLLVM.so.19"
-    good.parent.mkdir(parents=True)
-    good.symlink_to(llvm.path or "")
+    native = tmp_path / "environment" / "lib" / "polywigner" / "native"
+    native.mkdir(parents=True)
+    for file in Path(llvm.path or "").parent.glob("*"):  # with what an unpacked one needs
+        if file.name.startswith("libLLVM") or file.parent.name == "native":
+            (native / file.name).symlink_to(file)
     code = f"import sys; sys.prefix = {str(tmp_path / 'environment')!r}" + CHOOSE
     code += "import drjit as dr, drjit.llvm as l\n"
     code += "two = dr.minimum(l.Float([1, 5]), 2)[1]\n"
@@ -349,7 +361,7 @@ def test_without_llvm_dr_jit_is_imported_without_a_word_on_stderr() -> None:
 
 
 def test_dr_jit_imported_first_without_a_library_is_told_of_the_usable_one(
-    llvm: LLVMStatus, tmp_path: Path
+    llvm: LLVMStatus, drjit_by_itself: None, tmp_path: Path
 ) -> None:
     code = (
         "import json, os, drjit\n"
@@ -365,7 +377,9 @@ def test_dr_jit_imported_first_without_a_library_is_told_of_the_usable_one(
     assert f"(to {llvm.path})" in message
 
 
-def test_dr_jit_imported_first_with_a_usable_library_is_fine(llvm: LLVMStatus) -> None:
+def test_dr_jit_imported_first_with_a_usable_library_is_fine(
+    llvm: LLVMStatus, drjit_by_itself: None
+) -> None:
     code = (
         "import json, drjit\n"
         "from dataclasses import asdict\n"
@@ -378,7 +392,7 @@ def test_dr_jit_imported_first_with_a_usable_library_is_fine(llvm: LLVMStatus) -
 
 
 def test_dr_jit_imported_first_with_a_bad_library_is_refused_before_any_kernel(
-    bad_llvm: str,
+    bad_llvm: str, drjit_by_itself: None
 ) -> None:
     code = (
         "import json, drjit, numpy as np, polywigner as pw\n"
