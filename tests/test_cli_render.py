@@ -210,7 +210,14 @@ def test_a_progress_bar_is_shown_on_a_terminal(tmp_path: Path) -> None:
     controller, terminal = pty.openpty()
     command = [sys.executable, "-m", "polywigner.cli", "render", str(path)]
     command += ["--variant", "scalar_rgb", "--spp", "1", "--out", str(tmp_path / "a")]
-    run = subprocess.run(command, stderr=terminal, stdout=subprocess.PIPE, timeout=120, check=True)
+    run = subprocess.run(
+        command,
+        stderr=terminal,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "TERM": "xterm"},  # a dumb terminal gets no bar
+        timeout=120,
+        check=True,
+    )
     os.close(terminal)
     assert b"rendering" in os.read(controller, 1 << 16)
     os.close(controller)
