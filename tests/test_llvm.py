@@ -170,6 +170,14 @@ def test_a_library_too_old_by_its_name_is_refused_without_a_trial(
         assert "too old" in (verdict.reason or "")
 
 
+def test_a_file_that_is_not_there_is_refused_without_a_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdicts, "run_probe", None)
+    verdict = judge(Candidate(str(tmp_path / "libLLVM.so.19.1"), "variable", (19, 1)))
+    assert verdict == Verdict(False, None, "there is no such file")
+
+
 def test_a_bad_library_ends_the_trial_but_not_this_process(
     bad_llvm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

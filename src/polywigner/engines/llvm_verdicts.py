@@ -91,6 +91,8 @@ def judge(candidate: Candidate, preload: Sequence[str] = ()) -> Verdict:
         return Verdict(
             False, text, f"LLVM {text} is too old (its kernels end the process; 17 or newer works)"
         )
+    if os.path.isabs(candidate.path) and not os.path.exists(candidate.path):  # noqa: PTH110, PTH117
+        return Verdict(False, None, "there is no such file")
     store = _store_of(candidate.path, preload)
     known = _recall(store)
     if known is not None:
