@@ -89,10 +89,10 @@ def scene_of_a_lit_floor(folder: Path) -> Path:
 
 def rendered(path: Path, *options: str) -> tuple[np.ndarray, dict[str, Any]]:
     """The EXR file, (height, width, channels), and the record."""
-    import mitsuba as mi
-
     out = path.parent / "out" / "picture"
     assert main(["render", str(path), "--out", str(out), *options]) == 0
+    import mitsuba as mi  # after the command, which chooses the LLVM library
+
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
     assert bitmap.component_format() == mi.Struct.Type.Float32
