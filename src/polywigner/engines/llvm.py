@@ -117,8 +117,10 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Without a library Dr.Jit's import prints two lines about it, in its own words; the status says
-    it better. Exceptions are not kept back. Both ways to stderr are closed: C++'s and Python's."""
+    """Without a library Dr.Jit's import prints two lines about it; the status says it better.
+
+    Both ways to stderr are closed, C++'s and Python's. Exceptions are not kept back.
+    """
     sys.stderr.flush()
     kept = os.dup(2)
     try:
