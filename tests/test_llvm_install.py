@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from polywigner.engines.llvm import LLVMStatus
-from polywigner.engines.llvm_discovery import native_folders
+from polywigner.engines.llvm_discovery import LIBRARY_VARIABLE, native_folders
 
 APT = r"""#!/bin/sh
 echo "$(basename "$0") $* [${DEBIAN_FRONTEND}]" >> "$DIARY"
@@ -173,6 +173,43 @@ def test_without_root_nothing_of_the_system_is_touched(machine: Machine) -> None
     assert "Dir::State::lists=" in update and str(machine.folder) not in update
     (download,) = [line for line in machine.diary if " download" in line]
     assert "libc6" not in download
+
+
+IMPORT_DRJIT_FIRST = """
+import json, os, site, sys
+sys.prefix = os.environ["ENVIRONMENT"]
+from polywigner.engines import llvm_discovery
+llvm_discovery._LINUX_FOLDERS = ()
+llvm_discovery._linker_cache = list
+site.addsitedir(os.environ["PACKAGES"])
+import drjit as dr
+from drjit.llvm import Float
+print(json.dumps([os.environ["DRJIT_LIBLLVM_PATH"], dr.minimum(Float([1, 5]), 2)[1]]))
+"""
+
+
+def test_without_root_dr_jit_may_be_imported_before_polywigner(machine: Machine) -> None:
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    packages = machine.folder / "environment" / "lib" / version / "site-packages"
+    packages.mkdir(parents=True)
+    machine.install(root=False)
+    variables = {name: value for name, value in os.environ.items() if name != LIBRARY_VARIABLE}
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORT_DRJIT_FIRST],
+        env={
+            **variables,
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            "ENVIRONMENT": str(machine.folder / "environment"),
+            "PACKAGES": str(packages),
+        },
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    path, two = json.loads(done.stdout.splitlines()[-1])
+    assert Path(path).parent == machine.native
+    assert two == 2
 
 
 def test_as_root_the_packages_are_installed(machine: Machine, drjit_by_itself: None) -> None:

@@ -58,7 +58,7 @@ _OFF = LLVMStatus(
     remedy=f"Unset {OFF_VARIABLE} to use LLVM again.",
 )
 
-_lock = threading.Lock()
+_lock = threading.RLock()  # native_hook.py calls prepare() where prepare() looks for Dr.Jit
 _status: LLVMStatus | None = None
 
 

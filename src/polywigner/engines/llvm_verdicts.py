@@ -211,8 +211,13 @@ def run_probe(
         with tempfile.TemporaryDirectory(prefix="polywigner-") as scratch:
             done = subprocess.run(
                 [sys.executable, "-P", "-c", _PREFACE + script, json.dumps(task)],
-                # An empty kernel cache: a remembered kernel proves nothing about the compiler.
-                env={**os.environ, LIBRARY_VARIABLE: library, "DRJIT_CACHE_DIR": scratch},
+                env={
+                    **os.environ,
+                    LIBRARY_VARIABLE: library,
+                    # Empty: a remembered kernel proves nothing about the compiler.
+                    "DRJIT_CACHE_DIR": scratch,
+                    "POLYWIGNER_TRIAL": "1",  # see native_hook.py
+                },
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 text=True,
