@@ -115,6 +115,14 @@ class Aperture:
 
         `winding`: "nonzero" keeps what the ring runs around at all, "evenodd" what it runs around
         an odd number of times. A bow-tie becomes two triangles that touch in a point.
+
+        Raises
+        ------
+        GeometryError
+            For values that are not finite numbers, fewer than three vertices, and a ring that
+            encloses no area.
+        ArgumentError
+            For any other `winding`.
         """
         return cls._of_parts(split_ring(ring, winding))
 

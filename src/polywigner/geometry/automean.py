@@ -16,6 +16,14 @@ from polywigner.geometry.grid import polygons_in, union_on_grid
 __all__ = ["automean", "lag_slice", "position_slice"]
 
 
+def _require_aperture(aperture: Aperture) -> None:
+    if not isinstance(aperture, Aperture):
+        raise ArgumentError(
+            f"expected an Aperture, got {type(aperture).__name__}; make one with "
+            "polywigner.Aperture(vertices)"
+        )
+
+
 def _means(first: Ring, second: Ring) -> Ring:
     """Midpoints of all pairs of vertices; halving first is exact and cannot overflow."""
     return (first[:, None] / 2 + second[None, :] / 2).reshape(-1, 2)
@@ -30,7 +38,13 @@ def automean(aperture: Aperture) -> Aperture:
     Built from the convex pieces: the union of the convex hulls of the pairwise midpoints of their
     vertices. Midpoints keep their floats; vertices where outlines cross are rounded to 2^-44 of
     the size, which closes hairline cracks. Cost: pieces^2/2 hulls and their union.
+
+    Raises
+    ------
+    ArgumentError
+        For anything but an Aperture.
     """
+    _require_aperture(aperture)
     pieces = aperture.convex_cover
     if len(pieces) == 1:
         return aperture
@@ -62,7 +76,13 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
 
     `x`: a position, shape (2,), in the aperture's unit. An empty MultiPolygon if there is none.
     Differs from the paper, whose matrices translate by x: it must be 2x.
+
+    Raises
+    ------
+    ArgumentError
+        For anything but an Aperture, and for an `x` that is not two finite numbers.
     """
+    _require_aperture(aperture)
     position = _point(x, "a position x")
     shape = aperture.polygons
     return _overlap(
@@ -76,7 +96,13 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
 
     `xi`: a lag, shape (2,), in the aperture's unit. An empty MultiPolygon if there is none.
     Differs from the paper, which shifts one copy only and so gets a wrong phase.
+
+    Raises
+    ------
+    ArgumentError
+        For anything but an Aperture, and for a `xi` that is not two finite numbers.
     """
+    _require_aperture(aperture)
     half = _point(xi, "a lag xi") / 2
     shape = aperture.polygons
     return _overlap(

@@ -37,7 +37,13 @@ def winding_numbers(ring: Ring, points: Ring) -> NDArray[np.int64]:
 
 
 def split_ring(vertices: Any, winding: str) -> list[Part]:
-    """The parts of the region where the ring's winding number is not zero, or is odd."""
+    """The parts of the region where the ring's winding number is not zero, or is odd.
+
+    Raises
+    ------
+    ArgumentError for an unknown `winding`; GeometryError for vertices that do not make a ring, or
+    one that encloses no area.
+    """
     if winding not in _RULES:
         raise ArgumentError(f"expected winding to be one of {_RULES}, got {winding!r}")
     ring = clean_ring(vertices, "the ring")
