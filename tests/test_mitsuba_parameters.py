@@ -89,6 +89,9 @@ def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: A
         (GOOD.replace("patch.wkt", "memory:123"), ["expected no unit"]),
         (GOOD + '<string name="power" value="much"/>', ["power", "much"]),
         (GOOD + '<float name="power" value="-1"/>', ["power above zero"]),
+        (GOOD + '<float name="power" value="1e300"/>', ["a power that single", "check its unit"]),
+        (GOOD.replace("94 GHz", "1e200 Hz"), ["wavelength that single precision", "2.99792e-192"]),
+        (GOOD.replace("94 GHz", "1e-20 Hz"), ["wavelength that single precision", "2.99792e+28"]),
         (GOOD + '<boolean name="power" value="true"/>', ["number or a text as power", "bool"]),
         (GOOD + '<float name="obliquity" value="1"/>', ['<string name="obliquity"', "float"]),
         (GOOD + '<string name="obliquity" value="rs1"/>', ["obliquity", "'rs1'", "kirchhoff"]),
@@ -207,6 +210,20 @@ def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
         ({"wavelength": 1.0, "power": 0.0}, "above zero"),
         ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
         ({"wavelength": 1.0, "to_world": np.full((4, 4), np.nan)}, "finite"),
+        ({"wavelength": 1.0, "to_world": np.diag([1.0, 1.0, 1e300, 1.0])}, "finite"),
+        ({"wavelength": 1.0, "to_world": np.eye(3)}, r"\(4, 4\) matrix.*shape \(3, 3\)"),
+        ({"wavelength": 1.0, "to_world": "abc"}, r"\(4, 4\) matrix.*str"),
+        ({"wavelength": 1.0, "sampling_weight": "x"}, "sampling_weight.*'x'"),
+        ({"wavelength": 1.0, "sampling_weight": -1}, "sampling_weight.*-1"),
+        ({"wavelength": 1.0, "sampling_weight": float("inf")}, "sampling_weight.*inf"),
+        ({"wavelength": 1.0, "bsdf": 5}, "bsdf as a dictionary.*5"),
+        ({"wavelength": 1.0, "bsdf": {}}, "bsdf as a dictionary"),
+        ({"wavelength": 1.0, "power": float("inf")}, "finite"),
+        ({"wavelength": 1.0, "power": 1e39}, "power that single precision"),
+        ({"wavelength": 1e-10, "power": 1e20}, "power that single precision"),
+        ({"wavelength": 1e-200}, "wavelength that single precision"),
+        ({"wavelength": 1e28}, "wavelength that single precision"),
+        ({"wavelength": 1.0, "scene_unit": 1e-30}, "scene_unit that single precision"),
     ],
 )
 def test_a_bad_argument_of_an_entry_is_refused_at_once(
@@ -216,6 +233,133 @@ def test_a_bad_argument_of_an_entry_is_refused_at_once(
 
     with pytest.raises(PolywignerError, match=fragment):
         pwm.aperture(SQUARE, **arguments)
+
+
+@pytest.mark.parametrize("wavelength", [1e-10, 500e-9, 1.0, 1e6])
+@pytest.mark.parametrize("power", [None, 1e-6, 1e3])
+def test_waves_from_x_rays_to_kilohertz_are_within_range(
+    wavelength: float, power: float | None
+) -> None:
+    import polywigner.mitsuba as pwm
+
+    side = 1e3 * wavelength
+    entry = pwm.aperture(pw.shapes.square(side), wavelength, power=power, scene_unit=side)
+    assert entry["wavelength"] == wavelength
+
+
+def test_only_apertures_are_kept_in_memory() -> None:
+    import polywigner.mitsuba as pwm
+
+    with pytest.raises(SceneError, match="expected an Aperture, got list"):
+        pwm.register_source([[0, 0], [1, 0], [0, 1]])  # type: ignore[arg-type]
+
+
+def test_a_gpu_variant_is_refused_at_once_where_there_is_no_gpu(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import drjit as dr
+
+    import polywigner.mitsuba as pwm
+
+    use("scalar_rgb")
+    offered = [variant for variant in use("scalar_rgb").variants() if variant.startswith("cuda_")]
+    assert offered
+    for variant in offered:
+        monkeypatch.setattr(dr, "has_backend", lambda backend: False)
+        with pytest.raises(EngineError, match=f"{variant} needs an NVIDIA GPU.*use "):
+            pwm.choose_variant(variant)
+        monkeypatch.setattr(dr, "has_backend", lambda backend: backend == dr.JitBackend.CUDA)
+        assert pwm.choose_variant(variant) == variant
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("wavelength", 0.0),
+        ("wavelength", -1.0),
+        ("wavelength", float("nan")),
+        ("wavelength", float("inf")),
+        ("wavelength", 1e-30),
+        ("power", -1.0),
+        ("power", float("nan")),
+        ("power", float("inf")),
+        ("power", 1e37),
+    ],
+)
+def test_an_unusable_new_value_is_refused_when_the_scene_is_updated(
+    variant: str, name: str, value: float
+) -> None:
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    scene = mi.load_dict({"type": "scene", "aperture": pwm.aperture(SQUARE, WAVELENGTH)})
+    params = mi.traverse(scene)
+    params[f"aperture.emitter.{name}"] = value
+    with pytest.raises(SceneError, match=name):
+        params.update()
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_the_light_can_be_switched_off_and_on(variant: str) -> None:
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    scene = mi.load_dict({"type": "scene", "aperture": pwm.aperture(SQUARE, WAVELENGTH)})
+    emitter, params = scene.emitters()[0], mi.traverse(scene)
+    above = mi.Interaction3f()
+    above.p = mi.Point3f(0.0, 0.0, 1.0)
+    seen = []
+    for power in (0.0, 2.0):
+        params["aperture.emitter.power"] = power
+        params.update()
+        weight = emitter.sample_direction(above, mi.Point2f(0.5, 0.5), True)[1]
+        seen.append(np.abs(np.array(weight, dtype=float)).max())
+    assert seen[0] == 0.0
+    assert seen[1] > 0.0
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_the_mesh_does_not_move_without_the_light(variant: str) -> None:
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    placed = pose((80.0, -50.0, 40.0), about_x=0.7)
+    entry = pwm.aperture(pw.shapes.chevron(0.01, 0.01, 0.004), WAVELENGTH, to_world=placed)
+    params = mi.traverse(mi.load_dict({"type": "scene", "aperture": entry}))
+    params["aperture.emitter.to_world"] = mi.Transform4f(
+        mi.ScalarTransform4f(pose((3.0, 2.0, 1.0)))
+    )
+    params.update()  # with the light it does
+    moved = np.array(params["aperture.vertex_positions"], dtype=float).reshape(-1, 3)
+    assert np.allclose(moved[:, 2], 1.0)
+    params["aperture.vertex_positions"] = (moved + 0.001).ravel().tolist()
+    with pytest.raises(SceneError, match=r"other vertex_positions; change emitter\.to_world"):
+        params.update()
+
+
+def test_the_page_on_the_plugin_lists_the_parameters_there_are() -> None:
+    from polywigner.mitsuba.parameters import PARAMETERS
+
+    page = (Path(__file__).parents[1] / "docs" / "plugin.md").read_text(encoding="utf-8")
+    table = page.split("| parameter | type | meaning |")[1].split("\n\n")[0]
+    names = [line.split("`")[1] for line in table.splitlines() if line.startswith("| `")]
+    assert tuple(names) == PARAMETERS
+
+
+def test_a_dictionary_that_does_not_load_has_a_one_line_reason(tmp_path: Path) -> None:
+    mi = use("scalar_rgb")
+    import polywigner.mitsuba as pwm
+    from polywigner.errors import QuantityError
+
+    (tmp_path / "patch.wkt").write_text(WKT)
+    shape = {"type": "wigner", "aperture": str(tmp_path / "patch.wkt"), "frequency": "94 GHx"}
+    with pytest.raises(RuntimeError) as caught:
+        mi.load_dict(shape)
+    reason = pwm.translate_error(caught.value)
+    assert isinstance(reason, (SceneError, QuantityError))
+    assert "94 GHx" in str(reason)
+    assert "\n" not in str(reason)
 
 
 def test_apertures_in_memory_are_shared_by_content_and_bounded() -> None:

@@ -26,10 +26,14 @@ from polywigner.errors import SceneError
 from polywigner.geometry import automean
 from polywigner.kernels import tables_of, wigner
 from polywigner.mitsuba.obliquity import emission_factor
-from polywigner.mitsuba.parameters import EmitterSpec, rigid_pose
+from polywigner.mitsuba.parameters import EmitterSpec, check_range, rigid_pose
 from polywigner.mitsuba.sampling import cells_of
 
 __all__ = ["emitter_class", "world_positions"]
+
+# The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
+# coordinate each, the positions once more.
+_PLACE_ERROR = 5e-7
 
 
 def world_positions(
@@ -69,7 +73,7 @@ def emitter_class(variant: str) -> Any:
             self._cells = cells_of(m, [ring / self._unit for ring in support.rings])
             self._ops = ops_for(m.Float)
             self._tables = tables_of(spec.aperture, double=self._ops.double)
-            self._take_over(checked=True)
+            self._take_over()
 
         # ---- what a user may change ----------------------------------------------------------
 
@@ -83,14 +87,25 @@ def emitter_class(variant: str) -> Any:
 
         def parameters_changed(self, keys: list[str]) -> None:
             """Take over new values; a new pose moves the mesh as well."""
-            self._take_over(checked="wavelength" not in keys)
+            if "wavelength" in keys or "power" in keys:
+                self._check_numbers()
+            self._take_over()
             shape = self.get_shape()
             if "to_world" in keys and shape is not None:
                 _move(shape, rigid_pose(_matrix(self.to_world)))
+            elif "parent" in keys and shape is not None:
+                _check_place(shape, _matrix(self.to_world))
 
-        def _take_over(self, checked: bool) -> None:
-            if not checked and not dr.all(self.wavelength > 0.0):
-                raise SceneError("expected a wavelength above zero, got one that is not")
+        def _check_numbers(self) -> None:
+            wavelength = _single(self.wavelength, "wavelength")
+            power = _single(self.power, "power")
+            if not wavelength > 0:
+                raise SceneError(f"expected a wavelength above zero, got {wavelength:.6g} m")
+            if not power >= 0:
+                raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
+            check_range(self.spec.aperture, wavelength, power, self._unit)
+
+        def _take_over(self) -> None:
             # Opaque: as literals, every new value would compile the render kernel again.
             if jit:
                 dr.make_opaque(self.wavelength, self.power)
@@ -232,6 +247,13 @@ def _value(number: Any, jit: bool) -> Any:
     return number if jit else number[0]
 
 
+def _single(number: Any, name: str) -> float:
+    values = np.asarray(dr.detach(number), dtype=np.float64).ravel()
+    if values.size != 1 or not np.isfinite(values).all():
+        raise SceneError(f"expected one finite number as {name}, got {values.tolist()}")
+    return float(values[0])
+
+
 def _matrix(transform: Any) -> list[list[float]]:
     matrix = transform.matrix
     return [
@@ -246,6 +268,22 @@ def _move(shape: Any, pose: Any) -> None:
     local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
     params["vertex_positions"] = world_positions(local, pose).ravel().tolist()
     params.update()
+
+
+def _check_place(shape: Any, pose: Any) -> None:
+    """Raise SceneError where somebody has moved the mesh but not the emitter."""
+    params = mi.traverse(shape)
+    local, seen = (
+        np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
+        for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
+    )
+    expected = world_positions(local, np.asarray(pose))
+    allowed = _PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
+    if not np.abs(seen - expected).max() <= allowed:
+        raise SceneError(
+            "expected the mesh of a wigner shape to stay where its to_world puts it, got other "
+            "vertex_positions; change emitter.to_world, which moves mesh and light"
+        )
 
 
 def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:

@@ -1,30 +1,14 @@
 """The parameters of the ``wigner`` shape, read from a scene and checked.
 
-==================  =============================================================================
-``aperture``        file (beside the scene, or on Mitsuba's search path), or a key of
-                    :func:`polywigner.mitsuba.register_source`
-``unit``            of the file's coordinates; default ``mm``
-``frequency``       text such as ``94 GHz``, or a number in hertz
-``wavelength``      text such as ``3.19 mm``, or a number in metres, instead of ``frequency``
-``to_world``        rigid pose; the aperture lies in its plane z = 0 and radiates to its +z
-``power``           text such as ``10 mW`` or watts: the integral of |u|^2 over the aperture;
-                    default: |u| = 1, so that the power is the aperture's area in m^2
-``obliquity``       which diffraction integral a parallel floor receives, see ``obliquity.py``
-``scene_unit``      length of one unit of the scene, such as ``mm`` or ``0.1 m``; default 1 m
-``sampling_weight`` relative number of samples spent on this emitter; default 1
-nested BSDF         of the surface that radiates; default ``null``, so that it casts no shadow
-nested media        ``interior`` and ``exterior``, as for any Mitsuba shape
-==================  =============================================================================
-
-On ``scene_unit``: Mitsuba starts its rays about 1e-4 of a scene unit off the surfaces, a tenth of a
-millimetre in a scene in metres. For receivers within some centimetres of the aperture, and for all
-of optics, write the scene in a smaller unit and say so here.
+Their meaning is the table in ``docs/plugin.md``. What single precision, in which Mitsuba computes,
+cannot hold is refused here: the picture would be black or not a number.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +22,16 @@ from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.sources import is_key, registered_source
 from polywigner.quantities import parse_frequency, parse_length, parse_power, wavelength_of
 
-__all__ = ["EmitterSpec", "read_parameters", "rigid_pose"]
+__all__ = [
+    "PARAMETERS",
+    "EmitterSpec",
+    "check_range",
+    "check_sampling_weight",
+    "read_parameters",
+    "rigid_pose",
+]
 
-_PARAMETERS = (
+PARAMETERS = (
     "aperture",
     "unit",
     "frequency",
@@ -55,6 +46,10 @@ _PARAMETERS = (
 # Scene files give angles in single precision: a product of a few such rotations departs from a
 # rotation by some 1e-6. A scale that anybody wants differs by more than this.
 _RIGID_TOLERANCE = 1e-4
+
+# Decimal exponents of the normal numbers of single precision.
+_SMALLEST = math.log10(np.finfo(np.float32).tiny)
+_LARGEST = math.log10(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +79,17 @@ def read_parameters(props: Any) -> EmitterSpec:
     _reject_unknown(values)
     aperture = _aperture(values)
     power = _number(values, "power", parse_power) if "power" in values else aperture.area
+    wavelength = _wavelength(values)
+    scene_unit = _scene_unit(values.get("scene_unit", 1.0))
+    check_range(aperture, wavelength, power, scene_unit)
     return EmitterSpec(
         aperture=aperture,
-        wavelength=_wavelength(values),
+        wavelength=wavelength,
         power=power,
         pose=rigid_pose(values["to_world"].matrix if "to_world" in values else np.eye(4)),
         obliquity=check_obliquity(_text(values, "obliquity", OBLIQUITIES[0])),
-        scene_unit=_scene_unit(values.get("scene_unit", 1.0)),
-        sampling_weight=_sampling_weight(values.get("sampling_weight", 1.0)),
+        scene_unit=scene_unit,
+        sampling_weight=check_sampling_weight(values.get("sampling_weight", 1.0)),
     )
 
 
@@ -101,8 +99,18 @@ def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
     Raises SceneError for anything else: a scaled or sheared aperture would be another aperture,
     whose transforms this one's are not.
     """
-    given = np.asarray(matrix, dtype=np.float64).reshape(4, 4)
-    if not np.isfinite(given).all():
+    try:
+        given = np.asarray(matrix, dtype=np.float64)
+    except (TypeError, ValueError, RuntimeError):
+        given = np.empty(0)
+    if given.shape not in ((4, 4), (4, 4, 1)):  # with a last axis of 1 from compiled variants
+        shown = f"one of shape {given.shape}" if given.size else type(matrix).__name__
+        raise SceneError(
+            f"expected a (4, 4) matrix as to_world, got {shown}; give one, or a transform such as "
+            "mitsuba.ScalarTransform4f().translate([0, 0, 1])"
+        )
+    given = given.reshape(4, 4)
+    if not (np.abs(given) <= np.finfo(np.float32).max).all():
         raise SceneError(f"expected a finite to_world, got {given.tolist()}")
     rotation = given[:3, :3]
     if not np.allclose(given[3], (0.0, 0.0, 0.0, 1.0)):
@@ -126,6 +134,48 @@ def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
     return pose
 
 
+def check_range(
+    aperture: Aperture, wavelength: float, power: float, scene_unit: float = 1.0
+) -> None:
+    """Raise SceneError where single precision cannot hold what the emitter computes.
+
+    `wavelength` and `scene_unit` in metres, `power` in watts; none below zero.
+    """
+    # Logarithms, because the numbers themselves may leave double precision as well.
+    area, inverse_square = _exponent(aperture.area), -2 * _exponent(wavelength)
+    area_in_scene = area - 2 * _exponent(scene_unit)
+    radiance = _exponent(power) + inverse_square
+    _fits("wavelength", f"{wavelength:.6g} m", -inverse_square / 2, inverse_square)
+    _fits("wavelength", f"{wavelength:.6g} m", inverse_square - area)
+    _fits("scene_unit", f"{scene_unit:.6g} m", area_in_scene)
+    if power > 0:
+        steps = (radiance, radiance - area, radiance + area_in_scene)
+        _fits("power", f"{power:.6g} W", _exponent(power), *steps)
+
+
+def check_sampling_weight(value: Any) -> float:
+    """The value as a float; SceneError unless it is a finite number of zero or more."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if not number or not (value >= 0 and _exponent(value) < _LARGEST):
+        raise SceneError(
+            f"expected a finite sampling_weight of zero or more, got {value!r}; 1 is the default"
+        )
+    return float(value)
+
+
+def _exponent(value: Any) -> float:
+    return math.log10(value) if value > 0 else -math.inf
+
+
+def _fits(name: str, shown: str, *exponents: float) -> None:
+    for exponent in exponents:
+        if not _SMALLEST < exponent < _LARGEST:
+            raise SceneError(
+                f"expected a {name} that single precision can compute with, got {shown}, which "
+                f"leads to numbers of the order 1e{exponent:+.0f}; check its unit"
+            )
+
+
 def _reject_unknown(values: dict[str, Any]) -> None:
     for name, value in values.items():
         nested = isinstance(value, mi.Object)
@@ -134,9 +184,9 @@ def _reject_unknown(values: dict[str, Any]) -> None:
                 f"expected no {type(value).__name__.lower()} inside a wigner shape, got "
                 f"{name!r}; the shape brings its own emitter"
             )
-        if not nested and name not in _PARAMETERS:
+        if not nested and name not in PARAMETERS:
             raise SceneError(
-                f"expected the parameters {', '.join(_PARAMETERS)} of a wigner shape, got {name!r}"
+                f"expected the parameters {', '.join(PARAMETERS)} of a wigner shape, got {name!r}"
             )
 
 
@@ -194,10 +244,3 @@ def _text(values: dict[str, Any], name: str, default: str | None) -> str:
             f'expected <string name="{name}" .../>, got a parameter of type {type(value).__name__}'
         )
     return value
-
-
-def _sampling_weight(value: Any) -> float:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not (math.isfinite(value) and value >= 0):
-        raise SceneError(f"expected a finite sampling_weight of zero or more, got {value!r}")
-    return float(value)

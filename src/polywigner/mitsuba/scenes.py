@@ -16,7 +16,7 @@ from polywigner.engines import llvm
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
-from polywigner.mitsuba.parameters import rigid_pose
+from polywigner.mitsuba.parameters import check_range, check_sampling_weight, rigid_pose
 from polywigner.mitsuba.shape import PLUGIN_NAME, original_error, register
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
@@ -68,15 +68,17 @@ def aperture(
         "wavelength": parse_length(wavelength),
         "obliquity": check_obliquity(obliquity),
         "scene_unit": parse_length(scene_unit),
-        "sampling_weight": float(sampling_weight),
+        "sampling_weight": check_sampling_weight(sampling_weight),
     }
+    watts = source.area if power is None else parse_power(power)
+    check_range(source, entry["wavelength"], watts, entry["scene_unit"])
     if to_world is not None:
         pose = rigid_pose(getattr(to_world, "matrix", to_world))
         entry["to_world"] = mi.scalar_rgb.ScalarTransform4f(pose)
     if power is not None:
-        entry["power"] = parse_power(power)
+        entry["power"] = watts
     if bsdf is not None:
-        entry["bsdf"] = dict(bsdf)
+        entry["bsdf"] = _bsdf_entry(bsdf)
     return entry
 
 
@@ -107,6 +109,11 @@ def choose_variant(prefer: str | None = None) -> str:
         raise EngineError(
             f"expected a variant of the installed Mitsuba, got {prefer!r}; use one of "
             f"{', '.join(mi.variants())}"
+        )
+    if prefer.startswith("cuda_") and not dr.has_backend(dr.JitBackend.CUDA):
+        raise EngineError(
+            f"{prefer} needs an NVIDIA GPU and its driver, and Dr.Jit finds none; use "
+            f"{_FAST_VARIANT if status.usable else _PLAIN_VARIANT}"
         )
     if prefer.startswith("llvm_") and not status.usable:
         raise EngineError(f"{prefer} needs LLVM. {status.problem} {status.remedy}")
@@ -176,6 +183,15 @@ def translate_error(error: Exception) -> PolywignerError:
         return type(own)(f"{place[1]}: {own}" if place else str(own))
     line = " ".join(text.split("Traceback (most recent call last)")[0].split())
     return SceneError(f"expected a scene that Mitsuba can load: {line}")
+
+
+def _bsdf_entry(bsdf: Any) -> dict[str, Any]:
+    if not isinstance(bsdf, Mapping) or not isinstance(bsdf.get("type"), str):
+        raise SceneError(
+            f"expected the bsdf as a dictionary with its type, got {bsdf!r}; give one such as "
+            '{"type": "diffuse"}'
+        )
+    return dict(bsdf)
 
 
 def _instantiate(file: Path, sampler: str | None, parameters: Mapping[str, Any]) -> Any:

@@ -30,7 +30,16 @@ def register_source(aperture: Aperture) -> str:
 
     The last 1024 apertures are kept. Use the key as the parameter ``aperture`` of a ``wigner``
     shape, in a dictionary or in XML.
+
+    Raises
+    ------
+    SceneError for anything but an Aperture.
     """
+    if not isinstance(aperture, Aperture):
+        raise SceneError(
+            f"expected an Aperture, got {type(aperture).__name__}; make one with "
+            "polywigner.Aperture(vertices)"
+        )
     digest = hashlib.sha256()
     for ring in aperture.rings:
         digest.update(ring.tobytes())
