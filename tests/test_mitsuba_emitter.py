@@ -261,3 +261,34 @@ def test_identical_apertures_stay_apart(llvm: object) -> None:
         mi = use(variant)
         entries = {f"aperture{k}": light() for k in range(3)}
         assert len(mi.load_dict({"type": "scene", **entries}).emitters()) == 3
+
+
+def test_an_irradiance_meter_sees_the_aperture_with_volpath_or_an_opaque_surface(
+    llvm: object,
+) -> None:
+    mi = use("llvm_ad_mono")
+    height = 30.0
+
+    def measured(integrator: str, **more: Any) -> float:
+        floor = mi.ScalarTransform4f().translate([0, 0, height]).rotate([1, 0, 0], 180)
+        meter = {
+            "type": "irradiancemeter",
+            "film": {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}},
+            "sampler": {"type": "independent"},
+        }
+        scene = mi.load_dict(
+            {
+                "type": "scene",
+                "aperture": light(**more),
+                "floor": {"type": "rectangle", "to_world": floor, "sensor": meter},
+            }
+        )
+        integrator = mi.load_dict({"type": integrator})
+        return float(np.array(mi.render(scene, integrator=integrator, spp=2**20)).item())
+
+    opaque = measured("path", bsdf={"type": "diffuse"})
+    # The same seed draws the same rays; what the two surfaces throw back and forth is below 1e-4.
+    for integrator in ("volpath", "direct"):
+        assert measured(integrator) == pytest.approx(opaque, rel=1e-4)
+    assert opaque > 0
+    assert measured("path") == 0.0  # Mitsuba's rule for null surfaces, as the page says

@@ -10,9 +10,11 @@ one. What Mitsuba's integrators make of that:
 - ``direct`` lets it cast shadows all the same; ``path`` and ``prb`` do so for the light they sample
   and find it again by chance, without bias and with noise; ``volpath`` and ``volpathmis`` look
   through it. It matters only where one source stands before another.
-- passing through it counts as a bounce towards ``max_depth``.
+- passing through it counts as a bounce towards ``max_depth``; in scalar variants ``path`` needs a
+  ``max_depth`` of 3 to show an aperture that is looked at directly.
 - ``path`` leaves a pixel black whose rays meet null surfaces and then nothing at all. To look at an
-  aperture itself, put something behind it, be it a faint ``constant`` emitter.
+  aperture itself, put something behind it, be it a faint ``constant`` emitter. An
+  ``irradiancemeter`` that looks at it reads exactly zero for the same reason.
 """
 
 from __future__ import annotations
