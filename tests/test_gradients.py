@@ -59,3 +59,28 @@ def test_gradients_of_the_wigner_function(name: str, which: int, mode: str) -> N
         got = np.array(drjit.forward_to(value, flags=drjit.ADFlag.Default).array)
         assert np.abs(got - expected[:, k]).max() < ALLOWED * max(1.0, np.abs(expected).max())
         drjit.clear_grad(arrays[which])
+
+
+@pytest.mark.parametrize("corners", [5, 64], ids=["unrolled", "in a loop"])
+@pytest.mark.parametrize("mode", ["forward", "backward"])
+def test_gradients_of_the_fourier_transform(corners: int, mode: str) -> None:
+    import drjit
+    import drjit.llvm.ad as backend
+
+    source, points = (
+        pw.shapes.disc(1.0, n=corners),
+        np.random.default_rng(6).uniform(-2, 2, (20, 2)),
+    )
+    expected = _differences(lambda nu: abs(pw.fourier(source, nu)) ** 2, [points], 0)
+    nu = backend.Array2f64(points[:, 0].copy(), points[:, 1].copy())
+    drjit.enable_grad(nu)
+    if mode == "forward":
+        drjit.set_grad(nu, backend.Array2f64(1.0, 0.0))
+    field = pw.fourier(source, nu)
+    power = drjit.square(field.real) + drjit.square(field.imag)
+    if mode == "forward":
+        got, expected = np.array(drjit.forward_to(power)), expected[:, 0]
+    else:
+        drjit.backward(drjit.sum(power))
+        got = np.array(drjit.grad(nu)).T
+    assert np.abs(got - expected).max() < ALLOWED * np.abs(expected).max()

@@ -8,11 +8,15 @@ arrays of any backend.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
+
+# Unrolled, a term of the Fourier transform takes some 20 ms to compile.
+_UNROLLED_ROWS = 12
 
 # Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
 _SPLIT_DOUBLE, _SPLIT_SINGLE = 134217729.0, 4097.0
@@ -28,6 +32,17 @@ def _product_error(a: Any, b: Any, product: Any, split: float) -> Any:
     return ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
 
 
+Row = tuple[float, ...]
+Values = tuple[Any, ...]
+
+
+def _unrolled_sum(rows: Sequence[Row], term: Callable[..., Values]) -> Values:
+    totals = term(*rows[0])
+    for row in rows[1:]:
+        totals = tuple(a + b for a, b in zip(totals, term(*row), strict=True))
+    return totals
+
+
 class _Unfused:
     """What types without a fused multiply-add share."""
 
@@ -37,6 +52,10 @@ class _Unfused:
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         """a b + c, rounded twice."""
         return a * b + c
+
+    def sum_over(self, rows: Sequence[Row], term: Callable[..., Values], values: int) -> Values:
+        """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
+        return _unrolled_sum(rows, term)
 
     def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
         """ax by - ay bx to about one ulp of the result."""
@@ -135,6 +154,29 @@ class DrjitOperations:
     def snapped(self, a: Any, step: float) -> Any:
         """The nearest multiple of ``step``, a power of two; the derivative is that of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
+
+    def sum_over(self, rows: Sequence[Row], term: Callable[..., Values], values: int) -> Values:
+        """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row.
+
+        Unrolled into the kernel, or beyond some rows a loop of the kernel over a table: it runs
+        nearly as fast where a term is long, and compiles at once.
+        """
+        if len(rows) <= _UNROLLED_ROWS:
+            return _unrolled_sum(rows, term)
+        dr, real = self._dr, self.float_type
+        # Lists: NumPy's memory would be used in place, and its alignment enters the kernel.
+        columns = [real(list(column)) for column in zip(*rows, strict=True)]
+
+        def step(index: Any, *sums: Any) -> Values:
+            terms = term(*(dr.gather(real, column, index) for column in columns))
+            return index + 1, *(a + b for a, b in zip(sums, terms, strict=True))
+
+        start = (dr.uint32_array_t(real)(0), *(real(0.0) for _ in range(values)))
+        # max_iterations=-1: a sum, so that its reverse-mode derivative is a sum as well
+        _, *totals = dr.while_loop(
+            start, lambda index, *_: index < len(rows), step, max_iterations=-1
+        )
+        return tuple(totals)
 
     def exp(self, a: Any) -> Any:
         return self._dr.exp(a)

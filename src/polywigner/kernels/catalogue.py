@@ -46,8 +46,8 @@ class Kernel:
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
     copies: int
     """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
-    clips_per_pair: int = 0
-    """Code for what is left of an edge inside a piece, in units of the code for one cut."""
+    clips_per_term: int
+    """Code for a whole edge, or for what is left of one in a piece, in units of one cut's code."""
 
     def __call__(self, ops: Any, tables: Tables, *arguments: Any) -> Values:
         """The whole transform with one namespace of operations."""
@@ -64,10 +64,14 @@ def tables_of(aperture: Aperture, double: bool) -> Tables:
 def parts_of(kernel: Kernel, tables: Tables, size: int) -> list[Tables]:
     """Tables whose edge sums add up to that of ``tables``, each of about ``size`` clips or less.
 
-    A sine or two of every (edge, piece) pair count as ``kernel.clips_per_pair`` clips.
+    What a kernel does with an edge, or with the part of it in one piece, counts as
+    ``kernel.clips_per_term`` clips.
     """
-    per_edge = sum(len(piece.sides) + kernel.clips_per_pair for piece in tables.pieces)
-    count = max(1, size // (per_edge * kernel.copies)) if kernel.copies else len(tables.edges)
+    per_edge = kernel.clips_per_term
+    if kernel.copies:
+        per_copy = sum(len(piece.sides) + kernel.clips_per_term for piece in tables.pieces)
+        per_edge = kernel.copies * per_copy
+    count = max(1, size // per_edge)
     edges = tables.edges
     return [replace(tables, edges=edges[k : k + count]) for k in range(0, len(edges), count)]
 
@@ -121,7 +125,7 @@ WIGNER = Kernel(
     lambda ops, tables, *inner: (wigner_sums.wigner(ops, tables, *inner),),
     _scaled,
     copies=1,
-    clips_per_pair=4,
+    clips_per_term=4,
 )
 POSITION_MARGINAL = Kernel(
     "position marginal",
@@ -129,6 +133,7 @@ POSITION_MARGINAL = Kernel(
     lambda ops, tables, *inner: (wigner_sums.lag_slice_area(ops, tables, *inner),),
     _scaled,
     copies=1,
+    clips_per_term=1,
 )
 FOURIER = Kernel(
     "fourier",
@@ -136,6 +141,7 @@ FOURIER = Kernel(
     lambda ops, tables, turns, *nu: fourier.fourier(ops, tables, *nu),
     _turned,
     copies=0,
+    clips_per_term=1,
 )
 FOURIER_COMPLEX = Kernel(
     "fourier of complex frequencies",
@@ -143,6 +149,7 @@ FOURIER_COMPLEX = Kernel(
     _fourier_complex,
     _leave_fourier_complex,
     copies=0,
+    clips_per_term=1,
 )
 AMBIGUITY = Kernel(
     "ambiguity",
@@ -150,7 +157,7 @@ AMBIGUITY = Kernel(
     lambda ops, tables, turns, *inner: fourier.ambiguity(ops, tables, *inner),
     _turned,
     copies=2,
-    clips_per_pair=16,
+    clips_per_term=16,
 )
 LAG_MARGINAL = Kernel(
     "lag marginal",
@@ -158,4 +165,5 @@ LAG_MARGINAL = Kernel(
     lambda ops, tables, *inner: (fourier.position_slice_area(ops, tables, *inner),),
     _scaled,
     copies=2,
+    clips_per_term=1,
 )

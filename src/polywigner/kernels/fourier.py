@@ -13,27 +13,34 @@ from polywigner.kernels.tables import Tables
 __all__ = ["ambiguity", "fourier", "fourier_complex", "position_slice_area"]
 
 
+def _corners(tables: Tables) -> list[tuple[float, ...]]:
+    """Begin, end, and twice the area of the triangle with the origin, of every edge."""
+    return [(e.ax, e.ay, e.ax + e.ex, e.ay + e.ey, e.area) for e in tables.edges]
+
+
 def fourier(ops: Any, tables: Tables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
-    """F(nu) in the frame, as (cosine part, sine part) with F = cosine - i sine."""
-    cosine: Any = 0.0
-    sine: Any = 0.0
-    for edge in tables.edges:
-        start = ops.fma(nu_x, edge.ax, nu_y * edge.ay)
-        end = ops.fma(nu_x, edge.ax + edge.ex, nu_y * (edge.ay + edge.ey))
-        c, s = triangle_plane_wave(ops, start, end)
-        cosine = ops.fma(c, edge.area, cosine)
-        sine = ops.fma(s, edge.area, sine)
+    """F(nu) in the frame, as (cosine part, sine part) with F = cosine - i sine. Source: (F2)."""
+
+    def term(ax: Any, ay: Any, bx: Any, by: Any, area: Any) -> tuple[Any, Any]:
+        start = ops.fma(nu_x, ax, nu_y * ay)
+        end = ops.fma(nu_x, bx, nu_y * by)
+        cosine, sine = triangle_plane_wave(ops, start, end)
+        return cosine * area, sine * area
+
+    cosine, sine = ops.sum_over(_corners(tables), term, values=2)
     return cosine, sine
 
 
 def fourier_complex(ops: Any, tables: Tables, nu_x: Pair, nu_y: Pair) -> Pair:
     """F(nu) for complex nu in the frame: linear-analytic in nu, no conjugate anywhere."""
-    total = Pair(0.0, 0.0)
-    for edge in tables.edges:
-        start = nu_x.scaled(edge.ax) + nu_y.scaled(edge.ay)
-        end = nu_x.scaled(edge.ax + edge.ex) + nu_y.scaled(edge.ay + edge.ey)
-        total = total + triangle_complex_wave(ops, start, end).scaled(edge.area)
-    return total
+
+    def term(ax: Any, ay: Any, bx: Any, by: Any, area: Any) -> tuple[Any, Any]:
+        start = nu_x.scaled(ax) + nu_y.scaled(ay)
+        end = nu_x.scaled(bx) + nu_y.scaled(by)
+        wave = triangle_complex_wave(ops, start, end).scaled(area)
+        return wave.real, wave.imag
+
+    return Pair(*ops.sum_over(_corners(tables), term, values=2))
 
 
 # Which copy an edge belongs to: its points are p + shift xi.
