@@ -1,8 +1,8 @@
 """Fourier transform of polyhedra: signed tetrahedra and third divided differences.
 
 A body is the signed sum of the tetrahedra (origin, a, b, c) over the triangles of its faces' fans.
-One tetrahedron contributes ``det(a, b, c) exp[0, z_a, z_b, z_c]`` with z = -2 pi i nu.p: no division
-by nu, no face normals, and non-convex faces need no triangulation (docs/theory.md, (F3)).
+Each contributes ``det(a, b, c) exp[0, z_a, z_b, z_c]`` with z = -2 pi i nu.p: no division by nu, no
+face normals, and non-convex faces need no triangulation (docs/theory.md, (F3)).
 """
 
 from __future__ import annotations
@@ -44,21 +44,14 @@ class SolidFrame:
 
 
 @dataclass(frozen=True)
-class Tetrahedron:
-    """Corners besides the origin, and their determinant (six times the signed volume)."""
-
-    a: Point
-    b: Point
-    c: Point
-    determinant: float
-
-
-@dataclass(frozen=True)
 class SolidTables:
-    """The body in its frame; ``edges`` are what a sum runs over."""
+    """The body in its frame; ``edges`` are what a sum runs over.
+
+    Each is a tetrahedron: ax, ay, az, bx, ..., cz, and det(a, b, c), six times its signed volume.
+    """
 
     frame: SolidFrame
-    edges: tuple[Tetrahedron, ...]
+    edges: tuple[tuple[float, ...], ...]
 
 
 @lru_cache(maxsize=64)
@@ -67,30 +60,32 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
     centre = low + (high - low) / 2
     scale = math.ldexp(1.0, math.frexp(body.diameter)[1])
-    inner = ((body.vertices - centre) / scale).tolist()
-    corners = [tuple(inner[k] for k in triangle) for triangle in body.triangles]
-    parts = [Tetrahedron(*(tuple(p) for p in abc), _determinant(*abc)) for abc in corners]
-    frame = SolidFrame(tuple(centre.tolist()), scale)
-    return SolidTables(frame, tuple(part for part in parts if part.determinant))
+    inner = (body.vertices - centre) / scale
+    corners = inner[body.triangles].reshape(-1, 9).tolist()
+    rows = [(*row, _determinant(*row)) for row in corners]
+    frame = SolidFrame((float(centre[0]), float(centre[1]), float(centre[2])), scale)
+    return SolidTables(frame, tuple(row for row in rows if row[-1]))
 
 
-def _determinant(a: Point, b: Point, c: Point) -> float:
+def _determinant(*row: float) -> float:
     """det(a, b, c), correctly rounded."""
-    ax, ay, az, bx, by, bz, cx, cy, cz = (Fraction(v) for v in (*a, *b, *c))
+    ax, ay, az, bx, by, bz, cx, cy, cz = map(Fraction, row)
     value = ax * (by * cz - bz * cy) - ay * (bx * cz - bz * cx) + az * (bx * cy - by * cx)
     return float(value)
 
 
 def solid_transform(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) -> Pair:
-    """F(nu) in the frame; nu complex, or real with imaginary parts 0.0."""
-    total = Pair(0.0, 0.0)
-    for part in tables.edges:
-        corners = (_dot(nu, part.a), _dot(nu, part.b), _dot(nu, part.c))
-        total = total + tetrahedron_wave(ops, *corners).scaled(part.determinant)
-    return total
+    """F(nu) in the frame; nu complex, or real with imaginary parts 0.0. Source: (F3)."""
+
+    def term(*row: Any) -> tuple[Any, Any]:
+        corners = (_dot(nu, row[0:3]), _dot(nu, row[3:6]), _dot(nu, row[6:9]))
+        wave = tetrahedron_wave(ops, *corners).scaled(row[9])
+        return wave.real, wave.imag
+
+    return Pair(*ops.sum_over(tables.edges, term, values=2))
 
 
-def _dot(nu: tuple[Pair, Pair, Pair], point: Point) -> Pair:
+def _dot(nu: tuple[Pair, Pair, Pair], point: tuple[Any, ...]) -> Pair:
     x, y, z = (component.scaled(c) for component, c in zip(nu, point, strict=True))
     return x + y + z
 
