@@ -3,6 +3,9 @@ cannot run is left out in one way, counted, and named at the end of the run."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections import Counter
 from typing import NoReturn
 
@@ -53,6 +56,23 @@ def bad_llvm(request: pytest.FixtureRequest) -> str:
         if not verdict.usable and candidate.version is not None and candidate.version >= (15,):
             return candidate.path
     _leave_out("a bad LLVM library (15 or 16), to see it refused.", request.config)
+
+
+@pytest.fixture(scope="session")
+def _drjit_by_itself() -> bool:
+    done = subprocess.run(
+        [sys.executable, "-c", "import drjit"],
+        env={**os.environ, "POLYWIGNER_TRIAL": "1"},  # also without polywigner's import hook
+        capture_output=True,
+    )
+    return done.returncode == 0
+
+
+@pytest.fixture
+def drjit_by_itself(request: pytest.FixtureRequest, _drjit_by_itself: bool) -> None:
+    """``import drjit`` works without polywigner's help: libatomic is the system's."""
+    if not _drjit_by_itself:
+        _leave_out("a system with libatomic1, for Dr.Jit imported first.", request.config)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -89,10 +89,10 @@ def scene_of_a_lit_floor(folder: Path) -> Path:
 
 def rendered(path: Path, *options: str) -> tuple[np.ndarray, dict[str, Any]]:
     """The EXR file, (height, width, channels), and the record."""
-    import mitsuba as mi
-
     out = path.parent / "out" / "picture"
     assert main(["render", str(path), "--out", str(out), *options]) == 0
+    import mitsuba as mi  # after the command, which chooses the LLVM library
+
     assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     bitmap = mi.Bitmap(str(out.with_suffix(".exr")))
     assert bitmap.component_format() == mi.Struct.Type.Float32
@@ -210,7 +210,14 @@ def test_a_progress_bar_is_shown_on_a_terminal(tmp_path: Path) -> None:
     controller, terminal = pty.openpty()
     command = [sys.executable, "-m", "polywigner.cli", "render", str(path)]
     command += ["--variant", "scalar_rgb", "--spp", "1", "--out", str(tmp_path / "a")]
-    run = subprocess.run(command, stderr=terminal, stdout=subprocess.PIPE, timeout=120, check=True)
+    run = subprocess.run(
+        command,
+        stderr=terminal,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "TERM": "xterm"},  # a dumb terminal gets no bar
+        timeout=120,
+        check=True,
+    )
     os.close(terminal)
     assert b"rendering" in os.read(controller, 1 << 16)
     os.close(controller)

@@ -53,6 +53,7 @@ STANDARD_LIBRARY_ONLY = {
     "engines/llvm.py": ("polywigner.engines", "polywigner.errors", "drjit"),
     "engines/llvm_install.py": ("polywigner.engines", "polywigner.errors"),
     "engines/gpu.py": ("polywigner.engines",),
+    "engines/native_hook.py": ("polywigner.engines",),
     "errors.py": (),
 }
 

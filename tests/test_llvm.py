@@ -83,6 +83,9 @@ def bare_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("/nowhere/libLLVM.so.19.1", (19, 1)),
         ("/nowhere/libLLVM-19.so", (19,)),
         ("/nowhere/llvm-18/lib/libLLVM.so", (18,)),
+        ("/nowhere/llvm-18/lib/libLLVM.so.1", (18,)),
+        ("/nowhere/libLLVM-18.so.18.1", (18,)),
+        ("/nowhere/libLLVM.so.1", None),
         ("/nowhere/llvm@17/lib/libLLVM.dylib", (17,)),
         ("/somewhere/libLLVM.so", None),
     ],
@@ -95,6 +98,13 @@ def test_a_link_without_a_version_has_that_of_its_target(tmp_path: Path) -> None
     library(tmp_path, "libLLVM-16.so.1")
     (tmp_path / "libLLVM.so").symlink_to("libLLVM-16.so.1")
     assert version_of_name(str(tmp_path / "libLLVM.so")) == (16,)
+
+
+def test_a_link_with_a_version_tells_what_its_target_does_not(tmp_path: Path) -> None:
+    """As on Ubuntu 24.04, where libLLVM-18.so leads to llvm-18/lib/libLLVM.so.1."""
+    library(tmp_path / "a", "libLLVM.so.1")
+    (tmp_path / "libLLVM-18.so").symlink_to("a/libLLVM.so.1")
+    assert version_of_name(str(tmp_path / "libLLVM-18.so")) == (18,)
 
 
 def test_the_variable_comes_first_then_the_environment_then_the_newest_of_the_system(
@@ -160,6 +170,14 @@ def test_a_library_too_old_by_its_name_is_refused_without_a_trial(
         assert "too old" in (verdict.reason or "")
 
 
+def test_a_file_that_is_not_there_is_refused_without_a_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verdicts, "run_probe", None)
+    verdict = judge(Candidate(str(tmp_path / "libLLVM.so.19.1"), "variable", (19, 1)))
+    assert verdict == Verdict(False, None, "there is no such file")
+
+
 def test_a_bad_library_ends_the_trial_but_not_this_process(
     bad_llvm: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,7 +189,7 @@ def test_a_bad_library_ends_the_trial_but_not_this_process(
 
 def test_a_usable_library_passes_the_trial_and_tells_its_version(llvm: LLVMStatus) -> None:
     assert llvm.path is not None
-    assert judge(Candidate(llvm.path, "system", None)) == Verdict(True, llvm.version)
+    assert llvm_module._judge(Candidate(llvm.path, "", None)) == Verdict(True, llvm.version)
 
 
 @pytest.mark.drjit
@@ -258,14 +276,15 @@ assert prepare() is status and "drjit" not in sys.modules
 def test_dr_jit_opens_the_library_that_was_chosen(llvm: LLVMStatus) -> None:
     code = CHOOSE + (
         "import drjit as dr\n"
-        "opened = sorted({line.split()[-1] for line in open('/proc/self/maps') if 'libLLVM' in line"
-        "}) if sys.platform == 'linux' else [status.path]\n"
+        "lines = open('/proc/self/maps') if sys.platform == 'linux' else []\n"
+        "opened = {line.rstrip().split(maxsplit=5)[-1] for line in lines if 'libLLVM' in line}\n"
         "version = '.'.join(map(str, dr.detail.llvm_version()))\n"
-        "print(json.dumps([asdict(status), opened, version]))"
+        "print(json.dumps([asdict(status), sorted(opened), version]))"
     )
     status, opened, version = python(code)
     assert status["usable"] and status["problem"] is None and status["remedy"] is None
-    assert opened == [os.path.realpath(status["path"])]
+    if sys.platform == "linux":
+        assert opened == [os.path.realpath(status["path"])]
     assert version == status["version"]
 
 
@@ -273,9 +292,11 @@ def test_a_bad_library_that_the_variable_names_is_passed_over(
     llvm: LLVMStatus, tmp_path: Path
 ) -> None:
     named = library(tmp_path, "libLLVM-15.so.1")
-    good = tmp_path / "environment" / "lib" / "polywigner" / "native" / "libLLVM.so.19"
-    good.parent.mkdir(parents=True)
-    good.symlink_to(llvm.path or "")
+    native = tmp_path / "environment" / "lib" / "polywigner" / "native"
+    native.mkdir(parents=True)
+    for file in Path(llvm.path or "").parent.glob("*"):  # with what an unpacked one needs
+        if file.name.startswith("libLLVM") or file.parent.name == "native":
+            (native / file.name).symlink_to(file)
     code = f"import sys; sys.prefix = {str(tmp_path / 'environment')!r}" + CHOOSE
     code += "import drjit as dr, drjit.llvm as l\n"
     code += "two = dr.minimum(l.Float([1, 5]), 2)[1]\n"
@@ -349,7 +370,7 @@ def test_without_llvm_dr_jit_is_imported_without_a_word_on_stderr() -> None:
 
 
 def test_dr_jit_imported_first_without_a_library_is_told_of_the_usable_one(
-    llvm: LLVMStatus, tmp_path: Path
+    llvm: LLVMStatus, drjit_by_itself: None, tmp_path: Path
 ) -> None:
     code = (
         "import json, os, drjit\n"
@@ -365,7 +386,9 @@ def test_dr_jit_imported_first_without_a_library_is_told_of_the_usable_one(
     assert f"(to {llvm.path})" in message
 
 
-def test_dr_jit_imported_first_with_a_usable_library_is_fine(llvm: LLVMStatus) -> None:
+def test_dr_jit_imported_first_with_a_usable_library_is_fine(
+    llvm: LLVMStatus, drjit_by_itself: None
+) -> None:
     code = (
         "import json, drjit\n"
         "from dataclasses import asdict\n"
@@ -378,7 +401,7 @@ def test_dr_jit_imported_first_with_a_usable_library_is_fine(llvm: LLVMStatus) -
 
 
 def test_dr_jit_imported_first_with_a_bad_library_is_refused_before_any_kernel(
-    bad_llvm: str,
+    bad_llvm: str, drjit_by_itself: None
 ) -> None:
     code = (
         "import json, drjit, numpy as np, polywigner as pw\n"

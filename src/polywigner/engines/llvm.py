@@ -58,7 +58,7 @@ _OFF = LLVMStatus(
     remedy=f"Unset {OFF_VARIABLE} to use LLVM again.",
 )
 
-_lock = threading.Lock()
+_lock = threading.RLock()  # native_hook.py calls prepare() where prepare() looks for Dr.Jit
 _status: LLVMStatus | None = None
 
 
@@ -117,14 +117,16 @@ def require_drjit() -> LLVMStatus:
 
 @contextlib.contextmanager
 def _silent_stderr() -> Iterator[None]:
-    """Without a library Dr.Jit's import prints two lines about it, from C++, in its own words; the
-    status says it better. Exceptions are not kept back."""
+    """Without a library Dr.Jit's import prints two lines about it; the status says it better.
+
+    Both ways to stderr are closed, C++'s and Python's. Exceptions are not kept back.
+    """
     sys.stderr.flush()
     kept = os.dup(2)
     try:
-        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 (a device, not a path of ours)
+        with open(os.devnull, "w") as nowhere, contextlib.redirect_stderr(nowhere):  # noqa: PTH123
             os.dup2(nowhere.fileno(), 2)
-        yield
+            yield
     finally:
         os.dup2(kept, 2)
         os.close(kept)

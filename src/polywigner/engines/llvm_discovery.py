@@ -125,15 +125,16 @@ def version_of_name(path: str) -> tuple[int, ...] | None:
     """The version that a library's file name, its link's target or its folder states.
 
     ``libLLVM-15.so.1`` is version 15 (the last figure counts ABI revisions), ``libLLVM.so.19.1``
-    is 19.1, ``/usr/lib/llvm-18/lib/libLLVM.so`` is 18.
+    is 19.1, ``/usr/lib/llvm-18/lib/libLLVM.so.1`` is 18 (the file name tells nothing).
     """
-    for name in (Path(os.path.realpath(path)).name, Path(path).name):
+    real = Path(os.path.realpath(path))
+    for name in (real.name, Path(path).name):
         match = re.match(r"libLLVM-(\d+(?:\.\d+)*)", name) or re.match(
-            r"libLLVM\.(?:so\.)?(\d+(?:\.\d+)*)", name
+            r"libLLVM\.(?:so\.)?(\d\d+(?:\.\d+)*)", name
         )
         if match:
             return tuple(int(figure) for figure in match.group(1).split("."))
-    folder = re.search(r"llvm[-@](\d+)", str(Path(path).parent))
+    folder = re.search(r"llvm[-@](\d+)", f"{real.parent} {Path(path).parent}")
     return (int(folder.group(1)),) if folder else None
 
 

@@ -126,6 +126,7 @@ def _unpack_into_environment(wanted: Sequence[list[str]], say: Callable[[str], N
             _gather_libraries(tree, fresh)
             _try_out(fresh)
             _put_in_place(fresh, folder)
+        _hook_into(folder.parent.parent)
     except OSError as error:
         raise EngineError(
             f"expected a folder that can be written, got {folder} ({error.strerror}); work in a "
@@ -186,6 +187,20 @@ def _put_in_place(fresh: Path, folder: Path) -> None:
             old.rename(folder)
         raise
     shutil.rmtree(old, ignore_errors=True)
+
+
+def _hook_into(libraries: Path) -> None:
+    """Let ``import drjit`` find what was unpacked, also before polywigner is imported.
+
+    ``libraries`` is the environment's ``lib`` folder.
+    """
+    packages = libraries / f"python{sys.version_info[0]}.{sys.version_info[1]}" / "site-packages"
+    if not packages.is_dir():
+        return
+    hook = Path(__file__).with_name("native_hook.py").read_text(encoding="utf-8")
+    (packages / "polywigner_native.py").write_text(hook, encoding="utf-8")
+    # Python runs the lines of *.pth files when it starts; this one costs half a millisecond.
+    (packages / "polywigner_native.pth").write_text("import polywigner_native\n")
 
 
 def _main() -> int:

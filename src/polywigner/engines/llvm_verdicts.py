@@ -91,6 +91,8 @@ def judge(candidate: Candidate, preload: Sequence[str] = ()) -> Verdict:
         return Verdict(
             False, text, f"LLVM {text} is too old (its kernels end the process; 17 or newer works)"
         )
+    if os.path.isabs(candidate.path) and not os.path.exists(candidate.path):  # noqa: PTH110, PTH117
+        return Verdict(False, None, "there is no such file")
     store = _store_of(candidate.path, preload)
     known = _recall(store)
     if known is not None:
@@ -209,8 +211,13 @@ def run_probe(
         with tempfile.TemporaryDirectory(prefix="polywigner-") as scratch:
             done = subprocess.run(
                 [sys.executable, "-P", "-c", _PREFACE + script, json.dumps(task)],
-                # An empty kernel cache: a remembered kernel proves nothing about the compiler.
-                env={**os.environ, LIBRARY_VARIABLE: library, "DRJIT_CACHE_DIR": scratch},
+                env={
+                    **os.environ,
+                    LIBRARY_VARIABLE: library,
+                    # Empty: a remembered kernel proves nothing about the compiler.
+                    "DRJIT_CACHE_DIR": scratch,
+                    "POLYWIGNER_TRIAL": "1",  # see native_hook.py
+                },
                 stdin=subprocess.DEVNULL,
                 capture_output=True,
                 text=True,
