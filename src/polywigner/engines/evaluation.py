@@ -98,7 +98,8 @@ class _Drjit:
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host = NumpyOperations(double=True)
         self.memory: dict[int, Array] = {}
-        self.parts = parts_of(kernel, tables, _CLIPS_PER_KERNEL)
+        in_rows = kernel.copies and self.ops.prefers_rows(tables.clips, None)
+        self.parts = [tables] if in_rows else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
 
     def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         import drjit

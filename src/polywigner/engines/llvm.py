@@ -58,7 +58,7 @@ _OFF = LLVMStatus(
     remedy=f"Unset {OFF_VARIABLE} to use LLVM again.",
 )
 
-_lock = threading.RLock()  # native_hook.py calls prepare() where prepare() looks for Dr.Jit
+_lock = threading.Lock()
 _status: LLVMStatus | None = None
 
 
@@ -80,6 +80,8 @@ def prepare(*, afresh: bool = False) -> LLVMStatus:
     see :func:`require`. Costs 20 ms once the verdict is remembered, a second the first time.
     """
     global _status
+    if (hook := sys.modules.get("polywigner_native")) is not None:
+        hook.stand_down()  # see native_hook.py: it would call this function from within
     with _lock:
         if _status is None or afresh:
             _status = _loaded() if "drjit" in sys.modules else _choose()

@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-__all__: list[str] = []
+__all__ = ["stand_down"]
 
 
 class _BeforeDrjit:
@@ -20,13 +20,19 @@ class _BeforeDrjit:
 
     @classmethod
     def find_spec(cls, name: str, path: Sequence[str] | None = None, target: object = None) -> None:
-        if name == "drjit" and cls in sys.meta_path:
-            sys.meta_path.remove(cls)  # once; and prepare() looks for Dr.Jit too
+        if name == "drjit":
+            stand_down()
             # An import must not fail because of a courtesy, such as when polywigner is gone.
             with contextlib.suppress(Exception):
                 from polywigner.engines.llvm import prepare
 
                 prepare()
+
+
+def stand_down() -> None:
+    """Take the hook away: it is needed once, and not when polywigner comes first."""
+    with contextlib.suppress(ValueError):
+        sys.meta_path.remove(_BeforeDrjit)
 
 
 # Not in the children in which prepare() tries libraries out: they would start children as well.

@@ -18,14 +18,14 @@ the right of every line; AHEAD and BEHIND see the same xi, so they agree.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator
+from dataclasses import astuple, dataclass
 from typing import Any
 
 from polywigner.kernels.lattice import exact_cross
 from polywigner.kernels.tables import Edge, Line, Piece, Tables
 
-__all__ = ["AHEAD", "BEHIND", "MIRRORED", "Clipper", "View"]
+__all__ = ["AHEAD", "BEHIND", "MIRRORED", "Clipper", "View", "clipper_for", "total_extent"]
 
 _NEARLY_PARALLEL = 0.03  # see tables._TRANSVERSAL
 
@@ -44,7 +44,10 @@ AHEAD = View(offset=+1, point=+1)
 
 
 class Clipper:
-    """Cuts edges for one vector T = 2x or xi; shares what edges and views have in common."""
+    """Cuts edges for one vector T = 2x or xi; shares what edges and views have in common.
+
+    Edges are constants: what can be decided while tracing is decided then.
+    """
 
     def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any) -> None:
         self.ops = ops
@@ -53,6 +56,21 @@ class Clipper:
             tx, ty = ops.snapped(tx, tables.grid), ops.snapped(ty, tables.grid)
         self.tx, self.ty = tx, ty
         self._levels: dict[tuple[float, float], Any] = {}
+        self._shared: dict[Hashable, Any] = {}
+
+    def sum_over_edges(self, term: Callable[[Edge], tuple[Any, ...]], values: int) -> Any:
+        """The sums, one by one, of the ``values`` values that ``term`` gives for each edge."""
+        totals = [0.0] * values
+        for edge in self.tables.edges:
+            totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
+        return tuple(totals)
+
+    def shared(self, edge: Edge, compute: Callable[[], Any]) -> Any:
+        """``compute()``, once for all edges of one direction."""
+        key = (edge.ux, edge.uy)
+        if key not in self._shared:
+            self._shared[key] = compute()
+        return self._shared[key]
 
     def level(self, line: Line) -> Any:
         """cross(direction, T)."""
@@ -63,12 +81,12 @@ class Clipper:
 
     def intervals(self, edge: Edge, view: View) -> Iterator[tuple[Any, Any, float]]:
         """(t0 + t1, t1 - t0, weight) of the edge inside each piece; t1 - t0 = 0 if outside."""
-        cuts: dict[int, tuple[Any, bool]] = {}
+        cuts: dict[int, Any] = {}
         for piece in self.tables.pieces:
             yield (*self._interval(edge, view, piece, cuts), piece.weight)
 
     def _interval(
-        self, edge: Edge, view: View, piece: Piece, cuts: dict[int, tuple[Any, bool]]
+        self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
     ) -> tuple[Any, Any]:
         ops = self.ops
         low: Any = 0.0
@@ -77,7 +95,7 @@ class Clipper:
         for number, side in piece.sides:
             line = self.tables.lines[number]
             slope = _slope(line, edge)
-            if self._is_parallel(edge, line, slope):
+            if edge.cluster == line.cluster and (not line.exact or slope == 0.0):
                 gates.append((self._lies_left(edge, line, view), side))
                 continue
             if number not in cuts:
@@ -93,22 +111,17 @@ class Clipper:
             length = ops.select(lies_left, *inside)
         return low + high, length
 
-    def _is_parallel(self, edge: Edge, line: Line, slope: float) -> bool:
-        own = self.tables.lines[edge.line]
-        return own.cluster == line.cluster and (not line.exact or slope == 0.0)
-
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Any:
         """t where the edge meets the line of the other copy."""
-        own = self.tables.lines[edge.line]
-        if line.exact and own.cluster == line.cluster:
+        if line.exact and edge.cluster == line.cluster:
             size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
             if slope**2 < _NEARLY_PARALLEL**2 * size:
-                return self._exact_level(edge, line, view) * (-view.point / slope)
+                return self._exact_distance(edge, line, view) * (-view.point / slope)
         start = view.point * (line.dx * edge.ay - line.dy * edge.ax) - line.offset
         scale = -view.point / slope
         return self.ops.fma(self.level(line), view.offset * scale, start * scale)
 
-    def _exact_level(self, edge: Edge, line: Line, view: View) -> Any:
+    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Any:
         """How far the edge's start lies left of the line, from exact differences, to one ulp."""
         s, sign = view.offset, view.point
         dx = s * self.tx + (sign * edge.ax - line.px)
@@ -118,15 +131,87 @@ class Clipper:
     def _lies_left(self, edge: Edge, line: Line, view: View) -> Any:
         """Whether an edge parallel to a line lies to the left of it in the other copy."""
         if line.exact:
-            distance = self._exact_level(edge, line, view)
-            return distance >= 0.0 if view is BEHIND else distance > 0.0
-        own = self.tables.lines[edge.line]
+            return _is_left(self._exact_distance(edge, line, view), view)
         if view is MIRRORED:
-            return self.level(line) > own.offset + line.offset
+            return self.level(line) > edge.offset + line.offset
         if view is AHEAD:
-            return self.level(line) > line.offset - own.offset
+            return self.level(line) > line.offset - edge.offset
         # not (level > ...), so that it is the exact complement of what AHEAD sees
-        return self.level(line) <= own.offset - line.offset
+        return self.level(line) <= edge.offset - line.offset
+
+
+class RowClipper(Clipper):
+    """The same for edges that are rows of a table, with all decisions taken while running.
+
+    For polygons with so many edges that a kernel with each of them as a constant would take
+    minutes to compile: slower per edge, but compiled at once.
+    """
+
+    # stands for infinity: far outside [0, 1], and finite when multiplied by a frequency
+    _FAR = 1e9
+
+    def sum_over_edges(self, term: Callable[[Edge], tuple[Any, ...]], values: int) -> Any:
+        rows = [astuple(edge) for edge in self.tables.edges]
+        return self.ops.sum_over(rows, lambda *row: term(Edge(*row)), values, like=self.tx)
+
+    def shared(self, edge: Edge, compute: Callable[[], Any]) -> Any:
+        return compute()
+
+    def _interval(
+        self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
+    ) -> tuple[Any, Any]:
+        ops = self.ops
+        low: Any = 0.0
+        high: Any = 1.0
+        for number, side in piece.sides:
+            if number not in cuts:
+                cuts[number] = self._row_cut(edge, self.tables.lines[number], view)
+            cut, rising = cuts[number]
+            if side > 0:
+                low_here, high_here = (cut, -self._FAR), (self._FAR, cut)
+            else:
+                low_here, high_here = (-self._FAR, cut), (cut, self._FAR)
+            low = ops.maximum(low, ops.select(rising, *low_here))
+            high = ops.minimum(high, ops.select(rising, *high_here))
+        return low + high, ops.maximum(high - low, 0.0)
+
+    def _row_cut(self, edge: Edge, line: Line, view: View) -> tuple[Any, Any]:
+        """t where the edge meets the line, and whether it enters the left side there.
+
+        A parallel edge enters it before all t if it lies to the left, else after all t.
+        """
+        ops = self.ops
+        same_cluster = edge.cluster == float(line.cluster)
+        if line.exact:
+            slope = ops.cross(line.dx, line.dy, edge.ex, edge.ey)
+            distance = self._exact_distance(edge, line, view)
+            parallel, left = same_cluster & (slope == 0.0), _is_left(distance, view)
+        else:
+            slope = line.dx * edge.ey - line.dy * edge.ex
+            start = view.point * (line.dx * edge.ay - line.dy * edge.ax) - line.offset
+            distance = view.offset * self.level(line) + start
+            parallel, left = same_cluster, self._lies_left(edge, line, view)
+        cut = distance * -view.point / ops.select(parallel, 1.0, slope)
+        cut = ops.select(parallel, ops.select(left, -self._FAR, self._FAR), cut)
+        return cut, parallel | (slope * view.point > 0.0)
+
+
+def clipper_for(ops: Any, tables: Tables, tx: Any, ty: Any) -> Clipper:
+    """The clipper that suits the number of edges, of samples, and the engine."""
+    rows = ops.prefers_rows(tables.clips, tx)
+    return (RowClipper if rows else Clipper)(ops, tables, tx, ty)
+
+
+def total_extent(ops: Any, clipper: Clipper, edge: Edge, view: View) -> Any:
+    """How much of the edge lies inside the other copy, as a fraction of its length."""
+    total: Any = 0.0
+    for _, extent, weight in clipper.intervals(edge, view):
+        total = total + extent if weight > 0 else total - extent
+    return total
+
+
+def _is_left(distance: Any, view: View) -> Any:
+    return distance >= 0.0 if view is BEHIND else distance > 0.0
 
 
 def _slope(line: Line, edge: Edge) -> float:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from polywigner.kernels.clipping import AHEAD, BEHIND, Clipper
+from polywigner.kernels.clipping import AHEAD, BEHIND, clipper_for, total_extent
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.stokes import segment_wave, triangle_complex_wave, triangle_plane_wave
-from polywigner.kernels.tables import Tables
+from polywigner.kernels.tables import Edge, Tables
 
 __all__ = ["ambiguity", "fourier", "fourier_complex", "position_slice_area"]
 
@@ -27,7 +27,7 @@ def fourier(ops: Any, tables: Tables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
         cosine, sine = triangle_plane_wave(ops, start, end)
         return cosine * area, sine * area
 
-    cosine, sine = ops.sum_over(_corners(tables), term, values=2)
+    cosine, sine = ops.sum_over(_corners(tables), term, 2, like=nu_x)
     return cosine, sine
 
 
@@ -40,7 +40,7 @@ def fourier_complex(ops: Any, tables: Tables, nu_x: Pair, nu_y: Pair) -> Pair:
         wave = triangle_complex_wave(ops, start, end).scaled(area)
         return wave.real, wave.imag
 
-    return Pair(*ops.sum_over(_corners(tables), term, values=2))
+    return Pair(*ops.sum_over(_corners(tables), term, 2, like=nu_x.real))
 
 
 # Which copy an edge belongs to: its points are p + shift xi.
@@ -58,27 +58,27 @@ def ambiguity(
     triangles, and cut edges are many; the frame has no slivers that would make it less accurate.)
     Source: docs/theory.md, (A1).
     """
-    clipper = Clipper(ops, tables, xi_x, xi_y)
+    clipper = clipper_for(ops, tables, xi_x, xi_y)
     v_x, v_y = _moved_off_zero(ops, upsilon_x, upsilon_y)
     shift = ops.fma(v_x, clipper.tx, v_y * clipper.ty)
-    cosine: Any = 0.0
-    sine: Any = 0.0
-    for edge in tables.edges:
+
+    def term(edge: Edge) -> tuple[Any, Any]:
         q = ops.fma(v_x, edge.ex, v_y * edge.ey)
         c = ops.fma(v_x, edge.ey, v_y * -edge.ex)
         at_vertex = ops.fma(v_x, edge.ax, v_y * edge.ay)
-        edge_cosine: Any = 0.0
-        edge_sine: Any = 0.0
+        cosine: Any = 0.0
+        sine: Any = 0.0
         for view, side in _COPIES:
             start = ops.fma(shift, side, at_vertex)
             for middle, extent, weight in clipper.intervals(edge, view):
                 where = ops.fma(0.5 * middle, q, start)
                 wave_sine, wave_cosine = segment_wave(ops, extent * q, where)
                 share = extent if weight > 0 else -extent
-                edge_cosine = ops.fma(share, wave_sine, edge_cosine)
-                edge_sine = ops.fma(share, wave_cosine, edge_sine)
-        cosine = ops.fma(c, edge_cosine, cosine)
-        sine = ops.fma(c, edge_sine, sine)
+                cosine = ops.fma(share, wave_sine, cosine)
+                sine = ops.fma(share, wave_cosine, sine)
+        return c * cosine, c * sine
+
+    cosine, sine = clipper.sum_over_edges(term, values=2)
     scale = 1.0 / (2 * math.pi * ops.fma(v_x, v_x, v_y * v_y))
     return cosine * scale, -sine * scale
 
@@ -95,13 +95,15 @@ def _moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
 
 def position_slice_area(ops: Any, tables: Tables, xi_x: Any, xi_y: Any) -> Any:
     """R_xi(xi), the area of the position slice, in the frame."""
-    clipper = Clipper(ops, tables, xi_x, xi_y)
-    total: Any = 0.0
-    for edge in tables.edges:
+    clipper = clipper_for(ops, tables, xi_x, xi_y)
+
+    def term(edge: Edge) -> tuple[Any]:
         lever = ops.fma(clipper.tx, edge.ey, clipper.ty * -edge.ex)
+        total: Any = 0.0
         for view, side in _COPIES:
-            extent_sum: Any = 0.0
-            for _, extent, weight in clipper.intervals(edge, view):
-                extent_sum = ops.fma(extent, weight, extent_sum)
-            total = ops.fma(ops.fma(lever, side, edge.area), extent_sum, total)
+            share = ops.fma(lever, side, edge.area)
+            total = ops.fma(share, total_extent(ops, clipper, edge, view), total)
+        return (total,)
+
+    (total,) = clipper.sum_over_edges(term, values=1)
     return 0.5 * total

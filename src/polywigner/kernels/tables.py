@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -63,15 +64,25 @@ class Line:
 
 @dataclass(frozen=True)
 class Edge:
-    """A true boundary edge from (ax, ay) along (ex, ey), the polygon to its left."""
+    """A true boundary edge from (ax, ay) along (ex, ey), the polygon to its left.
 
-    ax: float
-    ay: float
-    ex: float
-    ey: float
-    line: int
-    area: float  # cross(a, e): twice the signed area of the triangle (origin, a, a + e)
-    wave: tuple[float, float, float]  # unit direction and length, shared by parallel edges
+    All fields are numbers, so that a table of edges can also be a table of an engine's memory.
+    """
+
+    ax: Any
+    ay: Any
+    ex: Any
+    ey: Any
+    area: Any
+    """cross(a, e): twice the signed area of the triangle (origin, a, a + e)."""
+    ux: Any
+    uy: Any
+    length: Any
+    """e = length u, with one unit vector u for all parallel edges."""
+    offset: Any
+    """Of the edge's line."""
+    cluster: Any
+    """Of the edge's line."""
 
 
 @dataclass(frozen=True)
@@ -235,6 +246,8 @@ def _edges(outlines: Sequence[npt.NDArray[np.float64]], book: _LineBook) -> tupl
         # directions equal up to rounding share one float pair, so that nu.direction is shared
         unit = waves.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
         area = exact_cross(ax, ay, ex, ey)
-        wave = (*unit, sign * length)
-        edges.append(Edge(ax, ay, ex, ey, book.number_of[number], area, wave))
+        line = book.lines[book.number_of[number]]
+        edges.append(
+            Edge(ax, ay, ex, ey, area, *unit, sign * length, line.offset, float(line.cluster))
+        )
     return tuple(edges)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from polywigner.kernels.clipping import MIRRORED, Clipper
-from polywigner.kernels.tables import Tables
+from polywigner.kernels.clipping import MIRRORED, clipper_for, total_extent
+from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.trigonometry import sin_turns
 
 __all__ = ["lag_slice_area", "wigner"]
@@ -27,27 +27,25 @@ def _floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
 
 def wigner(ops: Any, tables: Tables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
     """W(x, nu) in the units of the frame, for arguments in it. Source: docs/theory.md, (W1)."""
-    clipper = Clipper(ops, tables, 2.0 * x, 2.0 * y)
+    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
     nu_x, nu_y = _floored(ops, nu_x, nu_y)
     nu_t = ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
-    ratios: dict[tuple[float, float], tuple[Any, Any]] = {}
-    total: Any = 0.0
-    for edge in tables.edges:
-        ux, uy, length = edge.wave
-        if (ux, uy) not in ratios:
-            ratios[ux, uy] = _ratio(ops, nu_x, nu_y, ux, uy)
-        along, ratio = ratios[ux, uy]
-        q = along * length
+
+    def term(edge: Edge) -> tuple[Any]:
+        along, ratio = clipper.shared(edge, lambda: _ratio(ops, nu_x, nu_y, edge.ux, edge.uy))
+        q = along * edge.length
         start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -nu_t))
-        edge_sum: Any = 0.0
+        total: Any = 0.0
         for middle, extent, weight in clipper.intervals(edge, MIRRORED):
-            term = sin_turns(ops, extent * q) * sin_turns(ops, ops.fma(middle, q, start))
-            edge_sum = edge_sum + term if weight > 0 else edge_sum - term
-        total = ops.fma(ratio, edge_sum, total)
+            product = sin_turns(ops, extent * q) * sin_turns(ops, ops.fma(middle, q, start))
+            total = total + product if weight > 0 else total - product
+        return (ratio * total,)
+
+    (total,) = clipper.sum_over_edges(term, values=1)
     return total / (math.pi**2 * ops.fma(nu_x, nu_x, nu_y * nu_y))
 
 
-def _ratio(ops: Any, nu_x: Any, nu_y: Any, ux: float, uy: float) -> tuple[Any, Any]:
+def _ratio(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
     """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
     floor = 1e-30 if ops.double else 1e-20
     along = ops.fma(nu_x, ux, nu_y * uy)
@@ -57,14 +55,13 @@ def _ratio(ops: Any, nu_x: Any, nu_y: Any, ux: float, uy: float) -> tuple[Any, A
 
 def lag_slice_area(ops: Any, tables: Tables, x: Any, y: Any) -> Any:
     """R_x(x), the area of the lag slice, in the frame."""
-    clipper = Clipper(ops, tables, 2.0 * x, 2.0 * y)
-    total: Any = 0.0
-    for edge in tables.edges:
+    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
+
+    def term(edge: Edge) -> tuple[Any]:
         lever = ops.fma(
             clipper.ty, 2.0 * edge.ex, ops.fma(clipper.tx, -2.0 * edge.ey, 4.0 * edge.area)
         )
-        extent_sum: Any = 0.0
-        for _, extent, weight in clipper.intervals(edge, MIRRORED):
-            extent_sum = ops.fma(extent, weight, extent_sum)
-        total = ops.fma(lever, extent_sum, total)
+        return (lever * total_extent(ops, clipper, edge, MIRRORED),)
+
+    (total,) = clipper.sum_over_edges(term, values=1)
     return total

@@ -1,0 +1,57 @@
+"""Edges taken as rows of a table give what edges compiled as constants give, coincident or not.
+
+Which way is taken depends on the number of edges and samples; here both are forced upon all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.references import ENGINES, awkward, awkward_names
+from polywigner.engines import operations
+
+# Relative to the area: what the package promises.
+TOLERANCE = {"double": 1e-12, "single": 5e-6}
+
+engines = pytest.mark.parametrize("engine", ENGINES)
+precisions = pytest.mark.parametrize("precision", list(TOLERANCE))
+
+
+@pytest.fixture
+def rows_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    for kind in (operations.NumpyOperations, operations.DrjitOperations):
+        monkeypatch.setattr(kind, "prefers_rows", lambda self, clips, like: True)
+
+
+@pytest.mark.usefixtures("rows_only")
+@pytest.mark.parametrize("name", awkward_names())
+@precisions
+@engines
+def test_no_value_jumps_where_edges_are_rows(name: str, engine: str, precision: str) -> None:
+    case, how = awkward(name), {"engine": engine, "precision": precision}
+    allowed = TOLERANCE[precision] * case.area
+    got = pw.wigner(case.aperture, case.x, case.x_nu, **how)
+    assert np.abs(got - case.wigner).max() < allowed
+    if engine == "numpy":  # one more kernel each: half a minute of compilation on LLVM
+        got = pw.ambiguity(case.aperture, case.upsilon, case.xi, **how)
+        assert np.abs(got - case.ambiguity).max() < allowed
+        still = np.zeros(2)
+        got = pw.position_marginal(case.aperture, case.x, **how)
+        assert np.abs(got - pw.wigner(case.aperture, case.x, still, **how)).max() < allowed
+        got = pw.lag_marginal(case.aperture, case.xi, **how)
+        assert np.abs(got - pw.ambiguity(case.aperture, still, case.xi, **how)).max() < allowed
+
+
+@pytest.mark.llvm
+def test_an_outline_of_many_edges_compiles_in_rows() -> None:
+    ring = pw.shapes.ring(1.0, 0.6)
+    assert (
+        sum(map(len, ring.rings)) * sum(map(len, ring.convex_cover)) > operations._ROWS_ABOVE_DRJIT
+    )
+    rng = np.random.default_rng(1)
+    x, nu = rng.uniform(-1, 1, (500, 2)), rng.uniform(-3, 3, (500, 2))
+    for precision, tolerance in TOLERANCE.items():
+        got = pw.wigner(ring, x, nu, engine="llvm", precision=precision)
+        assert np.abs(got - pw.wigner(ring, x, nu, engine="numpy")).max() < tolerance * ring.area
