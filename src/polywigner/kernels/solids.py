@@ -82,7 +82,7 @@ def solid_transform(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) 
         wave = tetrahedron_wave(ops, *corners).scaled(row[9])
         return wave.real, wave.imag
 
-    return Pair(*ops.sum_over(tables.edges, term, values=2))
+    return Pair(*ops.sum_over(tables.edges, term, 2, like=nu[0].real))
 
 
 def _dot(nu: tuple[Pair, Pair, Pair], point: tuple[Any, ...]) -> Pair:
