@@ -180,7 +180,7 @@ def test_the_phase_of_a_far_shape_is_reduced_without_loss(ops: NumpyOperations) 
     far = np.array([[1000.1, -2000.3], [1001.2, -2000.3], [1001.2, -1999.1]])
     frame = frame_of(far)
     nu = np.array([12.345678, -987.654321]).astype(ops.dtype)
-    got = float(turns_to_centre(ops, frame, nu[:1], nu[1:])[0])
+    got = float(turns_to_centre(ops, frame.centre, nu[:1], nu[1:])[0])
     exact = sum(Fraction(float(n)) * Fraction(c) for n, c in zip(nu, frame.centre, strict=True))
     error = (Fraction(got) - exact) % 1
     # the rest of the centre beyond two floats is what is left in float32

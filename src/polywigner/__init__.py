@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from polywigner.geometry import (
         Aperture,
+        Polyhedron,
+        Slits,
         automean,
         lag_slice,
         position_slice,
@@ -30,6 +32,8 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Aperture": "polywigner.geometry",
+    "Polyhedron": "polywigner.geometry",
+    "Slits": "polywigner.geometry",
     "automean": "polywigner.geometry",
     "lag_slice": "polywigner.geometry",
     "position_slice": "polywigner.geometry",
@@ -44,6 +48,8 @@ _HOMES = {
 
 __all__ = [
     "Aperture",
+    "Polyhedron",
+    "Slits",
     "__version__",
     "ambiguity",
     "automean",

@@ -1,9 +1,12 @@
-"""The public transforms: Fourier, Wigner and ambiguity functions of apertures, and the marginals.
+"""The public transforms: Fourier, Wigner and ambiguity functions of sources, and the marginals.
+
+Sources are apertures (plane polygons, two components), slits (one), and, for the Fourier transform
+alone, apertures in a pose and polyhedra (three). "Content" is length, area or volume.
 
 Conventions (docs/conventions): Fourier kernel exp(-2 pi i nu.x); nu and upsilon in cycles per
-unit length; the last axis of every argument holds the two components, everything before it
+unit length; the last axis of every argument holds the components, everything before it
 broadcasts; the result has the broadcast shape without that axis, and one point gives a NumPy
-scalar. Lengths are in the aperture's unit (metres), results in its square.
+scalar. Lengths are in the source's unit (metres), results in its power of the dimension.
 
 Formulas: docs/theory.md. Accuracy: |error| <= 1e-12 area in float64 and 5e-6 area in float32, for
 |nu| times diameter up to 1e3 and all positions, including those where edges of the two copies
@@ -20,42 +23,54 @@ import numpy as np
 from polywigner import engines, kernels
 from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 
 __all__ = ["ambiguity", "fourier", "lag_marginal", "position_marginal", "wigner"]
 
+PhaseSpaceSource = Aperture | Slits
+Source = PhaseSpaceSource | PlacedAperture | Polyhedron
+
 
 def fourier(
-    source: Aperture, nu: Any, *, precision: Precision = None, engine: Engine = "auto"
+    source: Source, nu: Any, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
-    """Fourier transform (SFT) of an aperture: F(nu) = integral of exp(-2 pi i nu.x) over it.
+    """Fourier transform (SFT) of a source: F(nu) = integral of exp(-2 pi i nu.x) over it.
 
-    Closed form, at any nu, zero included. Differs from the paper's eq. (FVT), which prints the
-    exp(+) kernel and is singular at nu = 0. Cost: linear in the edges.
+    Closed form, at any nu, zero included (docs/theory.md, (F2), (F3), (S1)). Differs from the
+    paper's eq. (FVT), which prints the exp(+) kernel and is singular at nu = 0; its factor
+    (nu/|nu|).n for collections is an obliquity and not part of the transform. Cost: linear in the
+    edges, or in the triangles of a polyhedron's faces.
 
     Parameters
     ----------
-    source : the aperture, |u| = 1 on it.
-    nu : (..., 2) spatial frequencies in 1/m, real or complex (evanescent or absorbed waves).
+    source : Aperture, Slits, placed aperture or Polyhedron; |u| = 1 on it.
+    nu : (..., d) spatial frequencies in 1/m, real or complex (evanescent or absorbed waves). d = 1
+        for Slits, 3 for polyhedra and placed apertures, 2 for an Aperture, or 3, of which the last
+        component does not matter: without a pose it lies in the plane z = 0.
     precision : "double", "single", or None: double for NumPy input, its own for Dr.Jit input.
     engine : "auto", "numpy", "llvm" or "cuda".
 
     Returns
     -------
-    (...) complex, in m^2; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or
+    (...) complex, in m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or
     for tensors a tensor (..., 2) of real and imaginary parts.
 
     Raises
     ------
     ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
     """
-    return _transform(
-        kernels.FOURIER, source, [("nu", nu)], precision, engine, outputs=2, complex_arguments=True
-    )
+    if isinstance(source, Aperture):
+        nu = _in_plane(nu)
+    return _transform("fourier", source, [("nu", nu)], precision, engine, outputs=2)
 
 
 def wigner(
-    source: Aperture, x: Any, nu: Any, *, precision: Precision = None, engine: Engine = "auto"
+    source: PhaseSpaceSource,
+    x: Any,
+    nu: Any,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
 ) -> Any:
     """Wigner function W(x, nu) = integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
 
@@ -64,24 +79,24 @@ def wigner(
 
     Parameters
     ----------
-    source : the aperture, |u| = 1 on it.
-    x : (..., 2) positions in m.
-    nu : (..., 2) real spatial frequencies in 1/m; broadcasts against ``x``.
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    x : (..., d) positions in m.
+    nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
-    (...) real, in m^2; zero outside the automean. float32 for single precision.
+    (...) real, in m^d; zero outside the automean. float32 for single precision.
 
     Raises
     ------
     ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
     """
-    return _transform(kernels.WIGNER, source, [("x", x), ("nu", nu)], precision, engine)
+    return _transform("wigner", source, [("x", x), ("nu", nu)], precision, engine)
 
 
 def ambiguity(
-    source: Aperture,
+    source: PhaseSpaceSource,
     upsilon: Any,
     xi: Any,
     *,
@@ -95,47 +110,47 @@ def ambiguity(
 
     Parameters
     ----------
-    source : the aperture, |u| = 1 on it.
-    upsilon : (..., 2) real frequency shifts in 1/m.
-    xi : (..., 2) lags in m; broadcasts against ``upsilon``.
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    upsilon : (..., d) real frequency shifts in 1/m.
+    xi : (..., d) lags in m; broadcasts against ``upsilon``.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
-    (...) complex, in m^2; Dr.Jit input as in :func:`fourier`.
+    (...) complex, in m^d; Dr.Jit input as in :func:`fourier`.
 
     Raises
     ------
     ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
     """
     points = [("upsilon", upsilon), ("xi", xi)]
-    return _transform(kernels.AMBIGUITY, source, points, precision, engine, outputs=2)
+    return _transform("ambiguity", source, points, precision, engine, outputs=2)
 
 
 def position_marginal(
-    source: Aperture, x: Any, *, precision: Precision = None, engine: Engine = "auto"
+    source: PhaseSpaceSource, x: Any, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
     """R_x(x): the autocorrelation integrated over lag, the area of the lag slice at x.
 
     Parameters
     ----------
-    source : the aperture, |u| = 1 on it.
-    x : (..., 2) positions in m.
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    x : (..., d) positions in m.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
-    (...) real, in m^2; equal to W(x, 0).
+    (...) real, in m^d; equal to W(x, 0).
 
     Raises
     ------
     ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
     """
-    return _transform(kernels.POSITION_MARGINAL, source, [("x", x)], precision, engine)
+    return _transform("position_marginal", source, [("x", x)], precision, engine)
 
 
 def lag_marginal(
-    source: Aperture, xi: Any, *, precision: Precision = None, engine: Engine = "auto"
+    source: PhaseSpaceSource, xi: Any, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
     """R_xi(xi): the autocorrelation integrated over position, the area of the position slice.
 
@@ -143,37 +158,40 @@ def lag_marginal(
 
     Parameters
     ----------
-    source : the aperture, |u| = 1 on it.
-    xi : (..., 2) lags in m.
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    xi : (..., d) lags in m.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
-    (...) real, in m^2; equal to A(0, xi).
+    (...) real, in m^d; equal to A(0, xi).
 
     Raises
     ------
     ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
     """
-    return _transform(kernels.LAG_MARGINAL, source, [("xi", xi)], precision, engine)
+    return _transform("lag_marginal", source, [("xi", xi)], precision, engine)
+
+
+def _in_plane(nu: Any) -> Any:
+    """The first two components of three: an aperture without a pose lies in the plane z = 0."""
+    if engines.is_drjit(nu):
+        return engines.in_plane(nu)
+    array = np.asarray(nu)
+    return array[..., :2] if array.ndim and array.shape[-1] == 3 else nu
 
 
 def _transform(
-    kernel: kernels.Kernel,
-    source: Aperture,
+    name: str,
+    source: Source,
     points: Sequence[tuple[str, Any]],
     precision: str | None,
     engine: str,
     *,
     outputs: int = 1,
-    complex_arguments: bool = False,
 ) -> Any:
     """Check the arguments once, and hand them to the engine of their type."""
-    if not isinstance(source, Aperture):
-        raise ArgumentError(
-            f"expected source to be an Aperture, got {type(source).__name__}; "
-            "make one with polywigner.Aperture(vertices)"
-        )
+    kernel = kernels.kernel_for(name, source)
     engines.checked_precision(precision)
     engines.checked_engine(engine)
     if any(engines.is_drjit(value) for _, value in points):
@@ -185,12 +203,13 @@ def _transform(
             engine=engine,
             complex_result=outputs == 2,
         )
-    arrays = [_points(name, value, complex_arguments) for name, value in points]
+    arrays = [
+        _points(*point, kernel.dimension, complex_allowed=name == "fourier") for point in points
+    ]
+    components = [a[..., k] for a in arrays for k in range(kernel.dimension)]
     if any(np.iscomplexobj(a) for a in arrays):
-        kernel = kernels.FOURIER_COMPLEX
-        components = [part for a in arrays for k in (0, 1) for part in _parts(a[..., k])]
-    else:
-        components = [a[..., k] for a in arrays for k in (0, 1)]
+        kernel = kernels.kernel_for(f"complex {name}", source)
+        components = [part for c in components for part in (c.real, c.imag)]
     try:
         np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     except ValueError:
@@ -210,30 +229,27 @@ def _transform(
     return results[0][()] if outputs == 1 else _complex(*results)[()]
 
 
-def _parts(values: Any) -> tuple[Any, Any]:
-    return values.real, values.imag
-
-
 def _complex(real: Any, imag: Any) -> Any:
     result = np.empty(real.shape, np.complex64 if real.dtype == np.float32 else np.complex128)
     result.real, result.imag = real, imag
     return result
 
 
-def _points(name: str, value: Any, complex_allowed: bool) -> Any:
-    """An array (..., 2) of float64 or complex128."""
+def _points(name: str, value: Any, dimension: int, complex_allowed: bool) -> Any:
+    """An array (..., dimension) of float64 or complex128."""
+    shape = f"(..., {dimension})"
     try:
         array = np.asarray(value)
     except ValueError:
         array = np.empty(0, dtype=object)
     if array.dtype.kind not in "biufc":
         raise ArgumentError(
-            f"expected {name} as numbers of shape (..., 2), got {type(value).__name__} that is "
+            f"expected {name} as numbers of shape {shape}, got {type(value).__name__} that is "
             "not an array of numbers"
         )
-    if array.ndim == 0 or array.shape[-1] != 2:
+    if array.ndim == 0 or array.shape[-1] != dimension:
         raise ArgumentError(
-            f"expected {name} of shape (..., 2), two components last, got shape {array.shape}"
+            f"expected {name} of shape {shape}, components last, got shape {array.shape}"
         )
     if array.dtype.kind == "c":
         if not complex_allowed:

@@ -17,10 +17,9 @@ import numpy as np
 from polywigner.engines import llvm
 from polywigner.engines.operations import DrjitOperations
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture
-from polywigner.kernels import Kernel, tables_of
+from polywigner.kernels import Kernel
 
-__all__ = ["evaluate_traced", "is_drjit"]
+__all__ = ["evaluate_traced", "in_plane", "is_drjit"]
 
 
 def is_drjit(value: Any) -> bool:
@@ -30,7 +29,7 @@ def is_drjit(value: Any) -> bool:
 
 def evaluate_traced(
     kernel: Kernel,
-    aperture: Aperture,
+    source: Any,
     points: Sequence[tuple[str, Any]],
     *,
     precision: str | None,
@@ -43,7 +42,8 @@ def evaluate_traced(
 
     Raises
     ------
-    ArgumentError when types, backends or precisions disagree, or a point has not two components.
+    ArgumentError when types, backends or precisions disagree, or a point has the wrong number
+    of components.
     EngineError when the arrays are LLVM's and no usable LLVM library is loaded.
     """
     float_type = _common_float(points)
@@ -51,16 +51,33 @@ def evaluate_traced(
     _check_request(float_type, ops.double, precision, engine)
     tensors = any(_is_tensor(value) for _, value in points)
     if tensors:
-        shape, components = _tensor_components(points, float_type)
+        shape, components = _tensor_components(points, float_type, kernel.dimension)
     else:
-        components = [c for name, value in points for c in _components(name, value, float_type)]
-    results = kernel(ops, tables_of(aperture, ops.double), *components)
+        components = [
+            component
+            for name, value in points
+            for component in _components(name, value, float_type, kernel.dimension)
+        ]
+    results = kernel(ops, kernel.tables(source, ops.double), *components)
     if tensors:
         return _as_tensor(results, shape, points)
     if complex_result:
         module = sys.modules[float_type.__module__]
         return (module.Complex2f64 if ops.double else module.Complex2f)(*results)
     return results[0]
+
+
+def in_plane(value: Any) -> Any:
+    """The first two components of points with three; anything else as it is."""
+    import drjit
+
+    if _is_tensor(value):
+        return value[..., :2] if value.shape and value.shape[-1] == 3 else value
+    if drjit.depth_v(value) == 2 and len(value) == 3:
+        module = sys.modules[_float_type("nu", value).__module__]
+        double = drjit.itemsize_v(drjit.leaf_t(value)) == 8
+        return (module.Array2f64 if double else module.Array2f)(value[0], value[1])
+    return value
 
 
 def _is_tensor(value: Any) -> bool:
@@ -113,28 +130,32 @@ def _check_request(float_type: Any, double: bool, precision: str | None, engine:
         llvm.require()
 
 
-def _wrong_components(name: str, count: object) -> ArgumentError:
-    return ArgumentError(f"expected {name} with 2 components, got {count}")
+def _wrong_components(name: str, dimension: int, got: object) -> ArgumentError:
+    plural = "s" if dimension > 1 else ""
+    return ArgumentError(f"expected {name} with {dimension} component{plural}, got {got}")
 
 
-def _components(name: str, value: Any, float_type: Any) -> tuple[Any, Any]:
-    """The two components of an array with components first, or of a NumPy point (..., 2)."""
+def _components(name: str, value: Any, float_type: Any, dimension: int) -> tuple[Any, ...]:
+    """The components of an array with components first, or of NumPy points (d,) or (n, d)."""
     if not is_drjit(value):
         array = np.asarray(value, dtype=np.float64)
-        if array.ndim not in (1, 2) or array.shape[-1] != 2:
-            raise _wrong_components(name, f"an array of shape {array.shape}; use (2,) or (n, 2)")
-        rows = np.atleast_2d(array).T
-        return float_type(np.array(rows[0])), float_type(np.array(rows[1]))
+        if array.ndim not in (1, 2) or array.shape[-1] != dimension:
+            hint = f"an array of shape {array.shape}; use ({dimension},) or (n, {dimension})"
+            raise _wrong_components(name, dimension, hint)
+        return tuple(float_type(np.array(row)) for row in np.atleast_2d(array).T)
     import drjit
 
-    if drjit.depth_v(value) != 2 or len(value) != 2:
+    if drjit.depth_v(value) == 1 and dimension == 1:
+        return (value,)
+    if drjit.depth_v(value) != 2 or len(value) != dimension:
         count = len(value) if drjit.depth_v(value) == 2 else f"an array {type(value).__name__}"
-        raise _wrong_components(name, f"{count}; use Point2f or Array2f")
-    return value[0], value[1]
+        hint = f"{count}; use Array{dimension}f, components first"
+        raise _wrong_components(name, dimension, hint)
+    return tuple(value[k] for k in range(dimension))
 
 
 def _tensor_components(
-    points: Sequence[tuple[str, Any]], float_type: Any
+    points: Sequence[tuple[str, Any]], float_type: Any, dimension: int
 ) -> tuple[tuple[int, ...], list[Any]]:
     """The broadcast shape without the last axis, and the flat components of all points."""
     import drjit
@@ -151,8 +172,9 @@ def _tensor_components(
         else:
             array = np.asarray(value, dtype=np.float64)
             shape, flat = array.shape, float_type(np.array(array.ravel()))
-        if not shape or shape[-1] != 2:
-            raise _wrong_components(name, f"a tensor of shape {shape}; use (..., 2)")
+        if not shape or shape[-1] != dimension:
+            hint = f"a tensor of shape {shape}; use (..., {dimension})"
+            raise _wrong_components(name, dimension, hint)
         flats.append(flat)
         shapes.append(shape[:-1])
     try:
@@ -163,7 +185,9 @@ def _tensor_components(
     components = []
     for flat, own in zip(flats, shapes, strict=True):
         where = index_type(np.broadcast_to(_indices(own), shape).ravel().copy())
-        components += [drjit.gather(float_type, flat, 2 * where + k) for k in (0, 1)]
+        components += [
+            drjit.gather(float_type, flat, dimension * where + k) for k in range(dimension)
+        ]
     return shape, components
 
 

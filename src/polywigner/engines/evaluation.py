@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from polywigner.engines.choice import drjit_float, resolved
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
-from polywigner.geometry import Aperture
-from polywigner.kernels import Kernel, Tables, parts_of, tables_of
+from polywigner.kernels import Kernel, parts_of
 
 __all__ = ["evaluate"]
 
@@ -31,7 +30,7 @@ Array = npt.NDArray[Any]
 
 def evaluate(
     kernel: Kernel,
-    aperture: Aperture,
+    source: Any,
     components: Sequence[Array],
     *,
     double: bool,
@@ -44,7 +43,7 @@ def evaluate(
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
     engine = resolved(engine, int(np.prod(shape)))
-    tables = tables_of(aperture, double)
+    tables = kernel.tables(source, double)
     dtype = np.float64 if double else np.float32
     results = tuple(np.empty(shape, dtype) for _ in range(outputs))
     compute: _Numpy | _Drjit
@@ -77,7 +76,7 @@ def _chunks(
 
 
 class _Numpy:
-    def __init__(self, kernel: Kernel, tables: Tables, double: bool) -> None:
+    def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
         self.kernel, self.tables = kernel, tables
         self.host = NumpyOperations(double=True)
         self.ops = NumpyOperations(double)
@@ -94,7 +93,7 @@ class _Numpy:
 
 
 class _Drjit:
-    def __init__(self, kernel: Kernel, tables: Tables, double: bool, engine: str) -> None:
+    def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host = NumpyOperations(double=True)

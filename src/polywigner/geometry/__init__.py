@@ -10,10 +10,16 @@
 from polywigner.geometry import shapes
 from polywigner.geometry.aperture import Aperture, triangulate
 from polywigner.geometry.automean import automean, lag_slice, position_slice
+from polywigner.geometry.placed import PlacedAperture
+from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.geometry.readers import read_aperture
+from polywigner.geometry.slits import Slits
 
 __all__ = [
     "Aperture",
+    "PlacedAperture",
+    "Polyhedron",
+    "Slits",
     "automean",
     "lag_slice",
     "position_slice",

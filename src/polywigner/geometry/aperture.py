@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, NoReturn, final
+from typing import TYPE_CHECKING, Any, NoReturn, final
 
 import numpy as np
 import shapely
@@ -17,6 +17,9 @@ from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
 from polywigner.geometry.rings import Part, polygon_of_part, rings_of_polygon
 from polywigner.geometry.winding import split_ring
+
+if TYPE_CHECKING:
+    from polywigner.geometry.placed import PlacedAperture
 
 __all__ = ["Aperture", "triangulate"]
 
@@ -125,6 +128,15 @@ class Aperture:
             For any other `winding`.
         """
         return cls._of_parts(split_ring(ring, winding))
+
+    def placed(self, to_world: Any) -> PlacedAperture:
+        """This aperture in a rigid pose (4, 4), for transforms with three-component nu.
+
+        Raises GeometryError for a matrix that is not a rotation and a translation.
+        """
+        from polywigner.geometry.placed import PlacedAperture, rigid_pose
+
+        return PlacedAperture(self, rigid_pose(to_world))
 
     @cached_property
     def rings(self) -> tuple[Ring, ...]:

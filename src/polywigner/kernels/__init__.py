@@ -13,7 +13,10 @@ module               what is in it
 ``fourier``          Fourier transform, ambiguity function and position-slice area
 ``phases``           the phase of an off-centre shape
 ``complex_pairs``    complex arithmetic for complex frequencies
-``catalogue``        the transforms as kernels: enter the frame, sum over edges, leave it
+``slits``            sums over intervals, ``solids`` over tetrahedra
+``kernel``           what a transform is to an engine: enter the frame, sum, leave it
+``line``             the transforms of slits, ``plane`` of apertures, ``space`` of polyhedra
+``catalogue``        which kernel computes which transform of which source
 ===================  ==========================================================================
 
 This room knows no file, no plot, no engine and no Mitsuba.
@@ -23,28 +26,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from polywigner.kernels.catalogue import (
-    AMBIGUITY,
-    FOURIER,
-    FOURIER_COMPLEX,
-    LAG_MARGINAL,
-    POSITION_MARGINAL,
-    WIGNER,
-    Kernel,
-    parts_of,
-    tables_of,
-)
+from polywigner.kernels.catalogue import kernel_for
+from polywigner.kernels.kernel import Kernel, parts_of
+from polywigner.kernels.plane import AMBIGUITY, WIGNER, tables_of
 from polywigner.kernels.tables import Tables
 
 __all__ = [
     "AMBIGUITY",
-    "FOURIER",
-    "FOURIER_COMPLEX",
-    "LAG_MARGINAL",
-    "POSITION_MARGINAL",
     "WIGNER",
     "Kernel",
     "Tables",
+    "kernel_for",
     "parts_of",
     "tables_of",
     "wigner",

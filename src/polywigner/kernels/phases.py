@@ -7,15 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.kernels.frame import Frame
 from polywigner.kernels.trigonometry import cos_sin_turns
 
 __all__ = ["growth", "rotated", "turns_to_centre"]
 
 
-def turns_to_centre(ops: Any, frame: Frame, nu_x: Any, nu_y: Any) -> Any:
+def turns_to_centre(ops: Any, centre: tuple[float, ...], *nu: Any) -> Any:
     """nu.centre modulo 1, from error-free products."""
-    return _turns(ops, nu_x, frame.centre[0]) + _turns(ops, nu_y, frame.centre[1])
+    total, *others = (_turns(ops, n, c) for n, c in zip(nu, centre, strict=True))
+    for other in others:
+        total = total + other
+    return total
 
 
 def _turns(ops: Any, nu: Any, centre: float) -> Any:
@@ -28,10 +30,12 @@ def _turns(ops: Any, nu: Any, centre: float) -> Any:
     return (product - ops.round(product)) + lost + nu * (centre - high)
 
 
-def growth(ops: Any, frame: Frame, imag_x: Any, imag_y: Any) -> Any:
+def growth(ops: Any, centre: tuple[float, ...], *imag: Any) -> Any:
     """exp(2 pi Im(nu).centre), the modulus of exp(-2 pi i nu.c) for complex nu."""
-    cx, cy = frame.centre
-    return ops.exp(2 * math.pi * (imag_x * cx + imag_y * cy))
+    total, *others = (n * c for n, c in zip(imag, centre, strict=True))
+    for other in others:
+        total = total + other
+    return ops.exp(2 * math.pi * total)
 
 
 def rotated(ops: Any, turns: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:

@@ -15,7 +15,7 @@ from typing import Any
 from polywigner.kernels.complex_pairs import Pair, plane_wave, select, sinc
 from polywigner.kernels.trigonometry import mean_plane_wave, sin_turns
 
-__all__ = ["segment_wave", "triangle_complex_wave", "triangle_plane_wave"]
+__all__ = ["mean_complex_wave", "segment_wave", "triangle_complex_wave", "triangle_plane_wave"]
 
 # Below this largest separation (in turns; 0.63 rad) the Taylor series is summed; above it the
 # recursion divides by at least that, and loses at most a factor 1/0.63 of accuracy.
@@ -83,7 +83,7 @@ def triangle_complex_wave(ops: Any, u: Pair, v: Pair) -> Pair:
     distance = last - first
     small = distance.norm() < _SERIES_BELOW**2
     divisor = select(ops, small, Pair(1.0, 0.0), distance) * Pair(0.0, -2 * math.pi)
-    large = (_mean_wave(ops, middle, last) - _mean_wave(ops, first, middle)) / divisor
+    large = (mean_complex_wave(ops, middle, last) - mean_complex_wave(ops, first, middle)) / divisor
     turn = Pair(0.0, -2 * math.pi)
     a, b = (turn * select(ops, small, corner, origin) for corner in (u, v))
     h, power = a + b, b
@@ -95,7 +95,7 @@ def triangle_complex_wave(ops: Any, u: Pair, v: Pair) -> Pair:
     return select(ops, small, series, large)
 
 
-def _mean_wave(ops: Any, start: Pair, end: Pair) -> Pair:
+def mean_complex_wave(ops: Any, start: Pair, end: Pair) -> Pair:
     """Mean of exp(-2 pi i p) over the straight path from ``start`` to ``end``."""
     return plane_wave(ops, (start + end).scaled(0.5)) * sinc(ops, end - start)
 

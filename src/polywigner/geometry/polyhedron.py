@@ -1,0 +1,192 @@
+"""Polyhedra: solid bodies bounded by planar faces, convex or not."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, NoReturn, final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import GeometryError
+
+__all__ = ["Polyhedron"]
+
+# How far a vertex of a face may lie off the face's plane, as a fraction of the body's diameter:
+# coordinates printed with ten digits pass, a warped face does not. The transform of a face bent by
+# this much is that of a body whose volume differs by less than 1e-9 of diameter^3.
+_PLANAR = 1e-9
+
+Vertices = NDArray[np.float64]
+
+
+@final
+class Polyhedron:
+    """A uniform solid with planar polygonal faces.
+
+    Parameters
+    ----------
+    vertices
+        (n, 3) in metres (any one consistent unit works).
+    faces
+        One list of vertex numbers per face, three or more, counter-clockwise seen from outside.
+        Faces and body need not be convex. A body whose faces all run the other way round is
+        turned inside out. Several closed surfaces may share one list (separate bodies, cavities).
+
+    Raises
+    ------
+    GeometryError for values that are not finite numbers, faces that are not planar or cross
+    themselves, a surface that is not closed or not consistently oriented, and zero volume.
+    """
+
+    vertices: Vertices
+    """(n, 3) float64, read-only."""
+    faces: tuple[tuple[int, ...], ...]
+
+    def __init__(self, vertices: Any, faces: Any) -> None:
+        points = _checked_vertices(vertices)
+        numbers = _checked_faces(faces, len(points))
+        _check_closed(numbers)
+        _check_planar(points, numbers)
+        volume = _six_volumes(points, numbers)
+        if abs(volume) <= 1e-15 * float(np.ptp(points, axis=0).max()) ** 3:
+            raise GeometryError("expected faces that enclose a volume, got zero volume")
+        if volume < 0:
+            numbers = tuple(face[::-1] for face in numbers)
+        points.setflags(write=False)
+        object.__setattr__(self, "vertices", points)
+        object.__setattr__(self, "faces", numbers)
+
+    @cached_property
+    def volume(self) -> float:
+        """Volume, rounded once from its exact value."""
+        return float(_six_volumes(self.vertices, self.faces) / 6)
+
+    @cached_property
+    def bounds(self) -> tuple[float, ...]:
+        """(xmin, ymin, zmin, xmax, ymax, zmax)."""
+        return (*self.vertices.min(axis=0).tolist(), *self.vertices.max(axis=0).tolist())
+
+    @cached_property
+    def diameter(self) -> float:
+        """Largest distance between two vertices."""
+        return max(float(np.linalg.norm(self.vertices - v, axis=1).max()) for v in self.vertices)
+
+    @cached_property
+    def triangles(self) -> NDArray[np.intp]:
+        """(m, 3) vertex numbers of fans over the faces, oriented; signed on non-convex faces."""
+        fans = [(f[0], f[k], f[k + 1]) for f in self.faces for k in range(1, len(f) - 1)]
+        result = np.array(fans, dtype=np.intp)
+        result.setflags(write=False)
+        return result
+
+    @property
+    def _key(self) -> tuple[bytes, tuple[tuple[int, ...], ...]]:
+        return self.vertices.tobytes(), self.faces
+
+    def __eq__(self, other: object) -> bool:
+        return self._key == other._key if isinstance(other, Polyhedron) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"a Polyhedron cannot be changed ({name}); build a new one")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"a Polyhedron cannot be changed ({name}); build a new one")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Polyhedron, (self.vertices, self.faces)
+
+    def __repr__(self) -> str:
+        return (
+            f"Polyhedron({len(self.vertices)} vertices, {len(self.faces)} faces, "
+            f"volume {self.volume:.6g})"
+        )
+
+
+def _checked_vertices(vertices: Any) -> Vertices:
+    expected = "expected vertices as an (n, 3) array of numbers"
+    try:
+        points = np.array(vertices, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise GeometryError(f"{expected}, got {type(vertices).__name__}") from None
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise GeometryError(f"{expected}, got shape {points.shape}")
+    if not np.isfinite(points).all():
+        k = int(np.argmin(np.isfinite(points).all(axis=1)))
+        raise GeometryError(f"expected finite vertices, got {points[k].tolist()} at vertex {k}")
+    return points + 0.0
+
+
+def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
+    try:
+        numbers = tuple(tuple(int(k) for k in face) for face in faces)
+    except (TypeError, ValueError):
+        raise GeometryError("expected faces as lists of vertex numbers") from None
+    for n, face in enumerate(numbers):
+        if len(face) < 3 or len(set(face)) != len(face):
+            raise GeometryError(
+                f"expected three or more different vertices per face, got {list(face)} at face {n}"
+            )
+        wrong = [k for k in face if not 0 <= k < count]
+        if wrong:
+            raise GeometryError(
+                f"expected vertex numbers from 0 to {count - 1}, got {wrong[0]} at face {n}"
+            )
+    return numbers
+
+
+def _check_closed(faces: Sequence[tuple[int, ...]]) -> None:
+    """Every directed edge must occur as often as its reverse, and only once."""
+    edges = Counter((f[k - 1], f[k]) for f in faces for k in range(len(f)))
+    for (a, b), times in edges.items():
+        if times > 1:
+            raise GeometryError(
+                f"expected consistently oriented faces, got two that run from vertex {a} to {b}; "
+                "reverse one of them"
+            )
+        if (b, a) not in edges:
+            raise GeometryError(
+                f"expected a closed surface, got an edge from vertex {a} to {b} with a face on one "
+                "side only; add the missing face"
+            )
+
+
+def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
+    diameter = float(np.linalg.norm(np.ptp(points, axis=0)))
+    for n, face in enumerate(faces):
+        corners = points[list(face)]
+        relative = corners - corners.mean(axis=0)
+        _, _, axes = np.linalg.svd(relative)
+        off = float(np.abs(relative @ axes[2]).max())
+        if off > _PLANAR * diameter:
+            raise GeometryError(
+                f"expected planar faces, got face {n} with a vertex {off:.3g} off its plane; split "
+                "it into triangles"
+            )
+        outline = shapely.Polygon(relative @ axes[:2].T)
+        if not outline.is_valid:
+            raise GeometryError(
+                f"expected faces that do not cross themselves, got face {n} "
+                f"({shapely.is_valid_reason(outline)} in its plane)"
+            )
+
+
+def _six_volumes(points: Vertices, faces: Sequence[tuple[int, ...]]) -> Fraction:
+    """Six times the enclosed volume, exactly."""
+    exact = [tuple(Fraction(c) for c in point) for point in (points - points[0]).tolist()]
+    total = Fraction(0)
+    for face in faces:
+        a = exact[face[0]]
+        for k in range(1, len(face) - 1):
+            b, c = exact[face[k]], exact[face[k + 1]]
+            total += a[0] * (b[1] * c[2] - b[2] * c[1])
+            total -= a[1] * (b[0] * c[2] - b[2] * c[0])
+            total += a[2] * (b[0] * c[1] - b[1] * c[0])
+    return total

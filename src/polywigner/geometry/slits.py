@@ -1,0 +1,106 @@
+"""Slits: apertures in one dimension, a set of disjoint intervals."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, NoReturn, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import GeometryError
+
+__all__ = ["Slits"]
+
+# Intervals that overlap by no more than this fraction of the extent touch; see ``rings``.
+_ROUNDING = 2.0**-46
+
+
+@final
+class Slits:
+    """A one-dimensional aperture of uniform illumination: one interval or several.
+
+    Parameters
+    ----------
+    intervals
+        (m, 2) begin and end of every slit, in metres (any one consistent unit works), in any
+        order. A single slit may be given as (2,). Slits may touch, and are then merged.
+
+    Raises
+    ------
+    GeometryError for values that are not finite numbers, slits of zero width, and slits that
+    overlap.
+    """
+
+    intervals: NDArray[np.float64]
+    """(m, 2) float64, ascending, read-only."""
+
+    def __init__(self, intervals: Any) -> None:
+        array = _ascending(intervals)
+        array.setflags(write=False)
+        object.__setattr__(self, "intervals", array)
+
+    @cached_property
+    def length(self) -> float:
+        """Total width, the content of the set."""
+        return float(np.diff(self.intervals, axis=1).sum())
+
+    @cached_property
+    def bounds(self) -> tuple[float, float]:
+        """(begin of the first slit, end of the last)."""
+        return float(self.intervals[0, 0]), float(self.intervals[-1, 1])
+
+    @cached_property
+    def diameter(self) -> float:
+        """Distance from the begin of the first slit to the end of the last."""
+        return self.bounds[1] - self.bounds[0]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Slits):
+            return NotImplemented
+        return np.array_equal(self.intervals, other.intervals)
+
+    def __hash__(self) -> int:
+        return hash(self.intervals.tobytes())
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"Slits cannot be changed ({name}); build new ones")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"Slits cannot be changed ({name}); build new ones")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Slits, (self.intervals,)
+
+    def __repr__(self) -> str:
+        return f"Slits({self.intervals.tolist()})"
+
+
+def _ascending(intervals: Any) -> NDArray[np.float64]:
+    expected = "expected slits as an (m, 2) array of begins and ends"
+    try:
+        array = np.array(intervals, dtype=np.float64, ndmin=2)
+    except (TypeError, ValueError):
+        raise GeometryError(f"{expected}, got {type(intervals).__name__}") from None
+    if array.ndim != 2 or array.shape[1] != 2 or not len(array):
+        raise GeometryError(f"{expected}, got shape {np.shape(intervals)}")
+    if not np.isfinite(array).all():
+        bad = array[~np.isfinite(array).all(axis=1)][0].tolist()
+        raise GeometryError(f"expected finite begins and ends of slits, got {bad}")
+    array = np.sort(array, axis=1)
+    array = array[np.argsort(array[:, 0], kind="stable")]
+    tolerance = _ROUNDING * float(np.abs(array).max())
+    widths = array[:, 1] - array[:, 0]
+    if (widths <= 0).any():
+        bad = array[int(np.argmin(widths))].tolist()
+        raise GeometryError(f"expected slits wider than zero, got {bad}")
+    overlap = array[:-1, 1] - array[1:, 0]
+    if (overlap > tolerance).any():
+        k = int(np.argmax(overlap))
+        raise GeometryError(
+            f"expected slits that do not overlap, got {array[k].tolist()} and "
+            f"{array[k + 1].tolist()}; merge them into one"
+        )
+    starts = np.insert(np.flatnonzero(np.abs(overlap) > tolerance) + 1, 0, 0)
+    ends = np.append(starts[1:] - 1, len(array) - 1)
+    return np.column_stack([array[starts, 0], array[ends, 1]])

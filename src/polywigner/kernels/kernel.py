@@ -1,0 +1,76 @@
+"""What a transform is to an engine: how arguments enter the frame, a sum, and the way out.
+
+A kernel is evaluated in three steps so that an engine may do the first in float64 and the second
+in float32, and may split the sum when a source has too many edges to trace at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from polywigner.kernels import phases
+
+__all__ = ["Kernel", "Values", "leave_complex", "leave_real", "leave_wave", "parts_of"]
+
+Values = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A transform; ``enter`` and ``leave`` are cheap, ``edge_sum`` is additive over edges."""
+
+    name: str
+    dimension: int
+    """Components of every argument."""
+    tables: Callable[[Any, bool], Any]
+    """(source, double) -> the constants of the kernel, with ``frame`` and ``edges``; cached."""
+    enter: Callable[..., Values]
+    """(ops, frame, *arguments) -> arguments in the frame."""
+    edge_sum: Callable[..., Values]
+    """(ops, tables, *arguments in the frame) -> sums; may ignore leading arguments."""
+    leave: Callable[..., Values]
+    """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
+    copies: int = 0
+    """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
+    clips_per_term: int = 1
+    """Code for a whole edge, or for what is left of one in a piece, in units of one cut's code."""
+
+    def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
+        """The whole transform with one namespace of operations."""
+        inner = self.enter(ops, tables.frame, *arguments)
+        return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
+
+
+def parts_of(kernel: Kernel, tables: Any, size: int) -> list[Any]:
+    """Tables whose edge sums add up to that of ``tables``, each of about ``size`` clips or less.
+
+    What a kernel does with an edge, or with the part of it in one piece, counts as
+    ``kernel.clips_per_term`` clips.
+    """
+    per_edge = kernel.clips_per_term
+    if kernel.copies:
+        per_copy = sum(len(piece.sides) + kernel.clips_per_term for piece in tables.pieces)
+        per_edge = kernel.copies * per_copy
+    count = max(1, size // per_edge)
+    edges = tables.edges
+    return [replace(tables, edges=edges[k : k + count]) for k in range(0, len(edges), count)]
+
+
+def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+    """A real sum, scaled."""
+    return (sums[0] * frame.content,)
+
+
+def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+    """(cosine, sine) sums turned by the phase of the centre, the first of the inner arguments."""
+    real, imag = phases.rotated(ops, inner[0], *sums)
+    return real * frame.content, imag * frame.content
+
+
+def leave_complex(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+    """(real, imaginary) sums turned and scaled by phase and growth, the first two arguments."""
+    real, imag = phases.rotated(ops, inner[0], sums[0], -sums[1])
+    scale = inner[1] * frame.content
+    return real * scale, imag * scale

@@ -1,0 +1,157 @@
+"""The transforms of apertures as kernels, in their plane and in any pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.kernels import fourier, phases
+from polywigner.kernels import wigner as wigner_sums
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.frame import Frame
+from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_real, leave_wave
+from polywigner.kernels.tables import Edge, Tables, build_tables
+
+__all__ = [
+    "AMBIGUITY",
+    "FOURIER",
+    "FOURIER_COMPLEX",
+    "FOURIER_PLACED",
+    "FOURIER_PLACED_COMPLEX",
+    "LAG_MARGINAL",
+    "POSITION_MARGINAL",
+    "WIGNER",
+    "tables_of",
+]
+
+
+@lru_cache(maxsize=256)
+def tables_of(aperture: Aperture, double: bool) -> Tables:
+    """The kernel tables of an aperture, for float64 or float32 kernels; built once."""
+    return build_tables(aperture.rings, aperture.convex_cover, double=double)
+
+
+@dataclass(frozen=True)
+class PlacedFrame:
+    """The frame of an aperture in a pose: only the part of nu in its plane matters to the sum."""
+
+    plane: Frame
+    centre: tuple[float, ...]
+    """Of the aperture, in the world."""
+    axes: tuple[tuple[float, ...], tuple[float, ...]]
+    """The aperture's own x and y directions in the world."""
+
+    @property
+    def content(self) -> float:
+        return self.plane.content
+
+    def frequency(self, ops: Any, *nu: Any) -> Values:
+        return self.plane.frequency(ops, *(_dot(nu, axis) for axis in self.axes))
+
+
+@dataclass(frozen=True)
+class PlacedTables:
+    frame: PlacedFrame
+    edges: tuple[Edge, ...]
+
+
+def _dot(nu: Values, axis: tuple[float, ...]) -> Any:
+    return nu[0] * axis[0] + nu[1] * axis[1] + nu[2] * axis[2]
+
+
+@lru_cache(maxsize=256)
+def _placed_tables(source: PlacedAperture, double: bool) -> PlacedTables:
+    plane = tables_of(source.aperture, double)
+    rotation, shift = source.pose[:3, :3], source.pose[:3, 3]
+    centre = rotation[:, :2] @ plane.frame.centre + shift
+    axes = (tuple(rotation[:, 0].tolist()), tuple(rotation[:, 1].tolist()))
+    return PlacedTables(PlacedFrame(plane.frame, tuple(centre.tolist()), axes), plane.edges)
+
+
+def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+    return (*frame.position(ops, x, y), *frame.frequency(ops, nu_x, nu_y))
+
+
+def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
+    """(phase of the centre, nu in the frame)."""
+    return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
+
+
+def enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
+    """(phase and growth of the centre, Re nu, Im nu in the frame) from (re, im) per component."""
+    real, imag = nu[0::2], nu[1::2]
+    turns = phases.turns_to_centre(ops, frame.centre, *real)
+    growth = phases.growth(ops, frame.centre, *imag)
+    return (turns, growth, *frame.frequency(ops, *real), *frame.frequency(ops, *imag))
+
+
+def _enter_ambiguity(ops: Any, frame: Frame, *arguments: Any) -> Values:
+    upsilon, xi = arguments[:2], arguments[2:]
+    return (*enter_frequency(ops, frame, *upsilon), *frame.vector(ops, *xi))
+
+
+def _fourier_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
+    return fourier.fourier(ops, tables, *nu)
+
+
+def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
+    real_x, real_y, imag_x, imag_y = nu
+    total = fourier.fourier_complex(ops, tables, Pair(real_x, imag_x), Pair(real_y, imag_y))
+    return total.real, total.imag
+
+
+WIGNER = Kernel(
+    "wigner",
+    2,
+    tables_of,
+    _enter_wigner,
+    lambda ops, tables, *inner: (wigner_sums.wigner(ops, tables, *inner),),
+    leave_real,
+    copies=1,
+    clips_per_term=4,
+)
+POSITION_MARGINAL = Kernel(
+    "position marginal",
+    2,
+    tables_of,
+    lambda ops, frame, x, y: frame.position(ops, x, y),
+    lambda ops, tables, *inner: (wigner_sums.lag_slice_area(ops, tables, *inner),),
+    leave_real,
+    copies=1,
+)
+FOURIER = Kernel("fourier", 2, tables_of, enter_frequency, _fourier_sum, leave_wave)
+FOURIER_COMPLEX = Kernel(
+    "fourier, complex nu", 2, tables_of, enter_complex_frequency, _complex_sum, leave_complex
+)
+FOURIER_PLACED = Kernel(
+    "fourier in space", 3, _placed_tables, enter_frequency, _fourier_sum, leave_wave
+)
+FOURIER_PLACED_COMPLEX = Kernel(
+    "fourier in space, complex nu",
+    3,
+    _placed_tables,
+    enter_complex_frequency,
+    _complex_sum,
+    leave_complex,
+)
+AMBIGUITY = Kernel(
+    "ambiguity",
+    2,
+    tables_of,
+    _enter_ambiguity,
+    lambda ops, tables, turns, *inner: fourier.ambiguity(ops, tables, *inner),
+    leave_wave,
+    copies=2,
+    clips_per_term=16,
+)
+LAG_MARGINAL = Kernel(
+    "lag marginal",
+    2,
+    tables_of,
+    lambda ops, frame, xi_x, xi_y: frame.vector(ops, xi_x, xi_y),
+    lambda ops, tables, *inner: (fourier.position_slice_area(ops, tables, *inner),),
+    leave_real,
+    copies=2,
+)

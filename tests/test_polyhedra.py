@@ -1,0 +1,211 @@
+"""Fourier transforms in three dimensions: polyhedra, and apertures in a pose."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.references import ENGINES, read_json
+from polywigner.errors import ArgumentError, GeometryError
+
+# Relative to the content.
+TOLERANCE = {"double": 1e-13, "single": 2e-6}
+
+engines = pytest.mark.parametrize("engine", ENGINES)
+
+CUBE_CORNERS = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float
+)
+CUBE_FACES = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+
+
+def prism(outline: Any, height: float) -> pw.Polyhedron:
+    """A right prism over a ring, from z = 0."""
+    ring = np.asarray(outline, float)
+    n = len(ring)
+    floor = np.column_stack([ring, np.zeros(n)])
+    vertices = np.concatenate([floor, floor + np.array([0, 0, height])])
+    sides = [[k, (k + 1) % n, n + (k + 1) % n, n + k] for k in range(n)]
+    return pw.Polyhedron(vertices, [list(range(n))[::-1], list(range(n, 2 * n)), *sides])
+
+
+def rotation(seed: int) -> np.ndarray:
+    """A random rotation matrix."""
+    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
+@engines
+@pytest.mark.parametrize("precision", list(TOLERANCE))
+def test_polyhedra_have_their_reference_values(engine: str, precision: str) -> None:
+    data = read_json("fourier_polyhedra")
+    assert len(data["cases"]) >= 50
+    for name, shape in data["shapes"].items():
+        body = pw.Polyhedron(shape["vertices"], shape["faces"])
+        cases = [case for case in data["cases"] if case["shape"] == name]
+        q = np.array([[complex(*c) for c in case["q"]] for case in cases])
+        expected = np.array([complex(*map(float, case["F"])) for case in cases])
+        got = pw.fourier(body, -q / (2 * math.pi), precision=precision, engine=engine)
+        scale = np.maximum(body.volume, np.abs(expected))  # growing waves are larger
+        assert (np.abs(got - expected) / scale).max() < TOLERANCE[precision]
+
+
+def test_a_prism_is_its_base_times_a_slit() -> None:
+    base = [[0, 0], [2, 0], [2, 0.6], [1, 1.1], [0.3, 0.4], [0, 0.6]]  # not convex
+    rng = np.random.default_rng(4)
+    nu = rng.normal(size=(200, 3)) * 10.0 ** rng.uniform(-12, 2, (200, 1))
+    body = prism(base, 0.7)
+    product = pw.fourier(pw.Aperture(base), nu) * pw.fourier(pw.Slits([0, 0.7]), nu[:, 2:])
+    assert np.abs(pw.fourier(body, nu) - product).max() < 1e-14 * body.volume
+
+
+def test_a_box_is_a_product_of_sincs_wherever_it_stands() -> None:
+    box = pw.Polyhedron(CUBE_CORNERS - 0.5, CUBE_FACES)
+    nu = np.random.default_rng(5).uniform(-30, 30, (100, 3))
+    expected = np.prod(np.sinc(nu), axis=-1)
+    assert np.abs(pw.fourier(box, nu) - expected).max() < 1e-14
+    shift = np.array([1024.0, -512.0, 256.0])  # a power of two: the vertices stay exact
+    far = pw.Polyhedron(CUBE_CORNERS - 0.5 + shift, CUBE_FACES)
+    turns = nu @ shift  # products of 53 bit numbers with powers of two are exact, their sum is not
+    phase = np.exp(-2j * np.pi * ((nu * shift) % 1).sum(axis=-1))
+    assert np.abs(turns).max() > 1e3
+    assert np.abs(pw.fourier(far, nu) - expected * phase).max() < 1e-13
+
+
+def test_a_body_of_several_shells_is_the_sum_of_its_parts() -> None:
+    cavity = 0.25 + 0.5 * CUBE_CORNERS
+    hollow = pw.Polyhedron(
+        np.concatenate([CUBE_CORNERS, cavity]),
+        [*CUBE_FACES, *([k + 8 for k in face[::-1]] for face in CUBE_FACES)],
+    )
+    assert hollow.volume == 1 - 0.125
+    nu = np.random.default_rng(6).uniform(-3, 3, (20, 3))
+    parts = pw.fourier(pw.Polyhedron(CUBE_CORNERS, CUBE_FACES), nu) - pw.fourier(
+        pw.Polyhedron(cavity, CUBE_FACES), nu
+    )
+    assert np.abs(pw.fourier(hollow, nu) - parts).max() < 1e-14
+
+
+def test_a_turned_body_has_the_turned_transform() -> None:
+    turn = rotation(7)
+    body = prism([[0, 0], [1, 0], [0.2, 0.3], [0, 1]], 0.4)
+    turned = pw.Polyhedron(body.vertices @ turn.T, body.faces)
+    nu = np.random.default_rng(8).uniform(-5, 5, (50, 3))
+    assert np.abs(pw.fourier(turned, nu @ turn.T) - pw.fourier(body, nu)).max() < 1e-14
+
+
+def test_faces_that_all_run_inwards_are_turned_round() -> None:
+    inward = pw.Polyhedron(CUBE_CORNERS, [face[::-1] for face in CUBE_FACES])
+    assert inward.volume == 1.0
+    assert {frozenset(f) for f in inward.faces} == {frozenset(f) for f in CUBE_FACES}
+    assert pickle.loads(pickle.dumps(inward)) == inward
+    assert hash(inward) == hash(pw.Polyhedron(inward.vertices, inward.faces))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "message"),
+    [
+        (CUBE_CORNERS, CUBE_FACES[:-1], "closed surface"),
+        (CUBE_CORNERS, [CUBE_FACES[0][::-1], *CUBE_FACES[1:]], "consistently oriented"),
+        (CUBE_CORNERS + np.eye(8)[:, :3] * 0.1, CUBE_FACES, "planar faces"),
+        (CUBE_CORNERS * [1, 1, 0], CUBE_FACES, "volume|cross"),
+        (CUBE_CORNERS, [[0, 1, 9], *CUBE_FACES], "vertex numbers"),
+        (CUBE_CORNERS, [[0, 1], *CUBE_FACES], "three or more"),
+        (CUBE_CORNERS[:, :2], CUBE_FACES, r"\(n, 3\)"),
+        (CUBE_CORNERS * np.nan, CUBE_FACES, "finite"),
+        ("cube", CUBE_FACES, r"\(n, 3\)"),
+        (CUBE_CORNERS, 7, "lists of vertex numbers"),
+    ],
+)
+def test_unusable_polyhedra_are_refused(vertices: Any, faces: Any, message: str) -> None:
+    with pytest.raises(GeometryError, match=message):
+        pw.Polyhedron(vertices, faces)
+
+
+def test_polyhedra_have_no_wigner_function() -> None:
+    body = pw.Polyhedron(CUBE_CORNERS, CUBE_FACES)
+    with pytest.raises(ArgumentError, match="Fourier transform only"):
+        pw.wigner(body, [0, 0, 0], [0, 0, 0])
+
+
+# ---- apertures in a pose -------------------------------------------------------------------------
+
+CHEVRON = pw.Aperture([[0, 0], [1, 0.5], [2, 0], [2, 0.6], [1, 1.1], [0, 0.6]])
+
+
+@engines
+def test_a_placed_aperture_sees_the_frequency_in_its_own_frame(engine: str) -> None:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation(9), [0.3, -2.0, 5.0]
+    placed = CHEVRON.placed(pose)
+    nu = np.random.default_rng(10).uniform(-4, 4, (100, 3))
+    own = nu @ pose[:3, :3]
+    expected = pw.fourier(CHEVRON, own[:, :2]) * np.exp(-2j * np.pi * nu @ pose[:3, 3])
+    got = pw.fourier(placed, nu, engine=engine)
+    assert np.abs(got - expected).max() < 1e-13 * CHEVRON.area
+    complex_nu = nu[:5] * (1 + 0.05j)
+    own = complex_nu @ pose[:3, :3]
+    expected = pw.fourier(CHEVRON, own[:, :2]) * np.exp(-2j * np.pi * complex_nu @ pose[:3, 3])
+    got = pw.fourier(placed, complex_nu, engine=engine)
+    assert np.abs(got / expected - 1).max() < 1e-12
+
+
+def test_divergence_theorem_ties_faces_to_bodies() -> None:
+    """2 pi i nu F(body) = - sum over the faces of n F(face): two independent kernels."""
+    body = pw.Polyhedron(CUBE_CORNERS @ rotation(11).T, CUBE_FACES)
+    nu = np.random.default_rng(12).uniform(-2, 2, (20, 3))
+    total = np.zeros((20, 3), complex)
+    for face in body.faces:
+        corners = body.vertices[list(face)]
+        x = corners[1] - corners[0]
+        normal = np.cross(x, corners[2] - corners[0])
+        pose = np.eye(4)
+        pose[:3, 0], pose[:3, 2] = x / np.linalg.norm(x), normal / np.linalg.norm(normal)
+        pose[:3, 1] = np.cross(pose[:3, 2], pose[:3, 0])
+        pose[:3, 3] = corners[0]
+        flat = (corners - corners[0]) @ pose[:3, :2]
+        total += pw.fourier(pw.Aperture(flat).placed(pose), nu)[:, None] * pose[:3, 2]
+    left = -2j * np.pi * nu * pw.fourier(body, nu)[:, None]
+    assert np.abs(left - total).max() < 1e-13
+
+
+def test_an_aperture_without_a_pose_ignores_the_third_component() -> None:
+    nu = np.array([[0.3, -0.2, 7.0], [1.0, 0.5, 0.0]])
+    assert (pw.fourier(CHEVRON, nu) == pw.fourier(CHEVRON, nu[:, :2])).all()
+
+
+@pytest.mark.llvm
+def test_third_components_of_drjit_points_are_ignored_too() -> None:
+    import drjit.llvm as backend
+
+    flat = pw.fourier(CHEVRON, backend.Array2f64([0.3, 1.0], [-0.2, 0.5]))
+    deep = pw.fourier(CHEVRON, backend.Array3f64([0.3, 1.0], [-0.2, 0.5], [7.0, 0.0]))
+    assert (np.array(flat.real) == np.array(deep.real)).all()
+    body = pw.Polyhedron(CUBE_CORNERS - 0.5, CUBE_FACES)
+    got = pw.fourier(body, backend.Array3f64([0.3], [-0.2], [0.7]))
+    assert np.array(got.real)[0] == pytest.approx(np.prod(np.sinc([0.3, 0.2, 0.7])), abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        (np.diag([2.0, 2.0, 2.0, 1.0]), "scales by"),
+        (np.diag([-1.0, 1.0, 1.0, 1.0]), "mirror"),
+        (np.eye(3), "shape"),
+        (np.full((4, 4), np.nan), "finite"),
+        ("north", r"\(4, 4\)"),
+    ],
+)
+def test_poses_that_are_not_rigid_are_refused(pose: Any, message: str) -> None:
+    with pytest.raises(GeometryError, match=message):
+        CHEVRON.placed(pose)
+
+
+def test_a_placed_aperture_has_no_wigner_function_of_its_own() -> None:
+    with pytest.raises(ArgumentError, match=r"use its \.aperture"):
+        pw.wigner(CHEVRON.placed(np.eye(4)), [0, 0], [0, 0])  # type: ignore[arg-type]
