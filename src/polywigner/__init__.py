@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     )
     from polywigner.transforms import (
         ambiguity,
+        autocorrelation,
         fourier,
         lag_marginal,
+        otf,
         position_marginal,
         wigner,
     )
@@ -40,8 +42,10 @@ _HOMES = {
     "read_aperture": "polywigner.geometry",
     "shapes": "polywigner.geometry",
     "ambiguity": "polywigner.transforms",
+    "autocorrelation": "polywigner.transforms",
     "fourier": "polywigner.transforms",
     "lag_marginal": "polywigner.transforms",
+    "otf": "polywigner.transforms",
     "position_marginal": "polywigner.transforms",
     "wigner": "polywigner.transforms",
 }
@@ -52,10 +56,12 @@ __all__ = [
     "Slits",
     "__version__",
     "ambiguity",
+    "autocorrelation",
     "automean",
     "fourier",
     "lag_marginal",
     "lag_slice",
+    "otf",
     "position_marginal",
     "position_slice",
     "read_aperture",

@@ -14,6 +14,7 @@ module               what is in it
 ``phases``           the phase of an off-centre shape
 ``complex_pairs``    complex arithmetic for complex frequencies
 ``slits``            sums over intervals, ``solids`` over tetrahedra
+``membership``       whether points lie inside a source
 ``kernel``           what a transform is to an engine: enter the frame, sum, leave it
 ``line``             the transforms of slits, ``plane`` of apertures, ``space`` of polyhedra
 ``catalogue``        which kernel computes which transform of which source

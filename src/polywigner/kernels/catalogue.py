@@ -20,6 +20,8 @@ _KERNELS: dict[tuple[str, type], Kernel] = {
     ("complex fourier", Aperture): plane.FOURIER_COMPLEX,
     ("complex fourier", PlacedAperture): plane.FOURIER_PLACED_COMPLEX,
     ("complex fourier", Polyhedron): space.FOURIER_COMPLEX,
+    ("autocorrelation", Slits): line.AUTOCORRELATION,
+    ("autocorrelation", Aperture): plane.AUTOCORRELATION,
     ("wigner", Slits): line.WIGNER,
     ("wigner", Aperture): plane.WIGNER,
     ("ambiguity", Slits): line.AMBIGUITY,

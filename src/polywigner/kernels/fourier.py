@@ -15,7 +15,7 @@ __all__ = ["ambiguity", "fourier", "fourier_complex", "position_slice_area"]
 
 def _corners(tables: Tables) -> list[tuple[float, ...]]:
     """Begin, end, and twice the area of the triangle with the origin, of every edge."""
-    return [(e.ax, e.ay, e.ax + e.ex, e.ay + e.ey, e.area) for e in tables.edges]
+    return [(e.ax, e.ay, e.bx, e.by, e.area) for e in tables.edges]
 
 
 def fourier(ops: Any, tables: Tables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:

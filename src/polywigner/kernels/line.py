@@ -7,11 +7,13 @@ from typing import Any
 from polywigner.kernels import slits
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_real, leave_wave
-from polywigner.kernels.plane import enter_complex_frequency, enter_frequency
+from polywigner.kernels.membership import in_slits
+from polywigner.kernels.plane import enter_complex_frequency, enter_frequency, product_of_both
 from polywigner.kernels.slits import slit_tables
 
 __all__ = [
     "AMBIGUITY",
+    "AUTOCORRELATION",
     "FOURIER",
     "FOURIER_COMPLEX",
     "LAG_MARGINAL",
@@ -25,6 +27,20 @@ def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, real: Any, imag
     return total.real, total.imag
 
 
+AUTOCORRELATION = Kernel(
+    "autocorrelation of slits",
+    1,
+    slit_tables,
+    lambda ops, frame, x, xi: (
+        *frame.position(ops, x + 0.5 * xi),
+        *frame.position(ops, x - 0.5 * xi),
+    ),
+    lambda ops, tables, ahead, behind: (
+        in_slits(ops, tables, ahead),
+        in_slits(ops, tables, behind),
+    ),
+    product_of_both,
+)
 FOURIER = Kernel(
     "fourier of slits",
     1,

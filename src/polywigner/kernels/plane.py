@@ -12,10 +12,12 @@ from polywigner.kernels import wigner as wigner_sums
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.frame import Frame
 from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_real, leave_wave
+from polywigner.kernels.membership import winding
 from polywigner.kernels.tables import Edge, Tables, build_tables
 
 __all__ = [
     "AMBIGUITY",
+    "AUTOCORRELATION",
     "FOURIER",
     "FOURIER_COMPLEX",
     "FOURIER_PLACED",
@@ -102,6 +104,28 @@ def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Va
     return total.real, total.imag
 
 
+def _both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
+    """x + xi/2 and x - xi/2 in the frame."""
+    ahead = frame.position(ops, x + 0.5 * xi_x, y + 0.5 * xi_y)
+    return (*ahead, *frame.position(ops, x - 0.5 * xi_x, y - 0.5 * xi_y))
+
+
+def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+    """u(x + xi/2) conj(u(x - xi/2)) for fields of 0 and 1, as real and imaginary part."""
+    return sums[0] * sums[1], 0.0 * sums[0]
+
+
+AUTOCORRELATION = Kernel(
+    "autocorrelation",
+    2,
+    tables_of,
+    _both_ends,
+    lambda ops, tables, px, py, mx, my: (
+        winding(ops, tables, px, py),
+        winding(ops, tables, mx, my),
+    ),
+    product_of_both,
+)
 WIGNER = Kernel(
     "wigner",
     2,

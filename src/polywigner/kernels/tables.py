@@ -64,13 +64,16 @@ class Line:
 
 @dataclass(frozen=True)
 class Edge:
-    """A true boundary edge from (ax, ay) along (ex, ey), the polygon to its left.
+    """A true boundary edge from a to b = a + e, the polygon to its left.
 
     All fields are numbers, so that a table of edges can also be a table of an engine's memory.
     """
 
     ax: Any
     ay: Any
+    bx: Any
+    """The next edge's ax: the same float, which ax + ex need not be."""
+    by: Any
     ex: Any
     ey: Any
     area: Any
@@ -238,8 +241,9 @@ def build_tables(
 def _edges(outlines: Sequence[npt.NDArray[np.float64]], book: _LineBook) -> tuple[Edge, ...]:
     waves: dict[tuple[float, float], tuple[float, float]] = {}
     edges = []
-    segments = np.concatenate([_segments_of(ring) for ring in outlines])
-    for number, (ax, ay, ex, ey) in enumerate(segments.tolist()):
+    segments = np.concatenate([_segments_of(ring) for ring in outlines]).tolist()
+    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in outlines]).tolist()
+    for number, ((ax, ay, ex, ey), (bx, by)) in enumerate(zip(segments, ends, strict=True)):
         sign = float(book.signs[number])
         length = float(np.hypot(ex, ey))
         unit = (sign * ex / length, sign * ey / length)
@@ -248,6 +252,8 @@ def _edges(outlines: Sequence[npt.NDArray[np.float64]], book: _LineBook) -> tupl
         area = exact_cross(ax, ay, ex, ey)
         line = book.lines[book.number_of[number]]
         edges.append(
-            Edge(ax, ay, ex, ey, area, *unit, sign * length, line.offset, float(line.cluster))
+            Edge(
+                ax, ay, bx, by, ex, ey, area, *unit, sign * length, line.offset, float(line.cluster)
+            )
         )
     return tuple(edges)

@@ -1,0 +1,103 @@
+"""What every transform does with its arguments: check them once, find kernel and engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from polywigner import engines, kernels
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+
+__all__ = ["PhaseSpaceSource", "Source", "checked_points", "in_plane", "transform"]
+
+PhaseSpaceSource = Aperture | Slits
+Source = PhaseSpaceSource | PlacedAperture | Polyhedron
+
+
+def in_plane(nu: Any) -> Any:
+    """The first two components of three: an aperture without a pose lies in the plane z = 0."""
+    if engines.is_drjit(nu):
+        return engines.in_plane(nu)
+    array = np.asarray(nu)
+    return array[..., :2] if array.ndim and array.shape[-1] == 3 else nu
+
+
+def transform(
+    name: str,
+    source: Source,
+    points: Sequence[tuple[str, Any]],
+    precision: str | None,
+    engine: str,
+    *,
+    outputs: int = 1,
+) -> Any:
+    """Check the arguments once, and hand them to the engine of their type."""
+    kernel = kernels.kernel_for(name, source)
+    engines.checked_precision(precision)
+    engines.checked_engine(engine)
+    if any(engines.is_drjit(value) for _, value in points):
+        return engines.evaluate_traced(
+            kernel,
+            source,
+            points,
+            precision=precision,
+            engine=engine,
+            complex_result=outputs == 2,
+        )
+    arrays = [
+        checked_points(*point, kernel.dimension, complex_allowed=name == "fourier")
+        for point in points
+    ]
+    components = [a[..., k] for a in arrays for k in range(kernel.dimension)]
+    if any(np.iscomplexobj(a) for a in arrays):
+        kernel = kernels.kernel_for(f"complex {name}", source)
+        components = [part for c in components for part in (c.real, c.imag)]
+    try:
+        np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    except ValueError:
+        shapes = " and ".join(str(a.shape) for a in arrays)
+        raise ArgumentError(
+            f"expected shapes that broadcast before the last axis, got {shapes}; "
+            "insert axes of length 1, as in x[:, None, :]"
+        ) from None
+    results = engines.evaluate(
+        kernel,
+        source,
+        components,
+        double=precision != "single",
+        engine=engine,
+        outputs=outputs,
+    )
+    return results[0][()] if outputs == 1 else _complex(*results)[()]
+
+
+def _complex(real: Any, imag: Any) -> Any:
+    result = np.empty(real.shape, np.complex64 if real.dtype == np.float32 else np.complex128)
+    result.real, result.imag = real, imag
+    return result
+
+
+def checked_points(name: str, value: Any, dimension: int, complex_allowed: bool) -> Any:
+    """An array (..., dimension) of float64 or complex128."""
+    shape = f"(..., {dimension})"
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        array = np.empty(0, dtype=object)
+    if array.dtype.kind not in "biufc":
+        raise ArgumentError(
+            f"expected {name} as numbers of shape {shape}, got {type(value).__name__} that is "
+            "not an array of numbers"
+        )
+    if array.ndim == 0 or array.shape[-1] != dimension:
+        raise ArgumentError(
+            f"expected {name} of shape {shape}, components last, got shape {array.shape}"
+        )
+    if array.dtype.kind == "c":
+        if not complex_allowed:
+            raise ArgumentError(f"expected {name} to be real, got complex numbers; use {name}.real")
+        return array.astype(np.complex128, copy=False)
+    return array.astype(np.float64, copy=False)

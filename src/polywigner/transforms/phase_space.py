@@ -1,0 +1,151 @@
+"""Autocorrelation, Wigner and ambiguity functions, and the marginals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from polywigner.engines import Engine, Precision
+from polywigner.transforms.arguments import PhaseSpaceSource, transform
+
+__all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
+
+
+def autocorrelation(
+    source: PhaseSpaceSource,
+    x: Any,
+    xi: Any,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Autocorrelation R(x, xi) = u(x + xi/2) conj(u(x - xi/2)) of the field at two points.
+
+    Source: the paper's eq. (auto_lag). Points on the boundary belong to the source on its left and
+    lower sides.
+
+    Parameters
+    ----------
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    x : (..., d) positions, the mean of the two points, in m.
+    xi : (..., d) lags, their difference, in m; broadcasts against ``x``.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) complex, without unit; here 0 or 1. Dr.Jit input as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    """
+    points = [("x", x), ("xi", xi)]
+    return transform("autocorrelation", source, points, precision, engine, outputs=2)
+
+
+def wigner(
+    source: PhaseSpaceSource,
+    x: Any,
+    nu: Any,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Wigner function W(x, nu) = integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
+
+    Closed form: the Fourier transform of the lag slice at x. Differs from the paper in the slice:
+    its M matrices must translate by 2x. Cost: edges times sides of the convex pieces.
+
+    Parameters
+    ----------
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    x : (..., d) positions in m.
+    nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) real, in m^d; zero outside the automean. float32 for single precision.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    """
+    return transform("wigner", source, [("x", x), ("nu", nu)], precision, engine)
+
+
+def ambiguity(
+    source: PhaseSpaceSource,
+    upsilon: Any,
+    xi: Any,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Ambiguity function: integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i upsilon.x) d x.
+
+    Closed form: the Fourier transform of the position slice at xi. Differs from the paper, which
+    prints x.xi in the kernel. Cost: twice edges times sides of the convex pieces.
+
+    Parameters
+    ----------
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    upsilon : (..., d) real frequency shifts in 1/m.
+    xi : (..., d) lags in m; broadcasts against ``upsilon``.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) complex, in m^d; Dr.Jit input as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    """
+    points = [("upsilon", upsilon), ("xi", xi)]
+    return transform("ambiguity", source, points, precision, engine, outputs=2)
+
+
+def position_marginal(
+    source: PhaseSpaceSource, x: Any, *, precision: Precision = None, engine: Engine = "auto"
+) -> Any:
+    """R_x(x): the autocorrelation integrated over lag, the area of the lag slice at x.
+
+    Parameters
+    ----------
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    x : (..., d) positions in m.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) real, in m^d; equal to W(x, 0).
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    """
+    return transform("position_marginal", source, [("x", x)], precision, engine)
+
+
+def lag_marginal(
+    source: PhaseSpaceSource, xi: Any, *, precision: Precision = None, engine: Engine = "auto"
+) -> Any:
+    """R_xi(xi): the autocorrelation integrated over position, the area of the position slice.
+
+    The area times the optical transfer function of a pupil of this shape.
+
+    Parameters
+    ----------
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    xi : (..., d) lags in m.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) real, in m^d; equal to A(0, xi).
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    """
+    return transform("lag_marginal", source, [("xi", xi)], precision, engine)

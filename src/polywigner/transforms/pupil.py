@@ -1,0 +1,71 @@
+"""Apertures as pupils of optical systems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from polywigner import engines, kernels
+from polywigner.engines import Engine, Precision
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Slits
+from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
+from polywigner.transforms.phase_space import ambiguity
+
+__all__ = ["otf"]
+
+
+def otf(
+    source: PhaseSpaceSource,
+    xi: Any,
+    defocus: float = 0.0,
+    pupil_radius: float | None = None,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Optical transfer function of a pupil of this shape, in or out of focus, 1 at xi = 0.
+
+    ``OTF(xi; w) = A(-2 w xi/a^2, xi)/A(0, 0)`` with the ambiguity function of the pupil in focus:
+    the aberration exp(2 pi i w |x|^2/a^2) is linear in x on both copies. Source: K.-H. Brenner,
+    A. W. Lohmann, J. Ojeda-Castaneda, Opt. Commun. 44, 323 (1983).
+
+    Parameters
+    ----------
+    source : Aperture (d = 2) or Slits (d = 1), the pupil; the axis passes through the origin.
+    xi : (..., d) lags in the pupil in m; at the image distance z, the frequency xi/(lambda z).
+    defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves.
+    pupil_radius : a in m; default: the largest distance of a vertex from the origin.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) complex, without unit. NumPy arrays only.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; EngineError without the engine.
+    """
+    kernel = kernels.kernel_for("ambiguity", source)
+    radius = _pupil_radius(source) if pupil_radius is None else float(pupil_radius)
+    if not (np.isfinite(radius) and radius > 0.0):
+        raise ArgumentError(f"expected a pupil_radius above zero, got {pupil_radius!r}")
+    if not np.isfinite(defocus):
+        raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
+    if engines.is_drjit(xi):
+        raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
+    lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
+    slope = -2.0 * float(defocus) / radius**2
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
+    return ambiguity(source, slope * lags, lags, **how) / _content(source)
+
+
+def _pupil_radius(source: PhaseSpaceSource) -> float:
+    if isinstance(source, Slits):
+        return float(np.abs(source.intervals).max())
+    return float(np.hypot(*np.concatenate(source.rings).T).max())
+
+
+def _content(source: PhaseSpaceSource) -> float:
+    return source.length if isinstance(source, Slits) else source.area

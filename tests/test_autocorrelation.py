@@ -1,0 +1,119 @@
+"""The autocorrelation itself against shapely and the slices, and optical transfer functions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given
+from hypothesis import strategies as st
+
+import polywigner as pw
+from oracles.drawn import polygons
+from oracles.references import ENGINES, aperture
+from oracles.shapes import Polygons
+from polywigner.errors import ArgumentError
+
+engines = pytest.mark.parametrize("engine", ENGINES)
+
+HOLED = pw.Aperture(shapely.box(-1, -1, 1, 1) - shapely.box(-0.5, -0.5, 0.25, 0.5))
+SLITS = pw.Slits([[-1.0, -0.4], [0.1, 0.9]])
+
+
+@given(drawn=polygons(), seed=st.integers(0, 2**32 - 1))
+def test_autocorrelation_is_one_where_both_points_lie_inside(drawn: Polygons, seed: int) -> None:
+    source, rng = aperture(drawn), np.random.default_rng(seed)
+    low, high = np.reshape(source.bounds, (2, 2))
+    x = rng.uniform(low, high, (60, 2))
+    xi = rng.uniform(-1, 1, (60, 2)) * (high - low)
+    ahead, behind = (shapely.points(x + sign * xi / 2) for sign in (1, -1))
+    expected = shapely.contains(source.polygons, ahead) & shapely.contains(source.polygons, behind)
+    boundary = shapely.boundary(source.polygons)
+    clear = np.minimum(shapely.distance(boundary, ahead), shapely.distance(boundary, behind)) > 1e-9
+    got = pw.autocorrelation(source, x, xi)
+    assert (got[clear] == expected[clear]).all()
+
+
+@engines
+def test_averages_of_the_autocorrelation_are_its_marginals(engine: str) -> None:
+    # midpoints of a grid whose lines the edges follow: the sums are exact
+    step = 1 / 32
+    axis = np.arange(-3, 3, step) + step / 2
+    lags = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    x = np.array([0.25, 0.125])
+    total = pw.autocorrelation(HOLED, x, lags, engine=engine).sum() * step**2
+    assert total == pytest.approx(pw.position_marginal(HOLED, x), abs=1e-12)
+    xi = np.array([0.5, 0.25])
+    total = pw.autocorrelation(HOLED, lags / 2, xi, engine=engine).sum() * (step / 2) ** 2
+    assert total == pytest.approx(pw.lag_marginal(HOLED, xi), abs=1e-12)
+
+
+def test_points_on_shared_edges_belong_to_exactly_one_tile() -> None:
+    corner = np.linspace(0, 1, 9)
+    points = np.stack(np.meshgrid(corner, corner), axis=-1).reshape(-1, 2)
+    tiles = [
+        pw.Aperture(shapely.box(x, y, x + 0.5, y + 0.5)) for x in (0.0, 0.5) for y in (0.0, 0.5)
+    ]
+    inside = sum(pw.autocorrelation(tile, points, np.zeros(2)).real for tile in tiles)
+    whole = pw.autocorrelation(pw.shapes.rectangle(4.0, 4.0), points, np.zeros(2)).real
+    assert (whole == 1).all()
+    assert ((inside == 1) | (points == 1).any(axis=-1) | (points == 0).any(axis=-1)).all()
+    assert (inside <= 1).all()
+
+
+@engines
+def test_autocorrelation_of_slits(engine: str) -> None:
+    x, xi = np.array([[-0.7], [0.0], [0.5]]), np.array([[0.5], [1.2], [0.1]])
+    got = pw.autocorrelation(SLITS, x, xi, engine=engine)
+    assert got.tolist() == [1, 1, 1]
+    assert pw.autocorrelation(SLITS, [0.0], [0.0], engine=engine) == 0
+
+
+def _pupil_overlap(xi: float, waves: float, radius: float) -> complex:
+    """The defocused transfer function of the slit [-1, 1], by quadrature over the overlap."""
+    nodes, weights = np.polynomial.legendre.leggauss(80)
+    half = 1 - abs(xi) / 2
+    x = half * nodes
+
+    def pupil(p: np.ndarray) -> np.ndarray:
+        return np.exp(2j * math.pi * waves * p**2 / radius**2)
+
+    return complex(half * weights @ (pupil(x + xi / 2) * pupil(x - xi / 2).conj())) / 2
+
+
+@pytest.mark.parametrize("waves", [0.0, 0.5, -2.0])
+def test_defocus_is_a_cut_through_the_ambiguity_function(waves: float) -> None:
+    slit = pw.Slits([-1, 1])
+    for xi in (0.0, 0.3, -0.3, 1.1, 1.9):
+        expected = _pupil_overlap(xi, waves, 1.0)
+        assert pw.otf(slit, [xi], waves) == pytest.approx(expected, abs=1e-13)
+        # a square pupil is a product; its corner, the farthest vertex, lies at sqrt(2)
+        square = pw.otf(pw.shapes.square(2.0), [xi, 0.4], waves)
+        product = _pupil_overlap(xi, waves, math.sqrt(2)) * _pupil_overlap(0.4, waves, math.sqrt(2))
+        assert square == pytest.approx(product, abs=1e-13)
+        stated = pw.otf(pw.shapes.square(2.0), [xi, 0.4], waves, pupil_radius=1.0)
+        product = _pupil_overlap(xi, waves, 1.0) * _pupil_overlap(0.4, waves, 1.0)
+        assert stated == pytest.approx(product, abs=1e-13)
+
+
+def test_transfer_function_in_focus_is_the_normalised_overlap() -> None:
+    telescope = pw.shapes.hexagonal_segments(1.0, gap=0.01)
+    xi = np.random.default_rng(3).uniform(-5, 5, (50, 2))
+    got = pw.otf(telescope, xi)
+    assert np.abs(got - pw.lag_marginal(telescope, xi) / telescope.area).max() < 1e-13
+    assert pw.otf(telescope, [0.0, 0.0], defocus=3.0) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"pupil_radius": 0.0}, "pupil_radius above zero"),
+        ({"pupil_radius": math.nan}, "pupil_radius above zero"),
+        ({"defocus": math.inf}, "finite defocus"),
+    ],
+)
+def test_unusable_pupils_are_refused(arguments: dict[str, float], message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        pw.otf(HOLED, [0.1, 0.1], **arguments)
