@@ -8,6 +8,8 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.errors import ArgumentError
+
 __all__ = ["write_exr"]
 
 
@@ -19,7 +21,17 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
     path: any name, whatever its suffix; written in place.
     image: (height, width, channels), the channels being Y, YA, RGB, RGBA by their number, or
         numbered where there are more.
+
+    Raises
+    ------
+    ArgumentError for a path that cannot be written to, or a full disk.
     """
     # Mitsuba's own default for an array of floats is to leave it linear, which radiance is.
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
-    bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
+    try:
+        bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
+    except RuntimeError as error:
+        cause = " ".join(str(error).split())
+        raise ArgumentError(
+            f"expected to write {path}, got: {cause}; choose another place"
+        ) from error

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import operator
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,9 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.mitsuba.logs import silent
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 
-__all__ = ["render"]
+__all__ = ["DEFAULT_INTEGRATOR", "check_spp", "default_spp", "render"]
+
+DEFAULT_INTEGRATOR = "path"
+"""For a scene that names none."""
+
+# Noise falls with the root of the number: nobody waits for more.
+_LARGEST_SPP = 2**30
 
 # Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
 _WAVEFRONT = 2**24
@@ -25,6 +34,9 @@ _WAVEFRONT = 2**24
 # share out squares of 32 pixels.
 _SCALAR_STRIPS = 20
 _SCALAR_ROWS = 32
+
+_NEVER = 2**30
+"""A depth for Russian roulette that no path reaches."""
 
 _CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 """Sensors whose film can be rendered in parts."""
@@ -43,9 +55,9 @@ def render(
     Parameters
     ----------
     scene: a ``mi.Scene``; its sensor brings film and sampler.
-    integrator: plugin name or ``mi.Integrator``; default: the scene's own.
+    integrator: plugin name or ``mi.Integrator``; default: the scene's own, else ``path``.
     spp: samples per pixel; default: the sampler's own. Samplers may round it up.
-    seed: of the random numbers; every strip and pass derives its own from it.
+    seed: of the random numbers, zero or more; every strip and pass derives its own from it.
     sensor: index of the scene's sensor.
     progress: called after each part with the number of parts done, and of all parts.
 
@@ -57,33 +69,95 @@ def render(
 
     Raises
     ------
-    ArgumentError for an spp below one or a sensor that is not there; SceneError for an unknown
-    integrator, or one that cannot render this scene.
+    ArgumentError for what is no scene, an spp that is not from 1 to 2^30, a sensor that is not
+    there or a negative seed; SceneError for a scene without sensor or pixels, an unknown
+    integrator, one that cannot render this scene, or radiance that is not finite.
     """
-    sensors = scene.sensors()
-    if not 0 <= sensor < len(sensors):
-        raise ArgumentError(f"expected a sensor below {len(sensors)}, got {sensor}")
-    camera = sensors[sensor]
-    total = camera.sampler().sample_count() if spp is None else int(spp)
-    if total < 1:
-        raise ArgumentError(f"expected at least one sample per pixel, got {spp}")
+    camera = _camera(scene, sensor)
+    total = check_spp(camera.sampler().sample_count() if spp is None else spp)
+    source = _seed(seed)
     method = _integrator(scene, integrator)
     _warn_of_limits(scene, method)
     strips = _strips(camera, total)
-    passes = _passes(camera, total, strips[0][1])
-    seeds = np.random.SeedSequence(seed).generate_state(len(strips) * len(passes))
+    # Counted, not listed: a large film with many samples has millions of passes.
+    passes = _number_of_passes(camera, total, strips[0][1])
     images = []
     for number, (top, rows) in enumerate(strips):
         image: npt.NDArray[np.float64] | float = 0.0
-        for index, samples in enumerate(passes):
-            own = number * len(passes) + index
+        for index in range(passes):
+            # Of almost equal length, rather than a last one that is short and badly stratified.
+            samples = total // passes + (index < total % passes)
+            own = number * passes + index
             with _cropped(camera, top, rows), _without_complaints():
-                part = _part(scene, camera, method, samples, int(seeds[own]))
+                part = _part(scene, camera, method, samples, source(own))
             image = image + samples / total * part
             if progress is not None:
-                progress(own + 1, len(seeds))
+                progress(own + 1, len(strips) * passes)
         images.append(image)
-    return np.concatenate(images).astype(np.float32)
+    return _finite(np.concatenate(images).astype(np.float32))
+
+
+def default_spp(scene: Any, sensor: int = 0) -> int:
+    """The samples per pixel that a scene asks for; raises what :func:`render` does."""
+    return check_spp(_camera(scene, sensor).sampler().sample_count())
+
+
+def _camera(scene: Any, number: int) -> Any:
+    if not hasattr(scene, "sensors"):
+        raise ArgumentError(
+            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
+            "polywigner.mitsuba.load_scene or mi.load_dict"
+        )
+    sensors = scene.sensors()
+    if not sensors:
+        raise SceneError(
+            "expected a scene with a <sensor>, got one without; add a sensor with a film"
+        )
+    if not 0 <= number < len(sensors):
+        raise ArgumentError(f"expected a sensor below {len(sensors)}, got {number}")
+    width, height = sensors[number].film().crop_size()
+    if width < 1 or height < 1:
+        raise SceneError(
+            f"expected a film of at least one pixel, got {width} x {height}; set its width and "
+            "height"
+        )
+    return sensors[number]
+
+
+def check_spp(spp: int) -> int:
+    """The samples per pixel; ArgumentError unless a whole number from 1 to 2^30."""
+    total = _integer("spp", spp)
+    if total < 1:
+        raise ArgumentError(f"expected at least one sample per pixel, got {total}")
+    if total > _LARGEST_SPP:
+        raise ArgumentError(
+            f"expected at most {_LARGEST_SPP} samples per pixel, got {total}; use fewer"
+        )
+    return total
+
+
+def _seed(seed: int) -> Callable[[int], int]:
+    """The seed of each part by its number."""
+    if (entropy := _integer("seed", seed)) < 0:
+        raise ArgumentError(f"expected a seed of zero or more, got {seed}")
+    return lambda part: int(np.random.SeedSequence(entropy, spawn_key=(part,)).generate_state(1)[0])
+
+
+def _integer(name: str, value: Any) -> int:
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise ArgumentError(f"expected a whole number as {name}, got {value!r}") from None
+
+
+def _finite(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
+    if bad:
+        raise SceneError(
+            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels that are "
+            "not; check frequency, power and radiances of the scene, and their units"
+        )
+    return image
 
 
 def _strips(camera: Any, total: int) -> list[tuple[int, int]]:
@@ -112,13 +186,11 @@ def _part(scene: Any, camera: Any, integrator: Any, spp: int, seed: int) -> npt.
         ) from error
 
 
-def _passes(camera: Any, total: int, rows: int) -> list[int]:
-    """Samples per pixel of each pass over a strip of so many rows."""
+def _number_of_passes(camera: Any, total: int, rows: int) -> int:
+    """Into how many passes the samples of a strip of so many rows have to be cut."""
     width, _ = camera.film().crop_size()
     longest = max(1, _WAVEFRONT // (width * rows)) if dr.is_jit_v(mi.Float) else total
-    count = math.ceil(total / longest)
-    # Of almost equal length, rather than a last one that is short and badly stratified.
-    return [total // count + (index < total % count) for index in range(count)]
+    return math.ceil(total / longest)
 
 
 @contextmanager
@@ -137,16 +209,12 @@ def _cropped(camera: Any, top: int, rows: int) -> Iterator[None]:
 
 @contextmanager
 def _without_complaints() -> Iterator[None]:
-    """The films of the scalar variants keep negative samples, but log a line for each of them."""
+    """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
     if dr.is_jit_v(mi.Float):
         yield
         return
-    level = mi.log_level()
-    mi.set_log_level(mi.LogLevel.Error)
-    try:
+    with silent():
         yield
-    finally:
-        mi.set_log_level(level)
 
 
 def _set_crop(camera: Any, size: Any, offset: Any) -> None:
@@ -158,12 +226,16 @@ def _set_crop(camera: Any, size: Any, offset: Any) -> None:
 
 def _integrator(scene: Any, integrator: Any) -> Any:
     if integrator is None:
-        return scene.integrator()
+        integrator = scene.integrator() or DEFAULT_INTEGRATOR
     if not isinstance(integrator, str):
+        if not hasattr(integrator, "class_name"):
+            raise ArgumentError(
+                f"expected an integrator or the name of its plugin, got {integrator!r}"
+            )
         return integrator
     entry: dict[str, Any] = {"type": integrator}
     if integrator == "ptracer":
-        entry["rr_depth"] = 2**30
+        entry["rr_depth"] = _NEVER
     try:
         return mi.load_dict(entry)
     except RuntimeError as error:
@@ -182,10 +254,19 @@ def _warn_of_limits(scene: Any, integrator: Any) -> None:
             RuntimeWarning,
             stacklevel=3,
         )
-    if name == "ParticleTracerIntegrator":
+    if name == "ParticleTracerIntegrator" and _plays_roulette(integrator):
         warnings.warn(
             "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases the "
             "image: set its rr_depth above its max_depth, or use 'path'",
             RuntimeWarning,
             stacklevel=3,
         )
+
+
+def _plays_roulette(tracer: Any) -> bool:
+    """Whether some path of a particle tracer is long enough for Russian roulette."""
+    # Mitsuba tells the two depths in this text alone; -1 is a path without end.
+    depths = dict(re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(tracer)))
+    longest = int(depths.get("max_depth", -1)) % 2**32
+    roulette = int(depths.get("rr_depth", 0))
+    return roulette <= longest and roulette < _NEVER
