@@ -12,17 +12,21 @@ __all__ = ["PEAK_RULE", "check_floor", "level_db", "picture_peak"]
 PEAK_RULE = "largest 3x3 median"
 """How :func:`picture_peak` chooses the 0 dB level, in words for labels and logs."""
 
+_LOWEST_DB = -300.0
+"""Fifteen digits of a field and thirty of its square: what is fainter is rounding."""
+
 
 def check_floor(floor_db: float) -> float:
     """The floor itself, once it is known to be a level below the peak.
 
     Raises
     ------
-    ArgumentError : not a finite number below 0 dB.
+    ArgumentError : not a number below 0 dB and down to -300 dB.
     """
-    if not (np.isfinite(floor_db) and floor_db < 0):
+    if not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
-            f"expected a floor below 0 dB, got {floor_db}; give for example --db-floor -40"
+            f"expected a floor below 0 dB, down to {_LOWEST_DB:g} dB, got {floor_db}; give for "
+            "example --db-floor -40"
         )
     return float(floor_db)
 
