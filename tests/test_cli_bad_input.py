@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -105,8 +106,12 @@ def test_a_bad_aperture_file_is_refused(
         (["--xi", "20 mm,0 mm"], ["overlaps"]),
         (["--samples", "1"], ["at least 2"]),
         (["--samples", "-3"], ["at least 2"]),
+        (["--samples", "100000"], ["at most 4096", "100000"]),
         (["--db-floor", "0"], ["below 0 dB"]),
         (["--db-floor", "nan"], ["below 0 dB"]),
+        (["--db-floor", "-1e308"], ["down to -300 dB", "-1e+308"]),
+        (["--frequency", "1e-299 Hz"], ["wavelength", "GHz", "aperture"]),
+        (["--wavelength", "1e-299 m"], ["wavelength", "mm", "aperture"]),
     ],
 )
 def test_a_bad_option_of_transform_is_refused(
@@ -115,6 +120,47 @@ def test_a_bad_option_of_transform_is_refused(
     line = refusal(["transform", str(square), *options], tmp_path / "out", capfd.readouterr)
     for word in words:
         assert word in line
+
+
+@pytest.mark.parametrize("name", ["", ".", "/", "absent", "a" * 300, "\udcff.wkt"], ids=ascii)
+@pytest.mark.parametrize("command", ["transform", "render"])
+def test_what_is_no_name_of_a_file_is_refused(
+    command: str, name: str, tmp_path: Path, capfd: Captured
+) -> None:
+    line = refusal([command, name], tmp_path / "out", capfd.readouterr)
+    assert "file" in line
+
+
+UNUSABLE = {
+    "empty": ("", "got nothing"),
+    "suffix alone": ("{0}/out/.PNG", "suffix alone"),
+    "long name": ("{0}/out/" + "a" * 300, "too long"),
+    "long folder": ("{0}/out/" + "a" * 300 + "/a", "too long"),
+    "long path": ("{0}/out/" + "a/" * 4000, "too long"),
+    "file as folder": ("{0}/square.wkt/a", "square.wkt"),
+    "not UTF-8": ("{0}/out/\udcff", "UTF-8"),
+}
+
+
+@pytest.mark.parametrize("command", ["transform", "render"])
+@pytest.mark.parametrize("case", UNUSABLE)
+def test_a_place_that_cannot_be_written_to_is_refused_before_the_work(
+    case: str, command: str, square: Path, tmp_path: Path, capfd: Captured
+) -> None:
+    out, words = UNUSABLE[case]
+    assert main([command, str(square), "--out", out.format(tmp_path)]) == 2
+    stdout, stderr = capfd.readouterr()
+    assert stdout == ""
+    assert stderr.startswith("polywigner: error: ")
+    assert stderr.count("\n") == 1
+    assert words in stderr
+    assert list(tmp_path.iterdir()) == [square]
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs a folder that refuses even root")
+def test_a_folder_that_only_seems_writable_is_refused(square: Path, capfd: Captured) -> None:
+    assert main(["transform", str(square), "--out", "/proc/polywigner"]) == 2
+    assert "can be written to" in capfd.readouterr().err
 
 
 SCENE = """<scene version="3.0.0">
@@ -207,11 +253,41 @@ def test_a_file_that_is_no_scene_is_refused(
         assert word in line
 
 
+BRIGHTER_THAN_SINGLE_PRECISION = """<emitter type="point">
+    <point name="position" x="0" y="0" z="0.9"/><rgb name="intensity" value="3e38"/>
+</emitter>
+<shape type="rectangle"><transform name="to_world"><translate z="1"/></transform></shape>
+"""
+
+# a pattern in SCENE, what replaces it, and words that the message has to contain
+BAD_SURROUNDINGS = {
+    "no sensor": ("(?s)<sensor.*</sensor>", "", ["<sensor>", "without"]),
+    "no pixels": ('(?<="width" value=)"4"', '"0"', ["0 x 4", "one pixel"]),
+    "infinite": ("</sensor>", r"\g<0>" + BRIGHTER_THAN_SINGLE_PRECISION, ["pixels", "finite"]),
+}
+
+
+@pytest.mark.drjit
+@pytest.mark.parametrize("case", BAD_SURROUNDINGS)
+def test_a_scene_that_makes_no_picture_is_refused(
+    case: str, tmp_path: Path, capfd: Captured
+) -> None:
+    pattern, new, words = BAD_SURROUNDINGS[case]
+    path = write_scene(tmp_path, WIGNER)
+    path.write_text(re.sub(pattern, new, path.read_text()).replace("perspective", "orthographic"))
+    line = refusal(
+        ["render", str(path), "--variant", "scalar_rgb"], tmp_path / "out", capfd.readouterr
+    )
+    for word in words:
+        assert word in line
+
+
 @pytest.mark.drjit
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--spp", "0"], ["at least 1", "0"]),
+        (["--spp", "99999999999999999999"], ["at most", "99999999999999999999"]),
         (["--spp", "-4"], ["at least 1", "-4"]),
         (["--seed", "-1"], ["--seed", "-1"]),
         (["--variant", "llvm_mono_ad"], ["variant", "llvm_mono_ad", "scalar_rgb"]),
@@ -229,7 +305,7 @@ def test_a_bad_option_of_render_is_refused(
         assert word in line
 
 
-@pytest.mark.parametrize("components", [1, 3])
+@pytest.mark.parametrize("components", [1, 4])
 @pytest.mark.parametrize("function", [pw.fourier, pw.wigner, pw.ambiguity])
 def test_frequencies_with_the_wrong_number_of_components_are_refused(
     function: Callable[..., object], components: int

@@ -202,6 +202,58 @@ def test_nothing_but_the_paths_is_printed_off_a_terminal(
     assert err == ""
 
 
+@pytest.mark.llvm
+def test_a_film_in_colour_in_a_variant_without_is_no_news(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = scene_of_the_aperture_itself(tmp_path, 0.0, pixels="")
+    capfd.readouterr()
+    rendered(path, "--variant", "llvm_ad_mono", "--spp", "1")
+    out, err = capfd.readouterr()
+    assert len(out.splitlines()) == 3
+    assert err == ""
+
+
+def test_a_tracer_of_particles_draws_no_bar_of_its_own(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = scene_of_a_lit_floor(tmp_path)
+    tracer = '"ptracer"><integer name="rr_depth" value="100"/>'
+    text = path.read_text().replace('"path">', tracer).replace("orthographic", "perspective")
+    path.write_text(text.replace('<scale x="0.005" y="0.005"/>', ""))
+    capfd.readouterr()
+    _, record = rendered(path, "--variant", "scalar_rgb", "--spp", "1")
+    out, err = capfd.readouterr()
+    assert len(out.splitlines()) == 3
+    assert err == ""
+    assert record["used"]["integrator"] == "ptracer"
+
+
+def test_a_scene_without_integrator_is_rendered_with_path(tmp_path: Path) -> None:
+    path = scene_of_a_lit_floor(tmp_path)
+    options = ("--variant", "scalar_rgb", "--spp", "2")
+    expected, _ = rendered(path, *options)
+    text = path.read_text()
+    start, end = text.index("<integrator"), text.index("</integrator>") + len("</integrator>")
+    path.write_text(text[:start] + text[end:])
+    image, record = rendered(path, *options)
+    assert record["used"]["integrator"] == "path"
+    assert (image == expected).all()
+
+
+def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = scene_of_a_lit_floor(tmp_path)
+    path.write_text(path.read_text().replace("94 GHz", "94 Hz"))
+    capfd.readouterr()
+    rendered(path, "--variant", "scalar_rgb", "--spp", "1")
+    err = capfd.readouterr().err
+    assert err.startswith("polywigner: warning: ")
+    assert err.count("\n") == 1
+    assert "did you mean GHz" in err
+
+
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are a Unix thing")
 def test_a_progress_bar_is_shown_on_a_terminal(tmp_path: Path) -> None:
     import pty

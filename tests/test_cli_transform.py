@@ -92,7 +92,33 @@ def test_the_files_are_named_after_the_aperture_and_told(
     rectangle: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     out = f"{tmp_path}/new/"
-    assert main(["transform", str(rectangle), "--samples", "3", "--out", out]) == 0
+    assert main(["transform", str(rectangle), "--samples", "65", "--out", out]) == 0
     captured = capfd.readouterr()
     assert captured.out.splitlines() == [f"{out}rectangle.png", f"{out}rectangle.npz"]
     assert captured.err == ""
+
+
+def test_a_wide_aperture_gets_more_samples_and_where_they_do_not_do_a_warning(
+    rectangle: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    # The diagonal of 7.2 mm is 14.4 wavelengths of 0.5 mm: 28.8 lobes of four samples, in the
+    # frequencies up to the horizon on either side.
+    needed = 2 * 58 + 1
+    options = ("--wavelength", "0.5 mm", "--samples")
+    transformed(rectangle, *options, str(needed))
+    assert capfd.readouterr().err == ""
+    transformed(rectangle, *options, str(needed - 2))
+    assert f"--samples {needed} would do" in capfd.readouterr().err
+    values = transformed(rectangle, "--wavelength", "0.15 mm")
+    assert 257 < len(values["frequency"]) <= 513
+    assert capfd.readouterr().err == ""
+
+
+def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(
+    rectangle: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    transformed(rectangle, "--frequency", "94 Hz", "--samples", "65")
+    err = capfd.readouterr().err
+    assert err.startswith("polywigner: warning: ")
+    assert err.count("\n") == 1
+    assert "did you mean GHz" in err

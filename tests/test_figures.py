@@ -31,7 +31,7 @@ def test_what_exceeds_the_reference_keeps_its_level() -> None:
     np.testing.assert_allclose(level_db([100.0], 1.0, -40), [20.0], atol=ROUNDING_DB)
 
 
-@pytest.mark.parametrize("floor", [0.0, 3.0, np.nan, -np.inf])
+@pytest.mark.parametrize("floor", [0.0, 3.0, np.nan, -np.inf, -1e3])
 def test_a_floor_that_is_not_below_the_peak_is_refused(floor: float) -> None:
     with pytest.raises(ArgumentError, match="expected a floor below 0 dB"):
         level_db([1.0], 1.0, floor)
@@ -111,6 +111,7 @@ def test_the_default_position_and_lag_lie_where_w_and_a_do_not_vanish() -> None:
         ({"x": (np.nan, 0.0)}, "two finite coordinates"),
         ({"xi": (1.0, 0.0, 0.0)}, "two finite coordinates"),
         ({"samples": 1}, "at least 2 samples"),
+        ({"samples": 10**5}, "at most 4096 samples"),
     ],
 )
 def test_slices_that_would_be_empty_are_refused(arguments: dict, message: str) -> None:

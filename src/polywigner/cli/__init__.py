@@ -47,6 +47,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         return _say("interrupted", _INTERRUPTED)
     except PolywignerError as error:
         return _say(f"error: {error}", _BAD_INPUT)
+    except MemoryError as error:
+        return _say(f"error: out of memory ({error}); ask for fewer samples or pixels", _FAILED)
     except BrokenPipeError:
         return _closed_pipe()
     except Exception as error:

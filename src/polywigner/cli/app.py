@@ -99,7 +99,10 @@ def transform(
         str | None,
         typer.Option(help="Lag of the ambiguity slice (default: one with a good overlap)."),
     ] = None,
-    samples: Annotated[int, typer.Option(help="Samples along each frequency axis.")] = 257,
+    samples: Annotated[
+        int | None,
+        typer.Option(help="Samples along each frequency axis (default: 257, or up to 513)."),
+    ] = None,
     db_floor: Annotated[
         float, typer.Option(help="Lowest level of the dB picture, below its peak.")
     ] = -40.0,

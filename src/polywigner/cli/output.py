@@ -4,14 +4,30 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["check_writable", "output_stem", "targets", "writing"]
+__all__ = ["check_text", "check_writable", "output_stem", "targets", "writing"]
 
 _KNOWN_SUFFIXES = (".png", ".exr", ".json", ".npz")
+
+
+def check_text(name: str, path: str) -> None:
+    """Refuse a path that is not text: figures and Mitsuba cannot be told of it.
+
+    Raises
+    ------
+    ArgumentError : the path, or the folder it is relative to, has bytes that are not UTF-8.
+    """
+    whole = os.path.abspath(path)  # noqa: PTH100 (a pathlib path would not drop the "..")
+    try:
+        whole.encode()
+    except UnicodeEncodeError:
+        raise ArgumentError(
+            f"expected {name} to be a path in UTF-8, got {whole!a}; rename it"
+        ) from None
 
 
 def output_stem(out: str | None, name: str) -> Path:
@@ -23,12 +39,26 @@ def output_stem(out: str | None, name: str) -> Path:
         and the files in it are called ``name``; anything else is the stem itself, of which a
         suffix such as ``.png`` is taken off. None: ``name`` in the current folder.
     name : the files' name when ``out`` gives none.
+
+    Raises
+    ------
+    ArgumentError : ``out`` is empty, a suffix alone, or not text.
     """
     if out is None:
         return Path(name)
+    if not out.strip():
+        raise ArgumentError(
+            "expected --out to name a folder or files, got nothing; leave it out to write here"
+        )
+    check_text("--out", out)
     path = Path(out)
-    if path.is_dir() or out.endswith(("/", os.sep)):
+    if os.path.isdir(out) or out.endswith(("/", os.sep)):  # noqa: PTH112 (see check_writable)
         return path / name
+    if path.name.lower() in _KNOWN_SUFFIXES:
+        raise ArgumentError(
+            f"expected --out to name a folder or files, got {out!r}, a suffix alone; write a name "
+            "before it, or a slash after the folder"
+        )
     return path.with_suffix("") if path.suffix.lower() in _KNOWN_SUFFIXES else path
 
 
@@ -42,17 +72,38 @@ def check_writable(paths: Sequence[Path]) -> None:
 
     Raises
     ------
-    ArgumentError : a target is a folder, or its folder can neither be written to nor created.
+    ArgumentError : a target is a folder, its name is too long, or its folder can neither be
+    written to nor created.
     """
     for path in paths:
-        if path.is_dir():
+        # In os.path a name that is too long is no folder; in pathlib it raises.
+        if os.path.isdir(path):  # noqa: PTH112
             raise ArgumentError(f"expected --out to name a file, got the folder {path}; rename it")
-        folder = next(parent for parent in path.absolute().parents if parent.exists())
-        if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        absolute = path.absolute()
+        parents = absolute.parents
+        folder = next(parent for parent in parents if os.path.exists(parent))  # noqa: PTH110
+        try:
+            _try_to_write(_scratch(absolute), folder)
+        except OSError as error:
             raise ArgumentError(
-                f"expected a folder that can be written to for {path}, got {folder}; "
-                "choose another with --out"
-            )
+                f"expected a folder that can be written to for {path}, got {folder}: "
+                f"{error.strerror}; choose another with --out"
+            ) from error
+
+
+def _try_to_write(scratch: Path, folder: Path) -> None:
+    """Make and remove a file in the folder, the first one there is above ``scratch``."""
+    for path in (scratch, *(folder / part for part in scratch.relative_to(folder).parts)):
+        with suppress(FileNotFoundError):
+            path.lstat()  # a path, or a part of it, may be too long
+    probe = folder / scratch.name
+    probe.touch(exist_ok=False)
+    probe.unlink()
+
+
+def _scratch(path: Path) -> Path:
+    # The process id keeps two runs with one target apart: the last to finish wins, whole.
+    return path.with_name(f"{path.name}.{os.getpid()}.partial")
 
 
 @contextmanager
@@ -66,8 +117,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
     ------
     ArgumentError : the operating system refused to write (no permission, disk full, ...).
     """
-    # The process id keeps two runs with one target apart: the last to finish wins, whole.
-    partials = tuple(p.with_name(f"{p.name}.{os.getpid()}.partial") for p in paths)
+    partials = tuple(_scratch(path) for path in paths)
     try:
         for path in paths:
             path.parent.mkdir(parents=True, exist_ok=True)

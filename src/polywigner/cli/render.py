@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import check_text, check_writable, output_stem, targets, writing
+from polywigner.cli.plausibility import check_wavelength
 from polywigner.errors import ArgumentError, SceneError
 
 if TYPE_CHECKING:
@@ -62,23 +65,26 @@ def run_render(
 
     from polywigner.figures import draw_scene, picture_peak
     from polywigner.figures.levels import check_floor
-    from polywigner.mitsuba import choose_variant, has_wigner_emitter, load_scene, render
+    from polywigner.mitsuba import choose_variant, load_scene, render
     from polywigner.mitsuba.images import write_exr
+    from polywigner.mitsuba.logs import to_list
+    from polywigner.mitsuba.rendering import check_spp, default_spp
 
     check_floor(floor_db)
+    if spp is not None:
+        check_spp(spp)
     start = time.perf_counter()
     chosen = choose_variant(variant)
-    loaded = load_scene(scene, chosen, sampler)
-    if not has_wigner_emitter(loaded):
-        raise SceneError(
-            f'expected a <shape type="wigner"> in {scene}, got a scene without; add one, or render '
-            "it with mitsuba itself"
-        )
-    samples = spp or loaded.sensors()[0].sampler().sample_count()
-    ready = time.perf_counter()
-    with _progress_bar() as progress:
-        image = render(loaded, integrator, samples, seed, progress=progress)
-    done = time.perf_counter()
+    with to_list() as messages:
+        loaded = load_scene(scene, chosen, sampler)
+        _check_scene(loaded, scene)
+        samples = spp or default_spp(loaded)
+        ready = time.perf_counter()
+        with _progress_bar() as progress:
+            image = render(loaded, integrator, samples, seed, progress=progress)
+        done = time.perf_counter()
+    for message in messages:
+        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
 
     radiance = _radiance(image)
     reference = picture_peak(radiance)
@@ -90,14 +96,15 @@ def run_render(
     with writing(files) as (exr, png, text):
         write_exr(exr, image)
         figure.savefig(png, format="png")
-        text.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     for path in files:
         print(path)
 
 
 def _check(settings: RenderSettings) -> None:
     """All that can be known to be wrong before Mitsuba takes its second to load."""
-    if not Path(settings.scene).is_file():
+    check_text("the scene file", settings.scene)
+    if not os.path.isfile(settings.scene):  # noqa: PTH113 (pathlib raises for a name too long)
         raise SceneError(
             f"expected a Mitsuba scene file, got {settings.scene!r}, which is not a file"
         )
@@ -107,6 +114,18 @@ def _check(settings: RenderSettings) -> None:
         raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)
+
+
+def _check_scene(scene: Any, name: str) -> None:
+    """That a Wigner emitter lights it, with a wavelength that belongs to its aperture."""
+    specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
+    if not specs:
+        raise SceneError(
+            f'expected a <shape type="wigner"> in {name}, got a scene without; add one, or render '
+            "it with mitsuba itself"
+        )
+    for spec in specs:
+        check_wavelength(spec.wavelength, spec.aperture.diameter)
 
 
 def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
@@ -148,7 +167,7 @@ def _radiance(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     import numpy as np
 
     colours = 3 if image.shape[-1] >= 3 else 1
-    return np.asarray(image[..., :colours].mean(axis=-1))
+    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
 
 def _record(
@@ -167,7 +186,7 @@ def _record(
     return {
         "settings": asdict(settings),
         "used": {
-            "integrator": settings.integrator or _plugin(scene.integrator(), "Integrator"),
+            "integrator": settings.integrator or _integrator_of(scene),
             "sampler": settings.sampler or _plugin(camera.sampler(), "Sampler"),
             "size": [width, height],
         },
@@ -185,9 +204,17 @@ def _record(
     }
 
 
+def _integrator_of(scene: Any) -> str:
+    from polywigner.mitsuba.rendering import DEFAULT_INTEGRATOR
+
+    own = scene.integrator()
+    return DEFAULT_INTEGRATOR if own is None else _plugin(own, "Integrator")
+
+
 def _plugin(instance: Any, kind: str) -> str:
     """The name under which a scene asks for it: ``path`` for a ``PathIntegrator``."""
-    return str(instance.class_name()).removesuffix(kind).lower()
+    name = str(instance.class_name()).removesuffix(kind).lower()
+    return {"particletracer": "ptracer"}.get(name, name)
 
 
 def _versions(variant: str) -> dict[str, str | None]:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import json
+import os
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.errors import ArgumentError
+from polywigner.cli.output import check_text, check_writable, output_stem, targets, writing
+from polywigner.cli.plausibility import check_wavelength
+from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.quantities import parse_frequency, parse_length, parse_point, wavelength_of
 
 if TYPE_CHECKING:
+    from polywigner import Aperture
     from polywigner.figures import TransformSlices
 
 __all__ = ["run_transform"]
+
+_FEWEST = 257
+_MOST_UNASKED = 513  # some ten seconds for an aperture of a hundred edges
 
 
 def run_transform(
@@ -24,18 +31,20 @@ def run_transform(
     wavelength: str | None,
     x: str | None,
     xi: str | None,
-    samples: int,
+    samples: int | None,
     floor_db: float,
     out: str | None,
 ) -> None:
     """Write NAME.png and NAME.npz for an aperture file and print their paths.
 
-    Quantities are texts with units, such as ``"94 GHz"`` and ``"0 mm,2 mm"``.
+    Quantities are texts with units, such as ``"94 GHz"`` and ``"0 mm,2 mm"``. ``samples`` None:
+    257, or as many as the lobes of the transform need, up to 513.
 
     Raises
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
+    _check_file(aperture)
     length = _wavelength(frequency, wavelength)
     position = None if x is None else parse_point(x)
     lag = None if xi is None else parse_point(xi)
@@ -49,7 +58,9 @@ def run_transform(
 
     check_floor(floor_db)
     shape = pw.read_aperture(aperture, unit=unit)
-    slices = transform_slices(shape, position, lag, length, samples)
+    if length is not None:
+        check_wavelength(length, shape.diameter)
+    slices = transform_slices(shape, position, lag, length, _samples(samples, shape, length))
     figure = draw_transforms(slices, floor_db, title=Path(aperture).name)
     with writing(files) as (picture, values):
         figure.savefig(picture, format="png")
@@ -59,12 +70,42 @@ def run_transform(
         print(path)
 
 
+def _check_file(aperture: str) -> None:
+    check_text("the aperture file", aperture)
+    # With os.path, because pathlib raises where a name is too long. Not isfile: a pipe will do.
+    if os.path.isdir(aperture) or not os.path.exists(aperture):  # noqa: PTH110, PTH112
+        raise FileFormatError(
+            f"expected an aperture file, got {aperture!r}, which is not a file; check its path"
+        )
+
+
 def _wavelength(frequency: str | None, wavelength: str | None) -> float | None:
     if frequency is not None and wavelength is not None:
         raise ArgumentError("expected --frequency or --wavelength, got both; drop one of them")
     if frequency is not None:
         return wavelength_of(parse_frequency(frequency))
     return None if wavelength is None else parse_length(wavelength)
+
+
+def _samples(given: int | None, aperture: Aperture, wavelength: float | None) -> int:
+    """What was asked for, else as many as are needed within bounds; a warning of too few."""
+    from polywigner.figures import LARGEST_SAMPLES, samples_needed
+
+    needed = samples_needed(aperture, wavelength)
+    samples = min(max(needed, _FEWEST), _MOST_UNASKED) if given is None else given
+    if 2 <= samples < needed:
+        remedy = (
+            f"--samples {needed} would do"
+            if needed <= LARGEST_SAMPLES
+            else "give a longer wavelength, or none, to see the middle of the pattern"
+        )
+        warnings.warn(
+            f"{samples} samples along an axis miss lobes of the transforms of an aperture of "
+            f"{aperture.diameter:.3g} m: {remedy}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return samples
 
 
 def _save_values(file: Any, slices: TransformSlices) -> None:
