@@ -15,6 +15,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
+from polywigner.errors import ArgumentError
 from polywigner.quantities import wavelength_of
 
 pytestmark = pytest.mark.drjit
@@ -227,6 +228,15 @@ def test_a_tracer_of_particles_draws_no_bar_of_its_own(
     assert len(out.splitlines()) == 3
     assert err == ""
     assert record["used"]["integrator"] == "ptracer"
+
+
+def test_an_image_that_cannot_be_written_is_an_error_of_the_package(tmp_path: Path) -> None:
+    from polywigner.mitsuba.images import write_exr
+
+    places = [tmp_path / "absent" / "a.exr", tmp_path, Path("/dev/full")]
+    for place in places if Path("/dev/full").exists() else places[:2]:
+        with pytest.raises(ArgumentError, match="expected to write"):
+            write_exr(place, np.zeros((64, 64, 1)))
 
 
 def test_a_scene_without_integrator_is_rendered_with_path(tmp_path: Path) -> None:

@@ -72,8 +72,7 @@ def run_transform(
 
 def _check_file(aperture: str) -> None:
     check_text("the aperture file", aperture)
-    # With os.path, because pathlib raises where a name is too long. Not isfile: a pipe will do.
-    if os.path.isdir(aperture) or not os.path.exists(aperture):  # noqa: PTH110, PTH112
+    if not os.path.isfile(aperture):  # noqa: PTH113 (pathlib raises for a name too long)
         raise FileFormatError(
             f"expected an aperture file, got {aperture!r}, which is not a file; check its path"
         )

@@ -6,7 +6,8 @@ variant.
 
 - ``parameters``: what the shape accepts; ``sources``: apertures handed over from memory
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
-- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``logs``: of Mitsuba itself
+- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes
+- ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """
 
 from polywigner.engines import llvm

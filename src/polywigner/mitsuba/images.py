@@ -28,10 +28,12 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
     """
     # Mitsuba's own default for an array of floats is to leave it linear, which radiance is.
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
+    # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
+    stream = mi.MemoryStream()
+    bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
     try:
-        bitmap.write(str(path), mi.Bitmap.FileFormat.OpenEXR)
-    except RuntimeError as error:
-        cause = " ".join(str(error).split())
+        path.write_bytes(stream.raw_buffer())
+    except OSError as error:
         raise ArgumentError(
-            f"expected to write {path}, got: {cause}; choose another place"
+            f"expected to write {path}, got: {error.strerror}; choose another place"
         ) from error
