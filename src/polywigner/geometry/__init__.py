@@ -4,6 +4,7 @@
 - ``rings``, ``parts``, ``weld``, ``winding``: from raw vertices to valid, merged parts
 - ``convex``: convex cover and triangulation; ``exact``: predicates without rounding
 - ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
+- ``slits``, ``polyhedron``, ``placed``, ``pose``: sources in one and three dimensions
 - ``shapes``: catalogue; ``readers``, ``geojson``: files
 """
 
@@ -12,6 +13,7 @@ from polywigner.geometry.aperture import Aperture, triangulate
 from polywigner.geometry.automean import automean, lag_slice, position_slice
 from polywigner.geometry.placed import PlacedAperture
 from polywigner.geometry.polyhedron import Polyhedron
+from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.readers import read_aperture
 from polywigner.geometry.slits import Slits
 
@@ -24,6 +26,7 @@ __all__ = [
     "lag_slice",
     "position_slice",
     "read_aperture",
+    "rigid_pose",
     "shapes",
     "triangulate",
 ]

@@ -15,6 +15,7 @@ from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.exact import Ring, orientations, total_area
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
+from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.rings import Part, polygon_of_part, rings_of_polygon
 from polywigner.geometry.winding import split_ring
 
@@ -134,7 +135,7 @@ class Aperture:
 
         Raises GeometryError for a matrix that is not a rotation and a translation.
         """
-        from polywigner.geometry.placed import PlacedAperture, rigid_pose
+        from polywigner.geometry.placed import PlacedAperture
 
         return PlacedAperture(self, rigid_pose(to_world))
 

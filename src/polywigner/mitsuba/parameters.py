@@ -16,7 +16,8 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import SceneError
+from polywigner import geometry
+from polywigner.errors import GeometryError, SceneError
 from polywigner.geometry import Aperture, read_aperture
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.sources import is_key, registered_source
@@ -42,10 +43,6 @@ PARAMETERS = (
     "scene_unit",
     "sampling_weight",
 )
-
-# Scene files give angles in single precision: a product of a few such rotations departs from a
-# rotation by some 1e-6. A scale that anybody wants differs by more than this.
-_RIGID_TOLERANCE = 1e-4
 
 # Decimal exponents of the normal numbers of single precision.
 _SMALLEST = math.log10(np.finfo(np.float32).tiny)
@@ -94,10 +91,10 @@ def read_parameters(props: Any) -> EmitterSpec:
 
 
 def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
-    """A (4, 4) pose from a matrix that is a rotation and a translation up to rounding.
+    """A read-only (4, 4) pose from a matrix or from one of Mitsuba's, of any variant.
 
-    Raises SceneError for anything else: a scaled or sheared aperture would be another aperture,
-    whose transforms this one's are not.
+    Raises SceneError for anything but rotations and translations, and for what single precision
+    cannot hold.
     """
     try:
         given = np.asarray(matrix, dtype=np.float64)
@@ -109,29 +106,12 @@ def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
             f"expected a (4, 4) matrix as to_world, got {shown}; give one, or a transform such as "
             "mitsuba.ScalarTransform4f().translate([0, 0, 1])"
         )
-    given = given.reshape(4, 4)
     if not (np.abs(given) <= np.finfo(np.float32).max).all():
         raise SceneError(f"expected a finite to_world, got {given.tolist()}")
-    rotation = given[:3, :3]
-    if not np.allclose(given[3], (0.0, 0.0, 0.0, 1.0)):
-        raise SceneError("expected a rigid to_world, got a perspective transformation")
-    excess = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if excess > _RIGID_TOLERANCE:
-        scales = ", ".join(f"{scale:.6g}" for scale in np.linalg.svd(rotation, compute_uv=False))
-        raise SceneError(
-            f"expected a to_world of rotations and translations only, got one that scales by "
-            f"{scales}; scale the aperture itself, or set its unit"
-        )
-    if np.linalg.det(rotation) < 0:
-        raise SceneError(
-            "expected a to_world of rotations and translations only, got a mirror image; "
-            "mirror the aperture itself"
-        )
-    pose = given.copy()
-    left, _, right = np.linalg.svd(rotation)
-    pose[:3, :3] = left @ right  # the nearest rotation
-    pose.flags.writeable = False
-    return pose
+    try:
+        return geometry.rigid_pose(given.reshape(4, 4))
+    except GeometryError as error:
+        raise SceneError(str(error)) from None
 
 
 def check_range(
