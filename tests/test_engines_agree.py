@@ -140,6 +140,13 @@ def test_infinite_or_missing_coordinates_never_give_a_number(engine: str) -> Non
             assert outside or np.isnan(value), (x, nu, value)
 
 
+def test_masked_points_are_refused_rather_than_taken_without_their_mask() -> None:
+    nu = np.ma.masked_array([[1.0, 0.0], [2.0, 0.0]], mask=[[0, 0], [1, 1]])
+    with pytest.raises(PolywignerError, match="masked"):
+        pw.fourier(CHEVRON, nu)
+    assert pw.fourier(CHEVRON, np.ma.masked_array(nu.data)).shape == (2,)
+
+
 @transforms
 def test_points_with_the_wrong_number_of_components_are_refused(
     transform: Callable[..., Any], arguments: int, is_complex: bool

@@ -83,6 +83,11 @@ def _complex(real: Any, imag: Any) -> Any:
 def checked_points(name: str, value: Any, dimension: int, complex_allowed: bool) -> Any:
     """An array (..., dimension) of float64 or complex128."""
     shape = f"(..., {dimension})"
+    if np.ma.is_masked(value):
+        raise ArgumentError(
+            f"expected {name} without masked elements, got {np.ma.count_masked(value)} of them; use "
+            f"{name}.filled(numpy.nan) or {name}.compressed()"
+        )
     try:
         array = np.asarray(value)
     except ValueError:
