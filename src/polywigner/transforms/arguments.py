@@ -85,7 +85,7 @@ def checked_points(name: str, value: Any, dimension: int, complex_allowed: bool)
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):
         raise ArgumentError(
-            f"expected {name} without masked elements, got {np.ma.count_masked(value)} of them; use "
+            f"expected {name} without masked elements, got {np.ma.count_masked(value)}; use "
             f"{name}.filled(numpy.nan) or {name}.compressed()"
         )
     try:
