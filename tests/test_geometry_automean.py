@@ -38,13 +38,15 @@ def test_points_are_in_the_automean_where_their_lag_slice_is_not_empty(aperture)
 @relaxed
 @given(apertures(), st.integers(0, 2**32 - 1))
 def test_midpoints_of_the_vertices_and_of_inner_points_are_in_the_automean(aperture, seed):
-    mean = automean(aperture).polygons.buffer(2 * GRID * _size(aperture))
+    mean = automean(aperture).polygons
     rng = np.random.default_rng(seed)
     vertices = np.concatenate(aperture.rings)
     inner = np.array([piece.mean(axis=0) for piece in aperture.convex_cover])
     points = np.concatenate([vertices, inner])
     pairs = points[rng.integers(0, len(points), (200, 2))]
-    assert shapely.contains_xy(mean, *pairs.mean(axis=1).T).all()
+    # by distance: buffers a few ulps wide are beyond what GEOS computes reliably
+    away = shapely.distance(mean, shapely.points(pairs.mean(axis=1)))
+    assert away.max() <= 2 * GRID * _size(aperture)
 
 
 @relaxed
@@ -52,8 +54,10 @@ def test_midpoints_of_the_vertices_and_of_inner_points_are_in_the_automean(apert
 def test_the_automean_lies_between_the_aperture_and_its_hull(aperture):
     mean = automean(aperture).polygons
     slack = 2 * GRID * _size(aperture)
-    assert mean.buffer(slack).contains(aperture.polygons)
-    assert aperture.polygons.convex_hull.buffer(slack).contains(mean)
+    for inner, outer in ((aperture.polygons, mean), (mean, aperture.polygons.convex_hull)):
+        corners = shapely.points(shapely.get_coordinates(inner))
+        assert shapely.distance(outer, corners).max() <= slack
+        assert inner.difference(outer).area <= slack * inner.length
 
 
 @relaxed
