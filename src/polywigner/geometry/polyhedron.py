@@ -53,7 +53,7 @@ class Polyhedron:
         _check_closed(numbers)
         _check_planar(points, numbers)
         volume = _six_volumes(points, numbers)
-        if abs(volume) <= 1e-15 * float(np.ptp(points, axis=0).max()) ** 3:
+        if abs(volume) <= 1e-15 * float(np.max(np.ptp(points, axis=0))) ** 3:
             raise GeometryError("expected faces that enclose a volume, got zero volume")
         if volume < 0:
             numbers = tuple(face[::-1] for face in numbers)

@@ -177,7 +177,7 @@ def _shared_direction(
     """The unit vector, in [0, pi), of a cluster whose lines are parallel, equal or well apart."""
     vectors = segments[:, 2:]
     lengths = np.hypot(vectors[:, 0], vectors[:, 1])
-    longest = int(lengths.argmax())
+    longest = int(np.argmax(lengths))
     dx, dy = (_canonical(vectors[longest]) * vectors[longest] / lengths[longest]).tolist()
     angles = np.abs(dx * vectors[:, 1] - dy * vectors[:, 0]) / lengths
     offsets = np.sort(dx * segments[:, 1] - dy * segments[:, 0])

@@ -108,7 +108,7 @@ class Cells:
             self._columns = [m.Float(column.tolist()) for column in columns]
         else:
             self._columns = [column.tolist() for column in columns]
-        self._choice = m.DiscreteDistribution((cells.areas / cells.areas.max()).tolist())
+        self._choice = m.DiscreteDistribution((cells.areas / np.max(cells.areas)).tolist())
 
     def sample(self, sample: Any) -> Any:
         """A point, uniform in the aperture, for a uniform point of the unit square."""
