@@ -94,11 +94,10 @@ def lag_intervals(ops: Any, tables: SlitTables, x: Any) -> Iterator[tuple[Any, A
     """
     numbered = tuple(enumerate(tables.edges))
     for (k, (a, b)), (m, (c, d)) in combinations_with_replacement(numbered, 2):
-        # The offsets a + c and so on are formed first: x is close to their half where it matters.
         twice = 2.0 * x
-        low = ops.maximum(2.0 * a - twice, twice - 2.0 * d)
-        high = ops.maximum(low, ops.minimum(2.0 * b - twice, twice - 2.0 * c))
-        yield low, high, high - low, 1.0 if k == m else 2.0
+        times = 1.0 if k == m else 2.0
+        overlap = _overlap(ops, 2.0 * a - twice, 2.0 * b - twice, twice - 2.0 * d, twice - 2.0 * c)
+        yield (*overlap, times)
 
 
 def wigner(ops: Any, tables: SlitTables, x: Any, nu: Any) -> Any:

@@ -5,22 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.kernel import Kernel, Values, leave_complex
+from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_wave
 from polywigner.kernels.plane import enter_complex_frequency, enter_frequency
 from polywigner.kernels.solids import solid_tables, solid_transform
 
 __all__ = ["FOURIER", "FOURIER_COMPLEX"]
 
 
-def _enter(ops: Any, frame: Any, *nu: Any) -> Values:
-    turns, *inner = enter_frequency(ops, frame, *nu)
-    return (turns, 1.0 + 0.0 * turns, *inner)
-
-
-def _real_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
+def _real_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
     x, y, z = (Pair(component, 0.0) for component in nu)
     total = solid_transform(ops, tables, (x, y, z))
-    return total.real, total.imag
+    return total.real, -total.imag
 
 
 def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
@@ -29,7 +24,7 @@ def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Va
     return total.real, total.imag
 
 
-FOURIER = Kernel("fourier of a body", 3, solid_tables, _enter, _real_sum, leave_complex)
+FOURIER = Kernel("fourier of a body", 3, solid_tables, enter_frequency, _real_sum, leave_wave)
 FOURIER_COMPLEX = Kernel(
     "fourier of a body, complex nu",
     3,
