@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         read_aperture,
         shapes,
     )
+    from polywigner.illumination import Array
     from polywigner.transforms import (
         ambiguity,
         autocorrelation,
@@ -34,6 +35,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Aperture": "polywigner.geometry",
+    "Array": "polywigner.illumination",
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
     "automean": "polywigner.geometry",
@@ -52,6 +54,7 @@ _HOMES = {
 
 __all__ = [
     "Aperture",
+    "Array",
     "Polyhedron",
     "Slits",
     "__version__",

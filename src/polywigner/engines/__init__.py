@@ -12,7 +12,7 @@ module               what is in it
 """
 
 from polywigner.engines.choice import Engine, Precision, checked_engine, checked_precision
-from polywigner.engines.drjit_arrays import evaluate_traced, in_plane, is_drjit
+from polywigner.engines.drjit_arrays import evaluate_traced, in_plane, is_drjit, times_complex
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.operations import (
     DrjitOperations,
@@ -34,4 +34,5 @@ __all__ = [
     "in_plane",
     "is_drjit",
     "ops_for",
+    "times_complex",
 ]

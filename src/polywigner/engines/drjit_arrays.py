@@ -19,7 +19,7 @@ from polywigner.engines.operations import DrjitOperations
 from polywigner.errors import ArgumentError
 from polywigner.kernels import Kernel
 
-__all__ = ["evaluate_traced", "in_plane", "is_drjit"]
+__all__ = ["evaluate_traced", "in_plane", "is_drjit", "times_complex"]
 
 
 def is_drjit(value: Any) -> bool:
@@ -78,6 +78,21 @@ def in_plane(value: Any) -> Any:
         double = drjit.itemsize_v(drjit.leaf_t(value)) == 8
         return (module.Array2f64 if double else module.Array2f)(value[0], value[1])
     return value
+
+
+def times_complex(value: Any, factor: complex) -> Any:
+    """A complex result of any kind (NumPy, ``Complex2f``, tensor (..., 2)) times a number."""
+    if not is_drjit(value):
+        return value * factor
+    if not _is_tensor(value):
+        return value * type(value)(factor.real, factor.imag)
+    import drjit
+
+    flat = value.array
+    index = drjit.arange(drjit.uint32_array_t(type(flat)), len(flat))
+    other = drjit.gather(type(flat), flat, index ^ 1)  # the imaginary part's place is odd
+    signed = drjit.select(index & 1 == 1, factor.imag, -factor.imag) * other
+    return type(value)(flat * factor.real + signed, value.shape)
 
 
 def _is_tensor(value: Any) -> bool:

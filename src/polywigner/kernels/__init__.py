@@ -10,11 +10,12 @@ module               what is in it
 ``stokes``           the plane-wave integral over one triangle, stable for all arguments
 ``clipping``         the parts of edges inside a mirrored or shifted copy; coincident edges
 ``wigner``           Wigner function and lag-slice area
-``fourier``          Fourier transform, ambiguity function and position-slice area
+``fourier``          Fourier transform
+``ambiguity``        ambiguity function and position-slice area
 ``phases``           the phase of an off-centre shape
 ``complex_pairs``    complex arithmetic for complex frequencies
 ``slits``            sums over intervals, ``solids`` over tetrahedra
-``membership``       whether points lie inside a source
+``membership``       the field of a source at points
 ``kernel``           what a transform is to an engine: enter the frame, sum, leave it
 ``line``             the transforms of slits, ``plane`` of apertures, ``space`` of polyhedra
 ``catalogue``        which kernel computes which transform of which source

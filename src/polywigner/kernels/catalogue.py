@@ -6,6 +6,7 @@ from typing import Any
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.illumination import Array
 from polywigner.kernels import line, plane, space
 from polywigner.kernels.kernel import Kernel
 
@@ -30,16 +31,26 @@ _KERNELS: dict[tuple[str, type], Kernel] = {
     ("position_marginal", Aperture): plane.POSITION_MARGINAL,
     ("lag_marginal", Slits): line.LAG_MARGINAL,
     ("lag_marginal", Aperture): plane.LAG_MARGINAL,
+    ("complex lag_marginal", Slits): line.LAG_MARGINAL_OF_FIELDS,
+    ("complex lag_marginal", Aperture): plane.LAG_MARGINAL_OF_FIELDS,
 }
 
 
 def kernel_for(transform: str, source: Any) -> Kernel:
     """The kernel of a transform of a source.
 
+    An array has the kernels of its elements, slits or apertures of one plane; its Fourier transform
+    is the sum of theirs and has none of its own.
+
     Raises ArgumentError where there is none: for what is not a source, and for phase-space
     functions of polyhedra (six dimensions) and of placed apertures, whose plane is not that of x.
+    GeometryError for those of arrays that do not lie in the plane z = 0.
     """
-    kernel = _KERNELS.get((transform, type(source)))
+    kind = type(source)
+    if isinstance(source, Array):
+        kind = type(source.coplanar[0])
+        transform = "complex lag_marginal" if transform == "lag_marginal" else transform
+    kernel = _KERNELS.get((transform, kind))
     if kernel is not None:
         return kernel
     accepted = ", ".join(kind.__name__ for name, kind in _KERNELS if name == transform)
@@ -49,6 +60,6 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     elif isinstance(source, Polyhedron):
         hint = "polyhedra have a Fourier transform only"
     raise ArgumentError(
-        f"expected a source for {transform.removeprefix('complex ')} (one of {accepted}), got "
-        f"{type(source).__name__}; {hint}"
+        f"expected a source for {transform.removeprefix('complex ')} (one of {accepted}, Array), "
+        f"got {type(source).__name__}; {hint}"
     )

@@ -25,7 +25,7 @@ from typing import Any
 from polywigner.kernels.lattice import exact_cross
 from polywigner.kernels.tables import Edge, Line, Piece, Tables
 
-__all__ = ["AHEAD", "BEHIND", "MIRRORED", "Clipper", "View", "clipper_for", "total_extent"]
+__all__ = ["AHEAD", "BEHIND", "MIRRORED", "Clipper", "View", "clipper_for", "times", "total_extent"]
 
 _NEARLY_PARALLEL = 0.03  # see tables._TRANSVERSAL
 
@@ -79,11 +79,16 @@ class Clipper:
             self._levels[key] = _cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
         return self._levels[key]
 
-    def intervals(self, edge: Edge, view: View) -> Iterator[tuple[Any, Any, float]]:
-        """(t0 + t1, t1 - t0, weight) of the edge inside each piece; t1 - t0 = 0 if outside."""
+    def intervals(self, edge: Edge, view: View) -> Iterator[tuple[Any, Any, Any, Any]]:
+        """(t0 + t1, t1 - t0, real, imag) of the edge inside each piece; t1 - t0 = 0 if outside.
+
+        real + i imag: the field u(x + xi/2) u*(x - xi/2); an edge of the copy AHEAD is where the
+        second factor ends, any other where the first does.
+        """
         cuts: dict[int, Any] = {}
         for piece in self.tables.pieces:
-            yield (*self._interval(edge, view, piece, cuts), piece.weight)
+            real, imag = self.tables.mutual(edge, piece)
+            yield (*self._interval(edge, view, piece, cuts), real, -imag if view is AHEAD else imag)
 
     def _interval(
         self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
@@ -202,12 +207,25 @@ def clipper_for(ops: Any, tables: Tables, tx: Any, ty: Any) -> Clipper:
     return (RowClipper if rows else Clipper)(ops, tables, tx, ty)
 
 
-def total_extent(ops: Any, clipper: Clipper, edge: Edge, view: View) -> Any:
-    """How much of the edge lies inside the other copy, as a fraction of its length."""
-    total: Any = 0.0
-    for _, extent, weight in clipper.intervals(edge, view):
-        total = total + extent if weight > 0 else total - extent
-    return total
+def total_extent(clipper: Clipper, edge: Edge, view: View) -> tuple[Any, Any]:
+    """How much of the edge lies inside the other copy, as a fraction of its length.
+
+    Each part times the mutual field there; (real, imaginary) part.
+    """
+    real: Any = 0.0
+    imag: Any = 0.0
+    for _, extent, mutual_real, mutual_imag in clipper.intervals(edge, view):
+        real = real + times(mutual_real, extent)
+        if clipper.tables.phased:
+            imag = imag + mutual_imag * extent
+    return real, imag
+
+
+def times(factor: Any, value: Any) -> Any:
+    """factor value, without the multiplication where the factor is a constant 1 or -1."""
+    if isinstance(factor, float) and abs(factor) == 1.0:
+        return value if factor > 0 else -value
+    return factor * value
 
 
 def _is_left(distance: Any, view: View) -> Any:

@@ -12,7 +12,15 @@ from typing import Any
 
 from polywigner.kernels import phases
 
-__all__ = ["Kernel", "Values", "leave_complex", "leave_real", "leave_wave", "parts_of"]
+__all__ = [
+    "Kernel",
+    "Values",
+    "leave_complex",
+    "leave_parts",
+    "leave_real",
+    "leave_wave",
+    "parts_of",
+]
 
 Values = tuple[Any, ...]
 
@@ -61,6 +69,11 @@ def parts_of(kernel: Kernel, tables: Any, size: int) -> list[Any]:
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """A real sum, scaled."""
     return (sums[0] * frame.content,)
+
+
+def leave_parts(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+    """Sums of real and imaginary parts, scaled."""
+    return sums[0] * frame.content, sums[1] * frame.content
 
 
 def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:

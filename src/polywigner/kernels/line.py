@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from polywigner.kernels import slits
 from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_real, leave_wave
-from polywigner.kernels.membership import in_slits
+from polywigner.kernels.kernel import (
+    Kernel,
+    Values,
+    leave_complex,
+    leave_parts,
+    leave_real,
+    leave_wave,
+)
+from polywigner.kernels.membership import field_in_slits
 from polywigner.kernels.plane import enter_complex_frequency, enter_frequency, product_of_both
 from polywigner.kernels.slits import slit_tables
 
@@ -17,6 +25,7 @@ __all__ = [
     "FOURIER",
     "FOURIER_COMPLEX",
     "LAG_MARGINAL",
+    "LAG_MARGINAL_OF_FIELDS",
     "POSITION_MARGINAL",
     "WIGNER",
 ]
@@ -36,8 +45,8 @@ AUTOCORRELATION = Kernel(
         *frame.position(ops, x - 0.5 * xi),
     ),
     lambda ops, tables, ahead, behind: (
-        in_slits(ops, tables, ahead),
-        in_slits(ops, tables, behind),
+        *field_in_slits(ops, tables, ahead),
+        *field_in_slits(ops, tables, behind),
     ),
     product_of_both,
 )
@@ -89,6 +98,9 @@ LAG_MARGINAL = Kernel(
     1,
     slit_tables,
     lambda ops, frame, xi: frame.vector(ops, xi),
-    lambda ops, tables, xi: (slits.position_slice_length(ops, tables, xi),),
+    lambda ops, tables, xi: slits.position_slice_length(ops, tables, xi),
     leave_real,
+)
+LAG_MARGINAL_OF_FIELDS = replace(
+    LAG_MARGINAL, name="complex lag marginal of slits", leave=leave_parts
 )

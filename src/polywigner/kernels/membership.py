@@ -1,4 +1,4 @@
-"""Whether points lie inside a source."""
+"""The field of a source at points."""
 
 from __future__ import annotations
 
@@ -7,31 +7,35 @@ from typing import Any
 from polywigner.kernels.slits import SlitTables
 from polywigner.kernels.tables import Tables
 
-__all__ = ["in_slits", "winding"]
+__all__ = ["field", "field_in_slits"]
 
 
-def winding(ops: Any, tables: Tables, x: Any, y: Any) -> Any:
-    """1.0 inside the polygon, 0.0 outside, for a point of the frame.
+def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
+    """(real, imaginary) part of u at a point of the frame: the weights of the elements around it.
 
-    Every edge that crosses the horizontal line through the point to its right counts, up as +1 and
-    down as -1. Lower ends belong to an edge and upper ends do not, so that of two polygons that
-    share an edge exactly one has each of its points.
+    Every edge that crosses the horizontal line through the point to its right counts, up with its
+    element's weight and down with the negative. Lower ends belong to an edge and upper ends do not,
+    so that of two polygons that share an edge exactly one has each of its points.
     """
 
-    def term(ax: Any, ay: Any, bx: Any, by: Any) -> tuple[Any]:
+    def term(ax: Any, ay: Any, bx: Any, by: Any, real: Any, imag: Any) -> tuple[Any, Any]:
         left = ops.cross(bx - ax, by - ay, x - ax, y - ay)
         up = (ay <= y) & (by > y) & (left > 0.0)
         down = (ay > y) & (by <= y) & (left < 0.0)
-        return (ops.select(up, 1.0, 0.0) - ops.select(down, 1.0, 0.0),)
+        winding = ops.select(up, 1.0, 0.0) - ops.select(down, 1.0, 0.0)
+        return real * winding, imag * winding
 
-    rows = [(edge.ax, edge.ay, edge.bx, edge.by) for edge in tables.edges]
-    (total,) = ops.sum_over(rows, term, 1, like=x)
-    return total
+    rows = [(e.ax, e.ay, e.bx, e.by, e.real, e.imag) for e in tables.edges]
+    real, imag = ops.sum_over(rows, term, 2, like=x)
+    return real, imag
 
 
-def in_slits(ops: Any, tables: SlitTables, x: Any) -> Any:
-    """1.0 in a slit, its begin included, 0.0 elsewhere."""
-    total: Any = 0.0
-    for a, b in tables.edges:
-        total = total + ops.select((x >= a) & (x < b), 1.0, 0.0)
-    return total
+def field_in_slits(ops: Any, tables: SlitTables, x: Any) -> tuple[Any, Any]:
+    """(real, imaginary) part of u; a slit has its begin and not its end."""
+    real: Any = 0.0
+    imag: Any = 0.0
+    for slit in tables.edges:
+        inside = ops.select((x >= slit.begin) & (x < slit.end), 1.0, 0.0)
+        real = real + inside * slit.real
+        imag = imag + inside * slit.imag
+    return real, imag

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 from polywigner.geometry import Aperture, PlacedAperture
-from polywigner.kernels import fourier, phases
+from polywigner.illumination import Array
+from polywigner.kernels import ambiguity, fourier, phases
 from polywigner.kernels import wigner as wigner_sums
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.frame import Frame
-from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_real, leave_wave
-from polywigner.kernels.membership import winding
-from polywigner.kernels.tables import Edge, Tables, build_tables
+from polywigner.kernels.kernel import (
+    Kernel,
+    Values,
+    leave_complex,
+    leave_parts,
+    leave_real,
+    leave_wave,
+)
+from polywigner.kernels.membership import field
+from polywigner.kernels.tables import Edge, Element, Tables, build_tables
 
 __all__ = [
     "AMBIGUITY",
@@ -23,6 +31,7 @@ __all__ = [
     "FOURIER_PLACED",
     "FOURIER_PLACED_COMPLEX",
     "LAG_MARGINAL",
+    "LAG_MARGINAL_OF_FIELDS",
     "POSITION_MARGINAL",
     "WIGNER",
     "tables_of",
@@ -30,9 +39,17 @@ __all__ = [
 
 
 @lru_cache(maxsize=256)
-def tables_of(aperture: Aperture, double: bool) -> Tables:
-    """The kernel tables of an aperture, for float64 or float32 kernels; built once."""
-    return build_tables(aperture.rings, aperture.convex_cover, double=double)
+def tables_of(source: Aperture | Array, double: bool) -> Tables:
+    """The kernel tables of an aperture or array, for float64 or float32 kernels; built once."""
+    if isinstance(source, Aperture):
+        elements = [Element(source.rings, source.convex_cover)]
+    else:
+        elements = [
+            Element(aperture.rings, aperture.convex_cover, weight)
+            for aperture, weight in zip(source.coplanar, source.weights.tolist(), strict=True)
+            if isinstance(aperture, Aperture)
+        ]
+    return build_tables(elements, double=double)
 
 
 @dataclass(frozen=True)
@@ -111,8 +128,9 @@ def _both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> 
 
 
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """u(x + xi/2) conj(u(x - xi/2)) for fields of 0 and 1, as real and imaginary part."""
-    return sums[0] * sums[1], 0.0 * sums[0]
+    """u(x + xi/2) conj(u(x - xi/2)) as real and imaginary part, from those of both fields."""
+    product = Pair(*sums[:2]) * Pair(sums[2], -sums[3])
+    return product.real, product.imag
 
 
 AUTOCORRELATION = Kernel(
@@ -121,8 +139,8 @@ AUTOCORRELATION = Kernel(
     tables_of,
     _both_ends,
     lambda ops, tables, px, py, mx, my: (
-        winding(ops, tables, px, py),
-        winding(ops, tables, mx, my),
+        *field(ops, tables, px, py),
+        *field(ops, tables, mx, my),
     ),
     product_of_both,
 )
@@ -165,7 +183,7 @@ AMBIGUITY = Kernel(
     2,
     tables_of,
     _enter_ambiguity,
-    lambda ops, tables, turns, *inner: fourier.ambiguity(ops, tables, *inner),
+    lambda ops, tables, turns, *inner: ambiguity.ambiguity(ops, tables, *inner),
     leave_wave,
     copies=2,
     clips_per_term=16,
@@ -175,7 +193,8 @@ LAG_MARGINAL = Kernel(
     2,
     tables_of,
     lambda ops, frame, xi_x, xi_y: frame.vector(ops, xi_x, xi_y),
-    lambda ops, tables, *inner: (fourier.position_slice_area(ops, tables, *inner),),
+    lambda ops, tables, *inner: ambiguity.position_slice_area(ops, tables, *inner),
     leave_real,
     copies=2,
 )
+LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)

@@ -14,13 +14,27 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 from polywigner.geometry import Slits
+from polywigner.illumination import Array
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.stokes import mean_complex_wave
 from polywigner.kernels.trigonometry import mean_plane_wave
 
 __all__ = ["SlitFrame", "SlitTables", "ambiguity", "fourier", "fourier_complex", "wigner"]
 
-Interval = tuple[float, float]
+
+@dataclass(frozen=True)
+class Interval:
+    """A slit, and the complex amplitude of the field in it."""
+
+    begin: float
+    end: float
+    real: float = 1.0
+    imag: float = 0.0
+
+    def mutual(self, other: Interval) -> tuple[float, float]:
+        """Field here times the conjugate of the other: (real, imaginary) part."""
+        product = complex(self.real, self.imag) * complex(other.real, -other.imag)
+        return product.real, product.imag
 
 
 @dataclass(frozen=True)
@@ -53,30 +67,41 @@ class SlitTables:
 
 
 @lru_cache(maxsize=256)
-def slit_tables(slits: Slits, double: bool) -> SlitTables:
-    """The tables of slits; the same for either precision."""
-    low, high = slits.bounds
+def slit_tables(source: Slits | Array, double: bool) -> SlitTables:
+    """The tables of slits or an array of slits; the same for either precision."""
+    if isinstance(source, Slits):
+        groups: list[tuple[Slits, complex]] = [(source, 1.0)]
+    else:
+        pairs = zip(source.coplanar, source.weights.tolist(), strict=True)
+        groups = [(slits, weight) for slits, weight in pairs if isinstance(slits, Slits)]
+    low = min(slits.bounds[0] for slits, _ in groups)
+    high = max(slits.bounds[1] for slits, _ in groups)
     frame = SlitFrame((low + (high - low) / 2,), math.ldexp(1.0, math.frexp(high - low)[1]))
-    inner = (slits.intervals - frame.centre[0]) / frame.scale
-    return SlitTables(frame, tuple((a, b) for a, b in inner.tolist()))
+    intervals = (
+        Interval(begin, end, complex(weight).real, complex(weight).imag)
+        for slits, weight in groups
+        for begin, end in ((slits.intervals - frame.centre[0]) / frame.scale).tolist()
+    )
+    return SlitTables(frame, tuple(intervals))
 
 
 def fourier(ops: Any, tables: SlitTables, nu: Any) -> tuple[Any, Any]:
     """F(nu) as (cosine part, sine part), F = cosine - i sine."""
     cosine: Any = 0.0
     sine: Any = 0.0
-    for a, b in tables.edges:
-        c, s = mean_plane_wave(ops, nu * a, nu * b)
-        cosine = ops.fma(c, b - a, cosine)
-        sine = ops.fma(s, b - a, sine)
+    for slit in tables.edges:
+        c, s = mean_plane_wave(ops, nu * slit.begin, nu * slit.end)
+        cosine = ops.fma(c, slit.end - slit.begin, cosine)
+        sine = ops.fma(s, slit.end - slit.begin, sine)
     return cosine, sine
 
 
 def fourier_complex(ops: Any, tables: SlitTables, nu: Pair) -> Pair:
     """F(nu) for complex nu."""
     total = Pair(0.0, 0.0)
-    for a, b in tables.edges:
-        total = total + mean_complex_wave(ops, nu.scaled(a), nu.scaled(b)).scaled(b - a)
+    for slit in tables.edges:
+        wave = mean_complex_wave(ops, nu.scaled(slit.begin), nu.scaled(slit.end))
+        total = total + wave.scaled(slit.end - slit.begin)
     return total
 
 
@@ -87,58 +112,75 @@ def _overlap(ops: Any, a: Any, b: Any, c: Any, d: Any) -> tuple[Any, Any, Any]:
     return low, high, high - low
 
 
-def lag_intervals(ops: Any, tables: SlitTables, x: Any) -> Iterator[tuple[Any, Any, Any, float]]:
-    """(begin, end, length, how often) of what pairs of slits contribute to the lag slice at x.
+Overlap = tuple[Any, Any, Any, float, float]
 
-    2(I_k - x) & 2(x - I_l); the pair (l, k) gives the mirror image and is counted with (k, l).
+
+def lag_intervals(ops: Any, tables: SlitTables, x: Any) -> Iterator[Overlap]:
+    """What pairs of slits contribute to the lag slice at x: 2(I_k - x) & 2(x - I_l).
+
+    Begin, end, length, and the mutual field as real and imaginary part. The pair (l, k) gives the
+    mirror image with the conjugate field, and is counted with (k, l).
     """
     numbered = tuple(enumerate(tables.edges))
-    for (k, (a, b)), (m, (c, d)) in combinations_with_replacement(numbered, 2):
-        twice = 2.0 * x
-        times = 1.0 if k == m else 2.0
-        overlap = _overlap(ops, 2.0 * a - twice, 2.0 * b - twice, twice - 2.0 * d, twice - 2.0 * c)
-        yield (*overlap, times)
+    twice = 2.0 * x
+    for (k, one), (m, other) in combinations_with_replacement(numbered, 2):
+        real, imag = (part * (1.0 if k == m else 2.0) for part in one.mutual(other))
+        overlap = _overlap(
+            ops,
+            2.0 * one.begin - twice,
+            2.0 * one.end - twice,
+            twice - 2.0 * other.end,
+            twice - 2.0 * other.begin,
+        )
+        yield (*overlap, real, imag)
 
 
 def wigner(ops: Any, tables: SlitTables, x: Any, nu: Any) -> Any:
-    """W(x, nu): the cosine transform of the lag slice, which is symmetric."""
+    """W(x, nu): the transform of the lag slice, real because the slice is Hermitian."""
     total: Any = 0.0
-    for low, high, length, times in lag_intervals(ops, tables, x):
-        cosine, _ = mean_plane_wave(ops, nu * low, nu * high)
-        total = ops.fma(cosine * length, times, total)
+    for low, high, length, real, imag in lag_intervals(ops, tables, x):
+        cosine, sine = mean_plane_wave(ops, nu * low, nu * high)
+        total = ops.fma(cosine * length, real, total)
+        if imag:
+            total = ops.fma(sine * length, imag, total)
     return total
 
 
 def lag_slice_length(ops: Any, tables: SlitTables, x: Any) -> Any:
     """R_x(x)."""
     total: Any = 0.0
-    for _, _, length, times in lag_intervals(ops, tables, x):
-        total = ops.fma(length, times, total)
+    for _, _, length, real, _ in lag_intervals(ops, tables, x):
+        total = ops.fma(length, real, total)
     return total
 
 
-def position_intervals(ops: Any, tables: SlitTables, xi: Any) -> Iterator[tuple[Any, Any, Any]]:
-    """(begin, end, length) of (I_k - xi/2) & (I_l + xi/2) for all pairs."""
+def position_intervals(ops: Any, tables: SlitTables, xi: Any) -> Iterator[Overlap]:
+    """(I_k - xi/2) & (I_l + xi/2) for all pairs, as :func:`lag_intervals` gives them."""
     half = 0.5 * xi
-    for a, b in tables.edges:
-        for c, d in tables.edges:
-            yield _overlap(ops, a - half, b - half, c + half, d + half)
+    for one in tables.edges:
+        for other in tables.edges:
+            overlap = _overlap(
+                ops, one.begin - half, one.end - half, other.begin + half, other.end + half
+            )
+            yield (*overlap, *one.mutual(other))
 
 
 def ambiguity(ops: Any, tables: SlitTables, upsilon: Any, xi: Any) -> tuple[Any, Any]:
     """A(upsilon, xi) as (cosine part, sine part)."""
     cosine: Any = 0.0
     sine: Any = 0.0
-    for low, high, length in position_intervals(ops, tables, xi):
+    for low, high, length, real, imag in position_intervals(ops, tables, xi):
         c, s = mean_plane_wave(ops, upsilon * low, upsilon * high)
-        cosine = ops.fma(c, length, cosine)
-        sine = ops.fma(s, length, sine)
+        cosine = ops.fma(c * real + s * imag, length, cosine)
+        sine = ops.fma(s * real - c * imag, length, sine)
     return cosine, sine
 
 
-def position_slice_length(ops: Any, tables: SlitTables, xi: Any) -> Any:
-    """R_xi(xi)."""
-    total: Any = 0.0
-    for _, _, length in position_intervals(ops, tables, xi):
-        total = total + length
-    return total
+def position_slice_length(ops: Any, tables: SlitTables, xi: Any) -> tuple[Any, Any]:
+    """R_xi(xi) as (real, imaginary) part."""
+    total_real: Any = 0.0
+    total_imag: Any = 0.0
+    for _, _, length, real, imag in position_intervals(ops, tables, xi):
+        total_real = ops.fma(length, real, total_real)
+        total_imag = ops.fma(length, imag, total_imag)
+    return total_real, total_imag

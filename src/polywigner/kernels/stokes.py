@@ -15,7 +15,13 @@ from typing import Any
 from polywigner.kernels.complex_pairs import Pair, plane_wave, select, sinc
 from polywigner.kernels.trigonometry import mean_plane_wave, sin_turns
 
-__all__ = ["mean_complex_wave", "segment_wave", "triangle_complex_wave", "triangle_plane_wave"]
+__all__ = [
+    "mean_complex_wave",
+    "moved_off_zero",
+    "segment_wave",
+    "triangle_complex_wave",
+    "triangle_plane_wave",
+]
 
 # Below this largest separation (in turns; 0.63 rad) the Taylor series is summed; above it the
 # recursion divides by at least that, and loses at most a factor 1/0.63 of accuracy.
@@ -121,3 +127,13 @@ def segment_wave(ops: Any, length: Any, middle: Any) -> tuple[Any, Any]:
     sine = sin_turns(ops, middle)
     both = ops.fma(less_one, cosine_less_one, less_one + cosine_less_one)
     return ops.fma(less_one, sine, sine), both
+
+
+def moved_off_zero(ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    """A frequency, or if it is so small that its square underflows, one that is just larger.
+
+    Changes a transform by the floor times the diameter, far below rounding.
+    """
+    floor = 1e-140 if ops.double else 1e-16
+    tiny = (abs(x) < floor) & (abs(y) < floor)  # false if either is not a number
+    return ops.select(tiny, floor, x), ops.select(tiny, 0.0, y)

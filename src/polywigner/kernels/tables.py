@@ -19,9 +19,10 @@ same numbers. Lines fall into clusters of direction, more than ``_TRANSVERSAL`` 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from polywigner.kernels.lattice import (
     with_vertices_on_sides,
 )
 
-__all__ = ["Edge", "Line", "Piece", "Tables", "build_tables"]
+__all__ = ["Edge", "Element", "Line", "Piece", "Tables", "build_tables"]
 
 # sine of the angle below which two lines count as nearly parallel: an intersection of lines at
 # this angle is off by 1/0.03 ulps
@@ -86,6 +87,9 @@ class Edge:
     """Of the edge's line."""
     cluster: Any
     """Of the edge's line."""
+    real: Any = 1.0
+    """The field on the element that the edge bounds: its complex weight."""
+    imag: Any = 0.0
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,8 @@ class Piece:
     """A convex piece: (line, side) with side +1 where the piece lies left of the line."""
 
     sides: tuple[tuple[int, int], ...]
-    weight: float  # -1 for a triangle that rounding to the grid has turned over
+    real: float  # the field on the piece; its negative for a triangle turned over by rounding
+    imag: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -105,11 +110,34 @@ class Tables:
     lines: tuple[Line, ...]
     pieces: tuple[Piece, ...]
     grid: float | None  # spacing to which offsets must be rounded; None if no line needs it
+    uniform: bool = True  # all fields are 1
+    phased: bool = False  # not all fields are real
 
     @cached_property
     def clips(self) -> int:
         """Number of (edge, side of a piece) pairs: the cost of one slice."""
         return len(self.edges) * sum(len(piece.sides) for piece in self.pieces)
+
+    def mutual(self, edge: Edge, piece: Piece) -> tuple[Any, Any]:
+        """Field on the edge's element times the conjugate of that on the piece: (real, imag)."""
+        if self.uniform:
+            return piece.real, 0.0
+        if not self.phased:
+            return edge.real * piece.real, 0.0
+        return (
+            edge.real * piece.real + edge.imag * piece.imag,
+            edge.imag * piece.real - edge.real * piece.imag,
+        )
+
+
+@dataclass(frozen=True)
+class Element:
+    """What tables are built of: a polygon and the complex amplitude of the field on it."""
+
+    rings: Sequence[npt.NDArray[np.float64]]
+    """The polygon to their left."""
+    convex_cover: Sequence[npt.NDArray[np.float64]]
+    weight: complex = 1.0
 
 
 def _clusters(angles: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
@@ -170,6 +198,10 @@ class _LineBook:
             self.number_of.append(keys[key])
             self.signs.append(int(sign))
 
+    @property
+    def has_exact_lines(self) -> bool:
+        return any(line.exact for line in self.lines)
+
 
 def _shared_direction(
     segments: npt.NDArray[np.float64], double: bool
@@ -201,59 +233,82 @@ def _segments_of(polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon])
 
 
-def _needs_grid(segments: npt.NDArray[np.float64], double: bool) -> bool:
-    return any(line.exact for line in _LineBook(segments, double).lines)
-
-
-def build_tables(
-    rings: Sequence[npt.NDArray[np.float64]],
-    convex_cover: Sequence[npt.NDArray[np.float64]],
-    *,
-    double: bool,
-) -> Tables:
-    """Tables of the polygon with these rings (the polygon to the left) and convex pieces.
+def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
+    """Tables of the elements of a coherent collection, all in one frame and with shared lines.
 
     ``double``: for float64 kernels; else for float32 ones, whose grid is coarser.
     """
-    frame = frame_of(np.concatenate(list(rings)))
-    outlines = [frame.vertices(ring) for ring in rings]
-    pieces = [frame.vertices(piece) for piece in convex_cover]
-    segments = np.concatenate([_segments_of(p) for p in [*outlines, *pieces]])
+    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
     lattice = Lattice.for_precision(double)
-    gridded = _needs_grid(segments, double)
-    if gridded:
-        outlines = [ring for ring in map(lattice.rounded, outlines) if len(ring) > 2]
-        joined = with_vertices_on_sides(convex_cover, np.concatenate(list(rings)))
-        pieces = [lattice.rounded(frame.vertices(piece)) for piece in joined]
-    weighted = signed_convex_pieces(pieces) if gridded else [(p, 1.0) for p in pieces]
-    parts = [*outlines, *(piece for piece, _ in weighted)]
-    book = _LineBook(np.concatenate([_segments_of(p) for p in parts]), double)
-    edge_count = sum(len(ring) for ring in outlines)
-    numbers = iter(zip(book.number_of[edge_count:], book.signs[edge_count:], strict=True))
-    table_pieces = tuple(
-        Piece(tuple(dict.fromkeys((n, int(s)) for n, s in (next(numbers) for _ in p))), w)
-        for p, w in weighted
-    )
-    edges = _edges(outlines, book)
-    return Tables(frame, edges, tuple(book.lines), table_pieces, lattice.step if gridded else None)
-
-
-def _edges(outlines: Sequence[npt.NDArray[np.float64]], book: _LineBook) -> tuple[Edge, ...]:
+    plain = [_in_frame(element, frame) for element in elements]
+    gridded = _LineBook(_segments_of_all(plain), double).has_exact_lines
+    outlines = [_on_grid(element, frame, lattice) for element in elements] if gridded else plain
+    book = _LineBook(_segments_of_all(outlines), double)
+    edges: list[Edge] = []
+    pieces: list[Piece] = []
+    numbers = iter(zip(book.number_of, book.signs, strict=True))
     waves: dict[tuple[float, float], tuple[float, float]] = {}
-    edges = []
-    segments = np.concatenate([_segments_of(ring) for ring in outlines]).tolist()
-    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in outlines]).tolist()
-    for number, ((ax, ay, ex, ey), (bx, by)) in enumerate(zip(segments, ends, strict=True)):
-        sign = float(book.signs[number])
+    for outline, element in zip(outlines, elements, strict=True):
+        weight = complex(element.weight)
+        for ring in outline.rings:
+            edges += _edges(ring, numbers, book, waves, weight)
+        for piece, sign in outline.pieces:
+            sides = dict.fromkeys((n, int(s)) for n, s in islice(numbers, len(piece)))
+            pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag))
+    weights = [complex(element.weight) for element in elements]
+    return Tables(
+        frame,
+        tuple(edges),
+        tuple(book.lines),
+        tuple(pieces),
+        lattice.step if gridded else None,
+        uniform=all(weight == 1 for weight in weights),
+        phased=any(weight.imag for weight in weights),
+    )
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """An element in the frame: its rings, and convex pieces with signs that add up to it."""
+
+    rings: Sequence[npt.NDArray[np.float64]]
+    pieces: Sequence[tuple[npt.NDArray[np.float64], float]]
+
+
+def _in_frame(element: Element, frame: Frame) -> _Outline:
+    rings = [frame.vertices(ring) for ring in element.rings]
+    return _Outline(rings, [(frame.vertices(piece), 1.0) for piece in element.convex_cover])
+
+
+def _on_grid(element: Element, frame: Frame, lattice: Lattice) -> _Outline:
+    rings = [lattice.rounded(frame.vertices(ring)) for ring in element.rings]
+    joined = with_vertices_on_sides(element.convex_cover, np.concatenate(list(element.rings)))
+    pieces = signed_convex_pieces([lattice.rounded(frame.vertices(piece)) for piece in joined])
+    return _Outline([ring for ring in rings if len(ring) > 2], pieces)
+
+
+def _segments_of_all(outlines: Sequence[_Outline]) -> npt.NDArray[np.float64]:
+    """The sides of all rings and pieces, in the order in which the book numbers them."""
+    polygons = [p for o in outlines for p in (*o.rings, *(piece for piece, _ in o.pieces))]
+    return np.concatenate([_segments_of(polygon) for polygon in polygons])
+
+
+def _edges(
+    ring: npt.NDArray[np.float64],
+    numbers: Iterator[tuple[int, int]],
+    book: _LineBook,
+    waves: dict[tuple[float, float], tuple[float, float]],
+    weight: complex,
+) -> Iterator[Edge]:
+    ends = np.roll(ring, -1, axis=0).tolist()
+    for (ax, ay, ex, ey), (bx, by) in zip(_segments_of(ring).tolist(), ends, strict=True):
+        number, sign = next(numbers)
         length = float(np.hypot(ex, ey))
         unit = (sign * ex / length, sign * ey / length)
         # directions equal up to rounding share one float pair, so that nu.direction is shared
-        unit = waves.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
-        area = exact_cross(ax, ay, ex, ey)
-        line = book.lines[book.number_of[number]]
-        edges.append(
-            Edge(
-                ax, ay, bx, by, ex, ey, area, *unit, sign * length, line.offset, float(line.cluster)
-            )
-        )
-    return tuple(edges)
+        ux, uy = waves.setdefault((round(unit[0], 15), round(unit[1], 15)), unit)
+        area, line = exact_cross(ax, ay, ex, ey), book.lines[number]
+        yield Edge(
+            ax, ay, bx, by, ex, ey, area, ux, uy,
+            sign * length, line.offset, float(line.cluster), weight.real, weight.imag,
+        )  # fmt: skip

@@ -10,10 +10,11 @@ import numpy as np
 from polywigner import engines, kernels
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.illumination import Array
 
 __all__ = ["PhaseSpaceSource", "Source", "checked_points", "in_plane", "transform"]
 
-PhaseSpaceSource = Aperture | Slits
+PhaseSpaceSource = Aperture | Slits | Array
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 
 

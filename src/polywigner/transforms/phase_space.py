@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.engines import Engine, Precision
+from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, transform
 
 __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
@@ -25,18 +26,19 @@ def autocorrelation(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
     x : (..., d) positions, the mean of the two points, in m.
     xi : (..., d) lags, their difference, in m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
-    (...) complex, without unit; here 0 or 1. Dr.Jit input as in :func:`fourier`.
+    (...) complex, without unit; 0 or 1 for a uniform source. Dr.Jit input as in :func:`fourier`.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
     points = [("x", x), ("xi", xi)]
     return transform("autocorrelation", source, points, precision, engine, outputs=2)
@@ -53,11 +55,12 @@ def wigner(
     """Wigner function W(x, nu) = integral of u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) d xi.
 
     Closed form: the Fourier transform of the lag slice at x. Differs from the paper in the slice:
-    its M matrices must translate by 2x. Cost: edges times sides of the convex pieces.
+    its M matrices must translate by 2x. Of an Array: (W2), elements that overlap included. Cost:
+    edges times sides of the convex pieces.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
     x : (..., d) positions in m.
     nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
@@ -68,7 +71,8 @@ def wigner(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
     return transform("wigner", source, [("x", x), ("nu", nu)], precision, engine)
 
@@ -88,7 +92,7 @@ def ambiguity(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
     upsilon : (..., d) real frequency shifts in 1/m.
     xi : (..., d) lags in m; broadcasts against ``upsilon``.
     precision, engine : see :func:`fourier`.
@@ -99,7 +103,8 @@ def ambiguity(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
     points = [("upsilon", upsilon), ("xi", xi)]
     return transform("ambiguity", source, points, precision, engine, outputs=2)
@@ -112,7 +117,7 @@ def position_marginal(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
     x : (..., d) positions in m.
     precision, engine : see :func:`fourier`.
 
@@ -122,7 +127,8 @@ def position_marginal(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
     return transform("position_marginal", source, [("x", x)], precision, engine)
 
@@ -132,20 +138,22 @@ def lag_marginal(
 ) -> Any:
     """R_xi(xi): the autocorrelation integrated over position, the area of the position slice.
 
-    The area times the optical transfer function of a pupil of this shape.
+    For a uniform source its area times the optical transfer function of a pupil of this shape.
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
     xi : (..., d) lags in m.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
-    (...) real, in m^d; equal to A(0, xi).
+    (...) in m^d, equal to A(0, xi): real for a uniform source, complex for an Array.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
-    return transform("lag_marginal", source, [("xi", xi)], precision, engine)
+    outputs = 2 if isinstance(source, Array) else 1
+    return transform("lag_marginal", source, [("xi", xi)], precision, engine, outputs=outputs)

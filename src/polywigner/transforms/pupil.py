@@ -8,10 +8,10 @@ import numpy as np
 
 from polywigner import engines, kernels
 from polywigner.engines import Engine, Precision
-from polywigner.errors import ArgumentError
-from polywigner.geometry import Slits
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry import Aperture, Slits
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
-from polywigner.transforms.phase_space import ambiguity
+from polywigner.transforms.phase_space import ambiguity, lag_marginal
 
 __all__ = ["otf"]
 
@@ -33,7 +33,8 @@ def otf(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), the pupil; the axis passes through the origin.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
+        the axis passes through the origin.
     xi : (..., d) lags in the pupil in m; at the image distance z, the frequency xi/(lambda z).
     defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves.
     pupil_radius : a in m; default: the largest distance of a vertex from the origin.
@@ -58,14 +59,24 @@ def otf(
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
     slope = -2.0 * float(defocus) / radius**2
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    return ambiguity(source, slope * lags, lags, **how) / _content(source)
+    return ambiguity(source, slope * lags, lags, **how) / _energy(source)
 
 
 def _pupil_radius(source: PhaseSpaceSource) -> float:
     if isinstance(source, Slits):
         return float(np.abs(source.intervals).max())
-    return float(np.hypot(*np.concatenate(source.rings).T).max())
+    if isinstance(source, Aperture):
+        return float(np.hypot(*np.concatenate(source.rings).T).max())
+    return max(_pupil_radius(element) for element in source.coplanar)
 
 
-def _content(source: PhaseSpaceSource) -> float:
-    return source.length if isinstance(source, Slits) else source.area
+def _energy(source: PhaseSpaceSource) -> float:
+    """The integral of |u|^2, A(0, 0)."""
+    if isinstance(source, Slits):
+        return source.length
+    if isinstance(source, Aperture):
+        return source.area
+    energy = float(lag_marginal(source, [0.0] * min(2, source.dimension)).real)
+    if energy > 0.0:
+        return energy
+    raise IlluminationError("expected a pupil with light in it, got fields that cancel everywhere")

@@ -2,31 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+
+from polywigner import engines
 from polywigner.engines import Engine, Precision
-from polywigner.geometry import Aperture
-from polywigner.transforms.arguments import Source, in_plane, transform
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.illumination import Array
+from polywigner.transforms.arguments import Source, checked_points, in_plane, transform
 
 __all__ = ["fourier"]
 
 
 def fourier(
-    source: Source, nu: Any, *, precision: Precision = None, engine: Engine = "auto"
+    source: Source,
+    nu: Any,
+    *,
+    obliquity: Literal["paper"] | None = None,
+    precision: Precision = None,
+    engine: Engine = "auto",
 ) -> Any:
-    """Fourier transform (SFT) of a source: F(nu) = integral of exp(-2 pi i nu.x) over it.
+    """Fourier transform (SFT) of a source: F(nu) = integral of u(x) exp(-2 pi i nu.x) over it.
 
-    Closed form, at any nu, zero included (docs/theory.md, (F2), (F3), (S1)). Differs from the
+    Closed form, at any nu, zero included (docs/theory.md, (F2), (F3), (S1), (C1)). Differs from the
     paper's eq. (FVT), which prints the exp(+) kernel and is singular at nu = 0; its factor
     (nu/|nu|).n for collections is an obliquity and not part of the transform. Cost: linear in the
-    edges, or in the triangles of a polyhedron's faces.
+    edges, or in the triangles of a polyhedron's faces; that of its elements for an Array.
 
     Parameters
     ----------
-    source : Aperture, Slits, placed aperture or Polyhedron; |u| = 1 on it.
+    source : Aperture, Slits, placed aperture or Polyhedron, on which u = 1; or an Array of them.
     nu : (..., d) spatial frequencies in 1/m, real or complex (evanescent or absorbed waves). d = 1
         for Slits, 3 for polyhedra and placed apertures, 2 for an Aperture, or 3, of which the last
         component does not matter: without a pose it lies in the plane z = 0.
+    obliquity : None, or "paper": the transform of every plane element times (conj(nu)/|nu|).n, n
+        its normal, the cosine at which a wave leaves it. Needs nu as a NumPy array of three
+        components, and is NaN at nu = 0, which has no direction.
     precision : "double", "single", or None: double for NumPy input, its own for Dr.Jit input.
     engine : "auto", "numpy", "llvm" or "cuda".
 
@@ -37,8 +50,46 @@ def fourier(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or shape; EngineError without the engine.
+    ArgumentError for arguments of the wrong type or shape, and an obliquity of slits or bodies,
+    which have no normal; EngineError without the engine.
     """
+    if obliquity not in (None, "paper"):
+        raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
+    how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
+    if isinstance(source, Array):
+        return _coherent_sum(source, nu, how)
+    if obliquity is not None:
+        return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
     if isinstance(source, Aperture):
         nu = in_plane(nu)
     return transform("fourier", source, [("nu", nu)], precision, engine, outputs=2)
+
+
+def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Any:
+    """sum_k w_k F_k(nu), (C1): each element in its own frame, with its own error-free phase."""
+    total: Any = None
+    for element, weight in zip(array.elements, array.weights.tolist(), strict=True):
+        term = engines.times_complex(fourier(element, nu, **how), weight)
+        total = term if total is None else total + term
+    return total
+
+
+def _towards_normal(source: Any, nu: Any) -> Any:
+    """(conj(nu)/|nu|).n, shape (...)."""
+    if isinstance(source, Aperture):
+        normal = np.array([0.0, 0.0, 1.0])
+    elif isinstance(source, PlacedAperture):
+        normal = source.normal
+    else:
+        raise ArgumentError(
+            f"expected plane elements for an obliquity, got {type(source).__name__}, which has no "
+            "normal; use obliquity=None"
+        )
+    if engines.is_drjit(nu):
+        raise ArgumentError(
+            "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
+        )
+    array = checked_points("nu", nu, 3, complex_allowed=True)
+    length = np.sqrt((array * array.conj()).real.sum(axis=-1))
+    with np.errstate(invalid="ignore"):
+        return (array.conj() @ normal) / length

@@ -1,0 +1,209 @@
+"""Coherent collections: elements that radiate together, each with a complex weight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+from typing import Any, NoReturn, final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.grid import union_on_grid
+from polywigner.geometry.pose import rigid_pose
+
+__all__ = ["Array", "Element"]
+
+Element = Aperture | PlacedAperture | Polyhedron | Slits
+
+# How far an element may lie off the plane z = 0, as a fraction of its diameter, and lean, in
+# radians, and still be in it: what rounding does to a pose multiplied from several.
+_IN_PLANE = 1e-12
+
+
+@final
+class Array:
+    """A coherent collection of elements with complex weights: u(x) = sum_k w_k 1_k(x).
+
+    Elements may touch, overlap or coincide: their fields add up. `Array([a, a], [1, -1])` is dark.
+
+    Parameters
+    ----------
+    elements
+        Sources of one space: Slits alone, or any mix of apertures, placed apertures and polyhedra.
+        Apertures without a pose lie in the plane z = 0.
+    weights
+        (n,) complex amplitude of each element; default: all 1.
+
+    The Fourier transform is there for all of these. Wigner and ambiguity functions are functions of
+    position and frequency in the plane of the elements (or on the line of slits), and exist for
+    elements that all lie in the plane z = 0. Elements in several planes have no such plane in
+    common: a phase-space function of the whole would have six dimensions.
+
+    Raises
+    ------
+    ArgumentError for anything but elements, none of them, and slits mixed with others.
+    IlluminationError for weights that are not n finite complex numbers, and for weights all zero.
+    """
+
+    elements: tuple[Element, ...]
+    weights: NDArray[np.complex128]
+    """(n,), read-only."""
+
+    def __init__(self, elements: Iterable[Element], weights: Any = None) -> None:
+        object.__setattr__(self, "elements", _checked_elements(elements))
+        object.__setattr__(self, "weights", _checked_weights(weights, len(self.elements)))
+
+    @property
+    def dimension(self) -> int:
+        """Of the space of the elements: 1 for slits, 2 for apertures without a pose, else 3."""
+        kinds = {type(element) for element in self.elements}
+        if kinds == {Slits}:
+            return 1
+        return 2 if kinds == {Aperture} else 3
+
+    @cached_property
+    def coplanar(self) -> tuple[Aperture, ...] | tuple[Slits, ...]:
+        """The slits; or all elements as apertures in the plane z = 0, poses in that plane applied.
+
+        Raises GeometryError if an element does not lie in that plane.
+        """
+        slits = tuple(element for element in self.elements if isinstance(element, Slits))
+        return slits or tuple(_in_plane(k, element) for k, element in enumerate(self.elements))
+
+    @cached_property
+    def support(self) -> Aperture:
+        """The union of the elements, which may overlap: where the field may differ from zero.
+
+        ``polywigner.automean(array.support)`` is where the Wigner function may.
+
+        Raises GeometryError if an element does not lie in the plane z = 0, and for slits.
+        """
+        outlines = [e.polygons for e in self.coplanar if isinstance(e, Aperture)]
+        if not outlines:
+            raise GeometryError("expected apertures for a support in the plane, got Slits")
+        return Aperture(union_on_grid(outlines))
+
+    def placed(self, to_world: Any) -> Array:
+        """The whole array moved by a rigid pose (4, 4), for transforms with three-component nu.
+
+        Raises GeometryError for a matrix that is not a rotation and a translation, and for slits.
+        """
+        pose = rigid_pose(to_world)
+        return Array([_placed(element, pose) for element in self.elements], self.weights)
+
+    def _key(self) -> tuple[tuple[Element, ...], bytes]:
+        return self.elements, self.weights.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Array):
+            return NotImplemented
+        return self.elements == other.elements and np.array_equal(self.weights, other.weights)
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"an Array cannot be changed ({name}); build a new one")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"an Array cannot be changed ({name}); build a new one")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Array, (self.elements, self.weights)
+
+    def __len__(self) -> int:
+        return len(self.elements)
+
+    def __repr__(self) -> str:
+        kinds = [type(element).__name__ for element in self.elements]
+        counts = ", ".join(f"{kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds))
+        uniform = "weights all 1" if (self.weights == 1).all() else "weighted"
+        return f"Array({counts}, {uniform})"
+
+
+def _checked_elements(elements: Any) -> tuple[Element, ...]:
+    expected = "expected a sequence of elements (Aperture, placed aperture, Polyhedron, Slits)"
+    if isinstance(elements, Element):
+        raise ArgumentError(f"{expected}, got one {type(elements).__name__}; put it into a list")
+    try:
+        found = tuple(elements)
+    except TypeError:
+        raise ArgumentError(f"{expected}, got {type(elements).__name__}") from None
+    if not found:
+        raise ArgumentError(f"{expected}, got none")
+    for k, element in enumerate(found):
+        if not isinstance(element, Element):
+            hint = "; join its elements and weights" if isinstance(element, Array) else ""
+            raise ArgumentError(f"{expected}, got {type(element).__name__} at {k}{hint}")
+    slits = [isinstance(element, Slits) for element in found]
+    if any(slits) and not all(slits):
+        raise ArgumentError(
+            "expected elements of one space, got Slits (one dimension) and others; "
+            "make rectangles of the slits with polywigner.shapes.rectangle"
+        )
+    return found
+
+
+def _checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
+    if weights is None:
+        array = np.ones(count, np.complex128)
+    else:
+        try:
+            array = np.array(weights, dtype=np.complex128)
+        except (TypeError, ValueError):
+            raise IlluminationError(
+                f"expected {count} complex weights, got {type(weights).__name__}"
+            ) from None
+    if array.shape != (count,):
+        raise IlluminationError(
+            f"expected one weight for each of {count} elements, got shape {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        bad = array[~np.isfinite(array)][0]
+        raise IlluminationError(f"expected finite weights, got {bad}")
+    if not array.any():
+        raise IlluminationError("expected a weight other than zero, got zeros only")
+    array += 0.0  # no negative zeros, which equal zeros but hash differently
+    array.setflags(write=False)
+    return array
+
+
+def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
+    if isinstance(element, Aperture):
+        return element.placed(pose)
+    if isinstance(element, PlacedAperture):
+        return element.aperture.placed(pose @ element.pose)
+    if isinstance(element, Polyhedron):
+        moved = element.vertices @ pose[:3, :3].T + pose[:3, 3]
+        return Polyhedron(moved, element.faces)
+    raise GeometryError("expected elements of the plane or of space to place, got Slits")
+
+
+def _in_plane(number: int, element: Element) -> Aperture:
+    if isinstance(element, Aperture):
+        return element
+    advice = (
+        "Wigner and ambiguity functions need all elements in the plane z = 0 "
+        "(polywigner.fourier has the others)"
+    )
+    if not isinstance(element, PlacedAperture):
+        raise GeometryError(
+            f"expected elements of one plane, got {type(element).__name__} at {number}; {advice}"
+        )
+    rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
+    lean = float(np.hypot(*rotation[:2, 2]))
+    if lean > _IN_PLANE:
+        raise GeometryError(
+            f"expected elements of one plane, got one that leans by {np.degrees(lean):.3g} degrees "
+            f"at {number}; {advice}"
+        )
+    if abs(shift[2]) > _IN_PLANE * element.aperture.diameter:
+        raise GeometryError(
+            f"expected elements of one plane, got one at z = {shift[2]:.6g} at {number}; {advice}"
+        )
+    plane = rotation[:2, :2]
+    return Aperture(shapely.transform(element.aperture.polygons, lambda p: p @ plane.T + shift[:2]))
