@@ -179,19 +179,24 @@ def _region(*copies: list[list[tuple[Any, Any]]]) -> Region:
     return Region(_trapezoids(edges, len(copies)) if edges else ())
 
 
-def lag_region(rings: Rings, x: Sequence[float]) -> Region:
-    """2 (G - x) intersected with 2 (x - G)."""
+def lag_region(rings: Rings, x: Sequence[float], other: Rings | None = None) -> Region:
+    """2 (G - x) intersected with 2 (x - H); H is G itself unless ``other`` is given."""
     px, py = map(rational, x)
-    forward = [[(2 * (a - px), 2 * (b - py)) for a, b in ring] for ring in _exact_rings(rings)]
-    mirrored = [[(-a, -b) for a, b in ring] for ring in forward]
-    return _region(forward, mirrored)
+    forward, backward = (
+        [[(s * 2 * (a - px), s * 2 * (b - py)) for a, b in ring] for ring in _exact_rings(copy)]
+        for s, copy in ((1, rings), (-1, rings if other is None else other))
+    )
+    return _region(forward, backward)
 
 
-def position_region(rings: Rings, xi: Sequence[float]) -> Region:
-    """(G - xi/2) intersected with (G + xi/2)."""
+def position_region(rings: Rings, xi: Sequence[float], other: Rings | None = None) -> Region:
+    """(G - xi/2) intersected with (H + xi/2); H is G itself unless ``other`` is given."""
     hx, hy = (rational(c) / 2 for c in xi)
-    exact = _exact_rings(rings)
-    return _region(*([[(a + s * hx, b + s * hy) for a, b in r] for r in exact] for s in (-1, 1)))
+    behind, ahead = (
+        [[(a + s * hx, b + s * hy) for a, b in ring] for ring in _exact_rings(copy)]
+        for s, copy in ((-1, rings), (1, rings if other is None else other))
+    )
+    return _region(behind, ahead)
 
 
 def _triangles(shape: Region) -> list[tuple[Any, tuple[tuple[Any, Any], ...]]]:

@@ -20,7 +20,7 @@ def _require_aperture(aperture: Aperture) -> None:
     if not isinstance(aperture, Aperture):
         raise ArgumentError(
             f"expected an Aperture, got {type(aperture).__name__}; make one with "
-            "polywigner.Aperture(vertices)"
+            "polywigner.Aperture(vertices); the support of an Array is one"
         )
 
 

@@ -195,7 +195,7 @@ def _in_plane(number: int, element: Element) -> Aperture:
             f"expected elements of one plane, got {type(element).__name__} at {number}; {advice}"
         )
     rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
-    lean = float(np.hypot(*rotation[:2, 2]))
+    lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
     if lean > _IN_PLANE:
         raise GeometryError(
             f"expected elements of one plane, got one that leans by {np.degrees(lean):.3g} degrees "
