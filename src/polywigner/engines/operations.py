@@ -112,7 +112,7 @@ class NumpyOperations(_Unfused):
         return np.rint(a)
 
     def exp(self, a: Any) -> Any:
-        return np.exp(a)
+        return np.exp(self._typed(a))
 
     def sqrt(self, a: Any) -> Any:
         return np.sqrt(a)

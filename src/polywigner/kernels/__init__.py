@@ -12,9 +12,10 @@ module               what is in it
 ``wigner``           Wigner function and lag-slice area
 ``fourier``          Fourier transform
 ``ambiguity``        ambiguity function and position-slice area
-``phases``           the phase of an off-centre shape
+``phases``           phases in turns from error-free products; growth for complex frequencies
 ``complex_pairs``    complex arithmetic for complex frequencies
-``slits``            sums over intervals, ``solids`` over tetrahedra
+``simplices``        Fourier transform of slits and of what is thin, as tiles with exact phases
+``slits``            sums over slices of intervals; ``solids`` over tetrahedra
 ``membership``       the field of a source at points
 ``kernel``           what a transform is to an engine: enter the frame, sum, leave it
 ``line``             the transforms of slits, ``plane`` of apertures, ``space`` of polyhedra

@@ -7,17 +7,17 @@ from typing import Any
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
-from polywigner.kernels import line, plane, space
+from polywigner.kernels import line, plane, simplices, space
 from polywigner.kernels.kernel import Kernel
 
 __all__ = ["kernel_for"]
 
 _KERNELS: dict[tuple[str, type], Kernel] = {
-    ("fourier", Slits): line.FOURIER,
+    ("fourier", Slits): simplices.SLITS,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,
     ("fourier", Polyhedron): space.FOURIER,
-    ("complex fourier", Slits): line.FOURIER_COMPLEX,
+    ("complex fourier", Slits): simplices.SLITS_COMPLEX,
     ("complex fourier", Aperture): plane.FOURIER_COMPLEX,
     ("complex fourier", PlacedAperture): plane.FOURIER_PLACED_COMPLEX,
     ("complex fourier", Polyhedron): space.FOURIER_COMPLEX,
@@ -35,6 +35,22 @@ _KERNELS: dict[tuple[str, type], Kernel] = {
     ("complex lag_marginal", Aperture): plane.LAG_MARGINAL_OF_FIELDS,
 }
 
+_TILED: dict[tuple[str, type], Kernel] = {
+    ("fourier", Aperture): simplices.TILED,
+    ("fourier", PlacedAperture): simplices.TILED_PLACED,
+    ("complex fourier", Aperture): simplices.TILED_COMPLEX,
+    ("complex fourier", PlacedAperture): simplices.TILED_PLACED_COMPLEX,
+}
+
+
+def _tiled(transform: str, source: Any) -> Kernel | None:
+    """The kernel of apertures so thin that the usual one loses digits, if this is one."""
+    kernel = _TILED.get((transform, type(source)))
+    if kernel is None:
+        return None
+    aperture = source.aperture if isinstance(source, PlacedAperture) else source
+    return kernel if simplices.fan_cancels(aperture) else None
+
 
 def kernel_for(transform: str, source: Any) -> Kernel:
     """The kernel of a transform of a source.
@@ -50,7 +66,7 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     if isinstance(source, Array):
         kind = type(source.coplanar[0])
         transform = "complex lag_marginal" if transform == "lag_marginal" else transform
-    kernel = _KERNELS.get((transform, kind))
+    kernel = _tiled(transform, source) or _KERNELS.get((transform, kind))
     if kernel is not None:
         return kernel
     accepted = ", ".join(kind.__name__ for name, kind in _KERNELS if name == transform)

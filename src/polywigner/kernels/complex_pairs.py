@@ -1,4 +1,8 @@
-"""Complex arithmetic on pairs of real arrays, for kernels with complex spatial frequencies."""
+"""Complex arithmetic on pairs of real arrays, for kernels with complex spatial frequencies.
+
+A wave exp(-2 pi i p) with complex p grows as exp(2 pi Im p). Waves are computed relative to a
+``level``, exp(2 pi level) at least as large as any of them, so that none overflows.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from typing import Any
 
 from polywigner.kernels.trigonometry import cos_sin_turns
 
-__all__ = ["Pair", "plane_wave", "select", "sinc"]
+__all__ = ["Pair", "mean_wave", "plane_wave", "select"]
 
 
 @dataclass(frozen=True)
@@ -45,33 +49,41 @@ def select(ops: Any, condition: Any, a: Pair, b: Pair) -> Pair:
     return Pair(ops.select(condition, a.real, b.real), ops.select(condition, a.imag, b.imag))
 
 
-def plane_wave(ops: Any, turns: Pair) -> Pair:
-    """exp(-2 pi i turns) for complex turns."""
+def plane_wave(ops: Any, turns: Pair, level: Any = 0.0) -> Pair:
+    """exp(-2 pi i turns) exp(-2 pi level)."""
     cosine, sine = cos_sin_turns(ops, turns.real)
-    return Pair(cosine, -sine).scaled(ops.exp(2 * math.pi * turns.imag))
+    return Pair(cosine, -sine).scaled(ops.exp(2 * math.pi * (turns.imag - level)))
 
 
-def _sinh(ops: Any, y: Any) -> Any:
-    """sinh to full relative accuracy: by its series where the difference of exponentials cancels.
-
-    First omitted term of the series: 0.5^14/15! = 5e-17 of sinh.
-    """
-    small = abs(y) < 0.5
-    clamped = ops.select(small, y, 0.0)
-    square = clamped * clamped
-    series: Any = 1 / math.factorial(13)
-    for order in (11, 9, 7, 5, 3, 1):
-        series = ops.fma(series, square, 1 / math.factorial(order))
-    growing = ops.exp(ops.select(small, 0.0, y))
-    return ops.select(small, series * clamped, 0.5 * (growing - 1.0 / growing))
+def mean_wave(ops: Any, start: Pair, end: Pair, level: Any = 0.0) -> Pair:
+    """Mean of exp(-2 pi i p) exp(-2 pi level) over the straight path from ``start`` to ``end``."""
+    top = Pair(0.5 * (start.real + end.real), ops.maximum(start.imag, end.imag))
+    return plane_wave(ops, top, level) * _decaying_sinc(ops, end - start)
 
 
-def sinc(ops: Any, z: Pair) -> Pair:
-    """sin(pi z)/(pi z) for complex z."""
+def _decaying_sinc(ops: Any, z: Pair) -> Pair:
+    """sin(pi z)/(pi z) exp(-pi |Im z|) for complex z; nowhere larger than 1."""
     floor = 1e-30 if ops.double else 1e-15
     nonzero = z.norm() >= floor * floor
     safe = select(ops, nonzero, z, Pair(floor, 0.0))
     cosine, sine = cos_sin_turns(ops, 0.5 * safe.real)
-    sinh = _sinh(ops, math.pi * safe.imag)
-    cosh = ops.sqrt(ops.fma(sinh, sinh, 1.0))
+    growth = math.pi * abs(safe.imag)
+    decay = ops.exp(-growth)
+    cosh = 0.5 + 0.5 * (decay * decay)
+    sinh = _decaying_sinh(ops, growth, decay)
+    sinh = ops.select(safe.imag < 0.0, -sinh, sinh)
     return Pair(sine * cosh, cosine * sinh) / safe.scaled(math.pi)
+
+
+def _decaying_sinh(ops: Any, a: Any, decay: Any) -> Any:
+    """sinh(a) exp(-a) for a >= 0, exp(-a) given: by the series of sinh where 1 - exp(-2a) cancels.
+
+    First omitted term of the series: 0.5^14/15! = 5e-17 of sinh.
+    """
+    small = a < 0.5
+    clamped = ops.select(small, a, 0.0)
+    square = clamped * clamped
+    series: Any = 1 / math.factorial(13)
+    for order in (11, 9, 7, 5, 3, 1):
+        series = ops.fma(series, square, 1 / math.factorial(order))
+    return ops.select(small, series * clamped * decay, 0.5 - 0.5 * (decay * decay))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.stokes import triangle_complex_wave, triangle_plane_wave
 from polywigner.kernels.tables import Tables
@@ -30,12 +31,16 @@ def fourier(ops: Any, tables: Tables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
 
 
 def fourier_complex(ops: Any, tables: Tables, nu_x: Pair, nu_y: Pair) -> Pair:
-    """F(nu) for complex nu in the frame: linear-analytic in nu, no conjugate anywhere."""
+    """F(nu) exp(-2 pi level) for complex nu in the frame: analytic in nu, no conjugate anywhere.
+
+    The level is that of the largest wave in the frame's box, so that no term overflows.
+    """
+    level = phases.level(tables.frame, (nu_x.imag, nu_y.imag))
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, area: Any) -> tuple[Any, Any]:
         start = nu_x.scaled(ax) + nu_y.scaled(ay)
         end = nu_x.scaled(bx) + nu_y.scaled(by)
-        wave = triangle_complex_wave(ops, start, end).scaled(area)
+        wave = triangle_complex_wave(ops, start, end, level).scaled(area)
         return wave.real, wave.imag
 
     return Pair(*ops.sum_over(_corners(tables), term, 2, like=nu_x.real))

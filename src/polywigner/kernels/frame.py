@@ -1,14 +1,19 @@
 """The normalised frame in which every kernel works.
 
-Coordinates are centred on the aperture and mapped so that it fills a box of about unit size:
+Coordinates are centred on the source and mapped so that it fills a box of about unit size:
 thresholds on |nu| times diameter become absolute ones, and float32 spends its digits on the
-aperture. Needles are turned to their own axes and stretched there as well; the transforms are
-covariant under affine maps, so a needle of aspect 1e-6 is as harmless as a square.
+source. Needles and plates are turned to their own axes and stretched there as well; the transforms
+are covariant under affine maps, so a needle of aspect 1e-6 is as harmless as a square.
+
+Of the map, the part that takes frequencies is exact: its matrix consists of floats, rounded from
+the axes, and vertices go through its exact inverse. Else the rounding of an axis, by an ulp, would
+turn the needle by as much, and move its ends by many of its widths' ulps.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -17,23 +22,42 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-__all__ = ["Frame", "frame_of"]
+from polywigner.kernels import phases
+
+__all__ = [
+    "NEEDLE_ASPECT",
+    "Frame",
+    "Matrix",
+    "determinant",
+    "frame_of",
+    "power_of_two",
+    "reach_of",
+    "times",
+    "times_doubled",
+    "vertices_for",
+]
 
 # A box longer than this is stretched; below it the loss of digits (the aspect, in ulps of the
 # width) is smaller than what the kernels lose anyway, and axis-parallel edges stay so.
-_NEEDLE_ASPECT = 8.0
+NEEDLE_ASPECT = 8.0
 
-Matrix = tuple[tuple[float, float], tuple[float, float]]
+Array = npt.NDArray[np.float64]
+Matrix = tuple[tuple[Any, ...], ...]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """x' = matrix (x - centre), nu' = inverse_transpose nu; ``content``: area of a unit square."""
+    """nu' = inverse_transpose nu, x' = matrix (x - centre) / norm, exactly its inverse transpose.
+
+    ``content``: area of a unit square of the frame; ``reach``: the largest |x'| and |y'| in it.
+    """
 
     centre: tuple[float, float]
     matrix: Matrix
     inverse_transpose: Matrix
+    norm: float
     content: float
+    reach: tuple[float, ...]
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """A point of the aperture plane in the frame."""
@@ -46,39 +70,89 @@ class Frame:
         coarse = self._cross_products(ops, dx, dy)
         return coarse[0] + fine[0], coarse[1] + fine[1]
 
+    @property
+    def rows(self) -> Matrix:
+        """What takes frequencies into the frame."""
+        return self.inverse_transpose
+
     def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """A difference of points in the frame."""
         if _diagonal(self.matrix):
             return x * self.matrix[0][0], y * self.matrix[1][1]
         return self._cross_products(ops, x, y)
 
-    def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """A spatial frequency in the frame."""
-        (xx, xy), (yx, yy) = self.inverse_transpose
-        if _diagonal(self.inverse_transpose):
-            return x * xx, y * yy
-        return x * xx + y * xy, x * yx + y * yy
+        return times(ops, self.inverse_transpose, x, y)
 
     def _cross_products(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         (xx, xy), (yx, yy) = self.matrix
-        return ops.cross(xx, -xy, y, x), ops.cross(yx, -yy, y, x)
+        scale = 1 / self.norm
+        return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
 
-    def vertices(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def vertices(self, points: Array) -> Array:
         """Points (n, 2) in the frame, correctly rounded."""
-        if _diagonal(self.matrix):
-            return (points - np.asarray(self.centre)) * np.diag(np.asarray(self.matrix))
-        cx, cy = (Fraction(c) for c in self.centre)
-        rows = [[Fraction(m) for m in row] for row in self.matrix]
-        return np.array(
-            [
-                [float(mx * (Fraction(x) - cx) + my * (Fraction(y) - cy)) for mx, my in rows]
-                for x, y in points.tolist()
-            ]
+        return vertices_for(self.inverse_transpose, self.centre, points)
+
+
+def times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
+    """matrix nu, each component to about an ulp of itself: across a needle almost all cancels."""
+    return tuple(total + rest for total, rest in times_doubled(ops, matrix, *nu))
+
+
+def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
+    """matrix nu, each component as the sum of two floats; a diagonal holds powers of two."""
+    if _diagonal(matrix):
+        diagonal = (row[k] for k, row in enumerate(matrix))
+        return tuple((n * factor, 0.0) for n, factor in zip(nu, diagonal, strict=True))
+    return tuple(phases.dot(ops, nu, row) for row in matrix)
+
+
+def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
+    """The x' with (matrix nu).x' = nu.(x - centre) for all nu; (n, d), correctly rounded."""
+    if _diagonal(matrix):
+        return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
+    middle = [Fraction(c) for c in centre]
+    inverse = _inverse_transpose([[Fraction(m) for m in row] for row in matrix])
+    rows = []
+    for point in points.tolist():
+        offset = [Fraction(x) - c for x, c in zip(point, middle, strict=True)]
+        rows.append(
+            [float(sum(m * d for m, d in zip(row, offset, strict=True))) for row in inverse]
         )
+    return np.array(rows)
+
+
+def _inverse_transpose(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
+    """By cofactors; for 2 x 2 and 3 x 3."""
+    n = len(matrix)
+    whole = determinant(matrix)
+
+    def cofactor(i: int, j: int) -> Fraction:
+        minor = [[matrix[a][b] for b in range(n) if b != j] for a in range(n) if a != i]
+        return (-1) ** (i + j) * determinant(minor) / whole
+
+    return [[cofactor(i, j) for j in range(n)] for i in range(n)]
+
+
+def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
+    """By its first row; exact for exact numbers."""
+    if len(matrix) == 1:
+        return matrix[0][0]
+    minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
+    return sum(
+        (-1) ** k * first * determinant(minor)
+        for k, (first, minor) in enumerate(zip(matrix[0], minors, strict=True))
+    )
+
+
+def reach_of(vertices: Array) -> tuple[float, ...]:
+    """The largest |coordinate| of vertices (n, d) in their frame."""
+    return tuple(np.abs(vertices).max(axis=0).tolist())
 
 
 def _diagonal(matrix: Matrix) -> bool:
-    return matrix[0][1] == 0.0 == matrix[1][0]
+    return not any(value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
 
 
 def _lost(a: Any, b: float, difference: Any) -> Any:
@@ -87,7 +161,7 @@ def _lost(a: Any, b: float, difference: Any) -> Any:
     return (a - (difference - virtual)) - (b + virtual)
 
 
-def frame_of(points: npt.NDArray[np.float64]) -> Frame:
+def frame_of(points: Array) -> Frame:
     """The frame of a set of points (n, 2) that span a region of non-zero area."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = low + (high - low) / 2
@@ -95,26 +169,19 @@ def frame_of(points: npt.NDArray[np.float64]) -> Frame:
     sides = np.diff(corners[:3], axis=0)
     lengths = np.hypot(sides[:, 0], sides[:, 1])
     long, short = int(lengths.argmax()), int(lengths.argmin())
-    diameter = float(np.hypot(*lengths))
-    if not lengths[long] > _NEEDLE_ASPECT * lengths[short] > 0.0:
-        scale = _power_of_two(diameter)
-        matrix = ((1 / scale, 0.0), (0.0, 1 / scale))
-        inverse_transpose = ((scale, 0.0), (0.0, scale))
-        return Frame((float(centre[0]), float(centre[1])), matrix, inverse_transpose, scale**2)
-    along = sides[long] / lengths[long]
-    length, width = _power_of_two(lengths[long]), _power_of_two(lengths[short])
-    c, s = float(along[0]), float(along[1])
+    length = width = power_of_two(float(np.hypot(*lengths)))
+    c, s = 1.0, 0.0
+    if lengths[long] > NEEDLE_ASPECT * lengths[short] > 0.0:
+        c, s = (sides[long] / lengths[long]).tolist()
+        length, width = power_of_two(lengths[long]), power_of_two(lengths[short])
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
-    inverse_transpose = (
-        (c * length / norm, s * length / norm),
-        (-s * width / norm, c * width / norm),
-    )
-    return Frame(
-        (float(centre[0]), float(centre[1])), matrix, inverse_transpose, length * width / norm
-    )
+    inverse_transpose = ((c * length, s * length), (-s * width, c * width))
+    middle = (float(centre[0]), float(centre[1]))
+    reach = reach_of(vertices_for(inverse_transpose, middle, points))
+    return Frame(middle, matrix, inverse_transpose, norm, length * width * norm, reach)
 
 
-def _power_of_two(size: float) -> float:
+def power_of_two(size: float) -> float:
     """The power of two that brings ``size`` to [1/2, 1): a scale by it is exact."""
     return math.ldexp(1.0, math.frexp(size)[1])

@@ -83,7 +83,15 @@ def leave_wave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
 
 
 def leave_complex(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
-    """(real, imaginary) sums turned and scaled by phase and growth, the first two arguments."""
+    """(real, imaginary) sums turned by the phase of the centre and scaled by the growth.
+
+    These are the first two of the inner arguments, the growth's square root in fact. A product that
+    is too large for a float is infinite, with the sign that it has.
+    """
     real, imag = phases.rotated(ops, inner[0], sums[0], -sums[1])
-    scale = inner[1] * frame.content
-    return real * scale, imag * scale
+
+    def scaled(part: Any) -> Any:
+        whole = part * frame.content * inner[1] * inner[1]
+        return ops.select(part == 0.0, 0.0, whole)  # not 0 times infinity
+
+    return scaled(real), scaled(imag)

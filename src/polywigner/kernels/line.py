@@ -3,37 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 from polywigner.kernels import slits
-from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.kernel import (
     Kernel,
-    Values,
-    leave_complex,
     leave_parts,
     leave_real,
     leave_wave,
 )
 from polywigner.kernels.membership import field_in_slits
-from polywigner.kernels.plane import enter_complex_frequency, enter_frequency, product_of_both
+from polywigner.kernels.plane import enter_frequency, product_of_both
 from polywigner.kernels.slits import slit_tables
 
 __all__ = [
     "AMBIGUITY",
     "AUTOCORRELATION",
-    "FOURIER",
-    "FOURIER_COMPLEX",
     "LAG_MARGINAL",
     "LAG_MARGINAL_OF_FIELDS",
     "POSITION_MARGINAL",
     "WIGNER",
 ]
-
-
-def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, real: Any, imag: Any) -> Values:
-    total = slits.fourier_complex(ops, tables, Pair(real, imag))
-    return total.real, total.imag
 
 
 AUTOCORRELATION = Kernel(
@@ -49,22 +38,6 @@ AUTOCORRELATION = Kernel(
         *field_in_slits(ops, tables, behind),
     ),
     product_of_both,
-)
-FOURIER = Kernel(
-    "fourier of slits",
-    1,
-    slit_tables,
-    enter_frequency,
-    lambda ops, tables, turns, nu: slits.fourier(ops, tables, nu),
-    leave_wave,
-)
-FOURIER_COMPLEX = Kernel(
-    "fourier of slits, complex nu",
-    1,
-    slit_tables,
-    enter_complex_frequency,
-    _complex_sum,
-    leave_complex,
 )
 WIGNER = Kernel(
     "wigner of slits",

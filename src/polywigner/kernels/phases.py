@@ -1,41 +1,119 @@
-"""The phase of an off-centre shape, exp(-2 pi i nu.c), without losing digits to a large nu.c."""
+"""Phases nu.p in turns, from error-free products: none loses digits because it is large.
+
+A number may be a ``Doubled``, the unrounded sum of two floats; so may a spatial frequency.
+"""
 
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from polywigner.kernels.trigonometry import cos_sin_turns
 
-__all__ = ["growth", "rotated", "turns_to_centre"]
+__all__ = [
+    "Doubled",
+    "dot",
+    "doubled",
+    "exp_turns",
+    "growth_of",
+    "reduced",
+    "rotated",
+    "turns_to_centre",
+]
+
+Doubled = tuple[Any, Any]
+
+# pi minus its nearest float64
+_PI_REST = 1.2246467991473532e-16
+_PI_SINGLE = float(np.float32(math.pi))
 
 
-def turns_to_centre(ops: Any, centre: tuple[float, ...], *nu: Any) -> Any:
-    """nu.centre modulo 1, from error-free products."""
-    total, *others = (_turns(ops, n, c) for n, c in zip(nu, centre, strict=True))
-    for other in others:
-        total = total + other
+def doubled(value: Fraction | float, double: bool = True) -> tuple[float, float]:
+    """A number as (nearest float, rest), of float64 or of float32."""
+    exact = Fraction(value)
+    high = float(exact) if double else float(np.float32(float(exact)))
+    return high, float(exact - Fraction(high))
+
+
+def dot(ops: Any, nu: tuple[Any, ...], point: tuple[Any, ...]) -> Doubled:
+    """nu.point as (sum, rest), both of them floats or ``Doubled`` by component.
+
+    Good to about the square of an ulp of |nu| |point|, however much cancels.
+    """
+    total: Any = None
+    rest: Any = 0.0
+    for component, coordinate in zip(nu, point, strict=True):
+        product, lost = _product(ops, component, coordinate)
+        if total is None:
+            total, rest = product, lost
+        else:
+            total, lost_sum = _sum(total, product)
+            rest = rest + (lost + lost_sum)
+    return total, rest
+
+
+def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
+    nu_high, nu_low = nu if isinstance(nu, tuple) else (nu, 0.0)
+    high, low = coordinate if isinstance(coordinate, tuple) else _fitting(ops, coordinate)
+    product = nu_high * high
+    lost = ops.cross(nu_high, product, 1.0, high)
+    if isinstance(nu, tuple):
+        lost = lost + nu_low * high
+    return product, lost + nu_high * low
+
+
+def _fitting(ops: Any, constant: float) -> tuple[float, float]:
+    """A constant as the two floats that float32 needs for it."""
+    return (constant, 0.0) if ops.double else doubled(constant, False)
+
+
+def _sum(a: Any, b: Any) -> Doubled:
+    """a + b and what its rounding loses (Knuth)."""
+    total = a + b
+    virtual = total - a
+    return total, (a - (total - virtual)) + (b - virtual)
+
+
+def reduced(ops: Any, turns: Doubled) -> Any:
+    """A ``Doubled`` modulo 1."""
+    total, rest = turns
+    return (total - ops.round(total)) + rest
+
+
+def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Any:
+    """nu.centre modulo 1."""
+    return reduced(ops, dot(ops, nu, centre))
+
+
+def exp_turns(ops: Any, turns: Doubled) -> Any:
+    """exp(pi turns), good to an ulp or two also where the exponent is large."""
+    total, rest = turns
+    high, low = (math.pi, _PI_REST) if ops.double else (_PI_SINGLE, math.pi - _PI_SINGLE)
+    exponent = total * high
+    lost = ops.cross(total, exponent, 1.0, high) + (total * low + rest * high)
+    return ops.exp(exponent) * (1.0 + lost)
+
+
+def growth_of(ops: Any, frame: Any, inner: tuple[Any, ...], *imag: Any) -> Any:
+    """exp(pi h), h the largest Im(nu).x over the frame's box; exp(2 pi h) bounds the wave there.
+
+    ``inner``: Im nu in the frame, ``imag``: in the source's unit. Half of the exponent, so that the
+    product with a small sum overflows only where the transform does.
+    """
+    total, rest = dot(ops, imag, frame.centre)
+    total, lost = _sum(total, level(frame, inner))
+    return exp_turns(ops, (total, rest + lost))
+
+
+def level(frame: Any, inner: tuple[Any, ...]) -> Any:
+    """The largest Im(nu).x, in turns, over the box |x_k| <= reach_k of the frame."""
+    total: Any = 0.0
+    for component, reach in zip(inner, frame.reach, strict=True):
+        total = total + abs(component) * reach
     return total
-
-
-def _turns(ops: Any, nu: Any, centre: float) -> Any:
-    if centre == 0.0:
-        return 0.0 * nu
-    # in float32 the centre itself needs two floats
-    high = centre if ops.double else float(np.float32(centre))
-    product = nu * high
-    lost = -ops.cross(product, nu, high, 1.0)
-    return (product - ops.round(product)) + lost + nu * (centre - high)
-
-
-def growth(ops: Any, centre: tuple[float, ...], *imag: Any) -> Any:
-    """exp(2 pi Im(nu).centre), the modulus of exp(-2 pi i nu.c) for complex nu."""
-    total, *others = (n * c for n, c in zip(imag, centre, strict=True))
-    for other in others:
-        total = total + other
-    return ops.exp(2 * math.pi * total)
 
 
 def rotated(ops: Any, turns: Any, cosine: Any, sine: Any) -> tuple[Any, Any]:

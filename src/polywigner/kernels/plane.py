@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
@@ -11,7 +12,7 @@ from polywigner.illumination import Array
 from polywigner.kernels import ambiguity, fourier, phases
 from polywigner.kernels import wigner as wigner_sums
 from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.frame import Frame
+from polywigner.kernels.frame import Frame, Matrix, times
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
@@ -34,6 +35,7 @@ __all__ = [
     "LAG_MARGINAL_OF_FIELDS",
     "POSITION_MARGINAL",
     "WIGNER",
+    "placed_frame",
     "tables_of",
 ]
 
@@ -56,18 +58,22 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 class PlacedFrame:
     """The frame of an aperture in a pose: only the part of nu in its plane matters to the sum."""
 
-    plane: Frame
-    centre: tuple[float, ...]
+    plane: Any
+    centre: tuple[phases.Doubled, ...]
     """Of the aperture, in the world."""
-    axes: tuple[tuple[float, ...], tuple[float, ...]]
-    """The aperture's own x and y directions in the world."""
+    rows: Matrix
+    """From nu in the world to nu in the frame, ``Doubled``."""
 
     @property
     def content(self) -> float:
         return self.plane.content
 
+    @property
+    def reach(self) -> tuple[float, ...]:
+        return self.plane.reach
+
     def frequency(self, ops: Any, *nu: Any) -> Values:
-        return self.plane.frequency(ops, *(_dot(nu, axis) for axis in self.axes))
+        return times(ops, self.rows, *nu)
 
 
 @dataclass(frozen=True)
@@ -76,17 +82,26 @@ class PlacedTables:
     edges: tuple[Edge, ...]
 
 
-def _dot(nu: Values, axis: tuple[float, ...]) -> Any:
-    return nu[0] * axis[0] + nu[1] * axis[1] + nu[2] * axis[2]
+def placed_frame(plane: Any, pose: Any, double: bool) -> PlacedFrame:
+    """The frame of the plane in a pose (4, 4), whose floats are taken as exact."""
+    exact = [[Fraction(value) for value in row] for row in pose.tolist()]
+    middle = [Fraction(c) for c in plane.centre]
+    centre = [row[0] * middle[0] + row[1] * middle[1] + row[3] for row in exact[:3]]
+    rows = [
+        [sum(Fraction(m) * row[k] for k, m in enumerate(line)) for row in exact[:3]]
+        for line in plane.rows
+    ]
+    return PlacedFrame(
+        plane,
+        tuple(phases.doubled(c, double) for c in centre),
+        tuple(tuple(phases.doubled(value, double) for value in row) for row in rows),
+    )
 
 
 @lru_cache(maxsize=256)
 def _placed_tables(source: PlacedAperture, double: bool) -> PlacedTables:
     plane = tables_of(source.aperture, double)
-    rotation, shift = source.pose[:3, :3], source.pose[:3, 3]
-    centre = rotation[:, :2] @ plane.frame.centre + shift
-    axes = (tuple(rotation[:, 0].tolist()), tuple(rotation[:, 1].tolist()))
-    return PlacedTables(PlacedFrame(plane.frame, tuple(centre.tolist()), axes), plane.edges)
+    return PlacedTables(placed_frame(plane.frame, source.pose, double), plane.edges)
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
@@ -99,11 +114,12 @@ def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
 
 
 def enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
-    """(phase and growth of the centre, Re nu, Im nu in the frame) from (re, im) per component."""
+    """(phase of the centre, growth, Re nu, Im nu in the frame) from (re, im) per component."""
     real, imag = nu[0::2], nu[1::2]
     turns = phases.turns_to_centre(ops, frame.centre, *real)
-    growth = phases.growth(ops, frame.centre, *imag)
-    return (turns, growth, *frame.frequency(ops, *real), *frame.frequency(ops, *imag))
+    inner = frame.frequency(ops, *imag)
+    growth = phases.growth_of(ops, frame, inner, *imag)
+    return (turns, growth, *frame.frequency(ops, *real), *inner)
 
 
 def _enter_ambiguity(ops: Any, frame: Frame, *arguments: Any) -> Values:

@@ -15,11 +15,9 @@ from typing import Any
 
 from polywigner.geometry import Slits
 from polywigner.illumination import Array
-from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.stokes import mean_complex_wave
 from polywigner.kernels.trigonometry import mean_plane_wave
 
-__all__ = ["SlitFrame", "SlitTables", "ambiguity", "fourier", "fourier_complex", "wigner"]
+__all__ = ["SlitFrame", "SlitTables", "ambiguity", "wigner"]
 
 
 @dataclass(frozen=True)
@@ -83,26 +81,6 @@ def slit_tables(source: Slits | Array, double: bool) -> SlitTables:
         for begin, end in ((slits.intervals - frame.centre[0]) / frame.scale).tolist()
     )
     return SlitTables(frame, tuple(intervals))
-
-
-def fourier(ops: Any, tables: SlitTables, nu: Any) -> tuple[Any, Any]:
-    """F(nu) as (cosine part, sine part), F = cosine - i sine."""
-    cosine: Any = 0.0
-    sine: Any = 0.0
-    for slit in tables.edges:
-        c, s = mean_plane_wave(ops, nu * slit.begin, nu * slit.end)
-        cosine = ops.fma(c, slit.end - slit.begin, cosine)
-        sine = ops.fma(s, slit.end - slit.begin, sine)
-    return cosine, sine
-
-
-def fourier_complex(ops: Any, tables: SlitTables, nu: Pair) -> Pair:
-    """F(nu) for complex nu."""
-    total = Pair(0.0, 0.0)
-    for slit in tables.edges:
-        wave = mean_complex_wave(ops, nu.scaled(slit.begin), nu.scaled(slit.end))
-        total = total + wave.scaled(slit.end - slit.begin)
-    return total
 
 
 def _overlap(ops: Any, a: Any, b: Any, c: Any, d: Any) -> tuple[Any, Any, Any]:

@@ -14,8 +14,20 @@ from functools import lru_cache
 from itertools import combinations
 from typing import Any
 
+import numpy as np
+
 from polywigner.geometry import Polyhedron
+from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair, plane_wave, select
+from polywigner.kernels.frame import (
+    NEEDLE_ASPECT,
+    Matrix,
+    determinant,
+    power_of_two,
+    reach_of,
+    times,
+    vertices_for,
+)
 from polywigner.kernels.stokes import triangle_complex_wave
 
 __all__ = ["SolidFrame", "SolidTables", "solid_tables", "solid_transform", "tetrahedron_wave"]
@@ -30,17 +42,15 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class SolidFrame:
-    """x' = (x - centre)/scale, nu' = scale nu; the scale is a power of two."""
+    """nu' = rows nu, and x' with nu'.x' = nu.(x - centre); see ``frame``."""
 
     centre: Point
-    scale: float
-
-    @property
-    def content(self) -> float:
-        return self.scale**3
+    rows: Matrix
+    content: float
+    reach: tuple[float, ...]
 
     def frequency(self, ops: Any, *nu: Any) -> tuple[Any, ...]:
-        return tuple(component * self.scale for component in nu)
+        return times(ops, self.rows, *nu)
 
 
 @dataclass(frozen=True)
@@ -58,28 +68,52 @@ class SolidTables:
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """The tables of a polyhedron; the same for either precision."""
     low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
-    centre = low + (high - low) / 2
-    scale = math.ldexp(1.0, math.frexp(body.diameter)[1])
-    inner = (body.vertices - centre) / scale
+    x, y, z = (low + (high - low) / 2).tolist()
+    rows = _axes(body)
+    inner = vertices_for(rows, (x, y, z), body.vertices)
     corners = inner[body.triangles].reshape(-1, 9).tolist()
-    rows = [(*row, _determinant(*row)) for row in corners]
-    frame = SolidFrame((float(centre[0]), float(centre[1]), float(centre[2])), scale)
-    return SolidTables(frame, tuple(row for row in rows if row[-1]))
+    tetrahedra = [(*row, _volume(*row)) for row in corners]
+    content = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
+    frame = SolidFrame((x, y, z), rows, content, reach_of(inner))
+    return SolidTables(frame, tuple(row for row in tetrahedra if row[-1]))
 
 
-def _determinant(*row: float) -> float:
+def _axes(body: Polyhedron) -> Matrix:
+    """The body's own axes as rows, each times the power of two of its extent along it.
+
+    World axes and one scale for all, unless the body is a needle or a plate.
+    """
+    scale = power_of_two(body.diameter)
+    world = ((scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, scale))
+    _, _, axes = np.linalg.svd(body.vertices - body.vertices.mean(axis=0))
+    extents = np.ptp(body.vertices @ axes.T, axis=0)
+    along_world = np.ptp(body.vertices, axis=0)
+    if along_world.prod() <= extents.prod():
+        axes, extents = np.eye(3), along_world
+    if not extents.max() > NEEDLE_ASPECT * extents.min() > 0.0:
+        return world
+    if np.linalg.det(axes) < 0:
+        axes = -axes
+    scales = [power_of_two(extent) for extent in extents.tolist()]
+    return tuple(tuple(row) for row in (axes * np.array(scales)[:, None]).tolist())
+
+
+def _volume(*row: float) -> float:
     """det(a, b, c), correctly rounded."""
-    ax, ay, az, bx, by, bz, cx, cy, cz = map(Fraction, row)
-    value = ax * (by * cz - bz * cy) - ay * (bx * cz - bz * cx) + az * (bx * cy - by * cx)
-    return float(value)
+    exact = [Fraction(value) for value in row]
+    return float(determinant([exact[0:3], exact[3:6], exact[6:9]]))
 
 
 def solid_transform(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) -> Pair:
-    """F(nu) in the frame; nu complex, or real with imaginary parts 0.0. Source: (F3)."""
+    """F(nu) exp(-2 pi level) in the frame, the level that of the largest wave in its box.
+
+    nu complex, or real with imaginary parts 0.0, and then the level is 0. Source: (F3).
+    """
+    level = phases.level(tables.frame, tuple(component.imag for component in nu))
 
     def term(*row: Any) -> tuple[Any, Any]:
         corners = (_dot(nu, row[0:3]), _dot(nu, row[3:6]), _dot(nu, row[6:9]))
-        wave = tetrahedron_wave(ops, *corners).scaled(row[9])
+        wave = tetrahedron_wave(ops, *corners, level).scaled(row[9])
         return wave.real, wave.imag
 
     return Pair(*ops.sum_over(tables.edges, term, 2, like=nu[0].real))
@@ -90,10 +124,11 @@ def _dot(nu: tuple[Pair, Pair, Pair], point: tuple[Any, ...]) -> Pair:
     return x + y + z
 
 
-def tetrahedron_wave(ops: Any, u: Pair, v: Pair, w: Pair) -> Pair:
-    """exp[0, -2 pi i u, -2 pi i v, -2 pi i w]: six times the mean of a wave over a tetrahedron, /6.
+def tetrahedron_wave(ops: Any, u: Pair, v: Pair, w: Pair, level: Any = 0.0) -> Pair:
+    """exp[0, -2 pi i u, -2 pi i v, -2 pi i w] exp(-2 pi level).
 
-    1/6 at u = v = w = 0. Recursion over the two nodes that lie farthest apart.
+    A sixth of a wave's mean over a tetrahedron, 1/6 at u = v = w = 0. Recursion over the two nodes
+    that lie farthest apart.
     """
     origin = Pair(0.0, 0.0)
     nodes = (origin, u, v, w)
@@ -111,15 +146,16 @@ def tetrahedron_wave(ops: Any, u: Pair, v: Pair, w: Pair) -> Pair:
     small = largest < _SERIES_BELOW**2
     distance = last - first
     divisor = select(ops, small, Pair(1.0, 0.0), distance) * Pair(0.0, -2 * math.pi)
-    difference = _shifted_triangle(ops, last, left, right) - _shifted_triangle(
-        ops, first, left, right
-    )
-    return select(ops, small, _series(ops, small, u, v, w), difference / divisor)
+    ahead = _shifted_triangle(ops, last, left, right, level)
+    behind = _shifted_triangle(ops, first, left, right, level)
+    series = _series(ops, small, u, v, w).scaled(ops.exp(-2 * math.pi * level))
+    return select(ops, small, series, (ahead - behind) / divisor)
 
 
-def _shifted_triangle(ops: Any, a: Pair, b: Pair, c: Pair) -> Pair:
-    """exp[a, b, c] for nodes in turns."""
-    return plane_wave(ops, a) * triangle_complex_wave(ops, b - a, c - a)
+def _shifted_triangle(ops: Any, a: Pair, b: Pair, c: Pair, level: Any) -> Pair:
+    """exp[a, b, c] exp(-2 pi level) for nodes in turns."""
+    phase = plane_wave(ops, Pair(a.real, 0.0))
+    return phase * triangle_complex_wave(ops, b - a, c - a, level - a.imag)
 
 
 def _series(ops: Any, small: Any, u: Pair, v: Pair, w: Pair) -> Pair:

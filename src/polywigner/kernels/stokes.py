@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from polywigner.kernels.complex_pairs import Pair, plane_wave, select, sinc
+from polywigner.kernels.complex_pairs import Pair, mean_wave, select
 from polywigner.kernels.trigonometry import mean_plane_wave, sin_turns
 
 __all__ = [
-    "mean_complex_wave",
     "moved_off_zero",
     "segment_wave",
     "triangle_complex_wave",
@@ -77,8 +76,8 @@ def triangle_plane_wave(ops: Any, u: Any, v: Any) -> tuple[Any, Any]:
     return ops.select(small, cos_small, cos_large), ops.select(small, sin_small, sin_large)
 
 
-def triangle_complex_wave(ops: Any, u: Pair, v: Pair) -> Pair:
-    """:func:`triangle_plane_wave` for complex u and v (evanescent or absorbed waves)."""
+def triangle_complex_wave(ops: Any, u: Pair, v: Pair, level: Any = 0.0) -> Pair:
+    """:func:`triangle_plane_wave` for complex u and v, times exp(-2 pi level)."""
     size_u, size_v, size_w = u.norm(), v.norm(), (u - v).norm()
     u_wins = (size_u >= size_v) & (size_u >= size_w)
     v_wins = size_v >= size_w
@@ -89,7 +88,7 @@ def triangle_complex_wave(ops: Any, u: Pair, v: Pair) -> Pair:
     distance = last - first
     small = distance.norm() < _SERIES_BELOW**2
     divisor = select(ops, small, Pair(1.0, 0.0), distance) * Pair(0.0, -2 * math.pi)
-    large = (mean_complex_wave(ops, middle, last) - mean_complex_wave(ops, first, middle)) / divisor
+    difference = mean_wave(ops, middle, last, level) - mean_wave(ops, first, middle, level)
     turn = Pair(0.0, -2 * math.pi)
     a, b = (turn * select(ops, small, corner, origin) for corner in (u, v))
     h, power = a + b, b
@@ -98,12 +97,8 @@ def triangle_complex_wave(ops: Any, u: Pair, v: Pair) -> Pair:
         power = power * b
         h = a * h + power
         series = series + h.scaled(1 / math.factorial(k + 2))
-    return select(ops, small, series, large)
-
-
-def mean_complex_wave(ops: Any, start: Pair, end: Pair) -> Pair:
-    """Mean of exp(-2 pi i p) over the straight path from ``start`` to ``end``."""
-    return plane_wave(ops, (start + end).scaled(0.5)) * sinc(ops, end - start)
+    series = series.scaled(ops.exp(-2 * math.pi * level))
+    return select(ops, small, series, difference / divisor)
 
 
 def segment_wave(ops: Any, length: Any, middle: Any) -> tuple[Any, Any]:
