@@ -17,6 +17,7 @@ module               what is in it
 ``simplices``        Fourier transform of slits and of what is thin, as tiles with exact phases
 ``slits``            sums over slices of intervals; ``solids`` over tetrahedra
 ``membership``       the field of a source at points
+``grids``            Fourier transform on grids of frequencies; ``families`` of equal edges
 ``kernel``           what a transform is to an engine: enter the frame, sum, leave it
 ``line``             the transforms of slits, ``plane`` of apertures, ``space`` of polyhedra
 ``catalogue``        which kernel computes which transform of which source
@@ -30,6 +31,7 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.catalogue import kernel_for
+from polywigner.kernels.grids import GridTables, fourier_on_grid
 from polywigner.kernels.kernel import Kernel, parts_of
 from polywigner.kernels.plane import AMBIGUITY, WIGNER, tables_of
 from polywigner.kernels.tables import Tables
@@ -37,8 +39,10 @@ from polywigner.kernels.tables import Tables
 __all__ = [
     "AMBIGUITY",
     "WIGNER",
+    "GridTables",
     "Kernel",
     "Tables",
+    "fourier_on_grid",
     "kernel_for",
     "parts_of",
     "tables_of",

@@ -81,6 +81,14 @@ class Frame:
             return x * self.matrix[0][0], y * self.matrix[1][1]
         return self._cross_products(ops, x, y)
 
+    @property
+    def axes(self) -> tuple[int, int] | None:
+        """Which of the user's axes the frame's own are parallel to; None if they are turned."""
+        for axes in ((0, 1), (1, 0)):
+            if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
+                return axes
+        return None
+
     def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """A spatial frequency in the frame."""
         return times(ops, self.inverse_transpose, x, y)

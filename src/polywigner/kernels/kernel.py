@@ -44,6 +44,8 @@ class Kernel:
     """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
     clips_per_term: int = 1
     """Code for a whole edge, or for what is left of one in a piece, in units of one cut's code."""
+    on_grid: Callable[[Any], Any] | None = None
+    """source -> constants for grids of arguments, or None where it has none; cached."""
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
         """The whole transform with one namespace of operations."""

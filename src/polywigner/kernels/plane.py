@@ -13,6 +13,7 @@ from polywigner.kernels import ambiguity, fourier, phases
 from polywigner.kernels import wigner as wigner_sums
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.frame import Frame, Matrix, times
+from polywigner.kernels.grids import GridTables, grid_tables
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
@@ -52,6 +53,11 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
             if isinstance(aperture, Aperture)
         ]
     return build_tables(elements, double=double)
+
+
+@lru_cache(maxsize=256)
+def _grid_tables_of(aperture: Aperture) -> GridTables | None:
+    return grid_tables(tables_of(aperture, True))
 
 
 @dataclass(frozen=True)
@@ -179,7 +185,9 @@ POSITION_MARGINAL = Kernel(
     leave_real,
     copies=1,
 )
-FOURIER = Kernel("fourier", 2, tables_of, enter_frequency, _fourier_sum, leave_wave)
+FOURIER = Kernel(
+    "fourier", 2, tables_of, enter_frequency, _fourier_sum, leave_wave, on_grid=_grid_tables_of
+)
 FOURIER_COMPLEX = Kernel(
     "fourier, complex nu", 2, tables_of, enter_complex_frequency, _complex_sum, leave_complex
 )

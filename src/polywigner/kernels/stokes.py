@@ -13,7 +13,7 @@ import math
 from typing import Any
 
 from polywigner.kernels.complex_pairs import Pair, mean_wave, select
-from polywigner.kernels.trigonometry import mean_plane_wave, sin_turns
+from polywigner.kernels.trigonometry import mean_plane_wave, sin_turns, sinc_less_one
 
 __all__ = [
     "moved_off_zero",
@@ -108,13 +108,7 @@ def segment_wave(ops: Any, length: Any, middle: Any) -> tuple[Any, Any]:
     turn: first omitted term 0.62^9/19! = 1e-19, in float32 0.62^6/13! = 9e-12.
     """
     small = abs(length) < 0.25
-    clamped = ops.select(small, length, 0.0)
-    square = (math.pi * clamped) * (math.pi * clamped)
-    orders = range(8 if ops.double else 5, 0, -1)
-    series: Any = 0.0
-    for k in orders:
-        series = ops.fma(series, square, (-1.0) ** k / math.factorial(2 * k + 1))
-    series = series * square
+    series = sinc_less_one(ops, ops.select(small, length, 0.0), 8 if ops.double else 5)
     divisor = math.pi * ops.select(small, 1.0, length)
     less_one = ops.select(small, series, sin_turns(ops, 0.5 * length) / divisor - 1.0)
     half_sine = sin_turns(ops, 0.5 * middle)

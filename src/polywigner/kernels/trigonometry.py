@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-__all__ = ["cos_sin_turns", "mean_plane_wave", "sin_turns"]
+__all__ = ["cos_sin_turns", "mean_plane_wave", "sin_turns", "sinc", "sinc_less_one"]
 
 _SINE_DOUBLE = (
     25.132741228718345, -64.83584404672554, 67.07762091738222, -38.51295534186807,
@@ -48,15 +48,29 @@ def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
     return _sine_of_reduced(ops, 0.25 - abs(r)), _sine_of_reduced(ops, r)
 
 
+def sinc(ops: Any, turns: Any) -> Any:
+    """sin(pi turns)/(pi turns), the modulus of the mean plane wave over a segment so long."""
+    half = 0.5 * turns
+    # sin(2 pi h)/(2 pi h) is flat at 0: a floor on |h| changes nothing but the division by zero.
+    floor = 1e-30 if ops.double else 1e-20
+    safe = ops.select(abs(half) < floor, floor, half)
+    return sin_turns(ops, safe) / (2 * math.pi * safe)
+
+
+def sinc_less_one(ops: Any, turns: Any, terms: int) -> Any:
+    """sinc(turns) - 1 by its series, for small arguments: no digits are lost to the 1."""
+    square = (math.pi * turns) * (math.pi * turns)
+    series: Any = 0.0
+    for k in range(terms, 0, -1):
+        series = ops.fma(series, square, (-1.0) ** k / math.factorial(2 * k + 1))
+    return series * square
+
+
 def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
     """Mean of exp(-2 pi i p) over p from ``start`` to ``end`` (turns): cosine part, sine part.
 
     The value is ``cosine - i sine`` = exp(-pi i (start + end)) sinc(end - start).
     """
-    half = 0.5 * (end - start)
-    # sin(2 pi h)/(2 pi h) is flat at 0: a floor on |h| changes nothing but the division by zero.
-    floor = 1e-30 if ops.double else 1e-20
-    safe = ops.select(abs(half) < floor, floor, half)
-    scale = sin_turns(ops, safe) / (2 * math.pi * safe)
+    scale = sinc(ops, end - start)
     cosine, sine = cos_sin_turns(ops, 0.5 * (start + end))
     return scale * cosine, scale * sine

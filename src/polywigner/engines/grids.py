@@ -1,0 +1,126 @@
+"""Transforms on tensor-product grids of frequencies, in NumPy.
+
+Whoever wants a picture asks for a grid: ``nu`` of shape (n, m, 2), made by ``numpy.meshgrid``. It
+is recognised by its values, whatever its spacing, and computed from its axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.engines.operations import NumpyOperations
+from polywigner.kernels import GridTables, Kernel, fourier_on_grid
+
+__all__ = ["GridPlan", "plan_for_grid"]
+
+# Shorter sides are not worth the axes' tables.
+_LEAST_SIDE = 8
+# Values in the waves' tables of a tile (32 MB), and how many an edge has for a frequency
+_TABLE_VALUES, _VALUES_PER_WAVE = 1 << 22, 6
+_LEAST_TILE = 64
+# What lies too near the origin is computed point by point, at 20 times the cost.
+_MOST_BELOW = 1 / 8
+# A family of oblique edges takes 8 ns a point, its members 0.3 ns each, and an edge in a compiled
+# kernel 3 ns on two cores; to compile that takes 20 ms or more.
+_EDGES_PER_FAMILY = 3
+_NOT_WORTH_COMPILING = 1 << 20
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Points (x[i], y[j]); the given arrays are indexed [i, j], or [j, i] if ``transposed``."""
+
+    x: Array
+    y: Array
+    transposed: bool
+
+
+def _grid_of(x: Array, y: Array) -> _Grid | None:
+    if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
+        return None
+    if _is_grid(x, y):
+        return _Grid(x[:, 0].copy(), y[0].copy(), transposed=False)
+    if _is_grid(x.T, y.T):
+        return _Grid(x[0].copy(), y[:, 0].copy(), transposed=True)
+    return None
+
+
+def _is_grid(x: Array, y: Array) -> bool:
+    """Whether x does not change along the second axis nor y along the first; not so for NaN."""
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # most arrays are done with here
+        return False
+    return bool((x == x[:, :1]).all() and (y == y[:1]).all())
+
+
+@dataclass(frozen=True)
+class GridPlan:
+    """A Fourier transform on a grid, to be computed from its axes."""
+
+    tables: GridTables
+    grid: _Grid
+    double: bool
+
+    @property
+    def cheap(self) -> bool:
+        """Whether a compiled kernel would gain nothing, or not what compiling it costs."""
+        families = len(self.tables.oblique)
+        few = families * len(self.grid.x) * len(self.grid.y) <= _NOT_WORTH_COMPILING
+        return few or _EDGES_PER_FAMILY * families <= self.tables.edges
+
+    def keeps_digits(self) -> bool:
+        """Whether most points lie far enough from the origin for the grid's formula."""
+        below = 1.0
+        for scale, nu in zip(self.tables.scales, (self.grid.x, self.grid.y), strict=True):
+            below *= float(np.mean(np.abs(nu * scale) < self.tables.floor(self.double)))
+        return below < _MOST_BELOW
+
+    def fill(
+        self,
+        results: Sequence[Array],
+        point_by_point: Callable[[Sequence[Array]], Sequence[Array]],
+    ) -> None:
+        """Write real and imaginary part to two arrays.
+
+        Tile by tile, so that the tables of an outline with many edges stay small; the few points
+        near the origin that the grid's formula is not for go to ``point_by_point``.
+        """
+        side = max(_LEAST_TILE, _TABLE_VALUES // (_VALUES_PER_WAVE * self.tables.edges))
+        targets = [result.T if self.grid.transposed else result for result in results]
+        for i in range(0, len(self.grid.x), side):
+            for j in range(0, len(self.grid.y), side):
+                nu = self.grid.x[i : i + side], self.grid.y[j : j + side]
+                for target, part in zip(targets, self._tile(nu, point_by_point), strict=True):
+                    target[i : i + side, j : j + side] = part
+
+    def _tile(
+        self, nu: tuple[Array, Array], point_by_point: Callable[[Sequence[Array]], Sequence[Array]]
+    ) -> tuple[Array, Array]:
+        ops = NumpyOperations(double=True)
+        # what lies at infinity is not a number in the result; no need to warn
+        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+            real, imag, below = fourier_on_grid(ops, self.tables, *nu, self.double)
+        if below.any():
+            i, j = np.nonzero(below)
+            real[i, j], imag[i, j] = point_by_point((nu[0][i], nu[1][j]))
+        return real, imag
+
+
+def plan_for_grid(
+    kernel: Kernel, source: Any, components: Sequence[Array], double: bool
+) -> GridPlan | None:
+    """How to compute a kernel from the axes of a grid; None where that cannot be done."""
+    if kernel.on_grid is None:
+        return None
+    grid = _grid_of(*components)
+    tables = kernel.on_grid(source) if grid else None
+    if grid is None or tables is None:
+        return None
+    plan = GridPlan(tables, grid, double)
+    return plan if plan.keeps_digits() else None

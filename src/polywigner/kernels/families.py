@@ -1,0 +1,60 @@
+"""Edges that are equal up to a translation, as repeated elements and parallel sides have them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.kernels.tables import Edge
+
+__all__ = ["Family", "families_of"]
+
+# Edge vectors this close, in the frame, count as equal: congruent elements have them after
+# rounding. Their mean stands for them, which moves the transform no more than that rounding did.
+_EQUAL = 2.0**-51
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Edges with one vector (ex, ey) up to sign; a component that is rounding only is 0."""
+
+    ex: float
+    ey: float
+    middles: npt.NDArray[np.float64]
+    """(n, 2) their midpoints."""
+    signs: npt.NDArray[np.float64]
+    """(n,) +1 for edges along (ex, ey), -1 for those against it."""
+
+
+def families_of(edges: Sequence[Edge]) -> tuple[Family, ...]:
+    """The edges of a table, sorted into families."""
+    vectors = np.array([(edge.ex, edge.ey) for edge in edges])
+    middles = np.array([((e.ax + e.bx) / 2, (e.ay + e.by) / 2) for e in edges])
+    vectors[np.abs(vectors) <= _EQUAL] = 0.0
+    backwards = (vectors[:, 1] < 0) | ((vectors[:, 1] == 0) & (vectors[:, 0] < 0))
+    signs = np.where(backwards, -1.0, 1.0)
+    vectors *= signs[:, None]
+    families = []
+    for members in _clusters(vectors):
+        ex, ey = vectors[members].mean(axis=0).tolist()
+        families.append(Family(ex, ey, middles[members], signs[members]))
+    return tuple(families)
+
+
+def _clusters(vectors: npt.NDArray[np.float64]) -> list[list[int]]:
+    """Numbers of the vectors that agree with the first of their cluster in both components."""
+    found: list[list[int]] = []
+    near: list[list[int]] = []  # clusters that the next vector in order of x may still belong to
+    for k in np.lexsort((vectors[:, 1], vectors[:, 0])).tolist():
+        near = [c for c in near if vectors[k, 0] - vectors[c[0], 0] <= _EQUAL]
+        for cluster in near:
+            if abs(vectors[k, 1] - vectors[cluster[0], 1]) <= _EQUAL:
+                cluster.append(k)
+                break
+        else:
+            near.append([k])
+            found.append(near[-1])
+    return found

@@ -1,0 +1,209 @@
+"""The Fourier transform of a polygon on a grid: frequencies nu_x from one list, nu_y from another.
+
+On such a grid the wave of a point is a product, exp(-2 pi i nu_x x) exp(-2 pi i nu_y y), and sums
+of waves are matrix products. Sine and cosine are needed for the axes only, not for the grid, and
+the mean of the wave over an edge but once for all edges that are equal up to a translation, for
+edges along the axes not even that. Hence the edge sum (F1) in the form (F4) of docs/theory.md. It
+loses digits towards nu = 0, where the triangles (F2) have to take over.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.kernels import phases
+from polywigner.kernels.families import Family, families_of
+from polywigner.kernels.frame import Frame
+from polywigner.kernels.tables import Tables
+from polywigner.kernels.trigonometry import cos_sin_turns, sinc, sinc_less_one
+
+__all__ = ["GridTables", "fourier_on_grid", "grid_tables"]
+
+# An edge's midpoint wave times nu x e/(2 pi |nu|^2) is rounded to an ulp: F errs by
+# ulp * perimeter/(2 pi |nu|). Nearer to the origin than where that is this much of the area, (F1)
+# is not used. Ulps are those of float64 and float32.
+_LOSS = {True: 5e-15, False: 1e-6}
+_ULP = {True: 2.0**-53, False: 2.0**-24}
+_DTYPES: dict[bool, np.dtype[Any]] = {True: np.dtype(np.float64), False: np.dtype(np.float32)}
+# Below this |q| (turns) sinc(q) is summed as a series; above it, it is a quotient of the sines and
+# cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16 and
+# 0.31^8/9! = 3e-10.
+_NEAR = 0.1
+_TERMS = {True: 5, False: 3}
+# Values of a temporary array that stay in the cache of one core.
+_BLOCK = 1 << 14
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True)
+class GridTables:
+    """The constants of a polygon for grids."""
+
+    frame: Frame
+    straight: tuple[Family, ...]
+    """Edges along either axis."""
+    oblique: tuple[Family, ...]
+    edges: int
+    perimeter_over_area: float
+
+    @property
+    def scales(self) -> tuple[float, float]:
+        """What turns the user's nu_x and nu_y into the frame's, in whatever order."""
+        assert self.frame.axes is not None
+        own = {axis: k for k, axis in enumerate(self.frame.axes)}
+        x, y = (self.frame.inverse_transpose[own[axis]][axis] for axis in (0, 1))
+        return x, y
+
+    def floor(self, double: bool) -> float:
+        """The least |nu| in the frame at which (F1) keeps its accuracy."""
+        return self.perimeter_over_area * _ULP[double] / (2 * math.pi * _LOSS[double])
+
+
+def grid_tables(tables: Tables) -> GridTables | None:
+    """The families of edges; None in a frame that is turned, where a grid is none any more."""
+    if tables.frame.axes is None:
+        return None
+    families = families_of(tables.edges)
+    straight = tuple(f for f in families if f.ex == 0.0 or f.ey == 0.0)
+    oblique = tuple(f for f in families if f.ex != 0.0 and f.ey != 0.0)
+    perimeter = sum(math.hypot(edge.ex, edge.ey) for edge in tables.edges)
+    area = sum(edge.area for edge in tables.edges) / 2
+    return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Frequencies along one axis: in the frame, and the turns of the centre."""
+
+    nu: Array
+    turns: Array
+
+    def waves(self, ops: Any, positions: Array) -> tuple[Array, Array]:
+        """(cosine, sine) of 2 pi nu x, of shape (frequencies, positions)."""
+        cosine, sine = cos_sin_turns(ops, self.nu[:, None] * positions + self.turns[:, None])
+        return cosine, sine
+
+
+@dataclass(frozen=True)
+class _Product:
+    """Sums over midpoints, cosine and sine parts side by side, as one matrix product."""
+
+    left: Array
+    right: Array
+
+    def rows(self, rows: slice) -> Array:
+        product = self.left[rows] @ self.right
+        return product.reshape(len(product), 2, -1)
+
+
+def _product(x: tuple[Array, Array], y: tuple[Array, Array], dtype: np.dtype[Any]) -> _Product:
+    """cos(a + b) and sin(a + b) summed over the members, a along x and b along y."""
+    (cos_x, sin_x), (cos_y, sin_y) = x, y
+    left = np.concatenate([cos_x, sin_x], axis=1, dtype=dtype, casting="same_kind")
+    right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]]).astype(dtype)
+    return _Product(left, right)
+
+
+def _straight_product(
+    ops: Any, families: Sequence[Family], x: _Axis, y: _Axis, dtype: np.dtype[Any]
+) -> _Product:
+    """pi (nu x e) sinc(nu.e) times the waves of the edges along the axes: all a product."""
+    parts_x, parts_y = [], []
+    for family in families:
+        along_x = family.ey == 0.0
+        waves_x = x.waves(ops, family.middles[:, 0])
+        waves_y = y.waves(ops, family.middles[:, 1])
+        if along_x:
+            factor_x = -family.ex * math.pi * sinc(ops, x.nu * family.ex)
+            factor_y = y.nu
+        else:
+            factor_x = x.nu
+            factor_y = family.ey * math.pi * sinc(ops, y.nu * family.ey)
+        parts_x.append([wave * (factor_x[:, None] * family.signs) for wave in waves_x])
+        parts_y.append([wave * factor_y[:, None] for wave in waves_y])
+    cos_x, sin_x = (np.concatenate(part, axis=1) for part in zip(*parts_x, strict=True))
+    cos_y, sin_y = (np.concatenate(part, axis=1) for part in zip(*parts_y, strict=True))
+    return _product((cos_x, sin_x), (cos_y, sin_y), dtype)
+
+
+class _Oblique:
+    """pi (nu x e) sinc(nu.e) times the sum of the waves of one family."""
+
+    def __init__(self, ops: Any, family: Family, x: _Axis, y: _Axis, double: bool) -> None:
+        self.ops, self.terms = ops, _TERMS[double]
+        dtype = _DTYPES[double]
+        waves_x = x.waves(ops, family.middles[:, 0])
+        signed = (waves_x[0] * family.signs, waves_x[1] * family.signs)
+        self.waves = _product(signed, y.waves(ops, family.middles[:, 1]), dtype)
+        self.q_x, self.q_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ex), (y, family.ey)))
+        self.c_x, self.c_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ey), (y, family.ex)))
+        cos_x, sin_x = cos_sin_turns(ops, 0.5 * x.nu * family.ex)
+        cos_y, sin_y = cos_sin_turns(ops, 0.5 * y.nu * family.ey)
+        self.left = np.stack([sin_x, cos_x], axis=1).astype(dtype)
+        self.right = np.stack([cos_y, sin_y]).astype(dtype)
+
+    def rows(self, rows: slice) -> Array:
+        q = self.q_x[rows, None] + self.q_y
+        factor = self._sinc(q, rows)
+        np.subtract(self.c_x[rows, None], self.c_y, out=q)
+        factor *= q
+        waves = self.waves.rows(rows)
+        waves *= factor[:, None, :]
+        return waves
+
+    def _sinc(self, q: Array, rows: slice) -> Array:
+        """pi sinc(q) = sin(pi q)/q."""
+        is_near = np.abs(q) < _NEAR
+        if is_near.all():
+            return math.pi * (1.0 + sinc_less_one(self.ops, q, self.terms))
+        near = np.flatnonzero(is_near)
+        quotient = self.left[rows] @ self.right
+        quotient /= q
+        small = q.ravel()[near]
+        quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, self.terms))
+        return quotient
+
+
+def _axes(ops: Any, tables: GridTables, nu: tuple[Array, Array]) -> tuple[_Axis, _Axis]:
+    """The axes of the grid as those of the frame, in the frame's order."""
+    x, y = (
+        _Axis(given * scale, phases.turns_to_centre(ops, (centre,), given))
+        for given, scale, centre in zip(nu, tables.scales, tables.frame.centre, strict=True)
+    )
+    return (x, y) if tables.frame.axes == (0, 1) else (y, x)
+
+
+def fourier_on_grid(
+    ops: Any, tables: GridTables, nu_x: Array, nu_y: Array, double: bool
+) -> tuple[Array, Array, Array]:
+    """F at all (nu_x[i], nu_y[j]): real part, imaginary part, and where they do not hold.
+
+    ``ops`` for float64: the axes are done in it, and the grid in float64 (``double``) or float32.
+    Values do not hold near the origin, at less than :meth:`GridTables.floor`. Source: (F4).
+    """
+    dtype = _DTYPES[double]
+    x, y = _axes(ops, tables, (nu_x, nu_y))
+    terms: list[_Product | _Oblique] = [_Oblique(ops, f, x, y, double) for f in tables.oblique]
+    if tables.straight:
+        terms.append(_straight_product(ops, tables.straight, x, y, dtype))
+    shape = (len(x.nu), len(y.nu))
+    real, imag, below = (np.empty(shape, kind) for kind in (dtype, dtype, bool))
+    step = max(1, _BLOCK // shape[1])
+    for start in range(0, shape[0], step):
+        rows = slice(start, start + step)
+        total = terms[0].rows(rows)
+        for term in terms[1:]:
+            total += term.rows(rows)
+        square = x.nu[rows, None] ** 2 + y.nu**2
+        below[rows] = square < tables.floor(double) ** 2
+        scale = (tables.frame.content / (2 * math.pi**2)) / np.where(below[rows], 1.0, square)
+        real[rows], imag[rows] = total[:, 1] * scale, total[:, 0] * scale
+    results = (real, imag, below)
+    return results if tables.frame.axes == (0, 1) else (real.T, imag.T, below.T)
