@@ -96,8 +96,12 @@ class NumpyOperations(_Unfused):
         totals: list[Any] = [0.0] * values
         for start in range(0, len(table), block):
             terms = term(*table[start : start + block].T[:, :, None])
-            totals = [total + part.sum(axis=0) for total, part in zip(totals, terms, strict=True)]
-        return tuple(totals)
+            # in float64: of many rows, one after the other, float32 would lose a digit
+            totals = [
+                total + part.sum(axis=0, dtype=np.float64)
+                for total, part in zip(totals, terms, strict=True)
+            ]
+        return tuple(np.asarray(total, self.dtype) for total in totals)
 
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return np.where(condition, self._typed(a), self._typed(b))
