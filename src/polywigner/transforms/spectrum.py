@@ -30,6 +30,8 @@ def fourier(
     paper's eq. (FVT), which prints the exp(+) kernel and is singular at nu = 0; its factor
     (nu/|nu|).n for collections is an obliquity and not part of the transform. Cost: linear in the
     edges, or in the triangles of a polyhedron's faces; that of its elements for an Array.
+    A grid of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs a fraction of as many points
+    elsewhere where edges are parallel and of equal length, or along the axes (F4).
 
     Parameters
     ----------

@@ -1,0 +1,202 @@
+"""On a grid of frequencies the Fourier transform comes from the axes, and is the same."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles import exact
+from oracles.references import ENGINES, awkward, awkward_names
+from polywigner.engines.choice import resolved
+from polywigner.engines.grids import plan_for_grid
+from polywigner.engines.llvm import prepare
+from polywigner.kernels import kernel_for, tables_of
+from polywigner.kernels.families import families_of
+
+# What the package promises of F, in units of the area, and what float32 reaches.
+ACCURACY = {"double": 1e-13, "single": 5e-6}
+
+HEXAGONS = pw.shapes.hexagonal_segments(6.5, gap=0.1)
+
+
+def _turned(source: pw.Aperture, angle: float, shift: tuple[float, float] = (0, 0)) -> pw.Aperture:
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, s], [-s, c]])
+    return pw.Aperture(
+        shapely.transform(source.polygons, lambda points: points @ turn + np.array(shift))
+    )
+
+
+def _random_star(n: int, seed: int) -> pw.Aperture:
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * (np.arange(n) + rng.random(n)) / n
+    radius = rng.uniform(0.4, 1, n)
+    return pw.Aperture(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+SOURCES = {name: awkward(name).aperture for name in awkward_names()} | {
+    "hexagonal pupil": HEXAGONS,
+    "hexagonal pupil, turned": _turned(HEXAGONS, 0.2),
+    "hexagonal pupil, far away": _turned(HEXAGONS, 0.0, (6500.0, -4000.0)),
+    "square, tiny": pw.shapes.square(1e-6),
+    "slit along x": pw.shapes.rectangle(100.0, 1.0),
+    "slit along y": pw.shapes.rectangle(1.0, 100.0),
+    "slit along y, far away": _turned(pw.shapes.rectangle(1.0, 100.0), 0.0, (1e4, 3e4)),
+    "needle, turned": _turned(pw.shapes.rectangle(1.0, 1e-6), 0.3),
+    "ring": pw.shapes.ring(1.0, 0.9, 64),
+    "random star": _random_star(50, 0),
+    "disc of 200 edges": pw.shapes.disc(1.0, 200),
+}
+
+
+def _axes(source: pw.Aperture, largest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies up to ``largest`` over the diameter: evenly spaced, and over decades, with 0."""
+    even = np.linspace(-largest, largest, 33)
+    decades = largest * np.geomspace(1e-15, 1, 16)
+    return even / source.diameter, np.concatenate([-decades, [0.0], decades]) / source.diameter
+
+
+def _grid(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+
+
+def _by_points(source: Any, nu: np.ndarray, **keywords: Any) -> np.ndarray:
+    """The same values from a list of points, which is no grid."""
+    values = pw.fourier(source, nu.reshape(-1, nu.shape[-1]), **keywords)
+    return values.reshape(nu.shape[:-1])
+
+
+def _is_planned(source: Any, nu: np.ndarray) -> bool:
+    kernel = kernel_for("fourier", source)
+    return plan_for_grid(kernel, source, [nu[..., 0], nu[..., 1]], True) is not None
+
+
+@pytest.mark.parametrize("name", list(SOURCES))
+@pytest.mark.parametrize("precision", list(ACCURACY))
+def test_a_grid_has_the_values_of_its_points(name: str, precision: Any) -> None:
+    source = SOURCES[name]
+    for largest in (8.0, 64.0, 1e3):
+        for axes in (_axes(source, largest), _axes(source, largest)[::-1]):
+            nu = _grid(*axes)
+            got = pw.fourier(source, nu, engine="numpy", precision=precision)
+            error = np.abs(got - _by_points(source, nu, engine="numpy")).max()
+            assert error < ACCURACY[precision] * source.area
+
+
+@pytest.mark.parametrize("name", ["hexagonal pupil", "hexagonal pupil, far away", "random star"])
+def test_a_grid_agrees_with_exact_arithmetic(name: str) -> None:
+    source = SOURCES[name]
+    axis = (
+        np.array([-7.3, -1.1, -0.2, -1e-3, 0.0, 1e-2, 0.6, 31.4, 2.2, 5.5, 8.0, 64.0])
+        / source.diameter
+    )
+    nu = _grid(axis, axis[::-1])
+    assert _is_planned(source, nu)
+    values = pw.fourier(source, nu, engine="numpy")
+    rings = exact.oriented(
+        [(part.exterior.coords[:-1], [h.coords[:-1] for h in part.interiors])
+         for part in source.polygons.geoms]
+    )  # fmt: skip
+    for i, j in [(0, 0), (1, 5), (2, 2), (3, 4), (4, 3), (5, 6), (6, 1), (7, 7), (7, 0), (11, 8)]:
+        assert abs(values[i, j] - exact.fourier(rings, nu[i, j])) < ACCURACY["double"] * source.area
+
+
+def test_at_the_origin_of_a_grid_stands_the_area() -> None:
+    axis = np.linspace(-1, 1, 33)
+    values = pw.fourier(HEXAGONS, _grid(axis, axis))
+    assert values[16, 16] == pytest.approx(HEXAGONS.area, rel=1e-14)
+
+
+def test_it_does_not_matter_how_a_grid_is_laid_out() -> None:
+    x, y = (np.random.default_rng(k).uniform(-5, 5, 30 + k) for k in range(2))  # in no order
+    rows = _grid(x, y)
+    expected = _by_points(HEXAGONS, rows)
+    columns = np.stack(np.meshgrid(x, y), axis=-1)
+    views = np.stack(np.broadcast_arrays(x[:, None], y), axis=-1)
+    in_space = np.concatenate([rows, np.ones((*rows.shape[:-1], 1))], axis=-1)
+    tolerance = ACCURACY["double"] * HEXAGONS.area
+    for nu, got in (
+        (rows, pw.fourier(HEXAGONS, rows)),
+        (columns, pw.fourier(HEXAGONS, columns).T),
+        (views, pw.fourier(HEXAGONS, views)),
+        (in_space, pw.fourier(HEXAGONS, in_space)),
+        (rows, pw.fourier(HEXAGONS, np.asfortranarray(rows))),
+    ):
+        assert _is_planned(HEXAGONS, nu)
+        assert np.abs(got - expected).max() < tolerance
+
+
+def test_a_point_beside_its_place_in_a_grid_is_seen() -> None:
+    nu = _grid(np.linspace(-3, 3, 20), np.linspace(-2, 2, 21))
+    nu[7, 11] += (0.05, -0.03)
+    assert not _is_planned(HEXAGONS, nu)
+    expected = pw.fourier(HEXAGONS, nu[7, 11])
+    assert pw.fourier(HEXAGONS, nu)[7, 11] == pytest.approx(expected, abs=1e-13 * HEXAGONS.area)
+
+
+def test_complex_frequencies_on_a_grid_go_point_by_point() -> None:
+    nu = _grid(np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)) * (1 + 0.1j)
+    assert np.array_equal(pw.fourier(HEXAGONS, nu), _by_points(HEXAGONS, nu))
+
+
+def test_a_grid_close_to_the_origin_goes_point_by_point() -> None:
+    axis = np.linspace(-1e-9, 1e-9, 20)
+    nu = _grid(axis, axis)
+    assert not _is_planned(HEXAGONS, nu)
+    values = pw.fourier(HEXAGONS, nu)
+    assert np.abs(values - HEXAGONS.area).max() < 1e-6 * HEXAGONS.area
+
+
+def test_what_is_not_finite_stays_in_its_row() -> None:
+    x, y = np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)
+    for bad in (np.nan, np.inf):
+        x[5] = bad
+        values = pw.fourier(HEXAGONS, _grid(x, y))
+        assert np.isnan(values[5]).all()
+        assert np.isfinite(np.delete(values, 5, axis=0)).all()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_automatic_engine_agrees_with_the_one_asked_for(engine: Any) -> None:
+    axis = np.linspace(-8, 8, 260)
+    nu = _grid(axis, axis[:256])
+    for source in (HEXAGONS, SOURCES["random star"]):
+        error = np.abs(pw.fourier(source, nu) - pw.fourier(source, nu, engine=engine)).max()
+        assert error < ACCURACY["double"] * source.area
+
+
+def test_a_grid_is_tiled_without_seams_and_without_much_memory() -> None:
+    source = pw.shapes.hexagonal_segments(1.0, gap=0.05, rings=8)
+    x, y = np.linspace(-3, 3, 601), np.linspace(-2, 4, 603)
+    nu = _grid(x, y)
+    tracemalloc.start()
+    values = pw.fourier(source, nu, engine="numpy")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # the 1296 edges' waves along both axes alone would take 100 MB if made at once
+    assert peak < values.nbytes + 80e6
+    some = np.random.default_rng(0).integers(0, 600, (2, 200))
+    expected = pw.fourier(source, nu[*some], engine="numpy")
+    assert np.abs(values[*some] - expected).max() < ACCURACY["double"] * source.area
+
+
+def test_parallel_edges_of_equal_length_are_one_family() -> None:
+    families = families_of(tables_of(HEXAGONS, True).edges)
+    assert len(families) == 3
+    assert all(len(family.signs) == 36 and family.signs.sum() == 0 for family in families)
+    # moved by more than rounding, one segment is not equal to the others any more
+    rings = [ring.copy() for ring in HEXAGONS.rings]
+    rings[0][0] += 1e-12
+    assert len(families_of(tables_of(pw.Aperture(rings), True).edges)) == 5
+
+
+def test_many_edges_are_worth_compiling_for_fewer_samples() -> None:
+    many = "llvm" if prepare().usable else "numpy"
+    assert resolved("auto", 20_000, terms=108) == many
+    assert resolved("auto", 20_000, terms=4) == "numpy"
+    assert resolved("auto", 1 << 16, terms=4) == many
