@@ -19,7 +19,7 @@ import numpy as np
 
 import polywigner as pw
 
-__all__ = ["Simplices", "fourier", "growth", "simplices_of"]
+__all__ = ["Simplices", "fourier", "simplices_of"]
 
 DIGITS = 60
 # Bits between the leading one of the largest product nu V and the last one of the smallest.
@@ -129,8 +129,3 @@ def fourier(simplices: Simplices, nu: Sequence[complex]) -> Any:
     with mpmath.workdps(DIGITS + lost):
         wave = _Exponential()
         return mpmath.fsum(weight * wave(nodes) for weight, nodes in phased)
-
-
-def growth(source: Any, nu: Sequence[complex]) -> float:
-    """exp(2 pi h): the largest modulus of exp(-2 pi i nu.x) over the bounding box of the source."""
-    raise NotImplementedError

@@ -85,7 +85,13 @@ class NumpyOperations(_Unfused):
         return clips > _ROWS_ABOVE_NUMPY and np.size(like) <= _FEW_SAMPLES
 
     def sum_over(
-        self, rows: Sequence[Row], term: Callable[..., Values], values: int, like: Any
+        self,
+        rows: Sequence[Row],
+        term: Callable[..., Values],
+        values: int,
+        like: Any,
+        *,
+        unroll: bool = True,
     ) -> Values:
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row.
 
@@ -139,7 +145,13 @@ class ScalarOperations(_Unfused):
         return False
 
     def sum_over(
-        self, rows: Sequence[Row], term: Callable[..., Values], values: int, like: Any
+        self,
+        rows: Sequence[Row],
+        term: Callable[..., Values],
+        values: int,
+        like: Any,
+        *,
+        unroll: bool = True,
     ) -> Values:
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
         return _unrolled_sum(rows, term)
@@ -197,14 +209,21 @@ class DrjitOperations:
         return clips > _ROWS_ABOVE_DRJIT
 
     def sum_over(
-        self, rows: Sequence[Row], term: Callable[..., Values], values: int, like: Any
+        self,
+        rows: Sequence[Row],
+        term: Callable[..., Values],
+        values: int,
+        like: Any,
+        *,
+        unroll: bool = True,
     ) -> Values:
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row.
 
         Unrolled into the kernel, or beyond some rows a loop of the kernel over a table: it runs
-        nearly as fast where a term is long, and compiles at once.
+        nearly as fast where a term is long, and compiles at once. ``unroll=False``: a loop for any
+        number of rows.
         """
-        if len(rows) <= _UNROLLED_ROWS:
+        if unroll and len(rows) <= _UNROLLED_ROWS:
             return _unrolled_sum(rows, term)
         dr, real = self._dr, self.float_type
         # Lists: NumPy's memory would be used in place, and its alignment enters the kernel.

@@ -67,35 +67,33 @@ class SolidTables:
 @lru_cache(maxsize=64)
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """The tables of a polyhedron; the same for either precision."""
-    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
-    x, y, z = (low + (high - low) / 2).tolist()
-    rows = _axes(body)
-    inner = vertices_for(rows, (x, y, z), body.vertices)
+    centre, rows = _axes(body)
+    inner = vertices_for(rows, centre, body.vertices)
     corners = inner[body.triangles].reshape(-1, 9).tolist()
     tetrahedra = [(*row, _volume(*row)) for row in corners]
     content = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
-    frame = SolidFrame((x, y, z), rows, content, reach_of(inner))
+    frame = SolidFrame(centre, rows, content, reach_of(inner))
     return SolidTables(frame, tuple(row for row in tetrahedra if row[-1]))
 
 
-def _axes(body: Polyhedron) -> Matrix:
-    """The body's own axes as rows, each times the power of two of its extent along it.
+def _axes(body: Polyhedron) -> tuple[Point, Matrix]:
+    """The centre of the body's box, and its axes as rows times the power of two of its extents.
 
-    World axes and one scale for all, unless the body is a needle or a plate.
+    World axes and one scale for all, unless the body is a needle or a plate. The box is that along
+    these axes: the centre of another one would lie far outside a plate, in units of its thickness.
     """
-    scale = power_of_two(body.diameter)
-    world = ((scale, 0.0, 0.0), (0.0, scale, 0.0), (0.0, 0.0, scale))
-    _, _, axes = np.linalg.svd(body.vertices - body.vertices.mean(axis=0))
-    extents = np.ptp(body.vertices @ axes.T, axis=0)
-    along_world = np.ptp(body.vertices, axis=0)
-    if along_world.prod() <= extents.prod():
-        axes, extents = np.eye(3), along_world
-    if not extents.max() > NEEDLE_ASPECT * extents.min() > 0.0:
-        return world
-    if np.linalg.det(axes) < 0:
-        axes = -axes
+    _, _, own = np.linalg.svd(body.vertices - body.vertices.mean(axis=0))
+    own = own * np.sign(np.linalg.det(own))  # right-handed, so that volumes keep their sign
+    axes = min(np.eye(3), own, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
+    along = body.vertices @ axes.T
+    low, extents = along.min(axis=0), np.ptp(along, axis=0)
     scales = [power_of_two(extent) for extent in extents.tolist()]
-    return tuple(tuple(row) for row in (axes * np.array(scales)[:, None]).tolist())
+    if not extents.max() > NEEDLE_ASPECT * extents.min() > 0.0:
+        axes, scales = np.eye(3), [power_of_two(body.diameter)] * 3
+        low, extents = body.vertices.min(axis=0), np.ptp(body.vertices, axis=0)
+    x, y, z = (axes.T @ (low + extents / 2)).tolist()
+    rows = (axes * np.array(scales)[:, None]).tolist()
+    return (x, y, z), tuple(tuple(row) for row in rows)
 
 
 def _volume(*row: float) -> float:
@@ -116,7 +114,8 @@ def solid_transform(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) 
         wave = tetrahedron_wave(ops, *corners, level).scaled(row[9])
         return wave.real, wave.imag
 
-    return Pair(*ops.sum_over(tables.edges, term, 2, like=nu[0].real))
+    # A term is long: unrolled, those of a cube take 3 s to compile and run at half the speed.
+    return Pair(*ops.sum_over(tables.edges, term, 2, like=nu[0].real, unroll=False))
 
 
 def _dot(nu: tuple[Pair, Pair, Pair], point: tuple[Any, ...]) -> Pair:
