@@ -8,6 +8,7 @@ import shapely
 
 import polywigner as pw
 from mitsuba_scenes import MONO, use
+from polywigner.geometry.trapezoids import trapezoids
 
 pytestmark = pytest.mark.drjit
 
@@ -56,15 +57,11 @@ def _sampled(mi, aperture: pw.Aperture) -> np.ndarray:  # type: ignore[no-untype
 
 @pytest.mark.parametrize("name", APERTURES)
 def test_trapezoids_tile_the_aperture(name: str) -> None:
-    from polywigner.mitsuba.sampling import trapezoids
-
     aperture = APERTURES[name]
     assert trapezoids(aperture.rings).areas.sum() == pytest.approx(aperture.area, rel=1e-12)
 
 
 def test_a_rectangle_is_one_trapezoid_so_that_strata_stay_strata() -> None:
-    from polywigner.mitsuba.sampling import trapezoids
-
     assert trapezoids(pw.shapes.rectangle(0.03, 0.01).rings).areas.size == 1
 
 

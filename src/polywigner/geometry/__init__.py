@@ -4,6 +4,7 @@
 - ``rings``, ``parts``, ``weld``, ``winding``: from raw vertices to valid, merged parts
 - ``convex``: convex cover and triangulation; ``exact``: predicates without rounding
 - ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
+- ``trapezoids``: uniform positions
 - ``slits``, ``polyhedron``, ``placed``, ``pose``: sources in one and three dimensions
 - ``shapes``: catalogue; ``readers``, ``geojson``: files
 """
