@@ -9,12 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import polywigner as pw
 from outlines import CHEVRON, relaxed
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, shapes
 
 # Vertices are products and sums of a few doubles.
 ROUNDING = 1e-14
+EPSILON = 2.0**-52
 
 _length = st.floats(1e-6, 1e3)
 _part = st.floats(0.01, 0.99)
@@ -138,7 +140,49 @@ def test_two_chevrons_stand_one_behind_the_other():
     assert len(touching.rings) == 1
 
 
+@given(_length, st.floats(-100, 100), st.floats(-50, 50))
+def test_the_transform_of_a_slit_is_a_sinc_with_the_phase_of_its_offset(width, offset, cycles):
+    nu = cycles / width
+    expected = width * np.sinc(cycles) * np.exp(-2j * np.pi * nu * offset)
+    turns = 1 + abs(nu) * (abs(offset) + width)
+    ends = abs(offset) + width  # begin and end are rounded
+    found = pw.fourier(shapes.slit(width, offset), [nu])
+    assert abs(found - expected) < 40 * EPSILON * (turns * width + ends)
+
+
+@given(_part, st.floats(0.01, 5), st.floats(-3, 3), st.floats(-4, 4))
+def test_unequal_slits_interfere_as_the_sum_of_two_sincs(first, second, start, nu):
+    offsets = (start, start + (first + second) / 2 + 0.25)
+    pair = shapes.slit_pair((first, second), offsets)
+    assert pair.intervals.shape == (2, 2)
+    expected = sum(
+        width * np.sinc(nu * width) * np.exp(-2j * np.pi * nu * x)
+        for width, x in zip((first, second), offsets, strict=True)
+    )
+    assert pw.fourier(pair, [nu]) == pytest.approx(expected, abs=1e3 * EPSILON * pair.length)
+
+
+@given(st.integers(1, 12), _part, st.floats(-3, 3))
+def test_a_grating_is_the_pattern_of_a_slit_times_that_of_its_orders(count, width, nu):
+    comb = sum(np.exp(-2j * np.pi * nu * (k - (count - 1) / 2)) for k in range(count))
+    expected = width * np.sinc(nu * width) * comb
+    found = pw.fourier(shapes.grating(count, width, 1.0), [nu])
+    assert found == pytest.approx(expected, abs=1e3 * EPSILON * count)
+
+
+def test_slits_that_touch_are_one():
+    assert shapes.grating(4, 0.5, 0.5) == shapes.slit(2)
+    assert shapes.slit_pair(1, (0, 1)) == shapes.slit(2, 0.5)
+    assert shapes.slit_pair((0.1, 0.3), (-1, 0.5)).bounds == pytest.approx((-1.05, 0.65))
+
+
 BAD = {
+    "zero 1D slit": lambda: shapes.slit(0),
+    "1D slit at infinity": lambda: shapes.slit(1, math.inf),
+    "three 1D slits": lambda: shapes.slit_pair(1, (0, 2, 4)),
+    "negative 1D slit": lambda: shapes.slit_pair((1, -1), (0, 4)),
+    "no grating": lambda: shapes.grating(0, 1, 2),
+    "slits on slits": lambda: shapes.grating(3, 1, 0.5),
     "zero": lambda: shapes.square(0),
     "negative": lambda: shapes.rectangle(1, -1),
     "NaN": lambda: shapes.rectangle(math.nan, 1),
@@ -177,6 +221,7 @@ def test_arguments_that_do_not_fit_raise_and_say_why(build):
 def test_parts_that_would_overlap_raise():
     for build in (
         lambda: shapes.double_slit(2, 1, (0, 1)),
+        lambda: shapes.slit_pair(2, (0, 1)),
         lambda: shapes.chevron_pair(2, 1.1, 0.6, offset=(0, 0.5)),
         lambda: shapes.interferometer([(0, 0), (1, 0)], 1),
     ):

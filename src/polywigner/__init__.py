@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         lag_marginal,
         otf,
         position_marginal,
+        sample_automean,
         wigner,
     )
 
@@ -49,6 +50,7 @@ _HOMES = {
     "lag_marginal": "polywigner.transforms",
     "otf": "polywigner.transforms",
     "position_marginal": "polywigner.transforms",
+    "sample_automean": "polywigner.transforms",
     "wigner": "polywigner.transforms",
 }
 
@@ -68,6 +70,7 @@ __all__ = [
     "position_marginal",
     "position_slice",
     "read_aperture",
+    "sample_automean",
     "shapes",
     "wigner",
 ]

@@ -1,7 +1,8 @@
-"""Catalogue of apertures.
+"""Catalogue of apertures, in the plane and on a line.
 
 Lengths are in metres (any one consistent unit works). Unless a docstring says otherwise, the
-centre of the bounds is the origin. All raise ArgumentError for lengths that are not finite and
+centre of the bounds is the origin. ``slit``, ``slit_pair`` and ``grating`` are one-dimensional
+(:class:`Slits`), all others plane (:class:`Aperture`). All raise ArgumentError for lengths that are not finite and
 above zero, and for sizes that do not fit together.
 """
 
@@ -17,6 +18,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.parts import part_of_rings
+from polywigner.geometry.slits import Slits
 
 __all__ = [
     "bow_tie",
@@ -24,12 +26,15 @@ __all__ = [
     "chevron_pair",
     "disc",
     "double_slit",
+    "grating",
     "hexagonal_segments",
     "interferometer",
     "patch_row",
     "rectangle",
     "regular_polygon",
     "ring",
+    "slit",
+    "slit_pair",
     "square",
     "star",
     "triangle",
@@ -211,12 +216,40 @@ def double_slit(widths: ArrayLike, height: float, offsets: ArrayLike) -> Apertur
 
     One number for `widths` means two equal slits. The slits stay where `offsets` puts them.
     """
+    y = _length(height, "height")
+    return Aperture([_box(x, 0.0, width, y) for x, width in _two_slits(widths, offsets)])
+
+
+def _two_slits(widths: ArrayLike, offsets: ArrayLike) -> list[tuple[float, float]]:
+    """(centre, width) of two slits; one number for `widths` means two equal ones."""
     pair = _pair((widths, widths) if np.ndim(widths) == 0 else widths, "widths")
     places = _pair(offsets, "offsets")
-    y = _length(height, "height")
-    return Aperture(
-        [_box(x, 0.0, _length(float(w), "widths"), y) for x, w in zip(places, pair, strict=True)]
-    )
+    return [(float(x), _length(float(w), "widths")) for x, w in zip(places, pair, strict=True)]
+
+
+def slit(width: float, offset: float = 0.0) -> Slits:
+    """One-dimensional slit, centred at x = offset."""
+    half = _length(width, "width") / 2
+    centre = _number(offset, "offset", "a finite number")
+    return Slits([centre - half, centre + half])
+
+
+def slit_pair(widths: ArrayLike, offsets: ArrayLike) -> Slits:
+    """One-dimensional double slit of the widths (w1, w2), centred at x = offsets (x1, x2).
+
+    One number for `widths` means two equal slits. The slits stay where `offsets` puts them. Slits
+    that overlap raise GeometryError.
+    """
+    return Slits([(x - width / 2, x + width / 2) for x, width in _two_slits(widths, offsets)])
+
+
+def grating(count: int, width: float, pitch: float) -> Slits:
+    """One-dimensional grating: equal slits, the pitch apart from centre to centre."""
+    number = _count(count, "count", 1)
+    half, step = _length(width, "width") / 2, _length(pitch, "pitch")
+    _require(step >= 2 * half, "pitch of at least width", pitch=pitch, width=width)
+    centres = (np.arange(number) - (number - 1) / 2) * step
+    return Slits(np.column_stack([centres - half, centres + half]))
 
 
 def _hexagon_centres(rings: int, centre: bool) -> list[tuple[int, int]]:

@@ -22,16 +22,19 @@ from polywigner.transforms.phase_space import (
     wigner,
 )
 from polywigner.transforms.pupil import otf
+from polywigner.transforms.sampling import Weights, sample_automean
 from polywigner.transforms.spectrum import fourier
 
 __all__ = [
     "PhaseSpaceSource",
     "Source",
+    "Weights",
     "ambiguity",
     "autocorrelation",
     "fourier",
     "lag_marginal",
     "otf",
     "position_marginal",
+    "sample_automean",
     "wigner",
 ]
