@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         lag_marginal,
         otf,
         position_marginal,
+        projections,
         sample_automean,
         wigner,
     )
@@ -50,6 +51,7 @@ _HOMES = {
     "lag_marginal": "polywigner.transforms",
     "otf": "polywigner.transforms",
     "position_marginal": "polywigner.transforms",
+    "projections": "polywigner.transforms",
     "sample_automean": "polywigner.transforms",
     "wigner": "polywigner.transforms",
 }
@@ -69,6 +71,7 @@ __all__ = [
     "otf",
     "position_marginal",
     "position_slice",
+    "projections",
     "read_aperture",
     "sample_automean",
     "shapes",

@@ -21,11 +21,13 @@ from polywigner.transforms.phase_space import (
     position_marginal,
     wigner,
 )
+from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import otf
 from polywigner.transforms.sampling import Weights, sample_automean
 from polywigner.transforms.spectrum import fourier
 
 __all__ = [
+    "PhaseSpaceFunction",
     "PhaseSpaceSource",
     "Source",
     "Weights",
@@ -35,6 +37,7 @@ __all__ = [
     "lag_marginal",
     "otf",
     "position_marginal",
+    "projections",
     "sample_automean",
     "wigner",
 ]
