@@ -55,7 +55,7 @@ def projections(
                                                      y_nu_x
     "ambiguity"        upsilon_x, upsilon_y, xi_x,   xi_x_xi_y, upsilon_x_upsilon_y,
                        xi_y                          upsilon_x_xi_x, upsilon_y_xi_y,
-                                                     upsilon_x_xi_y, upsilon_y_xi_x
+                                                     upsilon_y_xi_x, upsilon_x_xi_y
     =================  ============================  ==========================================
 
     Every one of them is a closed form (docs/projections.md, (P2) to (P13)): no quadrature, and

@@ -1,0 +1,248 @@
+"""Projections of R, W and A: rounding against rational arithmetic, covariance, and their labels."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+
+import polywigner as pw
+from oracles import exact
+from oracles.drawn import polygons
+from oracles.references import aperture, awkward
+from oracles.shapes import Polygons
+from polywigner.errors import ArgumentError
+from polywigner.transforms.labelled import LabelledArrays
+from projected import KINDS, SHAPES, TILES, box_of, shapes, tile
+
+# Coordinates of a thousand sizes lose three digits.
+FAR = 1e-11
+
+# --- rounding, against rational arithmetic
+
+
+def _mirrored_overlap(source: pw.Aperture, x: float) -> exact.Region:
+    """{2 (a_x - x), y} and its mirror image in xi_x = 0, exactly."""
+    at = exact.rational(x)
+    copy = [[(2 * (a - at), b) for a, b in ring] for ring in exact._exact_rings(source.rings)]
+    return exact._region(copy, [[(-a, b) for a, b in ring[::-1]] for ring in copy])
+
+
+def _flipped_overlap(source: pw.Aperture, xi: float) -> exact.Region:
+    half = exact.rational(xi) / 2
+    rings = exact._exact_rings(source.rings)
+    return exact._region(
+        [[(a - half, b) for a, b in ring] for ring in rings],
+        [[(a + half, -b) for a, b in ring[::-1]] for ring in rings],
+    )
+
+
+def _lifted_overlap(source: pw.Aperture, x: float, xi: float) -> exact.Region:
+    twice, half = 2 * exact.rational(x), exact.rational(xi) / 2
+    rings = exact._exact_rings(source.rings)
+    return exact._region(
+        [[(a, b - half) for a, b in ring] for ring in rings],
+        [[(twice - a, b + half) for a, b in ring[::-1]] for ring in rings],
+    )
+
+
+def _assert_rounding_is_as_stated(source: pw.Aperture) -> None:
+    width, height = box_of(source)
+    x = source.bounds[0] + np.array([0.31, 0.5, 0.5 + 1e-13]) * width
+    nu = np.array([0.0, 0.3, 7.7, 1e3]) / source.diameter
+    axes = {"x": x, "nu_x": nu, "xi_y": np.array([0.0, 0.1, 1e-14]) * height}
+    axes |= {"upsilon_x": nu, "xi_x": np.array([0.0, 0.2, 1e-14]) * width}
+
+    def check(kind: Any, name: str, expected: Any) -> None:
+        found = pw.projections(source, kind, tiles=[name], coordinates=_only(axes, kind))[name]
+        assert np.abs(found.values - expected).max() < found.attrs["error"]
+
+    check("wigner", "x_nu_x", [_waves(_mirrored_overlap(source, at), nu).real for at in x])
+    flipped = [2 * _waves(_flipped_overlap(source, xi), nu) for xi in axes["xi_x"]]
+    check("ambiguity", "upsilon_x_xi_x", np.transpose(flipped))
+    lifted = [[2 * float(_lifted_overlap(source, at, xi).area) for xi in axes["xi_y"]] for at in x]
+    check("autocorrelation", "x_xi_y", lifted)
+
+
+def _waves(region: exact.Region, nu: np.ndarray) -> np.ndarray:
+    return np.array([complex(exact.transform(region, (n, 0.0))) for n in nu])
+
+
+def _only(axes: dict[str, np.ndarray], kind: str) -> dict[str, np.ndarray]:
+    names = {name for tile in TILES[kind] for name in axes if name in tile}
+    keep = {
+        "wigner": {"x", "nu_x"},
+        "ambiguity": {"upsilon_x", "xi_x"},
+        "autocorrelation": {"x", "xi_y"},
+    }
+    return {name: axes[name] for name in names & keep[kind]}
+
+
+AWKWARD = [
+    *("plus, rotated", "holes aligned with edges", "hexagonal segments without gap", "star"),
+    *("needle 1e-6", "nearly parallel edges", "nearly collinear corners"),
+    "corners collinear to 1e-9",
+]
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+def test_rounding_errors_of_awkward_shapes_are_below_those_stated(name: str) -> None:
+    _assert_rounding_is_as_stated(awkward(name).aperture)
+
+
+@settings(max_examples=15, deadline=None)
+@given(drawn=polygons())
+def test_rounding_errors_of_drawn_shapes_are_below_those_stated(drawn: Polygons) -> None:
+    _assert_rounding_is_as_stated(aperture(drawn))
+
+
+# --- covariance and labels
+
+
+@shapes
+@pytest.mark.parametrize("kind", KINDS)
+def test_exchanging_x_and_y_exchanges_the_tiles(kind: str, source: pw.Aperture) -> None:
+    turned = pw.Aperture(shapely.transform(source.polygons, lambda v: v[:, ::-1]))
+    exchange = str.maketrans("xy", "yx")
+
+    def swap(name: str) -> str:
+        return "".join("xi" if p == "xi" else p.translate(exchange) for p in _split(name))
+
+    first, second = (pw.projections(s, kind, samples=12) for s in (source, turned))
+    for name in TILES[kind]:
+        values, dims = first[name].values, [swap(d) for d in first[name].dims]
+        found = next(a for n in second.data_vars if set((a := second[n]).dims) == set(dims))
+        other = found.values if list(found.dims) == dims else found.values.T
+        assert np.abs(values - other).max() <= 2 * first[name].attrs["error"]
+
+
+def _split(name: str) -> list[str]:
+    """Pieces of a coordinate name: "xi_x" -> "xi", "_", "x"."""
+    head, _, tail = name.partition("_")
+    return [head, "_", tail] if tail else [head]
+
+
+def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function() -> None:
+    source, shift = SHAPES["triangle"], np.array([1000.0, -2000.0])
+    moved = pw.Aperture(source.rings[0] + shift)
+    x, nu = np.linspace(-0.5, 0.5, 7), np.linspace(-4, 4, 5)
+    for name in ("x_nu_x", "x_nu_y"):
+        found = tile(moved, "wigner", name, x + shift[0], nu)
+        assert np.abs(found - tile(source, "wigner", name, x, nu)).max() < FAR
+    lags = np.array([1e-9, 0.3, 0.5])
+    found = tile(moved, "autocorrelation", "x_xi_y", x + shift[0], lags)
+    assert np.abs(found - tile(source, "autocorrelation", "x_xi_y", x, lags)).max() < FAR
+    # A looks at opposite points: only a shift along x leaves its rows facing each other
+    aside = pw.Aperture(source.rings[0] + [1000.0, 0.0])
+    turn = np.exp(-2j * np.pi * nu * 1000.0)[:, None]
+    for name in ("upsilon_x_xi_x", "upsilon_x_xi_y"):
+        expected = turn * tile(source, "ambiguity", name, nu, lags)
+        assert np.abs(tile(aside, "ambiguity", name, nu, lags) - expected).max() < FAR
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tiles_carry_their_coordinates_units_and_errors(kind: str) -> None:
+    source = SHAPES["holed"]
+    found = pw.projections(source, kind, samples=9)
+    assert list(found.data_vars) == TILES[kind]
+    for name in TILES[kind]:
+        one = found[name]
+        assert "_".join(one.dims) == name and one.values.shape == (9, 9)
+        assert one.attrs["exact"] and "closed form (P" in one.attrs["method"]
+        assert one.attrs["error"] >= 0.0 and one.attrs["units"] in ("1", "m2", "m4")
+        for axis in one.dims:
+            assert found[axis].values.shape == (9,)
+            assert found[axis].attrs["units"] == ("1/m" if axis[0] in "nu" else "m")
+        left_out = one.attrs["long_name"].split("over ")[1].split(", ")
+        assert not set(left_out) & set(one.dims) and len({*left_out, *one.dims}) == 4
+
+
+def test_units_follow_the_scale_of_the_source() -> None:
+    small = SHAPES["triangle"]
+    large = pw.Aperture(1000 * small.rings[0])
+    for kind in KINDS:
+        first, second = (pw.projections(s, kind, samples=8) for s in (small, large))
+        for name in TILES[kind]:
+            power = {"1": 0, "m2": 2, "m4": 4}[first[name].attrs["units"]]
+            scaled = first[name].values * 1000.0**power
+            assert np.abs(second[name].values - scaled).max() <= 2 * second[name].attrs["error"]
+
+
+def test_without_xarray_the_same_names_lead_to_the_same_values(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    xarray = pytest.importorskip("xarray")
+    source = SHAPES["chevrons"]
+    with_it = pw.projections(source, "ambiguity", samples=7)
+    assert isinstance(with_it, xarray.Dataset)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    without = pw.projections(source, "ambiguity", samples=7)
+    assert isinstance(without, LabelledArrays)
+    assert list(without) == list(with_it.data_vars) and set(without.coords) == set(with_it.coords)
+    assert without.attrs == with_it.attrs
+    for name in [*with_it.data_vars, *with_it.coords]:
+        assert name in without
+        assert (np.asarray(without[name]) == with_it[name].values).all()
+        assert without[name].dims == with_it[name].dims
+        assert without[name].attrs == with_it[name].attrs
+    with pytest.raises(ValueError, match="read-only"):
+        without["upsilon_x_xi_x"].values[0, 0] = 1
+
+
+def test_the_functions_of_slits_are_their_own_projection() -> None:
+    source = pw.shapes.slit_pair((0.2, 0.5), (-0.6, 0.4))
+    x, nu = np.array([-0.6, 0.0, 0.4]), np.array([0.0, 1.3])
+    found = pw.projections(source, "wigner", coordinates={"x": x, "nu": nu})["x_nu"]
+    assert (found.values == pw.wigner(source, x[:, None, None], nu[:, None])).all()
+    assert found.dims == ("x", "nu") and found.attrs["units"] == "m"
+    found = pw.projections(source, "autocorrelation", coordinates={"x": x, "xi": nu})["x_xi"]
+    assert (found.values == pw.autocorrelation(source, x[:, None, None], nu[:, None])).all()
+    found = pw.projections(source, "ambiguity", coordinates={"upsilon": x, "xi": nu})
+    expected = pw.ambiguity(source, x[:, None, None], nu[:, None])
+    assert (found["upsilon_xi"].values == expected).all()
+
+
+def test_extents_samples_and_coordinates_are_taken() -> None:
+    found = pw.projections(
+        SHAPES["square"],
+        samples={"x": 5},
+        extent={"nu_x": (-3.0, 4.0)},
+        coordinates={"y": [0.1]},
+    )
+    assert found["x"].values.shape == (5,) and found["nu_x"].values[[0, -1]].tolist() == [-3, 4]
+    assert found["y_nu_y"].values.shape == (1, 129)
+    only = pw.projections(SHAPES["square"], tiles=["x_nu_y"], samples=3)
+    assert list(only.data_vars) == ["x_nu_y"] and set(only.coords) == {"x", "nu_y"}
+
+
+SQUARE = SHAPES["square"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"kind": "husimi"}, 'expected kind to be one of "autocorrelation"'),
+        ({"samples": 1}, "from 2 to 4096 samples along x, got 1"),
+        ({"samples": 2.5}, "from 2 to 4096"),
+        ({"samples": {"z": 5}}, "among x, y, nu_x, nu_y, got 'z'"),
+        ({"extent": {"xi_x": (0, 1)}}, "among x, y, nu_x, nu_y, got 'xi_x'"),
+        ({"extent": {"x": (1, 0)}}, r"\(lowest, highest\)"),
+        ({"extent": {"x": 3}}, "finite numbers"),
+        ({"coordinates": {"x": [0, np.nan]}}, "finite numbers"),
+        ({"coordinates": {"x": "all"}}, "finite numbers"),
+        ({"tiles": ["x_z"]}, "expected tiles among x_y"),
+        ({"engine": "abacus"}, "expected engine"),
+    ],
+)
+def test_unusable_arguments_are_refused(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        pw.projections(SQUARE, **arguments)
+
+
+def test_sources_without_a_phase_space_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="expected a source for wigner"):
+        pw.projections(SQUARE.placed(np.eye(4)))
