@@ -14,7 +14,9 @@ from pathlib import Path
 
 from PIL import Image
 
+import polywigner as pw
 from polywigner.cli import main as polywigner
+from polywigner.figures import draw_projections
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
@@ -32,9 +34,11 @@ COMMANDS = {
 def main(names: list[str]) -> None:
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        for name in names or ["first_picture", *COMMANDS]:
+        for name in names or ["first_picture", "projections", *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
+            elif name == "projections":
+                made = projections(Path(folder))
             else:
                 made = Path(folder) / f"{name}.png"
                 if polywigner([*COMMANDS[name], "--out", str(made)]) != 0:
@@ -47,6 +51,13 @@ def first_picture(folder: Path) -> Path:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script)], cwd=folder, env=environment, check=True)
     return folder / "wigner.png"
+
+
+def projections(folder: Path) -> Path:
+    chevrons = pw.shapes.chevron_pair(20e-3, 12e-3, 4e-3)
+    figure = draw_projections(pw.projections(chevrons, "wigner", samples=257))
+    figure.savefig(folder / "projections.png")
+    return folder / "projections.png"
 
 
 def reduce(source: Path, target: Path) -> None:

@@ -2,13 +2,14 @@
 
 ``levels`` turns signed radiance into dB above a stated floor, ``style`` holds what all pictures
 share, ``scene`` draws a rendered picture, ``slices`` computes what ``transforms`` draws as the
-figure of ``polywigner transform``.
+figure of ``polywigner transform``, ``projections`` draws what ``polywigner.projections`` returns.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
 
 from __future__ import annotations
 
 from polywigner.figures.levels import level_db, picture_peak
+from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene import draw_scene
 from polywigner.figures.slices import (
     LARGEST_SAMPLES,
@@ -21,6 +22,7 @@ from polywigner.figures.transforms import draw_transforms
 __all__ = [
     "LARGEST_SAMPLES",
     "TransformSlices",
+    "draw_projections",
     "draw_scene",
     "draw_transforms",
     "level_db",

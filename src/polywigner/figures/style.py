@@ -16,6 +16,8 @@ __all__ = [
     "length_unit",
     "new_figure",
     "quantity_text",
+    "signed_norm",
+    "signed_ticks",
 ]
 
 LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
@@ -78,3 +80,23 @@ def colour_bar(axes: Axes, mappable: Any, label: str, extend: str = "neither") -
     bar.set_label(label)
     bar.outline.set_linewidth(0.6)
     return bar
+
+
+_LINEAR = 0.01
+"""Signed panels are linear within this part of their peak and logarithmic beyond it."""
+
+
+def signed_norm() -> Any:
+    """For values from -1 to 1 of which faint ones matter as well."""
+    from matplotlib.colors import SymLogNorm
+
+    return SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
+
+
+def signed_ticks(bar: Any) -> None:
+    """The decades of :func:`signed_norm` at its colour bar."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter
+
+    bar.ax.yaxis.set_major_locator(FixedLocator([-1, -0.1, -0.01, 0, 0.01, 0.1, 1]))
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    bar.ax.yaxis.set_minor_locator(FixedLocator([]))

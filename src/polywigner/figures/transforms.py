@@ -18,6 +18,8 @@ from polywigner.figures.style import (
     colour_bar,
     length_unit,
     new_figure,
+    signed_norm,
+    signed_ticks,
 )
 
 if TYPE_CHECKING:
@@ -25,9 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["draw_transforms"]
-
-_LINEAR = 0.01
-"""Signed panels are linear within this part of their peak and logarithmic beyond it."""
 
 _INK = "#1f3b57"
 _TINT = "#c6d7e6"
@@ -108,16 +107,10 @@ def _draw_signed(
     name: str,
     symbol: str,
 ) -> None:
-    from matplotlib.colors import SymLogNorm
-    from matplotlib.ticker import FixedLocator, FuncFormatter
-
     peak = float(np.max(np.abs(values)))
-    norm = SymLogNorm(_LINEAR, linscale=0.5, vmin=-1.0, vmax=1.0)
-    shown = _show(axes, slices, values / peak, unit, cmap=SIGNED_MAP, norm=norm)
+    shown = _show(axes, slices, values / peak, unit, cmap=SIGNED_MAP, norm=signed_norm())
     bar = colour_bar(axes, shown, f"{name} / ({peak / unit.metres**2:.4g} {unit.name}²)")
-    bar.ax.yaxis.set_major_locator(FixedLocator([-1, -0.1, -0.01, 0, 0.01, 0.1, 1]))
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    bar.ax.yaxis.set_minor_locator(FixedLocator([]))
+    signed_ticks(bar)
     axes.set_title(name)
     _frequency_axes(axes, symbol, unit, slices.wavelength, "0.35")
 

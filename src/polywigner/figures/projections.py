@@ -1,0 +1,227 @@
+"""Projections of the phase-space functions, on grids whose neighbours share an axis."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    SIGNED_MAP,
+    TYPOGRAPHY,
+    LengthUnit,
+    colour_bar,
+    length_unit,
+    new_figure,
+    signed_norm,
+    signed_ticks,
+)
+from polywigner.transforms.labelled import Labelled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["Layout", "draw_projections"]
+
+Layout = Literal["paper", "all"]
+
+_COORDINATES = {
+    "autocorrelation": ("x", "y", "xi_x", "xi_y"),
+    "wigner": ("x", "y", "nu_x", "nu_y"),
+    "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
+}
+# What some of the tiles are known as.
+_KNOWN = {
+    ("autocorrelation", "x", "y"): "R_x",
+    ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
+    ("wigner", "x", "y"): "|u|^2",
+    ("wigner", "nu_x", "nu_y"): "|F|^2",
+    ("ambiguity", "upsilon_x", "upsilon_y"): r"\mathrm{Re}\,F(\upsilon/2)\,F^*(-\upsilon/2)",
+    ("ambiguity", "xi_x", "xi_y"): r"\mathrm{Re}\,u(\xi/2)\,u^*(-\xi/2)",
+}
+_LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
+
+# Parts of the peak that rounding leaves where a tile is never negative.
+_NEGATIVE = 1e-9
+
+_INCHES = 3.3  # a panel with its colour bar
+
+
+def draw_projections(
+    found: Labelled, layout: Layout = "paper", floor_db: float = -40.0, title: str = ""
+) -> Figure:
+    """The tiles of :func:`polywigner.projections`, each with its axes, unit and colour bar.
+
+    Of the ambiguity function the real parts. Tiles that change sign are linear within 1 % of
+    their peak and logarithmic beyond; power spectra are in dB; all others are linear.
+
+    Parameters
+    ----------
+    found : from :func:`polywigner.projections`, with all its tiles.
+    layout : "paper", two rows of two: both diagonal tiles keep one kind of coordinate, the others a
+        position with the frequency (or lag) along it. "all": all six pairs, in a triangle. Tiles in
+        a column share the axis below it, those in a row the axis to the left. Slits have one tile.
+    floor_db : lowest level of power spectra, dB relative to their largest value.
+    title : above the panels.
+
+    Raises
+    ------
+    ArgumentError for another layout, tiles that are missing, and fewer than two samples on an axis.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    cells = _cells(found, layout)
+    axes_of_tiles = {d for name in cells.values() for d in found[name].dims}
+    for name in axes_of_tiles:
+        if len(found[name].values) < 2:
+            raise ArgumentError(f"expected at least two samples along {name} to draw, got one")
+    lengths = [d for d in axes_of_tiles if not _spectral(d)]
+    unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
+    rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(_INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4, spacing=0.03)
+        panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
+        for row, column in product(range(rows), range(columns)):
+            axes = panels[row, column]
+            if (row, column) not in cells:
+                axes.set_axis_off()
+                continue
+            across, up = _names(found, cells, row, column)
+            _draw(axes, found, cells[row, column], across, up, unit, floor_db)
+            axes.tick_params(labelbottom=True)
+            axes.set_xlabel(_axis_label(across, unit))
+            if column == 0:
+                axes.set_ylabel(_axis_label(up, unit))
+        figure.suptitle(title)
+    return figure
+
+
+def _spectral(name: str) -> bool:
+    return name.startswith(("nu", "upsilon"))
+
+
+Cells = dict[tuple[int, int], str]
+
+
+def _cells(found: Labelled, layout: str) -> Cells:
+    """(row, column) -> name of the tile there."""
+    names = list(found.data_vars)
+    kind = found.attrs["kind"]
+    if len(names) == 1 and not any("_" in d for d in found[names[0]].dims):
+        return {(0, 0): names[0]}  # of slits
+    p, q, r, s = _COORDINATES[kind]
+    if layout == "paper":
+        below, beside = (p, s), (q, r)
+        pairs = {(j, i): (below[i], beside[j]) for i, j in product(range(2), range(2))}
+    elif layout == "all":
+        below, beside = (p, q, r), (q, r, s)  # type: ignore[assignment]
+        pairs = {(j, i): (below[i], beside[j]) for i in range(3) for j in range(i, 3)}
+    else:
+        raise ArgumentError(f'expected layout to be "paper" or "all", got {layout!r}')
+    named = {frozenset(found[name].dims): name for name in names}
+    missing = [pair for pair in pairs.values() if frozenset(pair) not in named]
+    if missing:
+        raise ArgumentError(
+            f"expected projections with all their tiles, got none of {' and '.join(missing[0])}; "
+            "leave out tiles="
+        )
+    return {cell: named[frozenset(pair)] for cell, pair in pairs.items()}
+
+
+def _names(found: Labelled, cells: Cells, row: int, column: int) -> tuple[str, str]:
+    """The coordinates to the right and upwards: those shared along the column and the row."""
+    if len(cells) == 1:
+        first, second = found[cells[row, column]].dims
+        return first, second
+    p, q, r, s = _COORDINATES[found.attrs["kind"]]
+    if len(cells) == 4:
+        return (p, s)[column], (q, r)[row]
+    return (p, q, r)[column], (q, r, s)[row]
+
+
+def _draw(
+    axes: Axes,
+    found: Labelled,
+    name: str,
+    across: str,
+    up: str,
+    unit: LengthUnit,
+    floor_db: float,
+) -> None:
+    tile = found[name]
+    values = np.real(np.asarray(tile.values))
+    values = values.T if tile.dims == (across, up) else values
+    peak = float(np.max(np.abs(values))) or 1.0
+    scaled = values / peak
+    symbol = _integral(found.attrs["kind"], tile.dims, np.iscomplexobj(tile.values))
+    size = _size(peak, tile.attrs["units"], unit)
+    if scaled.min() < -_NEGATIVE:
+        how: dict[str, Any] = {"cmap": SIGNED_MAP, "norm": signed_norm()}
+        size = f"relative to {size}"
+    elif _spectral(across) or _spectral(up):
+        scaled = level_db(scaled, 1.0, floor_db)
+        how = {"cmap": LEVEL_MAP, "vmin": floor_db, "vmax": 0.0}
+        size = f"dB relative to {size}"
+    else:
+        scaled = values / _measure(tile.attrs["units"], unit)
+        how = {"cmap": LEVEL_MAP, "vmin": 0.0}
+        size = _unit_text(tile.attrs["units"], unit)
+    shown = axes.pcolormesh(
+        *(_printed(found, name, unit) for name in (across, up)),
+        scaled,
+        shading="nearest",
+        rasterized=True,
+        **how,
+    )
+    bar = colour_bar(axes, shown, size)
+    if "norm" in how:
+        signed_ticks(bar)
+    axes.set_title(symbol)
+
+
+def _printed(found: Labelled, name: str, unit: LengthUnit) -> NDArray[np.float64]:
+    values = np.asarray(found[name].values)
+    return values * unit.metres if _spectral(name) else values / unit.metres
+
+
+def _measure(units: str, unit: LengthUnit) -> float:
+    """The unit to print, in metres to some power."""
+    return float(unit.metres ** {"1": 0, "m": 1, "m2": 2, "m4": 4}[units])
+
+
+def _unit_text(units: str, unit: LengthUnit) -> str:
+    return "" if units == "1" else unit.name + {"m": "", "m2": "²", "m4": "⁴"}[units]
+
+
+def _size(peak: float, units: str, unit: LengthUnit) -> str:
+    """A peak with three digits: 2.56·10⁴ mm⁴."""
+    digits, _, power = f"{peak / _measure(units, unit):.3g}".partition("e")
+    times = rf"$\,\cdot\,10^{{{int(power)}}}$" if power else ""
+    return f"{digits}{times} {_unit_text(units, unit)}".rstrip()
+
+
+def _latex(name: str) -> str:
+    return name if "_" not in name and len(name) == 1 else f"\\{name}"
+
+
+def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
+    """What is shown, as a formula: the function and the coordinates it was integrated over."""
+    letter = _LETTERS[kind]
+    left_out = [n for n in _COORDINATES[kind] if n not in kept]
+    shown = f"\\mathrm{{Re}}\\,{letter}" if is_complex else letter
+    if len(left_out) != 2:
+        return f"${shown}$"
+    measure = r"\,".join(rf"\mathrm{{d}}{_latex(n)}" for n in left_out)
+    known = _KNOWN.get((kind, kept[0], kept[1]))
+    return rf"$\iint {shown}\;{measure}{f' = {known}' if known else ''}$"
+
+
+def _axis_label(name: str, unit: LengthUnit) -> str:
+    return f"${_latex(name)}$ ({'1/' if _spectral(name) else ''}{unit.name})"
