@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+import xarray
 from hypothesis import given, settings
 
 import polywigner as pw
@@ -175,7 +176,6 @@ def test_units_follow_the_scale_of_the_source() -> None:
 def test_without_xarray_the_same_names_lead_to_the_same_values(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    xarray = pytest.importorskip("xarray")
     source = SHAPES["chevrons"]
     with_it = pw.projections(source, "ambiguity", samples=7)
     assert isinstance(with_it, xarray.Dataset)
@@ -244,5 +244,5 @@ def test_unusable_arguments_are_refused(arguments: dict[str, Any], message: str)
 
 
 def test_sources_without_a_phase_space_are_refused() -> None:
-    with pytest.raises(ArgumentError, match="expected a source for wigner"):
+    with pytest.raises(ArgumentError, match="expected an Aperture or Slits, got Placed"):
         pw.projections(SQUARE.placed(np.eye(4)))

@@ -215,8 +215,10 @@ def test_unusable_samples_are_refused(samples: object, kind: str, message: str) 
 
 
 def test_sources_without_a_phase_space_are_refused() -> None:
-    with pytest.raises(ArgumentError, match="expected a source"):
+    with pytest.raises(ArgumentError, match="expected an Aperture or Slits, got"):
         pw.sample_automean(HOLED.placed(np.eye(4)), 3)  # type: ignore[arg-type]
+    with pytest.raises(ArgumentError, match="expected an Aperture or Slits, got Array"):
+        pw.sample_automean(pw.Array([HOLED]), 3)
     with pytest.raises(ArgumentError, match="seed"):
         pw.sample_automean(HOLED, 3, seed="x")  # type: ignore[arg-type]
 

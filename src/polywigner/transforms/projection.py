@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.engines import Engine, checked_engine
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Slits
-from polywigner.kernels import kernel_for
-from polywigner.transforms.arguments import PhaseSpaceSource
+from polywigner.geometry import Aperture, Slits
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.tiles import Tile, tiles_of
 
@@ -32,7 +30,7 @@ Array = NDArray[np.float64]
 
 
 def projections(
-    source: PhaseSpaceSource,
+    source: Aperture | Slits,
     kind: PhaseSpaceFunction = "wigner",
     *,
     samples: int | Mapping[str, int] = 129,
@@ -97,7 +95,8 @@ def projections(
     if kind not in get_args(PhaseSpaceFunction):
         names = ", ".join(f'"{name}"' for name in get_args(PhaseSpaceFunction))
         raise ArgumentError(f"expected kind to be one of {names}, got {kind!r}")
-    kernel_for(kind, source)
+    if not isinstance(source, Aperture | Slits):
+        raise ArgumentError(f"expected an Aperture or Slits, got {type(source).__name__}")
     checked_engine(engine)
     available = tiles_of(source, kind)
     chosen = _chosen(available, tiles)
@@ -114,7 +113,7 @@ def projections(
 
 
 def _array(
-    tile: Tile, source: PhaseSpaceSource, axes: Mapping[str, Array], engine: Engine
+    tile: Tile, source: Aperture | Slits, axes: Mapping[str, Array], engine: Engine
 ) -> LabelledArray:
     values = tile.values(source, axes[tile.first], axes[tile.second], engine)
     attrs = {
@@ -147,7 +146,7 @@ def _known(names: Iterable[Any], known: Iterable[str], what: str) -> None:
 
 
 def _axes(
-    source: PhaseSpaceSource, tiles: Mapping[str, Tile], samples: Any, extent: Any, coordinates: Any
+    source: Aperture | Slits, tiles: Mapping[str, Tile], samples: Any, extent: Any, coordinates: Any
 ) -> dict[str, Array]:
     """The values along every coordinate that the tiles have."""
     names = dict.fromkeys(name for t in tiles.values() for name in (t.first, t.second))
@@ -192,7 +191,7 @@ def _count(name: str, value: Any) -> int:
     return int(value)
 
 
-def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
+def _default(source: Aperture | Slits, name: str) -> tuple[float, float]:
     low, high = _bounds(source, vertical=name.endswith("y"))
     width = high - low
     if name.startswith(("nu", "upsilon")):
@@ -203,7 +202,7 @@ def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
     return centre - half, centre + half
 
 
-def _bounds(source: PhaseSpaceSource, vertical: bool) -> tuple[float, float]:
+def _bounds(source: Aperture | Slits, vertical: bool) -> tuple[float, float]:
     if isinstance(source, Slits):
         return source.bounds
     west, south, east, north = source.bounds

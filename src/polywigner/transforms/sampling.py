@@ -13,7 +13,6 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
 from polywigner.kernels import kernel_for
-from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
 
 __all__ = ["Weights", "sample_automean"]
@@ -24,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 def sample_automean(
-    source: PhaseSpaceSource,
+    source: Aperture | Slits,
     samples: int | ArrayLike,
     weights: Weights = "uniform",
     *,
@@ -63,6 +62,8 @@ def sample_automean(
     ------
     ArgumentError for arguments of the wrong type, shape or range; EngineError without the engine.
     """
+    if not isinstance(source, Aperture | Slits):
+        raise ArgumentError(f"expected an Aperture or Slits, got {type(source).__name__}")
     dimension = kernel_for("position_marginal", source).dimension
     if weights not in get_args(Weights):
         names = " or ".join(f'"{name}"' for name in get_args(Weights))
@@ -102,7 +103,7 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Array:
     return array
 
 
-def _support(source: PhaseSpaceSource) -> PhaseSpaceSource:
+def _support(source: Aperture | Slits) -> Aperture | Slits:
     """The automean, of slits as well: the means of pairs of intervals, merged where they meet."""
     if isinstance(source, Aperture):
         return automean(source)
@@ -117,7 +118,7 @@ def _support(source: PhaseSpaceSource) -> PhaseSpaceSource:
 Map = Callable[[Array], tuple[Array, float]]
 
 
-def _uniform_map(source: PhaseSpaceSource) -> Map:
+def _uniform_map(source: Aperture | Slits) -> Map:
     """The map of numbers (n, d) onto positions (n, d) that are uniform in a source; its content."""
     if isinstance(source, Slits):
         begins, widths = source.intervals[:, 0], np.diff(source.intervals)[:, 0]

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from polywigner.engines import Engine
 from polywigner.geometry import Aperture, Slits
-from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -268,7 +267,7 @@ _SLITS = {
 }
 
 
-def tiles_of(source: PhaseSpaceSource, kind: str) -> Mapping[str, Tile]:
+def tiles_of(source: Aperture | Slits, kind: str) -> Mapping[str, Tile]:
     """The tiles of a kind of function of a source, by name."""
     tiles = [_SLITS[kind]] if isinstance(source, Slits) else _APERTURE[kind]
     return {tile.name: tile for tile in tiles}
