@@ -10,7 +10,7 @@ import shapely
 
 import polywigner as pw
 
-__all__ = ["KINDS", "SHAPES", "TILES", "box_of", "shapes", "tile"]
+__all__ = ["ARRAY", "KINDS", "SHAPES", "TILES", "bounds_of", "box_of", "shapes", "tile"]
 
 SHAPES = {
     "square": pw.shapes.square(1.0),
@@ -22,6 +22,15 @@ SHAPES = {
     "unequal slits": pw.shapes.double_slit((0.2, 0.5), 1.0, (-0.6, 0.4)),
     "star": pw.shapes.star(5, 1.0, 0.45),
 }
+# Fields that differ from element to element, in phase as well, and add up where they overlap.
+ARRAY = pw.Array(
+    [
+        pw.Aperture([[-0.6, -0.4], [0.7, -0.2], [0.1, 0.8]]),
+        pw.Aperture(pw.shapes.star(5, 0.4, 0.2).rings[0] + np.array([0.3, 0.1])),
+        pw.Aperture([[-0.7, 0.3], [-0.2, 0.35], [-0.5, 0.8]]),
+    ],
+    [1.0, 0.7j, 0.6 - 0.8j],
+)
 shapes = pytest.mark.parametrize("source", SHAPES.values(), ids=SHAPES)
 
 KINDS = ("autocorrelation", "wigner", "ambiguity")
@@ -43,7 +52,12 @@ def tile(source: Any, kind: str, name: str, first: Any, second: Any) -> np.ndarr
     return np.asarray(found[name].values)
 
 
-def box_of(source: pw.Aperture) -> tuple[float, float]:
+def bounds_of(source: pw.Aperture | pw.Array) -> tuple[float, float, float, float]:
+    """(xmin, ymin, xmax, ymax)."""
+    return (source.support if isinstance(source, pw.Array) else source).bounds
+
+
+def box_of(source: pw.Aperture | pw.Array) -> tuple[float, float]:
     """Width and height of the bounds."""
-    west, south, east, north = source.bounds
+    west, south, east, north = bounds_of(source)
     return east - west, north - south

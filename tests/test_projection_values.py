@@ -16,10 +16,11 @@ from oracles import exact
 from oracles.drawn import polygons
 from oracles.references import aperture, awkward
 from oracles.shapes import Polygons
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, GeometryError
 from polywigner.transforms.labelled import LabelledArrays
 from projected import KINDS, SHAPES, TILES, box_of, shapes, tile
 
+ROUNDING = 1e-13
 # Coordinates of a thousand sizes lose three digits.
 FAR = 1e-11
 
@@ -125,6 +126,73 @@ def _split(name: str) -> list[str]:
     """Pieces of a coordinate name: "xi_x" -> "xi", "_", "x"."""
     head, _, tail = name.partition("_")
     return [head, "_", tail] if tail else [head]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tiles_of_a_whole_are_those_of_its_pieces_together(kind: str) -> None:
+    whole = SHAPES["holed"]
+    halves = [
+        pw.Aperture(shapely.intersection(whole.polygons, shapely.box(*box)))
+        for box in ((-2, -2, 0.1, 2), (0.1, -2, 2, 2))
+    ]
+    twice = pw.Array([*halves, whole], [0.6 + 0.3j, 0.6 + 0.3j, 0.4 - 0.3j])
+    coordinates = {
+        name: np.linspace(-1.13, 1.17, 8)  # off the edges, where tiles jump
+        for name in {d for n in TILES[kind] for d in pw.projections(whole, kind)[n].dims}
+    }
+    one, other = (pw.projections(s, kind, coordinates=coordinates) for s in (whole, twice))
+    for name in TILES[kind]:
+        tolerance = other[name].attrs["error"] or ROUNDING
+        assert np.abs(one[name].values - other[name].values).max() < tolerance
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_fields_off_phase_show_in_every_tile(kind: str) -> None:
+    """R, W and A are bilinear: a phase common to all elements is lost, one between them is not."""
+    ring = SHAPES["triangle"].rings[0] - SHAPES["triangle"].centre
+    pieces = [pw.Aperture(ring + sign * np.array([0.2, 0.5])) for sign in (1, -1)]
+    plain, turned, opposed = (
+        pw.projections(pw.Array(pieces, weights), kind, samples=33)
+        for weights in ([1, 1], [1j, 1j], [1, 1j])
+    )
+    for name in TILES[kind]:
+        peak = np.abs(plain[name].values).max()
+        assert np.abs(plain[name].values - turned[name].values).max() < ROUNDING * peak
+        if (kind, name) != ("wigner", "x_y"):  # |u|^2 of pieces that do not overlap
+            assert np.abs(plain[name].values - opposed[name].values).max() > 0.02 * peak
+
+
+def test_the_error_stated_for_arrays_follows_what_can_overlap() -> None:
+    patch = pw.shapes.square(0.5)
+    places = [(x, y) for x in range(3) for y in range(3)]
+    apart = pw.Array([pw.Aperture(patch.rings[0] + np.array(p)) for p in places], [0.5j] * 9)
+    stacked = pw.Array([patch] * 9, [0.5j] * 9)
+
+    def error(source: pw.Array) -> float:
+        found = pw.projections(source, tiles=["x_nu_x"], samples=3)["x_nu_x"]
+        return found.attrs["error"] / np.prod(box_of(source))
+
+    assert error(stacked) == pytest.approx(81 * error(apart))
+    assert np.abs(pw.projections(stacked, samples=9)["x_y"].values).max() == pytest.approx(4.5**2)
+
+
+def test_arrays_of_slits_are_their_own_projection() -> None:
+    source = pw.Array([pw.shapes.slit(0.3), pw.shapes.slit(0.5, 0.2)], [1.0, 0.5j])
+    for kind, name in (
+        ("autocorrelation", "x_xi"),
+        ("wigner", "x_nu"),
+        ("ambiguity", "upsilon_xi"),
+    ):
+        found = pw.projections(source, kind, samples=7)[name]  # type: ignore[arg-type]
+        first, second = (np.asarray(found.coords[d].values) for d in found.dims)
+        function = getattr(pw, kind)
+        assert (found.values == function(source, first[:, None, None], second[:, None])).all()
+
+
+def test_elements_of_several_planes_are_refused() -> None:
+    leaning = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    with pytest.raises(GeometryError, match="one plane"):
+        pw.projections(pw.Array([SQUARE, SQUARE.placed(leaning)]))
 
 
 def test_a_shift_moves_the_tiles_and_turns_those_of_the_ambiguity_function() -> None:
@@ -244,5 +312,5 @@ def test_unusable_arguments_are_refused(arguments: dict[str, Any], message: str)
 
 
 def test_sources_without_a_phase_space_are_refused() -> None:
-    with pytest.raises(ArgumentError, match="expected an Aperture or Slits, got Placed"):
+    with pytest.raises(ArgumentError, match="expected a source for wigner"):
         pw.projections(SQUARE.placed(np.eye(4)))

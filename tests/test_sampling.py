@@ -15,7 +15,7 @@ from oracles.quadrature import triangle_nodes
 from oracles.references import aperture
 from oracles.shapes import Polygons
 from outlines import sample as box_sample
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry.trapezoids import trapezoids
 
 HOLED = pw.Aperture(shapely.box(-1, -1, 1, 1) - shapely.box(-0.5, -0.5, 0.25, 0.5))
@@ -156,6 +156,42 @@ def test_near_the_main_lobe_the_marginal_is_the_less_noisy_density(source: pw.Ap
     assert np.abs(power - source.area**2).max() < 1e-6 * source.area**2  # R_x small: cancels
 
 
+ARRAYS = {
+    "opposed squares": pw.Array(
+        [pw.shapes.square(1.0), pw.Aperture([[0.8, 0.1], [2.0, 0.1], [2.0, 0.9], [0.8, 0.9]])],
+        [1.0, -0.5j],
+    ),
+    "overlapping": pw.Array([HOLED, pw.shapes.square(1.0), HOLED], [1.0, -2.0, 0.0]),
+    "slits": pw.Array([SLITS, pw.shapes.slit(0.4, 0.5)], [1.0, -0.8]),
+}
+
+
+@pytest.mark.parametrize("source", ARRAYS.values(), ids=ARRAYS)
+@weights
+def test_sums_of_the_wigner_function_of_arrays_converge_and_stay_bounded(
+    kind: str, source: pw.Array
+) -> None:
+    x, density = pw.sample_automean(source, 4 * COUNT, kind, seed=6)
+    contents = [getattr(e, "area", None) or e.length for e in source.elements]
+    bound = (abs(source.weights) @ contents) ** 2
+    for nu in ([0.0] * x.shape[1], [0.4] * x.shape[1]):
+        terms = pw.wigner(source, x, nu) / density
+        deviation = terms.std() / np.sqrt(len(terms)) + ROUNDING * bound
+        assert abs(terms.mean() - abs(pw.fourier(source, nu)) ** 2) < 5 * deviation
+        if kind == "marginal":
+            assert abs(terms).max() < bound * (1 + 1e-6)
+
+
+def test_an_array_of_one_element_is_sampled_like_the_element() -> None:
+    for kind in ("uniform", "marginal"):
+        for source in (HOLED, SLITS):
+            alone, together = (
+                pw.sample_automean(s, 100, kind, seed=8) for s in (source, pw.Array([source]))
+            )
+            assert np.abs(alone[0] - together[0]).max() < ROUNDING
+            assert np.abs(alone[1] / together[1] - 1).max() < 1e-9
+
+
 def test_strata_of_the_unit_square_stay_strata_of_a_rectangle() -> None:
     source = pw.shapes.rectangle(2.0, 1.0)
     u, v = np.meshgrid(*2 * [(np.arange(16) + 0.5) / 16], indexing="ij")
@@ -215,10 +251,11 @@ def test_unusable_samples_are_refused(samples: object, kind: str, message: str) 
 
 
 def test_sources_without_a_phase_space_are_refused() -> None:
-    with pytest.raises(ArgumentError, match="expected an Aperture or Slits, got"):
+    with pytest.raises(ArgumentError, match="expected a source"):
         pw.sample_automean(HOLED.placed(np.eye(4)), 3)  # type: ignore[arg-type]
-    with pytest.raises(ArgumentError, match="expected an Aperture or Slits, got Array"):
-        pw.sample_automean(pw.Array([HOLED]), 3)
+    leaning = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    with pytest.raises(GeometryError, match="one plane"):
+        pw.sample_automean(pw.Array([HOLED, HOLED.placed(leaning)]), 3)
     with pytest.raises(ArgumentError, match="seed"):
         pw.sample_automean(HOLED, 3, seed="x")  # type: ignore[arg-type]
 

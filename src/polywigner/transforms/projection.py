@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.engines import Engine, checked_engine
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, Slits
+from polywigner.illumination import Array
+from polywigner.kernels import kernel_for
+from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.tiles import Tile, tiles_of
 
@@ -26,11 +28,11 @@ LARGEST_SAMPLES = 4096
 _MARGIN = 9 / 8
 _LOBES = 8.0
 
-Array = NDArray[np.float64]
+Values = NDArray[np.float64]
 
 
 def projections(
-    source: Aperture | Slits,
+    source: PhaseSpaceSource,
     kind: PhaseSpaceFunction = "wigner",
     *,
     samples: int | Mapping[str, int] = 129,
@@ -65,7 +67,7 @@ def projections(
 
     Parameters
     ----------
-    source : Aperture or Slits, |u| = 1 on it.
+    source : Aperture or Slits, |u| = 1 on it, or an Array of either.
     kind : which function.
     samples : points along every axis, from 2 to 4096, or a mapping from coordinates to that; an
         odd number has zero frequency and zero lag among them.
@@ -79,26 +81,27 @@ def projections(
     Returns
     -------
     xarray.Dataset if xarray can be imported, else a LabelledArrays, which has the same
-    ``[name].values``, ``.dims``, ``.attrs``, ``.coords`` and ``.data_vars``. Real float64 for
-    "autocorrelation" and "wigner", complex128 for "ambiguity". The attributes of a tile:
-    ``units``, ``long_name``, ``method`` (its closed form), ``exact`` (1: no quadrature) and
+    ``[name].values``, ``.dims``, ``.attrs``, ``.coords`` and ``.data_vars``. Complex for
+    "ambiguity", and for "autocorrelation" of an Array; real for all others. The attributes of a
+    tile: ``units``, ``long_name``, ``method`` (its closed form), ``exact`` (1: no quadrature) and
     ``error``, the largest error that rounding makes in it, for \\|nu\\| times diameter up to 1e3.
 
     Cost, with s samples along an axis and n edges: s overlaps of the outline with its mirror image
     and plane waves on some n edges at s^2 points for x_nu_x and upsilon_x_xi_x; up to n^2 pairs
-    of edges at s^2 points for x_xi_y of the autocorrelation; all other tiles less.
+    of edges at s^2 points for x_xi_y of the autocorrelation; all other tiles less. Of an Array,
+    overlaps of all pairs of elements whose boxes meet.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; EngineError without the engine.
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
     if kind not in get_args(PhaseSpaceFunction):
         names = ", ".join(f'"{name}"' for name in get_args(PhaseSpaceFunction))
         raise ArgumentError(f"expected kind to be one of {names}, got {kind!r}")
-    if not isinstance(source, Aperture | Slits):
-        raise ArgumentError(f"expected an Aperture or Slits, got {type(source).__name__}")
+    dimension = kernel_for(kind, source).dimension
     checked_engine(engine)
-    available = tiles_of(source, kind)
+    available = tiles_of(dimension, kind)
     chosen = _chosen(available, tiles)
     axes = _axes(source, available, samples, extent, coordinates)
     arrays = {tile.name: _array(tile, source, axes, engine) for tile in chosen}
@@ -113,7 +116,7 @@ def projections(
 
 
 def _array(
-    tile: Tile, source: Aperture | Slits, axes: Mapping[str, Array], engine: Engine
+    tile: Tile, source: PhaseSpaceSource, axes: Mapping[str, Values], engine: Engine
 ) -> LabelledArray:
     values = tile.values(source, axes[tile.first], axes[tile.second], engine)
     attrs = {
@@ -126,7 +129,7 @@ def _array(
     return LabelledArray(values, (tile.first, tile.second), attrs)
 
 
-def _axis(name: str, values: Array) -> LabelledArray:
+def _axis(name: str, values: Values) -> LabelledArray:
     units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
     return LabelledArray(values, (name,), {"units": units})
 
@@ -146,8 +149,8 @@ def _known(names: Iterable[Any], known: Iterable[str], what: str) -> None:
 
 
 def _axes(
-    source: Aperture | Slits, tiles: Mapping[str, Tile], samples: Any, extent: Any, coordinates: Any
-) -> dict[str, Array]:
+    source: PhaseSpaceSource, tiles: Mapping[str, Tile], samples: Any, extent: Any, coordinates: Any
+) -> dict[str, Values]:
     """The values along every coordinate that the tiles have."""
     names = dict.fromkeys(name for t in tiles.values() for name in (t.first, t.second))
     counts = dict(samples) if isinstance(samples, Mapping) else dict.fromkeys(names, samples)
@@ -165,7 +168,7 @@ def _axes(
     }
 
 
-def _given(name: str, values: Any) -> Array:
+def _given(name: str, values: Any) -> Values:
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -191,8 +194,8 @@ def _count(name: str, value: Any) -> int:
     return int(value)
 
 
-def _default(source: Aperture | Slits, name: str) -> tuple[float, float]:
-    low, high = _bounds(source, vertical=name.endswith("y"))
+def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
+    low, high = _reach(source, vertical=name.endswith("y"))
     width = high - low
     if name.startswith(("nu", "upsilon")):
         return -_LOBES / width, _LOBES / width
@@ -202,8 +205,10 @@ def _default(source: Aperture | Slits, name: str) -> tuple[float, float]:
     return centre - half, centre + half
 
 
-def _bounds(source: Aperture | Slits, vertical: bool) -> tuple[float, float]:
-    if isinstance(source, Slits):
-        return source.bounds
-    west, south, east, north = source.bounds
-    return (south, north) if vertical else (west, east)
+def _reach(source: PhaseSpaceSource, vertical: bool) -> tuple[float, float]:
+    """From where to where the source reaches, along y or along x."""
+    elements = source.coplanar if isinstance(source, Array) else (source,)
+    bounds = [element.bounds for element in elements]
+    first = 1 if vertical else 0
+    low, high = ([b[k] for b in bounds] for k in (first, first + len(bounds[0]) // 2))
+    return min(low), max(high)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -12,24 +12,27 @@ from polywigner.engines import Engine, NumpyOperations
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
+from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
+from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
 
 __all__ = ["Weights", "sample_automean"]
 
 Weights = Literal["uniform", "marginal"]
 
-Array = NDArray[np.float64]
+Values = NDArray[np.float64]
+Element = Aperture | Slits
 
 
 def sample_automean(
-    source: Aperture | Slits,
+    source: PhaseSpaceSource,
     samples: int | ArrayLike,
     weights: Weights = "uniform",
     *,
     seed: int | np.random.Generator | None = None,
     engine: Engine = "auto",
-) -> tuple[Array, Array]:
+) -> tuple[Values, Values]:
     """Positions drawn from the automean, the support of W(., nu), and their probability density.
 
     The mean of ``W(x, nu)/density`` over the positions estimates ``int W dx = |F(nu)|^2``, without
@@ -41,13 +44,15 @@ def sample_automean(
     - ``"marginal"``: ``R_x(x)/content^2``, with R_x of :func:`position_marginal`. The means
       ``(a + b)/2`` of two independent uniform points of the source follow precisely this density,
       so nothing is rejected or tabulated. Then W/density is ``content^2`` W/R_x, bounded by
-      ``content^2``, and constant at nu = 0: far less noisy near the main lobe.
+      ``content^2``, and constant at nu = 0: far less noisy near the main lobe. Of an Array: R_x of
+      the array with the moduli of its weights (its own may be negative), and its content, with
+      the same bound.
 
     Source: docs/projections.md, (P14) and (P15).
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it.
+    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it, or an Array of either.
     samples : how many, or the numbers to map, each in [0, 1): (n, d) for ``"uniform"``, (n, 2 d)
         for ``"marginal"`` (the first d numbers make a, the others b).
     weights : the density.
@@ -60,26 +65,28 @@ def sample_automean(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; EngineError without the engine.
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
-    if not isinstance(source, Aperture | Slits):
-        raise ArgumentError(f"expected an Aperture or Slits, got {type(source).__name__}")
     dimension = kernel_for("position_marginal", source).dimension
     if weights not in get_args(Weights):
         names = " or ".join(f'"{name}"' for name in get_args(Weights))
         raise ArgumentError(f"expected weights to be {names}, got {weights!r}")
     if weights == "uniform":
         numbers = _numbers(samples, dimension, seed)
-        points, content = _uniform_map(_support(source))(numbers)
+        points, content = _uniform_map([(_support(source), 1.0)])(numbers)
         return points, np.full(len(points), 1.0 / content)
     numbers = _numbers(samples, 2 * dimension, seed)
-    place = _uniform_map(source)
+    in_phase = source
+    if isinstance(source, Array):
+        in_phase = Array(source.elements, abs(source.weights))
+    place = _uniform_map(_elements(in_phase))
     (first, content), (second, _) = place(numbers[:, :dimension]), place(numbers[:, dimension:])
     points = first / 2 + second / 2
-    return points, position_marginal(source, points, engine=engine) / content**2
+    return points, position_marginal(in_phase, points, engine=engine) / content**2
 
 
-def _numbers(samples: Any, columns: int, seed: Any) -> Array:
+def _numbers(samples: Any, columns: int, seed: Any) -> Values:
     """(n, columns) numbers in [0, 1), those given or random ones."""
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         if samples < 1:
@@ -103,45 +110,79 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Array:
     return array
 
 
-def _support(source: Aperture | Slits) -> Aperture | Slits:
-    """The automean, of slits as well: the means of pairs of intervals, merged where they meet."""
+def _outlines(source: PhaseSpaceSource) -> Sequence[Element]:
+    return source.coplanar if isinstance(source, Array) else (source,)
+
+
+def _elements(source: PhaseSpaceSource) -> list[tuple[Element, float]]:
+    """Slits or apertures, and the modulus of the field on each."""
+    if isinstance(source, Array):
+        moduli: list[float] = abs(source.weights).tolist()
+        pairs = zip(_outlines(source), moduli, strict=True)
+        return [(element, modulus) for element, modulus in pairs if modulus > 0]
+    return [(source, 1.0)]
+
+
+def _support(source: PhaseSpaceSource) -> Element:
+    """The automean, of slits as well."""
+    if isinstance(source, Array) and source.dimension > 1:
+        return automean(source.support)
     if isinstance(source, Aperture):
         return automean(source)
-    ends = source.intervals / 2
-    means = np.sort((ends[:, None] + ends).reshape(-1, 2), axis=0)
+    ends = np.concatenate([e.intervals for e in _outlines(source) if isinstance(e, Slits)]) / 2
+    return Slits(_merged((ends[:, None] + ends).reshape(-1, 2)))
+
+
+def _merged(intervals: Values) -> Values:
+    """The union of intervals (m, 2)."""
     # Sorted separately, begins and ends still bound the same union; it has a gap wherever a begin
     # lies beyond all ends before it.
-    gaps = np.flatnonzero(means[1:, 0] > means[:-1, 1])
-    return Slits(np.column_stack([means[np.append(0, gaps + 1), 0], means[np.append(gaps, -1), 1]]))
+    begins, ends = np.sort(intervals, axis=0).T
+    gaps = np.flatnonzero(begins[1:] > ends[:-1])
+    return np.column_stack([begins[np.append(0, gaps + 1)], ends[np.append(gaps, -1)]])
 
 
-Map = Callable[[Array], tuple[Array, float]]
+Map = Callable[[Values], tuple[Values, float]]
 
 
-def _uniform_map(source: Aperture | Slits) -> Map:
-    """The map of numbers (n, d) onto positions (n, d) that are uniform in a source; its content."""
-    if isinstance(source, Slits):
-        begins, widths = source.intervals[:, 0], np.diff(source.intervals)[:, 0]
+def _uniform_map(elements: Sequence[tuple[Element, float]]) -> Map:
+    """The map of numbers (n, d) onto positions (n, d), with densities in proportion to the moduli.
 
-        def on_slits(numbers: Array) -> tuple[Array, float]:
-            index, u = _choice(widths, numbers[:, 0])
-            return (begins[index] + u * widths[index])[:, None], source.length
-
-        return on_slits
-    # Relative to the centre: far from the origin, heights would lose digits.
-    cells = trapezoids([ring - source.centre for ring in source.rings])
+    It returns the sum of contents times moduli as well.
+    """
+    tables = [_cells(element) for element, _ in elements]
+    moduli = np.repeat([modulus for _, modulus in elements], [len(t[0]) for t in tables])
+    areas, origin, *columns = (np.concatenate(parts) for parts in zip(*tables, strict=True))
+    content = sum(modulus * _content(element) for element, modulus in elements)
     ops = NumpyOperations(double=True)
 
-    def in_trapezoids(numbers: Array) -> tuple[Array, float]:
-        index, u = _choice(cells.areas, numbers[:, 0])
-        row = [column[index] for column in cells.columns]
-        place = point_in_trapezoid(ops, row, u, numbers[:, 1])
-        return np.column_stack(place) + source.centre, source.area
+    def place(numbers: Values) -> tuple[Values, float]:
+        index, u = _choice(moduli * areas, numbers[:, 0])
+        row = [column[index] for column in columns]
+        if numbers.shape[1] == 1:
+            inner = [row[0] + u * row[1]]
+        else:
+            inner = list(point_in_trapezoid(ops, row, u, numbers[:, 1]))
+        return np.column_stack(inner) + origin[index], content
 
-    return in_trapezoids
+    return place
 
 
-def _choice(shares: Array, numbers: Array) -> tuple[NDArray[np.intp], Array]:
+def _cells(element: Element) -> tuple[Values, ...]:
+    """Contents, origins and columns of the intervals or trapezoids of an element."""
+    if isinstance(element, Slits):
+        begins, widths = element.intervals[:, 0], np.diff(element.intervals)[:, 0]
+        return widths, np.zeros((len(begins), 1)), begins, widths
+    # Relative to the centre: far from the origin, heights would lose digits.
+    cells = trapezoids([ring - element.centre for ring in element.rings])
+    return cells.areas, np.tile(element.centre, (len(cells.areas), 1)), *cells.columns
+
+
+def _content(element: Element) -> float:
+    return element.length if isinstance(element, Slits) else element.area
+
+
+def _choice(shares: Values, numbers: Values) -> tuple[NDArray[np.intp], Values]:
     """Which share each number in [0, 1) falls into, and where in it, again in [0, 1]."""
     ends = np.cumsum(shares)
     where = numbers * ends[-1]

@@ -1,8 +1,9 @@
-"""Sections of an aperture along y, and its overlap with its mirror image, as functions of x.
+"""Sections of a field along y, and its overlap with its mirror image, as functions of x.
 
-What is left of the phase-space functions of an aperture when two of four coordinates have been
+What is left of the phase-space functions of a plane source when two of four coordinates have been
 integrated out (docs/projections.md). Everything here is along y or mirrors x; the other direction
-is that of the :func:`transposed` aperture.
+is that of the transposed field. Coordinates are relative to the field's centre, so that no digits
+are lost far from the origin.
 """
 
 from __future__ import annotations
@@ -16,21 +17,22 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.engines import NumpyOperations
-from polywigner.geometry import Aperture
 from polywigner.kernels.phases import turns_to_centre
 from polywigner.kernels.stokes import triangle_plane_wave
 from polywigner.kernels.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.transforms.fields import Field
 
 __all__ = [
+    "Copies",
+    "Overlaps",
     "Sections",
     "mirrored_correlation",
-    "overlap_edges",
     "overlap_spectra",
+    "overlaps",
     "phase",
     "section_lengths",
     "section_spectra",
     "sections",
-    "transposed",
 ]
 
 Array = NDArray[np.float64]
@@ -43,34 +45,43 @@ _OPS = NumpyOperations(double=True)
 _BLOCK = 1 << 20
 
 
-def transposed(aperture: Aperture) -> Aperture:
-    """The aperture with x and y exchanged."""
-    return Aperture._of_parts(
-        [tuple(ring[::-1, ::-1] for ring in part) for part in aperture._parts]
-    )
-
-
 @dataclass(frozen=True)
 class Sections:
-    """Intervals [low, high] of y, each in the section at one of ``count`` abscissae."""
+    """Weighted intervals [low, high] of y, each in the section at one of ``count`` abscissae."""
 
     count: int
     row: Indices
     low: Array
     high: Array
+    weight: NDArray[Any]
 
 
-def _upright(aperture: Aperture) -> tuple[Array, Array, Array]:
-    """Left and right ends (n, 2) of the edges that are not vertical, and +1 below, -1 above.
+@dataclass(frozen=True)
+class _Upright:
+    """Edges that are not vertical, from left to right; + their field's weight below, - above."""
 
-    Relative to the centre, so that no digits are lost far from the origin.
-    """
-    start = np.concatenate(aperture.rings) - aperture.centre
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in aperture.rings]) - aperture.centre
+    left: Array
+    right: Array
+    step: NDArray[Any]
+    """What the field rises by on passing the edge upwards."""
+    element: Indices
+
+
+def _upright(field: Field) -> _Upright:
+    rings = [(k, ring) for k, outline in enumerate(field.outlines) for ring in outline.rings]
+    start = np.concatenate([ring for _, ring in rings]) - field.centre
+    end = np.concatenate([np.roll(ring, -1, axis=0) for _, ring in rings]) - field.centre
+    element = np.repeat([k for k, _ in rings], [len(ring) for _, ring in rings])
     run = end[:, 0] - start[:, 0]
-    start, end, run = start[run != 0], end[run != 0], run[run != 0]
+    used = run != 0
+    start, end, element, run = start[used], end[used], element[used], run[used]
     forward = run[:, None] > 0
-    return np.where(forward, start, end), np.where(forward, end, start), np.sign(run)
+    return _Upright(
+        np.where(forward, start, end),
+        np.where(forward, end, start),
+        np.sign(run) * field.weights[element],
+        element,
+    )
 
 
 def _height(left: Array, right: Array, x: Array) -> Array:
@@ -79,34 +90,36 @@ def _height(left: Array, right: Array, x: Array) -> Array:
     return left[..., 1] * (1 - share) + right[..., 1] * share
 
 
-def sections(aperture: Aperture, x: Array) -> Sections:
-    """The intervals of y in the aperture at abscissae x (n,), relative to the centre's y.
+def sections(field: Field, x: Array) -> Sections:
+    """The intervals of y in the outlines at abscissae x (n,), relative to the centre's y.
 
     At the abscissa of a vertical edge: those to the right of it.
     """
-    left, right, _ = _upright(aperture)
-    at = x - aperture.centre[0]
-    row, edge = np.nonzero((left[:, 0] <= at[:, None]) & (at[:, None] < right[:, 0]))
-    height = _height(left[edge], right[edge], at[row])
-    order = np.lexsort((height, row))
-    # Going up, edges enter and leave the aperture in turn.
-    return Sections(len(x), row[order][0::2], height[order][0::2], height[order][1::2])
+    edges, at = _upright(field), x - field.centre[0]
+    row, edge = np.nonzero((edges.left[:, 0] <= at[:, None]) & (at[:, None] < edges.right[:, 0]))
+    height = _height(edges.left[edge], edges.right[edge], at[row])
+    order = np.lexsort((height, edges.element[edge], row))
+    # Going up, edges enter and leave an outline in turn.
+    below, above = order[0::2], order[1::2]
+    weight = field.weights[edges.element[edge[below]]]
+    return Sections(len(x), row[below], height[below], height[above], weight)
 
 
-def section_lengths(found: Sections) -> Array:
-    """(count,) total length of each section."""
-    lengths = np.zeros(found.count)
-    np.add.at(lengths, found.row, found.high - found.low)
+def section_lengths(found: Sections) -> NDArray[Any]:
+    """(count,) integral of the field over each section."""
+    lengths = np.zeros(found.count, found.weight.dtype)
+    np.add.at(lengths, found.row, found.weight * (found.high - found.low))
     return lengths
 
 
 def section_spectra(found: Sections, nu: Array) -> Complex:
-    """(count, n) Fourier transforms of the sections' indicator functions at nu (n,)."""
+    """(count, n) Fourier transforms of the field on the sections at nu (n,)."""
 
     def term(chosen: Indices) -> tuple[Any, Any]:
         low, high = found.low[chosen, None], found.high[chosen, None]
         cosine, sine = mean_plane_wave(_OPS, nu * low, nu * high)
-        return cosine * (high - low), sine * (high - low)
+        share = found.weight[chosen, None] * (high - low)
+        return cosine * share, sine * share
 
     return _row_sums(found.row, found.count, len(nu), term)
 
@@ -114,14 +127,13 @@ def section_spectra(found: Sections, nu: Array) -> Complex:
 def _row_sums(
     row: Indices, count: int, columns: int, term: Callable[[Indices], tuple[Any, Any]]
 ) -> Complex:
-    """Sums of (cosine, -sine) over the entries of each row, all rows at a time; row ascends."""
+    """Sums of cosine - i sine over the entries of each row, all rows at a time; row ascends."""
     total = np.zeros((count, columns), np.complex128)
     rank = np.arange(len(row)) - np.searchsorted(row, row)
     for k in range(rank.max(initial=-1) + 1):
         chosen = np.flatnonzero(rank == k)
         cosine, sine = term(chosen)
-        total.real[row[chosen]] += cosine
-        total.imag[row[chosen]] -= sine
+        total[row[chosen]] += cosine - 1j * sine
     return total
 
 
@@ -132,51 +144,91 @@ def phase(centre: float, nu: Array) -> Complex:
 
 
 @dataclass(frozen=True)
-class _Edges:
-    """Boundary edges (m, 2) of regions, each of one of ``count`` rows."""
+class Overlaps:
+    """Boundary edges (m, 2) of weighted regions, each of one of ``count`` rows."""
 
     count: int
     row: Indices
     begin: Array
     end: Array
+    weight: NDArray[Any]
 
 
-def overlap_edges(first: Any, second: Any) -> _Edges:
-    """The boundaries of the intersections of two arrays of shapely polygons, pair by pair."""
-    common = shapely.intersection(first, second)
-    parts, row = shapely.get_parts(common, return_index=True)
-    inner, index = shapely.get_parts(parts, return_index=True)
-    plane = shapely.get_type_id(inner) == shapely.GeometryType.POLYGON
-    polygons, row = shapely.orient_polygons(inner[plane]), row[index[plane]]
-    rings, owner = shapely.get_rings(polygons, return_index=True)
+Copies = Callable[[float], Callable[[Array], Array]]
+"""Of a value, the map of points (m, 2) to one of the two images of the field."""
+
+
+def overlaps(field: Field, at: Array, ahead: Copies, behind: Copies) -> Overlaps:
+    """The regions that two images of the field have in common, for every value ``at`` (n,).
+
+    ``ahead(value)`` and ``behind(value)`` map points (m, 2) to those images. The weight of a region
+    is that of its first element times the conjugate of that of the second.
+    """
+    one, other = _images(field, at, ahead), _images(field, at, behind)
+    row, first, second = _meeting(shapely.bounds(one), shapely.bounds(other))
+    pieces = shapely.intersection(one[row, first], other[row, second])
+    weight = field.weights[first] * np.conj(field.weights[second])
+    rings, piece = _outlines(pieces)
     points, ring = shapely.get_coordinates(rings, return_index=True)
     same = ring[:-1] == ring[1:]
-    begin, end = points[:-1][same], points[1:][same]
-    return _Edges(len(common), row[owner][ring[:-1][same]], begin, end)
+    owner = piece[ring[:-1][same]]
+    return Overlaps(len(at), row[owner], points[:-1][same], points[1:][same], weight[owner])
 
 
-def overlap_spectra(edges: _Edges, nu: Array) -> Complex:
+def _images(field: Field, at: Array, copies: Copies) -> NDArray[Any]:
+    """(n, elements) polygons."""
+    images = [[shapely.transform(o.polygons, copies(v)) for o in field.outlines] for v in at]
+    return np.array(images, dtype=object).reshape(len(at), len(field.outlines))
+
+
+def _meeting(one: Array, other: Array) -> tuple[Indices, Indices, Indices]:
+    """(row, element, element) wherever boxes (n, elements, 4) meet, rows ascending."""
+    pairs = [_pairs(a, b) for a, b in zip(one, other, strict=True)]
+    row = np.repeat(np.arange(len(pairs)), [len(first) for first, _ in pairs])
+    first, second = (np.concatenate([pair[k] for pair in pairs]) for k in range(2))
+    return row, first, second
+
+
+def _pairs(one: Array, other: Array) -> tuple[Indices, Indices]:
+    a, b = one[:, None], other[None]
+    meet = (a[..., :2] < b[..., 2:]) & (b[..., :2] < a[..., 2:])
+    first, second = np.nonzero(meet.all(axis=-1))
+    return first, second
+
+
+def _outlines(geometries: NDArray[Any]) -> tuple[NDArray[Any], Indices]:
+    """All rings of the polygons among geometries, outer ones counter-clockwise, and whose."""
+    parts, index = shapely.get_parts(geometries, return_index=True)
+    inner, outer = shapely.get_parts(parts, return_index=True)
+    plane = shapely.get_type_id(inner) == shapely.GeometryType.POLYGON
+    polygons, owner = shapely.orient_polygons(inner[plane]), index[outer[plane]]
+    rings, polygon = shapely.get_rings(polygons, return_index=True)
+    return rings, owner[polygon]
+
+
+def overlap_spectra(found: Overlaps, nu: Array) -> Complex:
     """(count, n) Fourier transforms of the regions at the frequencies (nu, 0). Source: (F2)."""
-    twice_area = edges.begin[:, 0] * edges.end[:, 1] - edges.begin[:, 1] * edges.end[:, 0]
+    twice_area = found.begin[:, 0] * found.end[:, 1] - found.begin[:, 1] * found.end[:, 0]
+    share = found.weight * twice_area
 
     def term(chosen: Indices) -> tuple[Any, Any]:
-        begin, end = edges.begin[chosen, :1], edges.end[chosen, :1]
+        begin, end = found.begin[chosen, :1], found.end[chosen, :1]
         cosine, sine = triangle_plane_wave(_OPS, nu * begin, nu * end)
-        return cosine * twice_area[chosen, None], sine * twice_area[chosen, None]
+        return cosine * share[chosen, None], sine * share[chosen, None]
 
-    return _row_sums(edges.row, edges.count, len(nu), term)
+    return _row_sums(found.row, found.count, len(nu), term)
 
 
-def mirrored_correlation(aperture: Aperture, x: Array, lag: Array) -> Array:
-    """(n, m): twice the area that the aperture shares with its mirror image, at x (n,), lag (m,).
+def mirrored_correlation(field: Field, x: Array, lag: Array) -> NDArray[Any]:
+    """(n, m): twice what the field shares with its mirror image, at x (n,) and lag (m,).
 
-    The image is that in the vertical line at x, moved up by the lag. Source: docs/projections.md,
-    (P5). No edges are cut: the sum is continuous in all its arguments.
+    The image is that in the vertical line at x, moved up by the lag, and conjugated. Source:
+    docs/projections.md, (P5). No edges are cut: the sum is continuous in all its arguments.
     """
-    left, right, sign = _upright(aperture)
-    signs = sign[:, None] * sign
-    found = np.zeros((len(x), len(lag)))
-    for row, abscissa in enumerate(x - aperture.centre[0]):
+    edges = _upright(field)
+    left, right = edges.left, edges.right
+    found = np.zeros((len(x), len(lag)), edges.step.dtype)
+    for row, abscissa in enumerate(x - field.centre[0]):
         # Edges i of the one and j of the other lie above each other from low to high.
         low = np.maximum(left[:, None, 0], 2 * abscissa - right[:, 0])
         high = np.minimum(right[:, None, 0], 2 * abscissa - left[:, 0])
@@ -186,10 +238,10 @@ def mirrored_correlation(aperture: Aperture, x: Array, lag: Array) -> Array:
             _height(left[i], right[i], at) - _height(left[j], right[j], 2 * abscissa - at)
             for at in (begin, end)
         ]
-        weight = -signs[i, j] * (end - begin)
-        step = max(1, _BLOCK // max(1, len(lag)))
-        for k in range(0, len(weight), step):
-            part = slice(k, k + step)
+        weight = -edges.step[i] * np.conj(edges.step[j]) * (end - begin)
+        size = max(1, _BLOCK // max(1, len(lag)))
+        for k in range(0, len(weight), size):
+            part = slice(k, k + size)
             distances = _mean_distance(lag - rise[0][part, None], lag - rise[1][part, None])
             found[row] += weight[part] @ distances
     return found

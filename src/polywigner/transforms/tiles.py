@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from polywigner.engines import Engine
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Slits
+from polywigner.transforms.fields import Field, field_of
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -20,14 +20,14 @@ from polywigner.transforms.phase_space import (
     wigner,
 )
 from polywigner.transforms.sections import (
+    Copies,
     mirrored_correlation,
-    overlap_edges,
     overlap_spectra,
+    overlaps,
     phase,
     section_lengths,
     section_spectra,
     sections,
-    transposed,
 )
 from polywigner.transforms.spectrum import fourier
 
@@ -37,9 +37,11 @@ Array = NDArray[np.float64]
 Values = Callable[[Any, Array, Array, Engine], Any]
 Scale = Callable[[Any], float]
 
-# Of a tile's scale, the content or the box to its power: rounding errors measured over the shapes
-# of the tests, |nu| times diameter up to 1e3, reach 2e-13 of it.
+# Of a tile's scale: rounding errors measured over the shapes of the tests, |nu| times diameter up
+# to 1e3, reach 2e-13 of it.
 _ROUNDING = 1e-12
+
+_LINE = "P1"
 
 
 @dataclass(frozen=True)
@@ -53,11 +55,11 @@ class Tile:
     label: str
     """Of the equation in docs/projections.md."""
     compute: Values
-    """(source, values along the first, along the second, engine) -> (n, m)."""
+    """(what is seen, values along the first, along the second, engine) -> (n, m)."""
     scale: Scale
-    """(source) -> what the rounding error is proportional to, in the tile's units."""
-    swapped: bool = False
-    """Whether x and y change roles: then ``compute`` and ``scale`` get the transposed aperture."""
+    """(field, or slits) -> what the rounding error is proportional to, in the tile's units."""
+    sees: Literal["source", "field", "transposed"] = "source"
+    """What ``compute`` gets: transposed, x and y change roles in it."""
 
     @property
     def name(self) -> str:
@@ -68,83 +70,86 @@ class Tile:
         return f"closed form ({self.label})"
 
     def values(self, source: Any, first: Array, second: Array, engine: Engine) -> Any:
-        return self.compute(self._seen(source), first, second, engine)
+        seen = source if self.sees == "source" else self._field(source)
+        return self.compute(seen, first, second, engine)
 
     def error(self, source: Any) -> float:
         """Bound on the absolute rounding error."""
-        return _ROUNDING * self.scale(self._seen(source))
+        return _ROUNDING * self.scale(self._field(source))
 
-    def _seen(self, source: Any) -> Any:
-        return transposed(source) if self.swapped else source
+    def _field(self, source: Any) -> Any:
+        if self.label == _LINE:
+            return source
+        field = field_of(source)
+        return field.transposed() if self.sees == "transposed" else field
 
 
 def _grid(first: Array, second: Array) -> Array:
     return np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
 
 
-def _width(aperture: Aperture) -> float:
-    return aperture.bounds[2] - aperture.bounds[0]
+def _power(field: Field) -> float:
+    """Bound on |F|^2."""
+    return field.content**2
 
 
-def _height(aperture: Aperture) -> float:
-    return aperture.bounds[3] - aperture.bounds[1]
+def _box(field: Field) -> float:
+    """Bound on the intensity, times the area of the bounds."""
+    west, south, east, north = field.bounds
+    return field.amplitude**2 * (east - west) * (north - south)
 
 
-def _box(aperture: Aperture) -> float:
-    return _width(aperture) * _height(aperture)
+def _column(field: Field) -> float:
+    """Bound on the intensity, times the squared height."""
+    return (field.amplitude * (field.bounds[3] - field.bounds[1])) ** 2
+
+
+def _nothing(field: Field) -> float:
+    return 0.0
 
 
 # --- autocorrelation
 
 
-def _lag_integral(source: Aperture, x: Array, y: Array, engine: Engine) -> Any:
+def _lag_integral(source: Any, x: Array, y: Array, engine: Engine) -> Any:
     return position_marginal(source, _grid(x, y), engine=engine)
 
 
-def _position_integral(source: Aperture, xi_x: Array, xi_y: Array, engine: Engine) -> Any:
+def _position_integral(source: Any, xi_x: Array, xi_y: Array, engine: Engine) -> Any:
     return lag_marginal(source, _grid(xi_x, xi_y), engine=engine)
 
 
-def _column_product(source: Aperture, x: Array, xi_x: Array, engine: Engine) -> Any:
+def _shadow_product(field: Field, x: Array, xi_x: Array, engine: Engine) -> Any:
     ahead, behind = (x[:, None] + half for half in (xi_x / 2, -xi_x / 2))
-    lengths = [section_lengths(sections(source, at.ravel())) for at in (ahead, behind)]
-    return (lengths[0] * lengths[1]).reshape(ahead.shape)
+    one, other = (section_lengths(sections(field, at.ravel())) for at in (ahead, behind))
+    return (one * np.conj(other)).reshape(ahead.shape)
 
 
-def _mirrored_overlap(source: Aperture, x: Array, xi_y: Array, engine: Engine) -> Any:
-    return mirrored_correlation(source, x, xi_y)
+def _mirrored_overlap(field: Field, x: Array, xi_y: Array, engine: Engine) -> Any:
+    return mirrored_correlation(field, x, xi_y)
 
 
 # --- Wigner function
 
 
-def _intensity(source: Aperture, x: Array, y: Array, engine: Engine) -> Any:
+def _intensity(source: Any, x: Array, y: Array, engine: Engine) -> Any:
     return autocorrelation(source, _grid(x, y), np.zeros(2), engine=engine).real
 
 
-def _power_spectrum(source: Aperture, nu_x: Array, nu_y: Array, engine: Engine) -> Any:
+def _power_spectrum(source: Any, nu_x: Array, nu_y: Array, engine: Engine) -> Any:
     return _squared(fourier(source, _grid(nu_x, nu_y), engine=engine))
 
 
-def _wigner_of_rows(source: Aperture, x: Array, nu_x: Array, engine: Engine) -> Any:
-    west, _, east, _ = source.bounds
-    inside = np.flatnonzero((x > west) & (x < east))  # the extent of the automean
-    centre = source.centre
+def _wigner_of_rows(field: Field, x: Array, nu_x: Array, engine: Engine) -> Any:
+    def image(sign: float) -> Copies:
+        return lambda at: lambda v: (v - (at, field.centre[1])) * (2 * sign, 1.0)
 
-    def copies(sign: float) -> list[Any]:
-        def image(at: float) -> Any:
-            return lambda v: (v - (at, centre[1])) * (2 * sign, 1.0)
-
-        return [shapely.transform(source.polygons, image(at)) for at in x[inside]]
-
-    values = np.zeros((len(x), len(nu_x)))
     # The overlap is its own mirror image, so its transform is real.
-    values[inside] = overlap_spectra(overlap_edges(copies(1.0), copies(-1.0)), nu_x).real
-    return values
+    return overlap_spectra(overlaps(field, x, image(1.0), image(-1.0)), nu_x).real
 
 
-def _column_spectra(source: Aperture, x: Array, nu_y: Array, engine: Engine) -> Any:
-    return _squared(section_spectra(sections(source, x), nu_y))
+def _column_spectra(field: Field, x: Array, nu_y: Array, engine: Engine) -> Any:
+    return _squared(section_spectra(sections(field, x), nu_y))
 
 
 def _squared(values: Any) -> Any:
@@ -154,35 +159,32 @@ def _squared(values: Any) -> Any:
 # --- ambiguity function
 
 
-def _at_opposite_points(source: Aperture, xi_x: Array, xi_y: Array, engine: Engine) -> Any:
+def _at_opposite_points(source: Any, xi_x: Array, xi_y: Array, engine: Engine) -> Any:
     return autocorrelation(source, np.zeros(2), _grid(xi_x, xi_y), engine=engine)
 
 
-def _spectrum_product(source: Aperture, first: Array, second: Array, engine: Engine) -> Any:
+def _spectrum_product(source: Any, first: Array, second: Array, engine: Engine) -> Any:
     half = _grid(first, second) / 2
     ahead = fourier(source, half, engine=engine)
     return ahead * np.conj(fourier(source, -half, engine=engine))
 
 
-def _ambiguity_of_rows(source: Aperture, upsilon_x: Array, xi_x: Array, engine: Engine) -> Any:
-    centre = source.centre[0]
+def _ambiguity_of_rows(field: Field, upsilon_x: Array, xi_x: Array, engine: Engine) -> Any:
+    centre = float(field.centre[0])
 
-    def copies(sign: float) -> list[Any]:
-        def image(lag: float) -> Any:
-            return lambda v: (v - (centre + sign * lag / 2, 0.0)) * (1.0, sign)
+    def image(sign: float) -> Copies:
+        return lambda lag: lambda v: (v - (centre + sign * lag / 2, 0.0)) * (1.0, sign)
 
-        return [shapely.transform(source.polygons, image(lag)) for lag in xi_x]
-
-    spectra = overlap_spectra(overlap_edges(copies(1.0), copies(-1.0)), upsilon_x)
+    spectra = overlap_spectra(overlaps(field, xi_x, image(1.0), image(-1.0)), upsilon_x)
     return 2 * (spectra * phase(centre, upsilon_x)).T
 
 
-def _opposite_columns(source: Aperture, upsilon_y: Array, xi_x: Array, engine: Engine) -> Any:
+def _opposite_columns(field: Field, upsilon_y: Array, xi_x: Array, engine: Engine) -> Any:
     ahead, behind = (
-        section_spectra(sections(source, sign * xi_x / 2), sign * upsilon_y / 2)
+        section_spectra(sections(field, sign * xi_x / 2), sign * upsilon_y / 2)
         for sign in (1.0, -1.0)
     )
-    return (ahead * np.conj(behind) * phase(source.centre[1], upsilon_y)).T
+    return (ahead * np.conj(behind) * phase(float(field.centre[1]), upsilon_y)).T
 
 
 # --- the tables
@@ -192,12 +194,12 @@ def _both(
     first: str, second: str, units: str, meaning: str, label: str, compute: Values, scale: Scale
 ) -> list[Tile]:
     """A tile and the one with x and y exchanged; {0} and {1} stand for x and y in the texts."""
-    made = []
-    for axes in ("xy", "yx"):
-        one, other, said = (text.format(*axes) for text in (first, second, meaning))
-        swapped = axes == "yx"
-        made.append(Tile(one, other, units, said, label, compute, scale, swapped))
-    return made
+
+    def tile(x: str, y: str, sees: Literal["field", "transposed"]) -> Tile:
+        one, other, said = (text.format(x, y) for text in (first, second, meaning))
+        return Tile(one, other, units, said, label, compute, scale, sees)
+
+    return [tile("x", "y", "field"), tile("y", "x", "transposed")]
 
 
 _APERTURE: dict[str, list[Tile]] = {
@@ -206,7 +208,7 @@ _APERTURE: dict[str, list[Tile]] = {
         Tile("xi_x", "xi_y", "m2", "R integrated over x, y", "P3", _position_integral, _box),
         *_both(
             *("{0}", "xi_{0}", "m2", "R integrated over {1}, xi_{1}"),
-            *("P4", _column_product, lambda a: _height(a) ** 2),
+            *("P4", _shadow_product, _column),
         ),
         *_both(
             *("{0}", "xi_{1}", "m2", "R integrated over {1}, xi_{0}"),
@@ -214,10 +216,10 @@ _APERTURE: dict[str, list[Tile]] = {
         ),
     ],
     "wigner": [
-        Tile("x", "y", "1", "W integrated over nu_x, nu_y", "P6", _intensity, lambda a: 0.0),
+        Tile("x", "y", "1", "W integrated over nu_x, nu_y", "P6", _intensity, _nothing),
         Tile(
             *("nu_x", "nu_y", "m4", "W integrated over x, y"),
-            *("P7", _power_spectrum, lambda a: a.area**2),
+            *("P7", _power_spectrum, _power),
         ),
         *_both(
             *("{0}", "nu_{0}", "m2", "W integrated over {1}, nu_{1}"),
@@ -225,17 +227,17 @@ _APERTURE: dict[str, list[Tile]] = {
         ),
         *_both(
             *("{0}", "nu_{1}", "m2", "W integrated over {1}, nu_{0}"),
-            *("P9", _column_spectra, lambda a: _height(a) ** 2),
+            *("P9", _column_spectra, _column),
         ),
     ],
     "ambiguity": [
         Tile(
             *("xi_x", "xi_y", "1", "A integrated over upsilon_x, upsilon_y"),
-            *("P10", _at_opposite_points, lambda a: 0.0),
+            *("P10", _at_opposite_points, _nothing),
         ),
         Tile(
             *("upsilon_x", "upsilon_y", "m4", "A integrated over xi_x, xi_y"),
-            *("P11", _spectrum_product, lambda a: a.area**2),
+            *("P11", _spectrum_product, _power),
         ),
         *_both(
             *("upsilon_{0}", "xi_{0}", "m2", "A integrated over upsilon_{1}, xi_{1}"),
@@ -243,31 +245,39 @@ _APERTURE: dict[str, list[Tile]] = {
         ),
         *_both(
             *("upsilon_{1}", "xi_{0}", "m2", "A integrated over upsilon_{0}, xi_{1}"),
-            *("P13", _opposite_columns, lambda a: _height(a) ** 2),
+            *("P13", _opposite_columns, _column),
         ),
     ],
 }
 
 
 def _on_line(transform: Callable[..., Any]) -> Values:
-    def compute(source: Slits, first: Array, second: Array, engine: Engine) -> Any:
-        return transform(source, first[:, None, None], second[None, :, None], engine=engine)
+    def compute(source: Any, first: Array, second: Array, engine: Engine) -> Any:
+        values = transform(source, first[:, None, None], second[None, :, None], engine=engine)
+        real = transform is autocorrelation and isinstance(source, Slits)
+        return values.real if real else values
 
     return compute
 
 
-def _real_part(source: Slits, x: Any, xi: Any, engine: Engine) -> Any:
-    return autocorrelation(source, x, xi, engine=engine).real
+def _line_content(source: Any) -> float:
+    """Bound on |W|/2 and |A|: the integral of |u| times the largest |u|, or more."""
+    if isinstance(source, Slits):
+        return source.length
+    moduli = abs(source.weights)
+    return float(
+        moduli.sum() * sum(m * s.length for m, s in zip(moduli, source.coplanar, strict=True))
+    )
 
 
 _SLITS = {
-    "autocorrelation": Tile("x", "xi", "1", "R", "P1", _on_line(_real_part), lambda s: 0.0),
-    "wigner": Tile("x", "nu", "m", "W", "P1", _on_line(wigner), lambda s: s.length),
-    "ambiguity": Tile("upsilon", "xi", "m", "A", "P1", _on_line(ambiguity), lambda s: s.length),
+    "autocorrelation": Tile("x", "xi", "1", "R", _LINE, _on_line(autocorrelation), _nothing),
+    "wigner": Tile("x", "nu", "m", "W", _LINE, _on_line(wigner), _line_content),
+    "ambiguity": Tile("upsilon", "xi", "m", "A", _LINE, _on_line(ambiguity), _line_content),
 }
 
 
-def tiles_of(source: Aperture | Slits, kind: str) -> Mapping[str, Tile]:
-    """The tiles of a kind of function of a source, by name."""
-    tiles = [_SLITS[kind]] if isinstance(source, Slits) else _APERTURE[kind]
+def tiles_of(dimension: int, kind: str) -> Mapping[str, Tile]:
+    """The tiles of a kind of function of sources of a line (1) or a plane (2), by name."""
+    tiles = [_SLITS[kind]] if dimension == 1 else _APERTURE[kind]
     return {tile.name: tile for tile in tiles}

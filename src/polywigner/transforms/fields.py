@@ -1,0 +1,72 @@
+"""A source of the plane as weighted outlines, whatever it is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+
+__all__ = ["Field", "field_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """u = sum of weight_k 1_k over outlines that may overlap; real weights for real fields."""
+
+    outlines: tuple[Aperture, ...]
+    weights: NDArray[Any]
+
+    @cached_property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """(xmin, ymin, xmax, ymax) of all outlines."""
+        west, south, east, north = self._boxes.T
+        return float(west.min()), float(south.min()), float(east.max()), float(north.max())
+
+    @cached_property
+    def centre(self) -> NDArray[np.float64]:
+        """Centre of the bounds, (2,)."""
+        west, south, east, north = self.bounds
+        return np.array([west / 2 + east / 2, south / 2 + north / 2])
+
+    @cached_property
+    def content(self) -> float:
+        """Bound on |F|: the areas times the moduli of the weights."""
+        return float(sum(o.area * w for o, w in zip(self.outlines, abs(self.weights), strict=True)))
+
+    @cached_property
+    def amplitude(self) -> float:
+        """Bound on |u|: of all elements whose boxes meet that of one, the moduli add up."""
+        boxes = shapely.box(*self._boxes.T)
+        first, second = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+        totals = np.zeros(len(boxes))
+        np.add.at(totals, first, abs(self.weights)[second])
+        return float(totals.max())
+
+    @property
+    def _boxes(self) -> NDArray[np.float64]:
+        return np.array([outline.bounds for outline in self.outlines])
+
+    def transposed(self) -> Field:
+        """With x and y exchanged."""
+        return Field(tuple(map(_transposed, self.outlines)), self.weights)
+
+
+def field_of(source: Aperture | Array) -> Field:
+    """The outlines and weights of an aperture or an array of one plane."""
+    if isinstance(source, Aperture):
+        return Field((source,), np.ones(1))
+    outlines = tuple(element for element in source.coplanar if isinstance(element, Aperture))
+    return Field(outlines, source.weights)
+
+
+def _transposed(aperture: Aperture) -> Aperture:
+    return Aperture._of_parts(
+        [tuple(ring[::-1, ::-1] for ring in part) for part in aperture._parts]
+    )
