@@ -42,8 +42,8 @@ _KNOWN = {
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
     ("wigner", "x", "y"): "|u|^2",
     ("wigner", "nu_x", "nu_y"): "|F|^2",
-    ("ambiguity", "upsilon_x", "upsilon_y"): r"\mathrm{Re}\,F(\upsilon/2)\,F^*(-\upsilon/2)",
-    ("ambiguity", "xi_x", "xi_y"): r"\mathrm{Re}\,u(\xi/2)\,u^*(-\xi/2)",
+    ("ambiguity", "upsilon_x", "upsilon_y"): r"F(\upsilon/2)\,F^*(-\upsilon/2)",
+    ("ambiguity", "xi_x", "xi_y"): r"u(\xi/2)\,u^*(-\xi/2)",
 }
 _LETTERS = {"autocorrelation": "R", "wigner": "W", "ambiguity": "A"}
 
@@ -215,12 +215,12 @@ def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
     """What is shown, as a formula: the function and the coordinates it was integrated over."""
     letter = _LETTERS[kind]
     left_out = [n for n in _COORDINATES[kind] if n not in kept]
-    shown = f"\\mathrm{{Re}}\\,{letter}" if is_complex else letter
+    real = r"\mathrm{Re}\," if is_complex else ""
     if len(left_out) != 2:
-        return f"${shown}$"
+        return f"${real}{letter}$"
     measure = r"\,".join(rf"\mathrm{{d}}{_latex(n)}" for n in left_out)
     known = _KNOWN.get((kind, kept[0], kept[1]))
-    return rf"$\iint {shown}\;{measure}{f' = {known}' if known else ''}$"
+    return rf"$\iint {real}{letter}\;{measure}{f' = {real}{known}' if known else ''}$"
 
 
 def _axis_label(name: str, unit: LengthUnit) -> str:
