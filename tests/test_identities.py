@@ -8,6 +8,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -15,10 +16,10 @@ import polywigner as pw
 from oracles import exact, scanline
 from oracles.drawn import polygons as drawn_polygons
 from oracles.positions import frequencies, lags, outline, positions
-from oracles.quadrature import lag_nodes, position_nodes
-from oracles.references import ENGINES, aperture, awkward
+from oracles.quadrature import lag_nodes, position_nodes, triangle_nodes
+from oracles.references import aperture, awkward
 from oracles.shapes import Polygons
-from polywigner.testing import assert_wigner_identities
+from polywigner.geometry import triangulate
 
 # Double precision, relative to the area: what the package promises.
 DOUBLE = 1e-12
@@ -100,26 +101,37 @@ def test_wigner_integrates_over_nu_to_the_intensity(x: tuple[float, float], fiel
     assert total == pytest.approx(field, abs=1e-10)
 
 
-def test_moyal_overlap_with_a_gaussian_beam_is_the_squared_overlap_of_the_fields() -> None:
+@pytest.mark.parametrize(
+    ("name", "order"), [("square", 16), ("chevron", 5), ("square annulus", 4), ("double slit", 5)]
+)
+def test_moyal_overlap_with_a_gaussian_beam_is_the_squared_overlap_of_the_fields(
+    name: str, order: int
+) -> None:
     """int int W W_g = |int u g*|^2 for the Gaussian beam g, whose W_g is Gaussian."""
-    source = awkward("square").aperture
-    width, centre, tilt = 0.5, np.array([0.1, -0.2]), np.array([0.6, 0.3])
-    x, weights = position_nodes(source.rings, 16)
-    nu = _frequency_grid(2.5 / width + 1, 1 / 5)
+    source = awkward(name).aperture
+    scale = source.diameter / math.sqrt(2)
+    width, tilt = 0.5 * scale, np.array([0.6, 0.3]) / scale
+    centre = source.centre + np.array([0.1, -0.2]) * scale
+    x, weights = position_nodes(source.rings, order)
+    # the sum over nu is exact if the lag slices, up to 2 D wide, do not meet their images
+    nu = _frequency_grid(2.2 / width + 1 / scale, 1 / (4.5 * scale))
     in_x = 4 * weights * np.exp(-2 * np.pi * ((x - centre) ** 2).sum(axis=1) / width**2)
-    in_nu = np.exp(-2 * np.pi * width**2 * ((nu - tilt) ** 2).sum(axis=1)) / 5**2
-    total = sum(
-        w * (_numpy(pw.wigner, source, p, nu) @ in_nu) for w, p in zip(in_x, x, strict=True)
+    bright = in_x > 1e-12 * in_x.max()
+    in_nu = np.exp(-2 * np.pi * width**2 * ((nu - tilt) ** 2).sum(axis=1)) / (4.5 * scale) ** 2
+    felt = in_nu > 1e-12 * in_nu.max()
+    values = _numpy(pw.wigner, source, x[bright][:, None], nu[felt])
+    total = in_x[bright] @ values @ in_nu[felt]
+    vertices, triangles = triangulate(source)
+    points, weights = triangle_nodes(vertices[triangles], 20)
+    beam = (
+        np.exp(
+            -np.pi * ((points - centre) ** 2).sum(axis=1) / width**2 - 2j * np.pi * points @ tilt
+        )
+        * (2 / width**2) ** 0.5
     )
-
-    def along(c: float, k: float) -> complex:  # int of the Gaussian beam across the square
-        node, weight = np.polynomial.legendre.leggauss(40)
-        t = node / 2
-        beam = np.exp(-np.pi * (t - c) ** 2 / width**2 - 2j * np.pi * k * t)
-        return complex(weight / 2 @ beam) * (2 / width**2) ** 0.25
-
-    overlap = along(centre[0], tilt[0]) * along(centre[1], tilt[1])
-    assert total == pytest.approx(abs(overlap) ** 2, abs=1e-9)
+    expected = abs(weights @ beam) ** 2
+    assert expected > 0.01
+    assert total == pytest.approx(expected, rel=1e-9 if order == 16 else 1e-4)
 
 
 def test_moyal_squared_wigner_integrates_over_nu_to_the_area_of_the_lag_slice() -> None:
@@ -212,40 +224,6 @@ def test_conventions_follow_the_sign_of_numpy_s_transform() -> None:
         assert there == pytest.approx(phase * _numpy(transform, source, *arguments), abs=DOUBLE)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize(
-    "name", ["chevron", "square annulus", "double slit", "bow tie, split", "needle 1e-3, rotated"]
-)
-def test_the_public_assertion_accepts_apertures(name: str, engine: str) -> None:
-    assert_wigner_identities(awkward(name).aperture, engine=engine)
-
-
-def test_the_public_assertion_accepts_single_precision() -> None:
-    assert_wigner_identities(awkward("chevron").aperture, engine="numpy", precision="single")
-
-
-@pytest.mark.parametrize(
-    ("transform", "wrong"),
-    [
-        ("wigner", lambda value: value * 1.0001),
-        ("wigner", lambda value: value + 1e-6),
-        ("ambiguity", np.conj),
-        ("position_marginal", lambda value: value / 4),
-        ("fourier", np.conj),
-    ],
-)
-def test_the_public_assertion_notices_a_wrong_transform(
-    transform: str, wrong: object, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    right = getattr(pw, transform)
-    monkeypatch.setattr(
-        f"polywigner.testing.{transform}",
-        lambda *a, **k: wrong(right(*a, **k)),  # type: ignore[operator]
-    )
-    with pytest.raises(AssertionError, match=r"expected .*, got .* at "):
-        assert_wigner_identities(awkward("triangle").aperture, engine="numpy")
-
-
 @given(polygons=drawn_polygons(), seed=st.integers(0, 2**32 - 1))
 @settings(
     max_examples=60,
@@ -281,3 +259,38 @@ def test_any_aperture_agrees_with_scanlines_at_generic_positions(
     assert np.abs(_numpy(pw.wigner, source, x, nu) - wigner).max() < DOUBLE * area
     ambiguity = [scanline.ambiguity(rings, q, p) for p, q in zip(xi, nu, strict=True)]
     assert np.abs(_numpy(pw.ambiguity, source, nu, xi) - ambiguity).max() < DOUBLE * area
+
+
+@given(
+    polygons=drawn_polygons(),
+    seed=st.integers(0, 2**32 - 1),
+    angle=st.floats(0, 6.3),
+    size=st.sampled_from([1e-6, 1e-3, 1.0, 1e3]),
+)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_any_aperture_turned_scaled_and_shifted_has_the_same_transforms(
+    polygons: Polygons, seed: int, angle: float, size: float
+) -> None:
+    rng, source = np.random.default_rng(seed), aperture(polygons)
+    turn = size * np.array(
+        [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    )
+    shift = size * rng.uniform(-3, 3, 2)
+    moved = pw.Aperture(shapely.transform(source.polygons, lambda x: x @ turn.T + shift))
+    low, high = np.reshape(source.bounds, (2, 2))
+    x, xi = rng.uniform(low, high, (6, 2)), rng.uniform(low - high, high - low, (6, 2))
+    nu = rng.normal(size=(6, 2)) * 10.0 ** rng.uniform(-3, 1, (6, 1))
+    there = nu @ np.linalg.inv(turn)
+    phase = np.exp(-2j * np.pi * there @ shift)
+    # corners are rounded once more: an ulp of their distance from the origin
+    thin = source.polygons.length * max(source.diameter, 3) / source.area
+    allowed = DOUBLE * max(1.0, thin / 10) * moved.area
+    for got, expected in (
+        (_numpy(pw.fourier, moved, there), phase * _numpy(pw.fourier, source, nu)),
+        (_numpy(pw.wigner, moved, x @ turn.T + shift, there), _numpy(pw.wigner, source, x, nu)),
+        (
+            _numpy(pw.ambiguity, moved, there, xi @ turn.T),
+            phase * _numpy(pw.ambiguity, source, nu, xi),
+        ),
+    ):
+        assert np.abs(got - size**2 * expected).max() < allowed

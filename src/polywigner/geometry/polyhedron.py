@@ -180,7 +180,11 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
 
 def _six_volumes(points: Vertices, faces: Sequence[tuple[int, ...]]) -> Fraction:
     """Six times the enclosed volume, exactly."""
-    exact = [tuple(Fraction(c) for c in point) for point in (points - points[0]).tolist()]
+    origin = [Fraction(c) for c in points[0].tolist()]
+    exact = [
+        tuple(Fraction(c) - o for c, o in zip(point, origin, strict=True))
+        for point in points.tolist()
+    ]
     total = Fraction(0)
     for face in faces:
         a = exact[face[0]]

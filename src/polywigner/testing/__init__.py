@@ -1,0 +1,30 @@
+"""Assertions for users: do the transforms of this source obey the laws they must obey?
+
+===============================  ==================================================================
+assertion                        what it checks
+===============================  ==================================================================
+``assert_wigner_identities``     W, A, F and the marginals of an aperture or slits: all of the below
+``assert_marginals``             only that W and A integrate, and reduce at zero, to the marginals
+``assert_fourier_stable``        F of any source at all sizes of nu, 1e-15 to 1e3 over the diameter
+``assert_otf_properties``        the OTF of a pupil, defocused or not
+===============================  ==================================================================
+
+Each evaluates the public transforms at random places and compares them with each other, with the
+same source moved, turned, scaled and cut into pieces, and with values found another way. Each
+raises an :class:`AssertionError` that names the law, the place and the two values, and returns
+nothing. They need nothing but the package itself and take about a second (more for many edges)::
+
+    def test_my_antenna():
+        polywigner.testing.assert_wigner_identities(polywigner.read_aperture("antenna.geojson"))
+"""
+
+from polywigner.testing.pupil import assert_otf_properties
+from polywigner.testing.stability import assert_fourier_stable
+from polywigner.testing.wigner import assert_marginals, assert_wigner_identities
+
+__all__ = [
+    "assert_fourier_stable",
+    "assert_marginals",
+    "assert_otf_properties",
+    "assert_wigner_identities",
+]

@@ -1,0 +1,119 @@
+"""What the assertions share: a source with places to look at, and how to report a difference."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner import transforms
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture, Slits
+
+__all__ = ["Case", "Precision", "box_of", "case_of", "require"]
+
+Array = NDArray[Any]
+Precision = Literal["double", "single"] | None
+
+# Relative to the content: what the package promises. Shapely's clipping may move a corner by an
+# ulp of the diameter, which is why the tolerance grows with perimeter * diameter for slivers.
+_TOLERANCE = {"double": 1e-12, "single": 5e-6}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A source, places to look at, and how to evaluate."""
+
+    source: Aperture | Slits
+    x: Array
+    xi: Array
+    nu: Array
+    keywords: dict[str, Any]
+    tolerance: float
+
+    @property
+    def dimension(self) -> int:
+        return self.x.shape[-1]
+
+    @property
+    def content(self) -> float:
+        """Area, or length."""
+        return self.source.length if isinstance(self.source, Slits) else self.source.area
+
+    def evaluate(self, transform: str, *points: Array) -> Any:
+        return getattr(transforms, transform)(self.source, *points, **self.keywords)
+
+
+def case_of(
+    source: Any,
+    points: int,
+    seed: int,
+    precision: Precision,
+    engine: str,
+    tolerance: float | None,
+) -> Case:
+    """Random places in and around a source; raises ArgumentError for what has no phase space."""
+    if not isinstance(source, Aperture | Slits):
+        raise ArgumentError(
+            f"expected an Aperture or Slits, got {type(source).__name__}; check the elements of an "
+            "array, and the .aperture of a placed one, by themselves"
+        )
+    rng = np.random.default_rng(seed)
+    corner, sides = box_of(source)
+    dimension = len(corner)
+    unit = rng.random((points, dimension))
+    direction = rng.normal(size=(points, dimension))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    size = 10 ** rng.uniform(-2, 1.5, points) / source.diameter
+    if tolerance is None:
+        tolerance = _TOLERANCE[precision or "double"] * max(1.0, _thinness(source) / 10)
+    return Case(
+        source,
+        x=corner + unit @ sides,
+        xi=(2 * rng.permutation(unit) - 1) @ sides,
+        nu=size[:, None] * direction,
+        keywords={"precision": precision, "engine": engine},
+        tolerance=tolerance,
+    )
+
+
+def _thinness(source: Aperture | Slits) -> float:
+    """Boundary times diameter over content: how many ulps of it an ulp of the diameter is."""
+    if isinstance(source, Slits):
+        return 2 * len(source.intervals) * source.diameter / source.length
+    return float(source.polygons.length) * source.diameter / source.area
+
+
+def box_of(source: Aperture | Slits) -> tuple[Array, Array]:
+    """Corner and sides (rows) of the smallest box, turned so that needles fill it too."""
+    if isinstance(source, Slits):
+        return np.array(source.bounds[:1]), np.array([[source.diameter]])
+    ring = shapely.get_coordinates(shapely.oriented_envelope(source.polygons))
+    return ring[0], np.stack([ring[1] - ring[0], ring[3] - ring[0]])
+
+
+def require(law: str, got: Any, expected: Any, allowed: Any, places: dict[str, Any]) -> None:
+    """Compare arrays (n,); say where they differ most, in units of what is allowed."""
+    error = np.abs(np.atleast_1d(np.asarray(got) - np.asarray(expected)))
+    error = np.where(np.isnan(error), np.inf, error)
+    limit = np.broadcast_to(allowed, error.shape)
+    worst = int(np.argmax(error / np.maximum(limit, np.finfo(float).tiny)))
+    if error[worst] <= limit[worst]:
+        return
+    where = ", ".join(f"{name} = {_row(value, worst)}" for name, value in places.items())
+    pair = [np.broadcast_to(side, error.shape)[worst] for side in (got, expected)]
+    raise AssertionError(
+        f"{law}: expected {pair[1]:.17g}, got {pair[0]:.17g} at {where} "
+        f"(difference {error[worst]:.3g}, allowed {limit[worst]:.3g})"
+    )
+
+
+def _row(value: Any, number: int) -> Sequence[float]:
+    """One place of several (n, d), or the only one (d,)."""
+    array = np.asarray(value)
+    row: list[float] = (array[number] if array.ndim > 1 else array).tolist()
+    return row

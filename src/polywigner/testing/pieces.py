@@ -1,0 +1,78 @@
+"""Sources made of others: their slices, their images, and their parts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture, Slits, lag_slice, position_slice, triangulate
+
+__all__ = ["lag_slices", "moved", "position_slices", "split_in_three"]
+
+Array = NDArray[Any]
+
+
+def lag_slices(source: Aperture | Slits, x: Array) -> list[list[Any]]:
+    """2(G - x) & 2(x - G) at each x, as sources whose union it is."""
+    if isinstance(source, Aperture):
+        return [_apertures(lag_slice(source, point)) for point in x]
+    return [
+        _overlaps(2 * (source.intervals - p), 2 * (p - source.intervals[:, ::-1])) for (p,) in x
+    ]
+
+
+def position_slices(source: Aperture | Slits, xi: Array) -> list[list[Any]]:
+    """(G - xi/2) & (G + xi/2) at each xi, as sources whose union it is."""
+    if isinstance(source, Aperture):
+        return [_apertures(position_slice(source, lag)) for lag in xi]
+    return [_overlaps(source.intervals - lag / 2, source.intervals + lag / 2) for (lag,) in xi]
+
+
+def _apertures(region: Any) -> list[Any]:
+    parts = shapely.get_parts(region)
+    return [Aperture(p) for p in parts if p.geom_type == "Polygon" and p.area > 0]
+
+
+def _overlaps(first: Array, second: Array) -> list[Any]:
+    low = np.maximum(first[:, None, 0], second[:, 0]).ravel()
+    high = np.minimum(first[:, None, 1], second[:, 1]).ravel()
+    return [Slits([a, b]) for a, b in zip(low, high, strict=True) if a < b]
+
+
+def moved(source: Aperture | Slits, matrix: Array, shift: Array) -> Any:
+    """The image under x -> matrix x + shift."""
+    if isinstance(source, Slits):
+        return Slits(source.intervals * matrix[0, 0] + shift[0])
+    return Aperture(shapely.transform(source.polygons, lambda x: x @ matrix.T + shift))
+
+
+def split_in_three(source: Aperture | Slits) -> tuple[list[Any], list[Any]]:
+    """Three pieces that tile the source, and the three unions of two of them."""
+    kind, pieces = (Slits, _thirds(source)) if isinstance(source, Slits) else _triangles(source)
+    singles = [kind(piece) for piece in pieces]
+    return singles, [kind([*pieces[k], *pieces[k - 1]]) for k in range(3)]
+
+
+def _thirds(source: Slits) -> list[list[tuple[float, float]]]:
+    """The first third of every slit, the second, and the last."""
+    pieces: list[list[tuple[float, float]]] = [[], [], []]
+    for begin, end in source.intervals.tolist():
+        cuts = [begin, begin + (end - begin) / 3, begin + (end - begin) * 2 / 3, end]
+        for k in range(3):
+            pieces[k].append((cuts[k], cuts[k + 1]))
+    return pieces
+
+
+def _triangles(source: Aperture) -> tuple[type, list[list[Array]]]:
+    """Triangles in three groups from one side to the other."""
+    vertices, indices = triangulate(source)
+    triangles = vertices[indices]
+    if len(triangles) < 3:
+        centres = np.broadcast_to(triangles.mean(axis=1, keepdims=True), triangles.shape)
+        ahead = np.roll(triangles, -1, axis=1)
+        triangles = np.stack([triangles, ahead, centres], axis=2).reshape(-1, 3, 2)
+    order = np.argsort(triangles.mean(axis=1) @ (1.0, 0.3))
+    return Aperture, [list(triangles[part]) for part in np.array_split(order, 3)]

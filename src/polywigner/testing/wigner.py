@@ -1,0 +1,272 @@
+"""The laws of phase space: what W, A, F and the marginals of any field must obey."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import shapely
+
+from polywigner import transforms
+from polywigner.geometry import Aperture, Slits
+from polywigner.testing.cases import Case, Precision, box_of, case_of, require
+from polywigner.testing.pieces import lag_slices, moved, position_slices, split_in_three
+
+__all__ = ["assert_marginals", "assert_wigner_identities"]
+
+# Rank-1 lattice sums of continuous functions with kinks, at 10^4 points, relative to content^2:
+# at most 1e-4 on triangles, stars, rings and combs.
+_LATTICE_POINTS = 10946
+_LATTICE_STEP = 6765  # consecutive Fibonacci numbers: the best two-dimensional rank-1 lattice
+_LATTICE_TOLERANCE = 5e-4
+_SLICES = 12  # slices and pieces, each a source of its own
+# exp(-pi GAUSSIANS^2) is 1e-15: a Gaussian window of the frequencies loses no more than that
+_GAUSSIANS = 3.3
+_MOST_FREQUENCIES = 400_000
+# Of its box: a lattice of 10^4 points sees a source that fills less of it too seldom.
+_LEAST_FILLING = 0.02
+
+
+def assert_wigner_identities(
+    source: Aperture | Slits,
+    *,
+    points: int = 200,
+    seed: int = 0,
+    precision: Precision = None,
+    engine: str = "auto",
+    tolerance: float | None = None,
+) -> None:
+    """Raise an AssertionError unless the transforms of a source obey the laws they must obey.
+
+    In d dimensions: W is real, even in nu and bounded by 2^d contents; A is Hermitian and bounded
+    by A(0, 0); W(x, 0), A(0, xi) and A(upsilon, 0) are the marginals and F; W integrates over x to
+    |F|^2 and over nu to 1 inside; W and A are a Fourier pair, through the correlation of spectra
+    that both integrate to; the marginals integrate to the content squared; slices found another way
+    have the same transforms; and moving, turning, scaling or cutting the source changes nothing but
+    coordinates.
+
+    Parameters
+    ----------
+    source: Aperture or Slits, uniformly illuminated.
+    points: number of random places for each identity.
+    seed: of the random places.
+    precision, engine: as for the transforms.
+    tolerance: relative to the content; by default 1e-12 in double and 5e-6 in single precision, and
+        more for slivers, in proportion to perimeter * diameter / area. Integrals over x and xi are
+        lattice sums and are held to 5e-4 content^2; they are left out for sources that fill less
+        than 1/50 of their (turned) box, and that over nu where it would take too fine a grid.
+
+    Raises
+    ------
+    AssertionError: names the first identity that does not hold, where, and the two values.
+    ArgumentError: for sources that have no Wigner function.
+    """
+    case = case_of(source, points, seed, precision, engine, tolerance)
+    for check in (*_POINTWISE, *_MARGINALS, *_COVARIANCE):
+        check(case)
+
+
+def assert_marginals(
+    source: Aperture | Slits,
+    *,
+    points: int = 200,
+    seed: int = 0,
+    precision: Precision = None,
+    engine: str = "auto",
+    tolerance: float | None = None,
+) -> None:
+    """Raise an AssertionError unless W and A have the marginals that they must have.
+
+    The part of :func:`assert_wigner_identities` about integrals: W(x, 0) = R_x, A(0, xi) = R_xi,
+    A(upsilon, 0) = F, int W dx = |F|^2, int W dnu = |u|^2, int R_x dx = int R_xi dxi = content^2,
+    and int W exp(-2 pi i upsilon.x) dx = F(nu + upsilon/2) F*(nu - upsilon/2)
+    = int A exp(-2 pi i xi.nu) dxi. Parameters and errors as there.
+    """
+    case = case_of(source, points, seed, precision, engine, tolerance)
+    for check in _MARGINALS:
+        check(case)
+
+
+def _wigner_is_real_even_and_bounded(case: Case) -> None:
+    here = {"x": case.x, "nu": case.nu}
+    value = case.evaluate("wigner", case.x, case.nu)
+    if np.iscomplexobj(value):
+        raise AssertionError(f"W is real: expected a real array, got {value.dtype}")
+    allowed = case.tolerance * case.content
+    bound = 2**case.dimension * case.content
+    law = f"|W| <= {2**case.dimension} times the content"
+    require(law, value, np.clip(value, -bound, bound), allowed, here)
+    mirrored = case.evaluate("wigner", case.x, -case.nu)
+    require("W(x, -nu) = W(x, nu) for a real field", mirrored, value, allowed, here)
+
+
+def _ambiguity_is_hermitian_and_bounded(case: Case) -> None:
+    here = {"upsilon": case.nu, "xi": case.xi}
+    value = case.evaluate("ambiguity", case.nu, case.xi)
+    mirrored = case.evaluate("ambiguity", -case.nu, -case.xi)
+    allowed = case.tolerance * case.content
+    require("A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, value.conj(), allowed, here)
+    size = np.abs(value)
+    require("|A| <= A(0, 0)", size, np.minimum(size, case.content), allowed, here)
+    zero = np.zeros((1, case.dimension))
+    at_zero = case.evaluate("ambiguity", zero, zero)
+    require("A(0, 0) = content", at_zero, case.content, allowed, {"upsilon": zero, "xi": zero})
+
+
+def _marginals_are_the_values_at_zero(case: Case) -> None:
+    allowed, zero = case.tolerance * case.content, np.zeros(case.dimension)
+    by_position = case.evaluate("position_marginal", case.x)
+    at_zero = case.evaluate("wigner", case.x, zero)
+    require("W(x, 0) = R_x(x)", at_zero, by_position, allowed, {"x": case.x})
+    by_lag = case.evaluate("lag_marginal", case.xi)
+    at_zero = case.evaluate("ambiguity", zero, case.xi)
+    require("A(0, xi) = R_xi(xi)", at_zero, by_lag, allowed, {"xi": case.xi})
+    at_zero = case.evaluate("ambiguity", case.nu, zero)
+    transform = case.evaluate("fourier", case.nu)
+    require("A(upsilon, 0) = F(upsilon)", at_zero, transform, allowed, {"upsilon": case.nu})
+
+
+def _lattice(corner: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, float]:
+    """Points of a rank-1 lattice in a box, and the content that each stands for."""
+    k = np.arange(_LATTICE_POINTS)
+    unit = np.column_stack([k + 0.5, (k * _LATTICE_STEP) % _LATTICE_POINTS + 0.5])
+    unit = unit[:, : len(corner)] / _LATTICE_POINTS
+    return corner + unit @ sides, abs(float(np.linalg.det(sides))) / _LATTICE_POINTS
+
+
+def _integrals_are_the_other_marginals(case: Case) -> None:
+    corner, sides = box_of(case.source)
+    x, cell = _lattice(corner, sides)
+    xi, xi_cell = _lattice(-sides.sum(axis=0), 2 * sides)
+    square = case.content**2
+    if case.content < _LEAST_FILLING * abs(np.linalg.det(sides)):
+        return  # two needles far apart, a thin ring: the other identities cover them
+    allowed = _LATTICE_TOLERANCE * square
+    for name, total in (
+        ("int R_x dx", cell * case.evaluate("position_marginal", x).sum(dtype=float)),
+        ("int R_xi dxi", xi_cell * case.evaluate("lag_marginal", xi).sum(dtype=float)),
+    ):
+        require(f"{name} = content^2", total, square, allowed, {"corner": corner})
+    order = np.argsort(np.linalg.norm(case.nu, axis=1))
+    low = case.nu[order][:: max(1, len(order) // 4)][:2]  # what a lattice resolves
+    for nu, upsilon in zip(low, np.roll(low, 1, axis=0), strict=True):
+        total = cell * case.evaluate("wigner", x, nu).sum(dtype=float)
+        power = np.abs(case.evaluate("fourier", nu)) ** 2
+        require("int W dx = |F(nu)|^2", total, power, allowed, {"nu": nu})
+        ahead, behind = (case.evaluate("fourier", nu + s * upsilon / 2) for s in (1, -1))
+        here = {"nu": nu, "upsilon": upsilon}
+        wave = np.exp(-2j * np.pi * x @ upsilon)
+        total = cell * (case.evaluate("wigner", x, nu) * wave).sum(dtype=complex)
+        law = "int W exp(-2 pi i upsilon.x) dx = F(nu + upsilon/2) F*(nu - upsilon/2)"
+        require(law, total, ahead * behind.conj(), allowed, here)
+        wave = np.exp(-2j * np.pi * xi @ nu)
+        total = xi_cell * (case.evaluate("ambiguity", upsilon, xi) * wave).sum(dtype=complex)
+        law = "int A exp(-2 pi i xi.nu) dxi = F(nu + upsilon/2) F*(nu - upsilon/2)"
+        require(law, total, ahead * behind.conj(), allowed, here)
+
+
+def _deepest_point(source: Aperture | Slits) -> tuple[np.ndarray, float]:
+    """The point of the source farthest from its boundary, and that distance."""
+    if isinstance(source, Slits):
+        begin, end = source.intervals[np.argmax(np.diff(source.intervals, axis=1)[:, 0])]
+        return np.array([(begin + end) / 2]), float(end - begin) / 2
+    radius = shapely.maximum_inscribed_circle(source.polygons)
+    return np.array(radius.coords[0]), float(radius.length)
+
+
+def _wigner_integrates_over_frequencies_to_one_inside(case: Case) -> None:
+    """The sum over a grid of frequencies under a Gaussian window is u(x) smoothed by a Gaussian.
+
+    The window's image stays inside the lag slice, whose boundary is twice as far from xi = 0 as
+    that of the source from x; the grid is fine enough that periodic images do not meet.
+    """
+    d = case.dimension
+    centre, depth = _deepest_point(case.source)
+    width = 2 * depth / _GAUSSIANS
+    period = 4 * case.source.diameter + _GAUSSIANS * width
+    half = math.ceil(_GAUSSIANS / width * period)
+    if (2 * half + 1) ** d > _MOST_FREQUENCIES:
+        return  # too thin for a sum over an isotropic grid; the other identities cover it
+    axis = np.arange(-half, half + 1) / period
+    nu = np.stack(np.meshgrid(*d * [axis]), axis=-1).reshape(-1, d)
+    window = np.exp(-np.pi * width**2 * (nu**2).sum(axis=1))
+    total = (case.evaluate("wigner", centre, nu) * window).sum(dtype=float) / period**d
+    allowed = case.tolerance * case.content * window.sum() / period**d
+    require("int W dnu = |u(x)|^2", total, 1.0, allowed, {"x": centre})
+
+
+def _slices_found_otherwise_have_the_same_transforms(case: Case) -> None:
+    x, xi, nu = case.x[:_SLICES], case.xi[:_SLICES], case.nu[:_SLICES]
+    allowed = case.tolerance * case.content
+
+    def by_slices(slices: Any) -> list[complex]:
+        return [
+            sum((complex(transforms.fourier(s, q, engine="numpy")) for s in parts), 0j)
+            for parts, q in zip(slices, nu, strict=True)
+        ]
+
+    got = case.evaluate("wigner", x, nu)
+    by_lag = np.real(by_slices(lag_slices(case.source, x)))
+    require("W(x, nu) = F(nu) of the lag slice", got, by_lag, allowed, {"x": x, "nu": nu})
+    got = case.evaluate("ambiguity", nu, xi)
+    by_position = by_slices(position_slices(case.source, xi))
+    law = "A(upsilon, xi) = F(upsilon) of the position slice"
+    require(law, got, by_position, allowed, {"upsilon": nu, "xi": xi})
+
+
+def _moving_turning_and_scaling_only_change_coordinates(case: Case) -> None:
+    scale, d = 3.0, case.dimension
+    angle = 0.7 if d == 2 else math.pi  # on a line there is but the mirror image
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    turn = turn[:d, :d]
+    shift = np.array([0.37, -0.19])[:d] * case.source.diameter
+    there = moved(case.source, scale * turn, shift)
+    x, xi, nu = case.x[:_SLICES], case.xi[:_SLICES], case.nu[:_SLICES]
+    x_there, xi_there, nu_there = (
+        scale * x @ turn.T + shift,
+        scale * xi @ turn.T,
+        nu @ turn.T / scale,
+    )
+    allowed = 10 * case.tolerance * case.content * scale**d  # the corners are rounded once more
+    got = transforms.wigner(there, x_there, nu_there, **case.keywords)
+    expected = scale**d * case.evaluate("wigner", x, nu)
+    law = "W of the source turned, scaled by 3 and shifted"
+    require(law, got, expected, allowed, {"x": x, "nu": nu})
+    phase = np.exp(-2j * np.pi * nu_there @ shift)
+    got = transforms.ambiguity(there, nu_there, xi_there, **case.keywords)
+    expected = scale**d * phase * case.evaluate("ambiguity", nu, xi)
+    law = "A of the source turned, scaled by 3 and shifted"
+    require(law, got, expected, allowed, {"upsilon": nu, "xi": xi})
+
+
+def _cutting_into_pieces_changes_nothing(case: Case) -> None:
+    """F is linear in the field; W and A are quadratic forms, fixed by pieces and pairs of them."""
+    singles, pairs = split_in_three(case.source)
+    numpy = {**case.keywords, "engine": "numpy"}  # many sources, few points: compiling is slower
+    x, xi, nu = case.x[:_SLICES], case.xi[:_SLICES], case.nu[:_SLICES]
+    allowed = 10 * case.tolerance * case.content  # more edges, more roundings
+    total = sum(transforms.fourier(piece, nu, **numpy) for piece in singles)
+    require("F is the sum over pieces", total, case.evaluate("fourier", nu), allowed, {"nu": nu})
+    for name, transform, points in (
+        ("W", transforms.wigner, {"x": x, "nu": nu}),
+        ("A", transforms.ambiguity, {"upsilon": nu, "xi": xi}),
+    ):
+        total = sum(transform(pair, *points.values(), **numpy) for pair in pairs)
+        total = total - sum(transform(piece, *points.values(), **numpy) for piece in singles)
+        whole = case.evaluate(transform.__name__, *points.values())
+        law = f"{name} is the sum over pairs of pieces minus that over pieces"
+        require(law, total, whole, allowed, points)
+
+
+_POINTWISE = (_wigner_is_real_even_and_bounded, _ambiguity_is_hermitian_and_bounded)
+_MARGINALS = (
+    _marginals_are_the_values_at_zero,
+    _integrals_are_the_other_marginals,
+    _wigner_integrates_over_frequencies_to_one_inside,
+)
+_COVARIANCE = (
+    _slices_found_otherwise_have_the_same_transforms,
+    _moving_turning_and_scaling_only_change_coordinates,
+    _cutting_into_pieces_changes_nothing,
+)
