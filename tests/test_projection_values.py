@@ -59,15 +59,46 @@ def _assert_rounding_is_as_stated(source: pw.Aperture) -> None:
     axes = {"x": x, "nu_x": nu, "xi_y": np.array([0.0, 0.1, 1e-14]) * height}
     axes |= {"upsilon_x": nu, "xi_x": np.array([0.0, 0.2, 1e-14]) * width}
 
-    def check(kind: Any, name: str, expected: Any) -> None:
+    def check(source: pw.Aperture, kind: Any, name: str, expected: Any) -> None:
         found = pw.projections(source, kind, tiles=[name], coordinates=_only(axes, kind))[name]
         assert np.abs(found.values - expected).max() < found.attrs["error"]
 
-    check("wigner", "x_nu_x", [_waves(_mirrored_overlap(source, at), nu).real for at in x])
-    flipped = [2 * _waves(_flipped_overlap(source, xi), nu) for xi in axes["xi_x"]]
-    check("ambiguity", "upsilon_x_xi_x", np.transpose(flipped))
+    check(source, "wigner", "x_nu_x", [_waves(_mirrored_overlap(source, at), nu).real for at in x])
     lifted = [[2 * float(_lifted_overlap(source, at, xi).area) for xi in axes["xi_y"]] for at in x]
-    check("autocorrelation", "x_xi_y", lifted)
+    check(source, "autocorrelation", "x_xi_y", lifted)
+    # A looks at opposite points: the others are empty
+    centred = pw.Aperture(shapely.transform(source.polygons, lambda v: v - source.centre))
+    flipped = [2 * _waves(_flipped_overlap(centred, xi), nu) for xi in axes["xi_x"]]
+    check(centred, "ambiguity", "upsilon_x_xi_x", np.transpose(flipped))
+
+    columns = [_column(source, at) for at in x]
+    power = [[abs(_interval_wave(column, n)) ** 2 for n in nu] for column in columns]
+    found = pw.projections(source, tiles=["x_nu_y"], coordinates={"x": x, "nu_y": nu})["x_nu_y"]
+    assert np.abs(found.values - power).max() < found.attrs["error"]
+    shadow = [float(sum(high - low for low, high in column)) ** 2 for column in columns]
+    found = pw.projections(
+        source, "autocorrelation", tiles=["x_xi_x"], coordinates={"x": x, "xi_x": [0.0]}
+    )["x_xi_x"]
+    assert np.abs(found.values[:, 0] - shadow).max() < found.attrs["error"]
+
+
+def _column(source: pw.Aperture, x: float) -> list[tuple[Any, Any]]:
+    """The section at x in rational numbers, relative to its middle."""
+    at, heights = exact.rational(x), []
+    for ring in exact._exact_rings(source.rings):
+        for (ax, ay), (bx, by) in zip(ring, ring[1:] + ring[:1], strict=True):
+            if min(ax, bx) <= at < max(ax, bx):
+                heights.append(ay + (by - ay) * (at - ax) / (bx - ax))
+    heights.sort()
+    middle = (heights[0] + heights[-1]) / 2 if heights else 0
+    return [(a - middle, b - middle) for a, b in zip(heights[::2], heights[1::2], strict=True)]
+
+
+def _interval_wave(column: list[tuple[Any, Any]], nu: float) -> complex:
+    return sum(
+        float(b - a) * np.sinc(nu * float(b - a)) * np.exp(-1j * np.pi * nu * float(a + b))
+        for a, b in column
+    )
 
 
 def _waves(region: exact.Region, nu: np.ndarray) -> np.ndarray:
