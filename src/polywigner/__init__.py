@@ -18,6 +18,7 @@ if TYPE_CHECKING:
         lag_slice,
         position_slice,
         read_aperture,
+        read_polyhedron,
         shapes,
     )
     from polywigner.illumination import Array
@@ -44,6 +45,7 @@ _HOMES = {
     "lag_slice": "polywigner.geometry",
     "position_slice": "polywigner.geometry",
     "read_aperture": "polywigner.geometry",
+    "read_polyhedron": "polywigner.geometry",
     "shapes": "polywigner.geometry",
     "ambiguity": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -73,6 +75,7 @@ __all__ = [
     "position_slice",
     "projections",
     "read_aperture",
+    "read_polyhedron",
     "sample_automean",
     "shapes",
     "wigner",

@@ -6,7 +6,7 @@
 - ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
 - ``trapezoids``: uniform positions
 - ``slits``, ``polyhedron``, ``placed``, ``pose``: sources in one and three dimensions
-- ``shapes``: catalogue; ``readers``, ``geojson``: files
+- ``shapes``: catalogue; ``readers``: files, by the ``formats``
 """
 
 from polywigner.geometry import shapes
@@ -15,7 +15,7 @@ from polywigner.geometry.automean import automean, lag_slice, position_slice
 from polywigner.geometry.placed import PlacedAperture
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.geometry.pose import rigid_pose
-from polywigner.geometry.readers import read_aperture
+from polywigner.geometry.readers import read_aperture, read_polyhedron
 from polywigner.geometry.slits import Slits
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "lag_slice",
     "position_slice",
     "read_aperture",
+    "read_polyhedron",
     "rigid_pose",
     "shapes",
     "triangulate",

@@ -1,180 +1,147 @@
-"""Aperture files: GeoJSON, WKT and a ring as CSV.
+"""Files of apertures and bodies: GeoJSON, WKT, CSV, SVG and DXF; STL, PLY and OBJ.
 
-Each format becomes a list of polygons, each a list of rings with the exterior first, in the file's
-own unit. Checking the outlines is the business of :class:`Aperture`.
+Each format becomes polygons, each a list of rings with the exterior first, in the file's own unit.
+Checking them is the business of :class:`Aperture` and :class:`Polyhedron`.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 
-from polywigner.errors import FileFormatError, GeometryError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.geojson import rings_of_geojson
-from polywigner.geometry.grid import polygons_in
+from polywigner.geometry.formats.content import bytes_of, text_of
+from polywigner.geometry.formats.curves import MOST_VERTICES
+from polywigner.geometry.formats.drawing import Drawing
+from polywigner.geometry.formats.dxf import read_dxf
+from polywigner.geometry.formats.geojson import rings_of_geojson
+from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
+from polywigner.geometry.formats.simple_text import rings_of_csv, rings_of_wkt
+from polywigner.geometry.formats.svg import read_svg
+from polywigner.geometry.formats.svg_values import PIXEL
 from polywigner.geometry.parts import merge_parts, part_of_rings
-from polywigner.geometry.rings import rings_of_polygon
+from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
 
-__all__ = ["read_aperture"]
-
-# An outline of a million vertices takes about 40 MB as text.
-_LARGEST_FILE = 64 * 2**20
-
-# GEOS reads nested collections by recursion in C++, where too deep a stack ends the process.
-_DEEPEST_WKT = 32
-
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-_WKT_START = re.compile(r"\s*(?:SRID|MULTI|POINT|LINE|POLYGON|GEOMETRY|C[A-Z]+|TIN|TRI)", re.I)
+__all__ = ["read_aperture", "read_polyhedron"]
 
 
-def _text_of(path: Path) -> str:
-    """The file's text; anything but a readable text file of sensible size raises."""
-    try:
-        if not path.exists():
-            raise FileFormatError("expected an aperture file, got a path that does not exist")
-        if path.is_dir():
-            raise FileFormatError("expected an aperture file, got a directory")
-        if not path.is_file():
-            raise FileFormatError("expected a regular file, got a device or pipe")
-        size = path.stat().st_size
-        if size > _LARGEST_FILE:
-            raise FileFormatError(
-                f"expected at most {_LARGEST_FILE >> 20} MiB, got {size / 2**20:.0f} MiB; "
-                "simplify the outline"
-            )
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        if isinstance(error, FileFormatError):
-            raise
-        raise FileFormatError(f"expected a readable file, got: {error}") from None
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
-        raise FileFormatError("expected text in UTF-8, got binary data; export as GeoJSON or WKT")
-    if not text.strip():
-        raise FileFormatError("expected an outline, got an empty file")
-    return text
+@dataclass(frozen=True, eq=False)
+class _File:
+    """A file, and what the caller says about it."""
+
+    path: Path
+    content: bytes
+    unit_metres: float
+    tolerance: float | None
 
 
-def _polygons_of_wkt(text: str) -> list[list[Ring]]:
-    depth = deepest = 0
-    for bracket in re.findall(r"[()]", text):
-        depth += 1 if bracket == "(" else -1
-        deepest = max(deepest, depth)
-    if deepest > _DEEPEST_WKT:
-        raise FileFormatError(f"expected WKT nested at most {_DEEPEST_WKT} deep, got {deepest}")
-    try:
-        with np.errstate(invalid="ignore"):  # a NaN is reported below, with its vertex
-            geometry = shapely.from_wkt(text.strip())
-    except (shapely.errors.GEOSException, ValueError, NotImplementedError) as error:
-        raise FileFormatError(
-            f"expected WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0)), got text that does not parse: "
-            f"{str(error)[:200]}"
-        ) from None
-    if geometry.geom_type not in ("Polygon", "MultiPolygon"):
-        raise FileFormatError(f"expected a WKT Polygon or MultiPolygon, got a {geometry.geom_type}")
-    if geometry.is_empty:
-        raise FileFormatError(f"expected at least one polygon, got {text.strip()[:60]}")
-    return [rings_of_polygon(p, f"polygon {n}") for n, p in enumerate(polygons_in(geometry))]
+def _polygons(reader: Callable[[str], list[list[Any]]]) -> Callable[[_File], Drawing]:
+    """A reader of text that knows neither units nor curves."""
+    return lambda file: Drawing(reader(text_of(file.content)), file.unit_metres)
 
 
-def _fields(line: str) -> list[str]:
-    """The columns of a line: split at semicolons, else commas, else blanks.
-
-    Where semicolons separate, a comma is a decimal sign, as spreadsheets write in many countries.
-    """
-    if ";" in line:
-        fields = line.replace(",", ".").split(";")
-    elif "," in line:
-        fields = line.split(",")
-    else:
-        fields = line.split()
-    stripped = [field.strip().strip("\"'") for field in fields]
-    while stripped and not stripped[-1]:  # a trailing separator
-        stripped.pop()
-    return stripped
+def _svg(file: _File) -> Drawing:
+    return read_svg(file.content, file.unit_metres, file.tolerance)
 
 
-def _polygons_of_csv(text: str) -> list[list[Ring]]:
-    vertices: list[tuple[float, float]] = []
-    header_allowed = True
-    for number, line in enumerate(text.splitlines(), start=1):
-        fields = _fields(line.split("#", 1)[0])
-        if not fields:
-            continue
-        if header_allowed and not any(_NUMBER.match(field) for field in fields):
-            header_allowed = False
-            continue
-        header_allowed = False
-        if len(fields) != 2 or not all(_NUMBER.fullmatch(field) for field in fields):
-            got = f"{line.strip()[:60]!r} in line {number}"
-            raise FileFormatError(f'expected two numbers such as "1.5, -2", got {got}')
-        vertices.append((float(fields[0]), float(fields[1])))
-    if not vertices:
-        raise FileFormatError("expected lines of two numbers, got none")
-    return [[np.array(vertices)]]
+def _dxf(file: _File) -> Drawing:
+    return read_dxf(file.path, file.unit_metres, file.tolerance)
 
 
-_Reader = Callable[[str], list[list[Any]]]
-_READERS: dict[str, _Reader] = {
-    ".geojson": rings_of_geojson,
-    ".json": rings_of_geojson,
-    ".wkt": _polygons_of_wkt,
-    ".csv": _polygons_of_csv,
-}
+_GEOJSON = _polygons(rings_of_geojson)
+_WKT = _polygons(rings_of_wkt)
+_CSV = _polygons(rings_of_csv)
+_READERS = {
+    ".geojson": _GEOJSON, ".json": _GEOJSON, ".wkt": _WKT, ".csv": _CSV, ".svg": _svg,
+    ".dxf": _dxf,
+}  # fmt: skip
+
+# What a file of another suffix starts with (.txt, or none).
+_STARTS = (
+    (rb"[{\[]", _GEOJSON),
+    (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", _dxf),
+    (rb"<", _svg),
+    (rb"(?i:SRID|MULTI|POINT|LINE|POLYGON|GEOMETRY|C[A-Z]+|TIN|TRI)", _WKT),
+)
+_NOT_READ = (".gds", ".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
 
 
-def _reader_for(suffix: str, text: str) -> _Reader:
-    """By suffix; by the first characters where the suffix is unknown or says little (.txt)."""
-    known = _READERS.get(suffix.lower())
+def _reader_for(file: _File) -> Callable[[_File], Drawing]:
+    suffix = file.path.suffix.lower()
+    known = _READERS.get(suffix)
     if known is not None:
         return known
-    if suffix.lower() in (".svg", ".dxf", ".gds", ".stl", ".shp"):
+    if suffix in MESH_SUFFIXES:
         raise FileFormatError(
-            f"expected GeoJSON, WKT or CSV, got {suffix}, which is not read yet; export the "
-            "outline as GeoJSON or WKT"
+            f"expected an aperture, got {suffix}, which holds a body; read it with "
+            "polywigner.read_polyhedron"
         )
-    if text.lstrip()[:1] in ("{", "["):
-        return rings_of_geojson
-    return _polygons_of_wkt if _WKT_START.match(text) else _polygons_of_csv
+    if suffix in _NOT_READ:
+        raise FileFormatError(
+            f"expected GeoJSON, WKT, CSV, SVG or DXF, got {suffix}, which is not read; export the "
+            "outline as one of these"
+        )
+    start = file.content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
+    return next((reader for pattern, reader in _STARTS if re.match(pattern, start)), _CSV)
 
 
-def _scaled(rings: list[Any], metres: float) -> list[Ring]:
-    """Rings in metres. Dividing by 1000 rather than multiplying by 0.001 rounds correctly."""
-    per_metre = round(1 / metres) if metres < 1 else 0
-    if per_metre and 1 / per_metre == metres:
-        return [np.asarray(ring, dtype=np.float64) / per_metre for ring in rings]
-    return [np.asarray(ring, dtype=np.float64) * metres for ring in rings]
+def _scaled(points: Any, metres: float) -> Ring:
+    """Coordinates in metres. Dividing by 1000 rather than multiplying by 0.001 rounds correctly."""
+    array = np.asarray(points, dtype=np.float64)
+    per_metre = round(1 / metres) if 1e-15 < metres < 1 else 0
+    return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
 
 
-def _aperture(polygons: list[list[Any]], metres: float) -> Aperture:
+def _aperture(drawing: Drawing) -> Aperture:
+    polygons = drawing.polygons
+    vertices = sum(len(ring) for rings in polygons for ring in rings)
+    if vertices > MOST_VERTICES:
+        raise FileFormatError(
+            f"expected at most {MOST_VERTICES} vertices, got {vertices}; simplify the outline"
+        )
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
     def build(scale: float) -> Aperture:
-        scaled = [_scaled(rings, scale) for rings in polygons]
+        scaled = [[_scaled(ring, scale) for ring in rings] for rings in polygons]
         parts = [part_of_rings(rings, name) for rings, name in zip(scaled, names, strict=True)]
         return Aperture._of_parts(merge_parts(parts))
 
     try:
-        return build(metres)
+        return build(drawing.metres)
     except GeometryError:
         build(1.0)  # raises the same with places in the file's own unit
         raise
 
 
-def read_aperture(path: str | os.PathLike[str], unit: str | float = "mm") -> Aperture:
+def _metres(unit: str | float) -> float:
+    return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
+
+
+def _checked_tolerance(tolerance: Any) -> float | None:
+    if tolerance is None:
+        return None
+    number = isinstance(tolerance, (int, float, np.number)) and not isinstance(tolerance, bool)
+    if not number or not 0 < tolerance < math.inf:
+        raise ArgumentError(
+            f"expected a tolerance in metres above zero, got {tolerance!r}; give one such as 1e-5"
+        )
+    return float(tolerance)
+
+
+def read_aperture(
+    path: str | os.PathLike[str], unit: str | float = "mm", tolerance: float | None = None
+) -> Aperture:
     """Read an aperture from a file; returns it in metres.
 
     Parameters
@@ -183,23 +150,75 @@ def read_aperture(path: str | os.PathLike[str], unit: str | float = "mm") -> Ape
         ``.geojson`` or ``.json``: Polygon, MultiPolygon, or Features and collections of them;
         ``.wkt``: Polygon or MultiPolygon; ``.csv``: one vertex of a single ring per line,
         with comma, semicolon or blanks between x and y, an optional header line and ``#``
-        comments (with semicolons, a decimal comma is understood). Any other suffix: by content.
+        comments (with semicolons, a decimal comma is understood); ``.svg``: filled shapes, turned
+        so that y points up; ``.dxf``: closed outlines in the model space, those inside others
+        being holes. Any other suffix: by content. SVG and DXF need the extra `formats`.
     unit
-        What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm").
+        What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm");
+        "px" is 1/96 inch. An SVG file whose width or height is in mm, cm, Q, in, pt or pc, and a
+        DXF file with $INSUNITS, state it themselves; then `unit` has no effect.
+    tolerance
+        Largest distance in metres between a curve (SVG, DXF) and the chords that replace it. None:
+        1/2000 of the diagonal of each outline. Whole circles and ellipses keep their area.
 
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB), binary, or not of its format.
+        The file is missing, empty, too large (64 MiB), damaged, not of its format, or holds
+        something that is no outline; docs/files.md lists what is read and the limits.
     GeometryError
         The outline is not a polygon: see :class:`Aperture`. Places are in the file's unit.
     QuantityError
         The unit does not parse.
+    ArgumentError
+        The tolerance is not a length above zero.
+    MissingExtraError
+        The format needs a library that is not installed.
     """
-    metres = parse_unit(unit)
-    source = Path(path)
+    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), Path(path)
     try:
-        text = _text_of(source)
-        return _aperture(_reader_for(source.suffix, text)(text), metres)
-    except (FileFormatError, GeometryError) as error:
+        file = _File(source, bytes_of(source), metres, reach)
+        # Numbers beyond the range of float64 are reported where they arrive, with a place.
+        with np.errstate(all="ignore"):
+            return _aperture(_reader_for(file)(file))
+    except (FileFormatError, GeometryError, MissingExtraError) as error:
+        raise type(error)(f"{source}: {error}") from None
+
+
+def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
+    """Read a body from a mesh file (``.stl``, ``.ply``, ``.obj``); returns it in metres.
+
+    Needs the extra `formats`. Vertices with equal coordinates are merged; faces of more than three
+    vertices become fans of triangles; colours, normals and materials are passed over.
+
+    Parameters
+    ----------
+    path
+        The file, in text or binary form where the format has both.
+    unit
+        What 1 stands for in the file, as for :func:`read_aperture`; none of these formats says.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, empty, too large (64 MiB, 200 000 triangles), damaged, or not of its
+        format.
+    GeometryError
+        The surface is not closed, not consistently oriented, or encloses no volume.
+    QuantityError
+        The unit does not parse.
+    MissingExtraError
+        trimesh is not installed.
+    """
+    metres, source = _metres(unit), Path(path)
+    try:
+        if source.suffix.lower() not in MESH_SUFFIXES:
+            raise FileFormatError(
+                f"expected a mesh with the suffix {', '.join(MESH_SUFFIXES)}, got "
+                f"{source.suffix or 'no suffix'!r}; outlines are read by polywigner.read_aperture"
+            )
+        with np.errstate(all="ignore"):
+            vertices, faces = read_mesh(bytes_of(source), source.suffix.lower())
+            return Polyhedron(_scaled(vertices, metres), faces)
+    except (FileFormatError, GeometryError, MissingExtraError) as error:
         raise type(error)(f"{source}: {error}") from None

@@ -1,7 +1,8 @@
-"""Split a ring that crosses itself into simple parts, by its winding number."""
+"""Split rings that cross themselves or each other into simple parts, by winding number."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from polywigner.geometry.grid import grid_size, polygons_in, union_on_grid
 from polywigner.geometry.parts import part_of_ring
 from polywigner.geometry.rings import Part, clean_ring, part_of_polygon
 
-__all__ = ["split_ring", "winding_numbers"]
+__all__ = ["enclosed", "split_ring", "winding_numbers"]
 
 _RULES = ("nonzero", "evenodd")
 
@@ -49,17 +50,29 @@ def split_ring(vertices: Any, winding: str) -> list[Part]:
     ring = clean_ring(vertices, "the ring")
     if shapely.is_valid(shapely.Polygon(ring)):
         return [part_of_ring(ring)]
-    # Faces of the arrangement of the ring's edges, noded on a grid: passes that differ by rounding
-    # only, as in a curve run through twice, then leave no hairline faces between them.
-    edges = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
-    noded = shapely.union_all(edges, grid_size=grid_size(ring))
-    faces = polygons_in(shapely.polygonize([noded]))
-    inside = shapely.get_coordinates(shapely.point_on_surface(faces)).reshape(-1, 2)
-    numbers = winding_numbers(ring, inside)
-    chosen = numbers != 0 if winding == "nonzero" else numbers % 2 == 1
-    kept = [face for face, keep in zip(faces, chosen, strict=True) if keep]
+    kept = enclosed([ring], winding)
     if not kept:
         raise GeometryError(
             f"expected a ring that encloses an area, got none by the {winding!r} rule"
         )
-    return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(kept, ring))]
+    return [part_of_polygon(polygon) for polygon in kept]
+
+
+def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
+    """The region that the rings (n, 2) together run around: not zero times, or an odd number.
+
+    The rings may cross themselves and each other. Polygons that are apart or touch in points;
+    none where no area is enclosed.
+    """
+    # Faces of the arrangement of the rings' edges, noded on a grid: passes that differ by rounding
+    # only, as in a curve run through twice, then leave no hairline faces between them.
+    points = np.concatenate(rings)
+    following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    edges = shapely.linestrings(np.stack([points, following], axis=1))
+    noded = shapely.union_all(edges, grid_size=grid_size(points))
+    faces = polygons_in(shapely.polygonize([noded]))
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces)).reshape(-1, 2)
+    numbers = np.sum([winding_numbers(ring, inside) for ring in rings], axis=0)
+    chosen = numbers != 0 if winding == "nonzero" else numbers % 2 == 1
+    kept = [face for face, keep in zip(faces, chosen, strict=True) if keep]
+    return polygons_in(union_on_grid(kept, points)) if kept else []

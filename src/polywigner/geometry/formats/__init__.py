@@ -1,0 +1,9 @@
+"""File formats of apertures and bodies.
+
+- ``content``: a file's bytes or text, within bounds; ``drawing``: what a reader hands over
+- ``geojson``, ``simple_text`` (WKT, CSV): polygons as text
+- ``svg``, ``svg_style``, ``svg_values``: filled shapes of SVG
+- ``dxf``, ``dxf_entities``, ``chains``: outlines of DXF, and loose lines joined
+- ``curves``: curves flattened to a tolerance; ``outlines``: rings to polygons with holes
+- ``meshes``: STL, PLY and OBJ
+"""

@@ -1,0 +1,276 @@
+"""Curves of drawings, and chords that stay within a stated distance of them.
+
+A curve is a run of straight lines ((n, d) vertices), an :class:`Arc` of an ellipse or a
+:class:`Bezier`, in two or three dimensions. An outline is a sequence of curves, each of which
+starts where the one before it ends; the last one ends where the first one starts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import FileFormatError
+from polywigner.geometry.exact import Ring
+
+__all__ = [
+    "DEFAULT_TOLERANCE",
+    "LARGEST_NUMBER",
+    "MOST_VERTICES",
+    "Arc",
+    "Bezier",
+    "Curve",
+    "bezier_spans",
+    "ends",
+    "flattened",
+    "reversed_curve",
+    "rough_points",
+    "transformed",
+]
+
+DEFAULT_TOLERANCE = 1 / 2000
+"""Largest distance between a curve and its chords, in diagonals of the outline's bounds.
+
+A circle becomes 52 vertices; a quarter circle in a rounded corner, of a tenth of the outline's
+size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
+"""
+
+MOST_VERTICES = 1_000_000
+"""Vertices of one aperture; a valid ring of that many takes about 10 s."""
+
+LARGEST_NUMBER = 1e100
+"""Coordinates beyond it are refused before anything is computed from them."""
+
+# A chord that spans more would leave a polygon of fewer than eight sides of a small circle.
+_LARGEST_STEP = math.pi / 4
+
+Points = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Arc:
+    """centre + u cos t + v sin t for t from start to start + sweep (radians)."""
+
+    centre: Points
+    u: Points
+    v: Points
+    start: float
+    sweep: float
+
+    @property
+    def is_closed(self) -> bool:
+        """A whole ellipse, up to the rounding of angles in degrees."""
+        return abs(self.sweep) >= 2 * math.pi * (1 - 1e-12)
+
+    def at(self, angles: Points) -> Points:
+        """Points (n, d) at these angles (n,)."""
+        return self.centre + np.cos(angles)[:, None] * self.u + np.sin(angles)[:, None] * self.v
+
+
+@dataclass(frozen=True, eq=False)
+class Bezier:
+    """A Bezier curve of control points (p + 1, d); rational with weights (p + 1,) above zero."""
+
+    points: Points
+    weights: Points | None = None
+
+
+Curve = Points | Arc | Bezier
+
+
+def ends(curve: Curve) -> Points:
+    """First and last point, shape (2, d)."""
+    if isinstance(curve, Arc):
+        return curve.at(np.array([curve.start, curve.start + curve.sweep]))
+    points = curve.points if isinstance(curve, Bezier) else curve
+    return points[[0, -1]]
+
+
+def reversed_curve(curve: Curve) -> Curve:
+    """The same curve run through the other way."""
+    if isinstance(curve, Arc):
+        return Arc(curve.centre, curve.u, curve.v, curve.start + curve.sweep, -curve.sweep)
+    if isinstance(curve, Bezier):
+        weights = None if curve.weights is None else curve.weights[::-1]
+        return Bezier(curve.points[::-1], weights)
+    return curve[::-1]
+
+
+def transformed(curve: Curve, matrix: Points, offset: Points) -> Curve:
+    """The image under p -> p @ matrix + offset; `matrix` (d, e), `offset` (e,)."""
+    if isinstance(curve, Arc):
+        centre = curve.centre @ matrix + offset
+        return Arc(centre, curve.u @ matrix, curve.v @ matrix, curve.start, curve.sweep)
+    if isinstance(curve, Bezier):
+        return Bezier(curve.points @ matrix + offset, curve.weights)
+    return curve @ matrix + offset
+
+
+def bezier_spans(control: Points, knots: Points, weights: Points | None) -> list[Bezier]:
+    """The Bezier curves of a B-spline with control points (n, d) and n + p + 1 knots.
+
+    The control points of the span between two knots a < b are the blossom's values at p - j
+    times a and j times b; weights are carried as a further coordinate.
+    """
+    degree = len(knots) - len(control) - 1
+    if weights is not None:
+        control = np.column_stack([control * weights[:, None], weights])
+    spans = []
+    for k in range(degree, len(control)):
+        a, b = knots[k], knots[k + 1]
+        if not a < b:
+            continue
+        points = np.array([
+            _blossom(control[k - degree : k + 1], knots[k - degree + 1 : k + degree + 1], places)
+            for places in ([a] * (degree - j) + [b] * j for j in range(degree + 1))
+        ])  # fmt: skip
+        if weights is None:
+            spans.append(Bezier(points))
+        else:
+            spans.append(Bezier(points[:, :-1] / points[:, -1:], points[:, -1]))
+    return spans
+
+
+def _blossom(control: Points, knots: Points, places: Sequence[float]) -> Points:
+    """De Boor's algorithm with an argument of its own in each round."""
+    degree = len(control) - 1
+    for r, place in enumerate(places, start=1):
+        low = knots[r - 1 : degree]
+        high = knots[degree : 2 * degree - r + 1]
+        share = ((place - low) / (high - low))[:, None]
+        control = (1 - share) * control[:-1] + share * control[1:]
+    return control[0]
+
+
+def rough_points(curve: Curve) -> Points:
+    """Points whose bounds are about those of the curve: its size, for the tolerance."""
+    if isinstance(curve, Arc):
+        return curve.at(curve.start + curve.sweep * np.linspace(0, 1, 9))
+    return curve.points if isinstance(curve, Bezier) else curve
+
+
+def flattened(outlines: Sequence[Sequence[Curve]], tolerance: float | None) -> list[Ring]:
+    """Each outline as a ring (n, d) without a closing repeat, its chords within `tolerance`.
+
+    `tolerance` in the units of the curves; None: 1/2000 of each outline's own size. A whole
+    ellipse becomes a polygon of the same area; else all vertices lie on the curve.
+
+    Raises
+    ------
+    FileFormatError for numbers beyond 1e100 and for more than a million vertices.
+    """
+    rings: list[Ring] = []
+    left = MOST_VERTICES
+    for outline in outlines:
+        points = np.concatenate([rough_points(curve) for curve in outline])
+        if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
+            raise FileFormatError(
+                f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; "
+                "correct that number"
+            )
+        size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        reach = DEFAULT_TOLERANCE * size if tolerance is None else tolerance
+        # A point-like outline has no curves to follow; its ring is refused, or dropped, later.
+        reach = max(reach, 1e-15 * float(np.abs(points).max()), np.finfo(float).tiny)
+        pieces = []
+        for curve in outline:
+            pieces.append(_chords(curve, reach, left)[:-1])
+            left -= len(pieces[-1])
+        rings.append(np.concatenate(pieces))
+    return rings
+
+
+def _counted(steps: float, left: int) -> int:
+    if not steps <= left:
+        raise FileFormatError(
+            f"expected at most {MOST_VERTICES} vertices, got more; simplify the outlines or give a "
+            "larger tolerance for curves"
+        )
+    return max(1, math.ceil(steps))
+
+
+def _chords(curve: Curve, reach: float, left: int) -> Points:
+    """Vertices (n, d) of chords along the curve, its ends included."""
+    if isinstance(curve, Arc):
+        return _ellipse(curve, reach, left) if curve.is_closed else _arc(curve, reach, left)
+    if isinstance(curve, Bezier):
+        if curve.weights is None or np.ptp(curve.weights) == 0:
+            return _polynomial(curve.points, reach, left)
+        return _rational(curve, reach, left)
+    _counted(len(curve) - 1, left)
+    return curve
+
+
+def _stretch(arc: Arc) -> float:
+    """The larger half axis: by no more does the map from the unit circle stretch a distance."""
+    return float(np.linalg.norm(np.stack([arc.u, arc.v]), 2))
+
+
+def _arc(arc: Arc, reach: float, left: int) -> Points:
+    """A chord over the angle d stays within stretch (1 - cos(d/2)) of its arc."""
+    half = math.acos(max(-1.0, 1 - reach / max(_stretch(arc), reach)))
+    steps = _counted(abs(arc.sweep) / min(2 * half, _LARGEST_STEP), left)
+    return arc.at(arc.start + arc.sweep * np.arange(steps + 1) / steps)
+
+
+def _ellipse(arc: Arc, reach: float, left: int) -> Points:
+    """A polygon with 4 k vertices and the area of the ellipse: a^2 = x/sin(x), x = 2 pi/n.
+
+    Its corners stand out by (a - 1) stretch < 1.0001 (pi/n)^2/3 stretch for n >= 48 (1.04 for
+    n = 8), and its sides dip by half of that.
+    """
+    steps = 1.04 * math.pi * math.sqrt(_stretch(arc) / (3 * reach)) if reach else math.inf
+    n = 4 * max(2, _counted(steps / 4, left // 4))
+    x = 2 * math.pi / n
+    grown = math.sqrt(x / math.sin(x))
+    angles = arc.start + math.copysign(x, arc.sweep) * np.arange(n + 1)
+    return Arc(arc.centre, grown * arc.u, grown * arc.v, 0, 0).at(angles)
+
+
+def _polynomial(points: Points, reach: float, left: int) -> Points:
+    """Equal steps of the parameter: the second derivative bounds the distance to a chord."""
+    degree = len(points) - 1
+    second = np.linalg.norm(np.diff(points, n=2, axis=0), axis=1).max(initial=0.0)
+    steps = _counted(math.sqrt(degree * (degree - 1) / 8 * float(second) / reach), left)
+    t = np.arange(steps + 1)[:, None, None] / steps
+    values = np.broadcast_to(points, (steps + 1, *points.shape))
+    for _ in range(degree):  # de Casteljau
+        values = values[:, :-1] + t * np.diff(values, axis=1)
+    values = values[:, 0].copy()
+    values[[0, -1]] = points[[0, -1]]
+    return values
+
+
+def _rational(curve: Bezier, reach: float, left: int) -> Points:
+    """Halved until no control point is farther from the chord; the curve lies in their hull."""
+    assert curve.weights is not None
+    homogeneous = np.column_stack([curve.points * curve.weights[:, None], curve.weights])
+    waiting, done = [homogeneous], [curve.points[0]]
+    while waiting:
+        piece = waiting.pop()
+        points = piece[:, :-1] / piece[:, -1:]
+        if _off_chord(points) <= reach:
+            done.append(points[-1])
+            continue
+        _counted(len(done) + len(waiting) + 1, left)
+        first, second = [piece[0]], [piece[-1]]
+        while len(piece) > 1:
+            piece = (piece[:-1] + piece[1:]) / 2
+            first.append(piece[0])
+            second.append(piece[-1])
+        waiting += [np.array(second[::-1]), np.array(first)]
+    return np.array(done)
+
+
+def _off_chord(points: Points) -> float:
+    """Largest distance of the points from the segment between the first and the last."""
+    chord = points[-1] - points[0]
+    length = float(chord @ chord)
+    along = (points - points[0]) @ chord / length if length else np.zeros(len(points))
+    nearest = points[0] + np.clip(along, 0, 1)[:, None] * chord
+    return float(np.linalg.norm(points - nearest, axis=1).max())

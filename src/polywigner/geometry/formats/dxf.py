@@ -1,0 +1,199 @@
+"""Closed outlines of a DXF drawing: what lies in an odd number of them is open.
+
+ezdxf parses the file; circles, arcs, bulges and splines are followed here, to a stated tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.geometry.exact import Ring
+from polywigner.geometry.formats.chains import JOINT, chained, is_closed
+from polywigner.geometry.formats.curves import (
+    LARGEST_NUMBER,
+    Curve,
+    Points,
+    flattened,
+    rough_points,
+    transformed,
+)
+from polywigner.geometry.formats.drawing import Drawing, required
+from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of
+from polywigner.geometry.formats.outlines import nested, without_duplicates
+
+__all__ = ["LARGEST_DXF", "MOST_CURVES", "MOST_NESTED_BLOCKS", "read_dxf"]
+
+LARGEST_DXF = 16 * 2**20
+"""Bytes of a DXF file, of which ezdxf makes about twenty times as much in memory."""
+
+MOST_CURVES = 200_000
+"""Lines, arcs and splines of a drawing, those of inserted blocks counted each time."""
+
+MOST_NESTED_BLOCKS = 16
+"""Blocks inserted in blocks."""
+
+# $INSUNITS; those without an exact length (light years, survey units) are refused.
+_UNITS = {
+    1: Fraction(254, 10**4), 2: Fraction(3048, 10**4), 3: Fraction(1609344, 1000),
+    4: Fraction(1, 1000), 5: Fraction(1, 100), 6: Fraction(1), 7: Fraction(1000),
+    8: Fraction(254, 10**10), 9: Fraction(254, 10**7), 10: Fraction(9144, 10**4),
+    11: Fraction(1, 10**10), 12: Fraction(1, 10**9), 13: Fraction(1, 10**6), 14: Fraction(1, 10),
+    15: Fraction(10), 16: Fraction(100), 17: Fraction(10**9),
+}  # fmt: skip
+
+# A drawing is plane if its heights differ by less than rounding, in diagonals.
+_FLAT = 1e-9
+
+
+def read_dxf(path: Path, unit_metres: float, tolerance: float | None) -> Drawing:
+    """The outlines in the model space of a DXF file, on layers that are on.
+
+    Parameters
+    ----------
+    path
+        The file, text or binary.
+    unit_metres
+        Metres of one unit, where the file's $INSUNITS does not say.
+    tolerance
+        Largest distance in metres between a curve and its chords; None: see `flattened`.
+
+    Raises
+    ------
+    FileFormatError, GeometryError, MissingExtraError.
+    """
+    if path.stat().st_size > LARGEST_DXF:
+        raise FileFormatError(
+            f"expected at most {LARGEST_DXF >> 20} MiB of DXF, got more; save the outline alone"
+        )
+    ezdxf = required("ezdxf", "DXF")
+    try:
+        document = ezdxf.readfile(path)
+        metres = _metres(document, unit_metres)
+        paths = list(_Blocks(document).paths(document.modelspace()))
+    except PolywignerError:
+        raise
+    except MemoryError:
+        raise FileFormatError("expected a DXF that fits into memory, got a larger one") from None
+    except Exception as error:  # a damaged file can fail anywhere in ezdxf, with any exception
+        raise FileFormatError(
+            f"expected DXF, got a file that ezdxf does not read: {_shown(error)}"
+        ) from None
+    rings = _rings(paths, None if tolerance is None else tolerance / metres)
+    return Drawing(nested(rings), metres)
+
+
+def _shown(error: Exception) -> str:
+    text = " ".join(str(error).split())[:200]
+    return f"{type(error).__name__} {text}".rstrip()
+
+
+def _metres(document: Any, unit_metres: float) -> float:
+    code = document.header.get("$INSUNITS", 0)
+    if code == 0:
+        return unit_metres
+    if code not in _UNITS:
+        raise FileFormatError(
+            f"expected $INSUNITS from 0 to {max(_UNITS)}, got {code!r}; save in millimetres"
+        )
+    return float(_UNITS[code])
+
+
+class _Blocks:
+    """The paths of layouts, with blocks read once however often they are inserted."""
+
+    def __init__(self, document: Any) -> None:
+        self.document = document
+        self.known: dict[str, list[list[Curve]]] = {}
+        self.hidden = {
+            layer.dxf.name.lower()
+            for layer in document.layers
+            if layer.is_off() or layer.is_frozen()
+        } | {"defpoints"}
+        self.count = 0
+
+    def paths(self, layout: Any, depth: int = 0) -> Iterator[list[Curve]]:
+        if depth > MOST_NESTED_BLOCKS:
+            raise FileFormatError(
+                f"expected blocks nested at most {MOST_NESTED_BLOCKS} deep, got more (or a block "
+                "that contains itself); explode them"
+            )
+        for entity in layout:
+            kind = entity.dxftype()
+            layer = str(entity.dxf.get("layer", "0")).lower()
+            if kind in IGNORED or layer in self.hidden or entity.dxf.get("invisible", 0):
+                continue
+            found = self._inserted(entity, depth) if kind == "INSERT" else paths_of(entity)
+            for path in found:
+                self.count += len(path)
+                if self.count > MOST_CURVES:
+                    raise FileFormatError(
+                        f"expected at most {MOST_CURVES} lines and curves, got more; simplify the "
+                        "drawing"
+                    )
+                yield path
+
+    def _inserted(self, insert: Any, depth: int) -> Iterator[list[Curve]]:
+        name = str(insert.dxf.name)
+        if name not in self.known:
+            block = insert.block()
+            if block is None:
+                raise FileFormatError(f"expected a block named {name[:60]!r}, got none")
+            self.known[name] = list(self.paths(block, depth + 1))
+        content = self.known[name]
+        rows = np.array(list(insert.matrix44().rows()))
+        for offset in _grid(insert) if content else ():
+            for path in content:
+                yield [transformed(curve, rows[:3, :3], rows[3, :3] + offset) for curve in path]
+
+
+def _grid(insert: Any) -> Iterator[Points]:
+    """Offsets of a rectangular array, in the world; a spacing of zero repeats in place."""
+    ocs = insert.ocs()
+    angle = np.radians(insert.dxf.rotation)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    axes = turn @ np.array([list(ocs.ux), list(ocs.uy)])
+    columns = insert.dxf.column_count if insert.dxf.column_spacing else 1
+    for row in range(insert.dxf.row_count if insert.dxf.row_spacing else 1):
+        for column in range(columns):
+            yield (
+                np.array([column * insert.dxf.column_spacing, row * insert.dxf.row_spacing]) @ axes
+            )
+
+
+def _rings(paths: list[list[Curve]], tolerance: float | None) -> list[Ring]:
+    """Flat rings (n, 2) of closed paths and of those that close when joined."""
+    if not paths:
+        raise FileFormatError(
+            "expected outlines in the model space, got none; draw closed polylines, circles or "
+            "hatches on a layer that is on"
+        )
+    points = np.concatenate([rough_points(curve) for path in paths for curve in path])
+    if not (np.abs(points) <= LARGEST_NUMBER).all():  # also for a NaN
+        raise FileFormatError(
+            f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; correct it"
+        )
+    gap = JOINT * float(np.linalg.norm(np.ptp(points, axis=0)))
+    whole, loose = [], []
+    for path in paths:
+        if is_closed(path, gap):
+            whole.append(path)
+        elif len(path) > 1 or np.ptp(rough_points(path[0]), axis=0).max() > gap:
+            loose.append(path)  # anything shorter is a point, up to rounding
+    rings = flattened([*whole, *chained(loose, gap)], tolerance)
+    rings = [ring for ring in rings if len(ring) > 2]
+    heights = np.concatenate([ring[:, 2] for ring in rings]) if rings else np.zeros(1)
+    if np.ptp(heights) > _FLAT * max(gap / JOINT, float(np.abs(points).max())):
+        raise FileFormatError(
+            f"expected a plane drawing, got heights from {heights.min():g} to {heights.max():g}; "
+            "flatten it"
+        )
+    flat = without_duplicates([ring[:, :2] for ring in rings], gap)
+    if not flat:
+        raise FileFormatError("expected outlines that enclose an area, got none that do")
+    return flat

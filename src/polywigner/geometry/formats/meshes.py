@@ -1,0 +1,73 @@
+"""Bodies of STL, PLY and OBJ files: trimesh parses, vertices at the same place become one."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import FileFormatError
+from polywigner.geometry.formats.curves import LARGEST_NUMBER
+from polywigner.geometry.formats.drawing import required
+
+__all__ = ["MESH_SUFFIXES", "MOST_FACES", "read_mesh"]
+
+MESH_SUFFIXES = (".stl", ".ply", ".obj")
+
+MOST_FACES = 200_000
+"""Triangles of a body; checking so many takes about 15 s."""
+
+
+def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Vertices (n, 3) in the file's unit and triangles (m, 3) of vertex numbers.
+
+    Faces with more than three vertices become fans of triangles. Vertices with the very same
+    coordinates are merged (an STL file repeats them for each triangle), and triangles that use a
+    vertex twice afterwards are dropped.
+
+    Raises
+    ------
+    FileFormatError, MissingExtraError.
+    """
+    kind = suffix.removeprefix(".")
+    trimesh = required("trimesh", kind.upper())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # NumPy warns of numbers that are none, and goes on
+            mesh = trimesh.load_mesh(
+                io.BytesIO(content), file_type=kind, process=False, skip_materials=True
+            )
+        vertices = np.array(mesh.vertices, dtype=np.float64).reshape(-1, 3)
+        faces = np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
+    except MemoryError:
+        raise FileFormatError("expected a mesh that fits into memory, got a larger one") from None
+    except Exception as error:  # a damaged file can fail anywhere in trimesh, with any exception
+        raise FileFormatError(
+            f"expected {kind.upper()}, got a file that trimesh does not read: "
+            f"{type(error).__name__} {' '.join(str(error).split())[:200]}"
+        ) from None
+    _check(vertices, faces)
+    vertices, places = np.unique(vertices + 0.0, axis=0, return_inverse=True)
+    faces = places.reshape(-1)[faces]
+    a, b, c = faces.T
+    return vertices, faces[(a != b) & (b != c) & (c != a)]
+
+
+def _check(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
+    if not len(faces):
+        raise FileFormatError("expected triangles, got none; export the body as a mesh")
+    if len(faces) > MOST_FACES:
+        raise FileFormatError(
+            f"expected at most {MOST_FACES} triangles, got {len(faces)}; simplify the mesh"
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise FileFormatError(
+            f"expected vertex numbers up to {len(vertices)}, got a face with another; correct it"
+        )
+    if not (np.abs(vertices) <= LARGEST_NUMBER).all():  # also for a NaN
+        raise FileFormatError(
+            f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; correct it"
+        )

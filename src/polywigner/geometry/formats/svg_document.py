@@ -1,0 +1,193 @@
+"""The elements of an SVG file that are drawn: groups, repetitions, nested viewports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from polywigner.errors import FileFormatError
+from polywigner.geometry.formats.curves import Points
+from polywigner.geometry.formats.drawing import required
+from polywigner.geometry.formats.svg_shapes import (
+    SHAPES,
+    Place,
+    Shape,
+    corner,
+    fitted,
+    shape_of,
+    view_box,
+)
+from polywigner.geometry.formats.svg_style import Style, Styles, check_supported, is_painted
+from polywigner.geometry.formats.svg_values import length, matrix_of
+
+__all__ = ["MOST_ELEMENTS", "MOST_NESTED", "Document", "parsed"]
+
+MOST_ELEMENTS = 100_000
+"""Elements of a file, and elements drawn (what `use` repeats counts each time)."""
+
+MOST_NESTED = 64
+"""Elements inside each other, `use` included."""
+
+_NAMESPACE = "{http://www.w3.org/2000/svg}"
+_LINK = "{http://www.w3.org/1999/xlink}href"
+_CONTAINERS = {"svg", "g", "a", "switch"}
+_OPAQUE = {"text", "image", "foreignObject"}
+
+
+def parsed(content: bytes) -> Any:
+    """The root element. A plain DOCTYPE may stand; entities and other files may not."""
+    defused = required("defusedxml.ElementTree", "SVG")
+    common = required("defusedxml.common", "SVG")
+    parser = defused.XMLParser(target=_bounded_builder(), forbid_dtd=False)
+    try:
+        parser.feed(content)
+        root = parser.close()
+    except common.DefusedXmlException:
+        raise FileFormatError(
+            "expected SVG without entities of its own, got a declaration of one; save as plain SVG"
+        ) from None
+    except (SyntaxError, ValueError, LookupError) as error:  # ParseError is a SyntaxError
+        raise FileFormatError(f"expected SVG, got text that is not XML: {error}") from None
+    if _tag(root) != "svg":
+        raise FileFormatError(f"expected an svg element, got {str(root.tag)[:60]!r}")
+    return root
+
+
+def _bounded_builder() -> Any:
+    from xml.etree.ElementTree import TreeBuilder
+
+    class Bounded(TreeBuilder):
+        count = depth = 0
+
+        def start(self, *arguments: Any) -> Any:
+            self.count += 1
+            self.depth += 1
+            _check_count(self.count)
+            _check_depth(self.depth)
+            return super().start(*arguments)
+
+        def end(self, *arguments: Any) -> Any:
+            self.depth -= 1
+            return super().end(*arguments)
+
+    return Bounded()
+
+
+def _check_count(count: int) -> None:
+    if count > MOST_ELEMENTS:
+        raise FileFormatError(
+            f"expected at most {MOST_ELEMENTS} elements (repetitions by use included), got more; "
+            "simplify the drawing"
+        )
+
+
+def _check_depth(depth: int) -> None:
+    if depth > MOST_NESTED:
+        raise FileFormatError(
+            f"expected elements nested at most {MOST_NESTED} deep, got more (or a use that "
+            "contains itself); ungroup them"
+        )
+
+
+def _tag(element: Any) -> str:
+    """The name of an SVG element; empty for those of other namespaces and comments."""
+    tag = element.tag if isinstance(element.tag, str) else "{"
+    return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
+
+
+class Document:
+    """A walk over the elements that are drawn."""
+
+    def __init__(self, root: Any) -> None:
+        self.root = root
+        self.styles = Styles("".join(e.text or "" for e in root.iter() if _tag(e) == "style"))
+        self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
+        self.visited = 0
+
+    def shapes(self, matrix: Points) -> Iterator[Shape]:
+        box = view_box(self.root)
+        viewport = (None, None) if box is None else (box[2], box[3])
+        place = Place(matrix, np.zeros(2), Style(), viewport)
+        yield from self._children(self.root, self._entered(self.root, place))
+
+    def _entered(self, element: Any, place: Place) -> Place:
+        """The place inside an element: its style, its transform."""
+        self.visited += 1
+        _check_count(self.visited)
+        _check_depth(place.depth + 1)
+        style = self.styles.of(element, _tag(element), place.style)
+        inside = replace(place, style=style, depth=place.depth + 1)
+        text = style.own.get("transform")
+        if text not in (None, "", "none"):
+            inside = inside.moved(*matrix_of(text))
+        return inside
+
+    def _children(self, element: Any, place: Place) -> Iterator[Shape]:
+        for child in element:
+            yield from self._drawn(child, place)
+
+    def _drawn(self, element: Any, place: Place) -> Iterator[Shape]:
+        tag = _tag(element)
+        if tag not in _CONTAINERS | SHAPES | _OPAQUE | {"use"}:
+            return
+        inside = self._entered(element, place)
+        if inside.style.own.get("display") == "none":
+            return
+        check_supported(inside.style, tag)
+        if tag in SHAPES:
+            if is_painted(inside.style):
+                yield shape_of(element, tag, inside)
+        elif tag == "use":
+            yield from self._used(element, inside)
+        elif tag in _OPAQUE:
+            if tag != "text" or is_painted(inside.style):
+                raise FileFormatError(
+                    f"expected shapes, got a {tag} element; convert it to paths or remove it"
+                )
+        elif tag == "svg":
+            yield from self._children(element, self._viewport(element, inside))
+        else:
+            yield from self._children(_chosen(element) if tag == "switch" else element, inside)
+
+    def _used(self, element: Any, place: Place) -> Iterator[Shape]:
+        link = (element.get("href") or element.get(_LINK) or "").strip()
+        target = self.named.get(link[1:]) if link.startswith("#") else None
+        if target is None:
+            raise FileFormatError(
+                f"expected a use of an element in the same file, got {link[:60]!r}; unlink it"
+            )
+        place = place.moved(np.eye(2), corner(element, place))
+        if _tag(target) not in ("symbol", "svg"):
+            yield from self._drawn(target, place)
+            return
+        inside = self._entered(target, place)
+        size = [element.get(name) or target.get(name) for name in ("width", "height")]
+        yield from self._children(target, self._viewport(target, inside, size))
+
+    def _viewport(
+        self, element: Any, place: Place, size: Sequence[str | None] | None = None
+    ) -> Place:
+        """The place inside a nested svg or symbol: its corner, and the scale of its viewBox."""
+        if size is None:
+            size = [element.get("width"), element.get("height")]
+        place = place.moved(np.eye(2), corner(element, place))
+        box = view_box(element)
+        extents = [
+            reference if text in (None, "auto") else length(str(text), "a size", reference)
+            for text, reference in zip(size, place.viewport, strict=True)
+        ]
+        if box is None:
+            return replace(place, viewport=(extents[0], extents[1]))
+        width, height = (
+            given if given is not None else own for given, own in zip(extents, box[2:], strict=True)
+        )
+        scale, shift = fitted(element.get("preserveAspectRatio", ""), box, (width, height))
+        return replace(place.moved(np.diag(scale), shift), viewport=box[2:])
+
+
+def _chosen(switch: Any) -> list[Any]:
+    """The one element of a switch that is drawn: the first that asks for no extension."""
+    return [child for child in switch if _tag(child) and not child.get("requiredExtensions")][:1]
