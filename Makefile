@@ -8,6 +8,9 @@ DEMO_SPP ?=
 # TESTS='-k automean' make test  arguments for pytest
 TESTS ?=
 
+# FUZZ='--seed 2' make fuzz      arguments for tools/fuzz
+FUZZ ?=
+
 # An activated environment or foreign module paths must not reach into .venv.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
@@ -18,7 +21,7 @@ RENDER = $(BIN)/polywigner render
 TRANSFORM = $(BIN)/polywigner transform
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test lint format typecheck bench docs dist clean
+.PHONY: help demo pictures test fuzz lint format typecheck bench docs dist clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -38,6 +41,10 @@ pictures:
 test: ## run the tests
 	@$(SETUP) --group test
 	$(BIN)/python -m pytest $(TESTS)
+
+fuzz: ## read ten thousand damaged files; FUZZ='--seed 2 --count 1000' chooses others
+	@$(SETUP) --group test
+	$(BIN)/python tools/fuzz $(FUZZ)
 
 lint: ## check style and formatting
 	@$(SETUP) --group dev

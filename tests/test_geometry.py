@@ -260,6 +260,7 @@ BAD_INPUT = {
     "a polygon in space": (shapely.Polygon([(0, 0, 1), (1, 0, 1), (1, 1, 1)]), "z = 0"),
     "a hole outside": (shapely.Polygon(SQUARE, [SQUARE + 5]), "holes inside"),
     "a hole across": (shapely.Polygon(SQUARE, [SQUARE + 0.5]), "holes inside"),
+    "a hole that dwarfs it": (shapely.Polygon(SQUARE, [square_at(0, 0, 1e19)]), "holes inside"),
     "crossing holes": (
         shapely.Polygon(SQUARE * 9, [square_at(1, 1, 3), square_at(3, 3, 3)]),
         "holes inside",

@@ -30,6 +30,15 @@ EMPTY_FEATURE = {"type": "Feature", "properties": None, "geometry": None}
 WKT = shapely.Polygon(MILLIMETRES).wkt
 ROWS = [f"{x},{y}" for x, y in MILLIMETRES]
 
+POINTS = " ".join(f"{x} {-y}" for x, y in MILLIMETRES)  # y points down in SVG
+DXF = "\n".join([
+    "0\nSECTION\n2\nENTITIES",
+    *(
+        f"0\nLINE\n8\n0\n10\n{a[0]}\n20\n{a[1]}\n11\n{b[0]}\n21\n{b[1]}"
+        for a, b in zip(MILLIMETRES, np.roll(MILLIMETRES, 1, axis=0), strict=True)
+    ),
+    "0\nENDSEC\n0\nEOF\n",
+])  # fmt: skip
 SAME = {
     "polygon.geojson": json.dumps(POLYGON),
     "polygon.json": "\ufeff" + json.dumps(POLYGON, indent=1),
@@ -59,6 +68,10 @@ SAME = {
     "rows.txt": "\n".join(ROWS),
     "json.txt": json.dumps(FEATURE),
     "no_suffix": WKT,
+    "path.svg": f'<svg viewBox="0 0 1 1"><path d="M{POINTS}z"/></svg>',
+    "path.xml": f'<?xml version="1.0"?><svg><polygon points="{POINTS}"/></svg>',
+    "lines.dxf": DXF,
+    "lines.txt": "999\na comment\n" + DXF,
 }
 
 
@@ -182,7 +195,9 @@ BAD_FILES = {
     "header_only.csv": ("x,y\n", FileFormatError, "none"),
     "huge.csv": ("0,0\n1e999,0\n1,1\n", GeometryError, "finite"),
     "two.csv": ("0,0\n1,0\n", GeometryError, "3 different"),
-    "drawing.svg": ("<svg/>", FileFormatError, "not read yet"),
+    "layout.gds": (b"\0\6\0\2", FileFormatError, ".gds, which is not read"),
+    "drawing.dwg": ("AC1032", FileFormatError, ".dwg, which is not read"),
+    "drawing.svgz": (b"\x1f\x8b\x08\0", FileFormatError, ".svgz, which is not read"),
     "words.txt": ("hello world", FileFormatError, "expected"),
 }
 

@@ -82,9 +82,15 @@ def render(
 @app.command()
 def transform(
     aperture: Annotated[
-        str, typer.Argument(help="Aperture file: GeoJSON, WKT, or CSV with one ring.")
+        str, typer.Argument(help="Aperture file: GeoJSON, WKT, SVG, DXF, or CSV with one ring.")
     ],
-    unit: Annotated[str, typer.Option(help="Unit of the file's coordinates.")] = "mm",
+    unit: Annotated[
+        str, typer.Option(help="Unit of the file's coordinates, where the file does not say.")
+    ] = "mm",
+    tolerance: Annotated[
+        str | None,
+        typer.Option(help="Such as '1 um': how far chords may lie from curves (SVG, DXF)."),
+    ] = None,
     frequency: Annotated[
         str | None, typer.Option(help="Such as '94 GHz': shows |nu| up to 1/wavelength.")
     ] = None,
@@ -118,6 +124,7 @@ def transform(
     run_transform(
         aperture,
         unit=unit,
+        tolerance=tolerance,
         frequency=frequency,
         wavelength=wavelength,
         x=x,

@@ -27,6 +27,7 @@ def run_transform(
     aperture: str,
     *,
     unit: str,
+    tolerance: str | None,
     frequency: str | None,
     wavelength: str | None,
     x: str | None,
@@ -45,6 +46,7 @@ def run_transform(
     PolywignerError : input that cannot be used; nothing is written then.
     """
     _check_file(aperture)
+    reach = None if tolerance is None else parse_length(tolerance)
     length = _wavelength(frequency, wavelength)
     position = None if x is None else parse_point(x)
     lag = None if xi is None else parse_point(xi)
@@ -57,7 +59,7 @@ def run_transform(
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
-    shape = pw.read_aperture(aperture, unit=unit)
+    shape = pw.read_aperture(aperture, unit=unit, tolerance=reach)
     if length is not None:
         check_wavelength(length, shape.diameter)
     slices = transform_slices(shape, position, lag, length, _samples(samples, shape, length))

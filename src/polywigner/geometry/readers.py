@@ -16,7 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
+from polywigner.errors import (
+    ArgumentError,
+    FileFormatError,
+    GeometryError,
+    MissingExtraError,
+    PolywignerError,
+)
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.content import bytes_of, text_of
@@ -55,7 +61,7 @@ def _svg(file: _File) -> Drawing:
 
 
 def _dxf(file: _File) -> Drawing:
-    return read_dxf(file.path, file.unit_metres, file.tolerance)
+    return read_dxf(file.path, file.content, file.unit_metres, file.tolerance)
 
 
 _GEOJSON = _polygons(rings_of_geojson)
@@ -139,6 +145,12 @@ def _checked_tolerance(tolerance: Any) -> float | None:
     return float(tolerance)
 
 
+def _about(path: Path, error: PolywignerError) -> PolywignerError:
+    """The error with the file's name, and without characters that a terminal would obey."""
+    text = f"{path}: {error}"
+    return type(error)("".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text))
+
+
 def read_aperture(
     path: str | os.PathLike[str], unit: str | float = "mm", tolerance: float | None = None
 ) -> Aperture:
@@ -182,7 +194,7 @@ def read_aperture(
         with np.errstate(all="ignore"):
             return _aperture(_reader_for(file)(file))
     except (FileFormatError, GeometryError, MissingExtraError) as error:
-        raise type(error)(f"{source}: {error}") from None
+        raise _about(source, error) from None
 
 
 def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> Polyhedron:
@@ -221,4 +233,4 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
             vertices, faces = read_mesh(bytes_of(source), source.suffix.lower())
             return Polyhedron(_scaled(vertices, metres), faces)
     except (FileFormatError, GeometryError, MissingExtraError) as error:
-        raise type(error)(f"{source}: {error}") from None
+        raise _about(source, error) from None

@@ -26,6 +26,8 @@ def _joined_vertices(points: Ring, reach: float) -> Ring:
 
 def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, reach: float) -> Ring:
     """Insert into each edge the points that lie within reach of it."""
+    if not len(ring):  # all of it was within reach of one point
+        return ring
     following = np.roll(ring, -1, axis=0)
     edges = shapely.linestrings(np.stack([ring, following], axis=1))
     edge, point = tree.query(edges, predicate="dwithin", distance=reach)

@@ -35,6 +35,7 @@ __all__ = [
 PARAMETERS = (
     "aperture",
     "unit",
+    "tolerance",
     "frequency",
     "wavelength",
     "to_world",
@@ -173,14 +174,17 @@ def _reject_unknown(values: dict[str, Any]) -> None:
 def _aperture(values: dict[str, Any]) -> Aperture:
     name = _text(values, "aperture", None)
     if is_key(name):
-        if "unit" in values:
-            raise SceneError(
-                f"expected no unit with an aperture from memory, got {values['unit']!r}; its "
-                "coordinates are in metres already"
-            )
+        for key in ("unit", "tolerance"):
+            if key in values:
+                raise SceneError(
+                    f"expected no {key} with an aperture from memory, got {values[key]!r}; its "
+                    "coordinates are in metres already"
+                )
         return registered_source(name)
     path = Path(str(mi.file_resolver().resolve(name)))
-    return read_aperture(path, unit=_text(values, "unit", "mm"))
+    given = "tolerance" in values
+    tolerance = _number(values, "tolerance", parse_length) if given else None
+    return read_aperture(path, unit=_text(values, "unit", "mm"), tolerance=tolerance)
 
 
 def _wavelength(values: dict[str, Any]) -> float:
@@ -217,7 +221,7 @@ def _text(values: dict[str, Any], name: str, default: str | None) -> str:
     if value is None:
         raise SceneError(
             f"expected the parameter {name!r} of a wigner shape, got none; give the file of an "
-            "aperture (GeoJSON, WKT or CSV)"
+            "aperture (GeoJSON, WKT, CSV, SVG or DXF)"
         )
     if not isinstance(value, str):
         raise SceneError(

@@ -21,11 +21,14 @@ from polywigner.geometry.exact import Ring
 __all__ = [
     "DEFAULT_TOLERANCE",
     "LARGEST_NUMBER",
+    "MOST_CURVES",
     "MOST_VERTICES",
     "Arc",
     "Bezier",
     "Curve",
     "bezier_spans",
+    "check_number",
+    "count_of",
     "ends",
     "flattened",
     "reversed_curve",
@@ -42,6 +45,9 @@ size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
 
 MOST_VERTICES = 1_000_000
 """Vertices of one aperture; a valid ring of that many takes about 10 s."""
+
+MOST_CURVES = 200_000
+"""Lines and curves of a drawing, those of repeated parts counted each time."""
 
 LARGEST_NUMBER = 1e100
 """Coordinates beyond it are refused before anything is computed from them."""
@@ -81,6 +87,20 @@ class Bezier:
 
 
 Curve = Points | Arc | Bezier
+
+
+def check_number(count: int) -> None:
+    """Raise where a drawing has more lines and curves than are followed."""
+    if count > MOST_CURVES:
+        raise FileFormatError(
+            f"expected at most {MOST_CURVES} lines and curves (repetitions included), got more; "
+            "simplify the drawing"
+        )
+
+
+def count_of(curve: Curve) -> int:
+    """How many lines or curves it is."""
+    return len(curve) - 1 if isinstance(curve, np.ndarray) else 1
 
 
 def ends(curve: Curve) -> Points:
@@ -249,28 +269,34 @@ def _polynomial(points: Points, reach: float, left: int) -> Points:
 def _rational(curve: Bezier, reach: float, left: int) -> Points:
     """Halved until no control point is farther from the chord; the curve lies in their hull."""
     assert curve.weights is not None
-    homogeneous = np.column_stack([curve.points * curve.weights[:, None], curve.weights])
-    waiting, done = [homogeneous], [curve.points[0]]
-    while waiting:
-        piece = waiting.pop()
-        points = piece[:, :-1] / piece[:, -1:]
-        if _off_chord(points) <= reach:
-            done.append(points[-1])
-            continue
-        _counted(len(done) + len(waiting) + 1, left)
-        first, second = [piece[0]], [piece[-1]]
-        while len(piece) > 1:
-            piece = (piece[:-1] + piece[1:]) / 2
-            first.append(piece[0])
-            second.append(piece[-1])
-        waiting += [np.array(second[::-1]), np.array(first)]
-    return np.array(done)
+    pieces = np.column_stack([curve.points * curve.weights[:, None], curve.weights])[None]
+    straight = np.zeros(1, dtype=bool)
+    while not straight.all():
+        straight[~straight] = _off_chord(pieces[~straight]) <= reach
+        counts = np.where(straight, 1, 2)
+        _counted(int(counts.sum()), left)
+        halves = _halved(pieces[~straight])
+        pieces, straight = np.repeat(pieces, counts, axis=0), np.repeat(straight, counts)
+        pieces[~straight] = halves
+    vertices = pieces[:, -1, :-1] / pieces[:, -1, -1:]
+    return np.concatenate([curve.points[:1], vertices])
 
 
-def _off_chord(points: Points) -> float:
-    """Largest distance of the points from the segment between the first and the last."""
-    chord = points[-1] - points[0]
-    length = float(chord @ chord)
-    along = (points - points[0]) @ chord / length if length else np.zeros(len(points))
-    nearest = points[0] + np.clip(along, 0, 1)[:, None] * chord
-    return float(np.linalg.norm(points - nearest, axis=1).max())
+def _halved(pieces: Points) -> Points:
+    """Both halves of each Bezier curve (m, p + 1, d), shape (2 m, p + 1, d), in order."""
+    first, second, middle = [pieces[:, 0]], [pieces[:, -1]], pieces
+    while middle.shape[1] > 1:
+        middle = (middle[:, :-1] + middle[:, 1:]) / 2
+        first.append(middle[:, 0])
+        second.append(middle[:, -1])
+    both = np.stack([np.stack(first, axis=1), np.stack(second[::-1], axis=1)], axis=1)
+    return both.reshape(-1, *pieces.shape[1:])
+
+
+def _off_chord(pieces: Points) -> Points:
+    """Largest distance (m,) of each piece's control points from the segment between its ends."""
+    points = pieces[..., :-1] / pieces[..., -1:]
+    start, chord = points[:, :1], points[:, -1:] - points[:, :1]
+    length = np.maximum((chord**2).sum(-1), np.finfo(float).tiny)
+    along = np.clip(((points - start) * chord).sum(-1) / length, 0, 1)
+    return np.linalg.norm(points - start - along[..., None] * chord, axis=-1).max(axis=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,9 +28,14 @@ def required(library: str, kind: str) -> Any:
     Raises MissingExtraError where it is not installed.
     """
     try:
-        return importlib.import_module(library)
+        module = importlib.import_module(library)
     except ImportError:
         raise MissingExtraError(
             f"expected {library.partition('.')[0]} to be installed, which reads {kind} files, got "
             "none; install it with: pip install polywigner[formats]"
         ) from None
+    # What a library says about a damaged file goes to those who listen, not to the terminal.
+    logger = logging.getLogger(library.partition(".")[0])
+    if not logger.handlers:
+        logger.addHandler(logging.NullHandler())
+    return module

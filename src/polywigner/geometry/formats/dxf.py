@@ -19,6 +19,7 @@ from polywigner.geometry.formats.curves import (
     LARGEST_NUMBER,
     Curve,
     Points,
+    check_number,
     flattened,
     rough_points,
     transformed,
@@ -27,13 +28,10 @@ from polywigner.geometry.formats.drawing import Drawing, required
 from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of
 from polywigner.geometry.formats.outlines import nested, without_duplicates
 
-__all__ = ["LARGEST_DXF", "MOST_CURVES", "MOST_NESTED_BLOCKS", "read_dxf"]
+__all__ = ["LARGEST_DXF", "MOST_NESTED_BLOCKS", "read_dxf"]
 
 LARGEST_DXF = 16 * 2**20
 """Bytes of a DXF file, of which ezdxf makes about twenty times as much in memory."""
-
-MOST_CURVES = 200_000
-"""Lines, arcs and splines of a drawing, those of inserted blocks counted each time."""
 
 MOST_NESTED_BLOCKS = 16
 """Blocks inserted in blocks."""
@@ -51,13 +49,13 @@ _UNITS = {
 _FLAT = 1e-9
 
 
-def read_dxf(path: Path, unit_metres: float, tolerance: float | None) -> Drawing:
+def read_dxf(path: Path, content: bytes, unit_metres: float, tolerance: float | None) -> Drawing:
     """The outlines in the model space of a DXF file, on layers that are on.
 
     Parameters
     ----------
-    path
-        The file, text or binary.
+    path, content
+        The file, text or binary, and its bytes.
     unit_metres
         Metres of one unit, where the file's $INSUNITS does not say.
     tolerance
@@ -67,14 +65,14 @@ def read_dxf(path: Path, unit_metres: float, tolerance: float | None) -> Drawing
     ------
     FileFormatError, GeometryError, MissingExtraError.
     """
-    if path.stat().st_size > LARGEST_DXF:
+    if len(content) > LARGEST_DXF:
         raise FileFormatError(
             f"expected at most {LARGEST_DXF >> 20} MiB of DXF, got more; save the outline alone"
         )
     ezdxf = required("ezdxf", "DXF")
     try:
         document = ezdxf.readfile(path)
-        metres = _metres(document, unit_metres)
+        metres = _metres(document, content, unit_metres)
         paths = list(_Blocks(document).paths(document.modelspace()))
     except PolywignerError:
         raise
@@ -93,8 +91,9 @@ def _shown(error: Exception) -> str:
     return f"{type(error).__name__} {text}".rstrip()
 
 
-def _metres(document: Any, unit_metres: float) -> float:
-    code = document.header.get("$INSUNITS", 0)
+def _metres(document: Any, content: bytes, unit_metres: float) -> float:
+    # ezdxf gives metres to a drawing without units of its own.
+    code = document.header.get("$INSUNITS", 0) if b"$INSUNITS" in content else 0
     if code == 0:
         return unit_metres
     if code not in _UNITS:
@@ -131,11 +130,7 @@ class _Blocks:
             found = self._inserted(entity, depth) if kind == "INSERT" else paths_of(entity)
             for path in found:
                 self.count += len(path)
-                if self.count > MOST_CURVES:
-                    raise FileFormatError(
-                        f"expected at most {MOST_CURVES} lines and curves, got more; simplify the "
-                        "drawing"
-                    )
+                check_number(self.count)
                 yield path
 
     def _inserted(self, insert: Any, depth: int) -> Iterator[list[Curve]]:
@@ -187,13 +182,12 @@ def _rings(paths: list[list[Curve]], tolerance: float | None) -> list[Ring]:
             loose.append(path)  # anything shorter is a point, up to rounding
     rings = flattened([*whole, *chained(loose, gap)], tolerance)
     rings = [ring for ring in rings if len(ring) > 2]
-    heights = np.concatenate([ring[:, 2] for ring in rings]) if rings else np.zeros(1)
+    if not rings:
+        raise FileFormatError("expected outlines that enclose an area, got none that do")
+    heights = np.concatenate([ring[:, 2] for ring in rings])
     if np.ptp(heights) > _FLAT * max(gap / JOINT, float(np.abs(points).max())):
         raise FileFormatError(
             f"expected a plane drawing, got heights from {heights.min():g} to {heights.max():g}; "
             "flatten it"
         )
-    flat = without_duplicates([ring[:, :2] for ring in rings], gap)
-    if not flat:
-        raise FileFormatError("expected outlines that enclose an area, got none that do")
-    return flat
+    return without_duplicates([ring[:, :2] for ring in rings], gap)

@@ -34,6 +34,8 @@ def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray
     """
     kind = suffix.removeprefix(".")
     trimesh = required("trimesh", kind.upper())
+    if kind != "ply":  # which says itself what is text
+        content = _text_or_triangles(content, kind)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # NumPy warns of numbers that are none, and goes on
@@ -54,6 +56,20 @@ def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray
     faces = places.reshape(-1)[faces]
     a, b, c = faces.T
     return vertices, faces[(a != b) & (b != c) & (c != a)]
+
+
+def _text_or_triangles(content: bytes, kind: str) -> bytes:
+    """Binary STL of the right length as it is; text with what is not UTF-8 made so."""
+    count = int.from_bytes(content[80:84], "little")
+    if kind == "stl" and len(content) == 84 + 50 * count:
+        return content
+    if b"\0" in content:
+        got = f"{len(content)} bytes that announce {count} triangles" if kind == "stl" else "zeros"
+        raise FileFormatError(
+            f"expected {kind.upper()} as text{' or 84 + 50 n bytes' * (kind == 'stl')}, got {got}; "
+            "export the body again"
+        )
+    return content.decode("utf-8", "replace").encode()
 
 
 def _check(vertices: NDArray[Any], faces: NDArray[Any]) -> None:

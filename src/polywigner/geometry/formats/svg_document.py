@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Points
+from polywigner.geometry.formats.curves import Points, check_number, count_of
 from polywigner.geometry.formats.drawing import required
 from polywigner.geometry.formats.svg_shapes import (
     SHAPES,
@@ -25,7 +25,7 @@ from polywigner.geometry.formats.svg_values import length, matrix_of
 
 __all__ = ["MOST_ELEMENTS", "MOST_NESTED", "Document", "parsed"]
 
-MOST_ELEMENTS = 100_000
+MOST_ELEMENTS = 50_000
 """Elements of a file, and elements drawn (what `use` repeats counts each time)."""
 
 MOST_NESTED = 64
@@ -106,6 +106,7 @@ class Document:
         self.styles = Styles("".join(e.text or "" for e in root.iter() if _tag(e) == "style"))
         self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
         self.visited = 0
+        self.curves = 0
 
     def shapes(self, matrix: Points) -> Iterator[Shape]:
         box = view_box(self.root)
@@ -139,7 +140,10 @@ class Document:
         check_supported(inside.style, tag)
         if tag in SHAPES:
             if is_painted(inside.style):
-                yield shape_of(element, tag, inside)
+                shape = shape_of(element, tag, inside)
+                self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
+                check_number(self.curves)
+                yield shape
         elif tag == "use":
             yield from self._used(element, inside)
         elif tag in _OPAQUE:

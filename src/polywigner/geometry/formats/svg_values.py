@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, ends
+from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, check_number, ends
 from polywigner.geometry.formats.drawing import required
 
 __all__ = [
@@ -153,9 +153,14 @@ def _rotation(degrees: float) -> Points:
 def subpaths_of(data: str) -> list[list[Curve]]:
     """The subpaths of path data, each closed by a line where it is open, as a fill closes it."""
     expected = _checked_segments(data)
-    path = required("svgelements", "SVG").Path(data)
+    check_number(expected)
+    library = required("svgelements", "SVG")
+    try:
+        path = library.Path(data)
+    except Exception:  # of the kinds it may raise, none is documented
+        path = ()
     if len(path) != expected:
-        raise _refuse("path data as SVG writes it", data)
+        raise _refuse("path data as SVG 2 writes it", data)
     subpaths: list[list[Curve]] = []
     for segment in path:
         kind = type(segment).__name__
@@ -230,11 +235,13 @@ def style_of(text: str) -> dict[str, str]:
 def rules_of(text: str) -> list[tuple[str, dict[str, str]]]:
     """The (selector, declarations) of a style sheet, weakest first.
 
-    Statements such as @import are passed over; blocks such as @media come as selectors.
+    Statements such as @import are passed over. Raises FileFormatError for blocks such as @media.
     """
     rules = []
     for block in _without_comments(text).split("}"):
         selectors, brace, declarations = block.partition("{")
+        if "{" in declarations:
+            raise _refuse("style rules that are not nested", selectors.strip())
         if brace:
             style = style_of(declarations)
             rules += [(s.strip(), style) for s in selectors.rpartition(";")[2].split(",")]

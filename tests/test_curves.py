@@ -1,0 +1,177 @@
+"""Curves become chords that stay within the tolerance, and not many more than it takes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from polywigner.errors import FileFormatError
+from polywigner.geometry.formats.curves import (
+    DEFAULT_TOLERANCE,
+    Arc,
+    Bezier,
+    Curve,
+    bezier_spans,
+    ends,
+    flattened,
+    reversed_curve,
+    transformed,
+)
+
+# Sampled distances lie below the true maximum, computed ones a few ulp off.
+ROUNDING = 1e-12
+
+DENSE = 3001
+
+UNIT_ARC = Arc(np.zeros(2), np.array([1.0, 0]), np.array([0, 1.0]), 0.3, 1.1)
+SKEW = np.array([[1.0, 0.4], [-0.3, 2.0]])
+CUBIC = np.array([[0.0, 0], [0, 5], [6, -5], [6, 1]])
+
+CURVES: dict[str, Curve] = {
+    "arc": UNIT_ARC,
+    "long arc": Arc(np.ones(2), np.array([0.0, 2]), np.array([2.0, 0]), 4.0, -6.0),
+    "elliptic arc": transformed(UNIT_ARC, SKEW, np.array([5.0, -3])),
+    "flat elliptic arc": transformed(UNIT_ARC, np.diag([1, 1e-3]), np.zeros(2)),
+    "parabola": Bezier(CUBIC[:3]),
+    "cubic": Bezier(CUBIC),
+    "degree 5": Bezier(np.vstack([CUBIC, [[3, 3], [9, 9]]])),
+    "rational": Bezier(CUBIC[:3], np.array([1.0, 3.0, 1.0])),
+    "rational cubic": Bezier(CUBIC, np.array([1.0, 0.2, 5.0, 2.0])),
+}
+
+
+def points_on(curve: Curve) -> np.ndarray:
+    """Many points of the curve, by its definition."""
+    t = np.linspace(0, 1, DENSE)
+    if isinstance(curve, Arc):
+        return curve.at(curve.start + t * curve.sweep)
+    assert isinstance(curve, Bezier)
+    degree = len(curve.points) - 1
+    powers = np.arange(degree + 1)
+    basis = np.array([math.comb(degree, k) for k in powers]) * t[:, None] ** powers
+    basis = basis * (1 - t[:, None]) ** (degree - powers)
+    if curve.weights is not None:
+        basis = basis * curve.weights / (basis @ curve.weights)[:, None]
+    return basis @ curve.points
+
+
+def largest_distance(points: np.ndarray, chords: np.ndarray) -> float:
+    start, chord = chords[:-1], np.diff(chords, axis=0)
+    along = ((points[:, None] - start) * chord).sum(-1) / (chord**2).sum(-1)
+    nearest = start + np.clip(along, 0, 1)[..., None] * chord
+    return float(np.linalg.norm(points[:, None] - nearest, axis=-1).min(axis=1).max())
+
+
+def chords_of(curve: Curve, tolerance: float) -> np.ndarray:
+    """With a straight way back; the end of the curve stands before it."""
+    first, last = ends(curve)
+    ring = flattened([[curve, np.array([last, first])]], tolerance)[0]
+    assert np.allclose(ring[[0, -1]], [first, last], rtol=0, atol=ROUNDING * np.abs(ring).max())
+    return ring
+
+
+@pytest.mark.parametrize("curve", CURVES.values(), ids=CURVES)
+@pytest.mark.parametrize("tolerance", [0.3, 0.01, 1e-4])
+def test_no_point_is_farther_from_the_chords_than_the_tolerance(
+    curve: Curve, tolerance: float
+) -> None:
+    chords = chords_of(curve, tolerance)
+    points = points_on(curve)
+    assert largest_distance(points, chords) <= tolerance * (1 + ROUNDING)
+    spacing = np.abs(np.diff(points, axis=0)).max()
+    assert largest_distance(chords, points) <= 1e-3 * spacing  # vertices lie on the curve
+
+
+@pytest.mark.parametrize("curve", CURVES.values(), ids=CURVES)
+def test_the_number_of_chords_grows_as_one_over_the_root_of_the_tolerance(curve: Curve) -> None:
+    few, many = (len(chords_of(curve, tolerance)) for tolerance in (1e-4, 1e-6))
+    assert 5 < many / few < 20  # halving a rational curve takes powers of two
+
+
+@pytest.mark.parametrize("name", ["arc", "parabola", "cubic"])
+def test_chords_are_not_many_more_than_needed(name: str) -> None:
+    """A single chord of an arc with the curvature c misses it by c l^2/8."""
+    curve, tolerance = CURVES[name], 1e-4
+    chords = chords_of(curve, tolerance)
+    points = points_on(curve)
+    first, second = np.gradient(points, axis=0), np.gradient(np.gradient(points, axis=0), axis=0)
+    speed = np.linalg.norm(first, axis=1)
+    cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    needed = float(np.sum(np.sqrt(np.abs(cross) / speed**3 / (8 * tolerance)) * speed))
+    assert len(chords) - 1 <= 2.5 * needed + 1
+
+
+@pytest.mark.parametrize("curve", CURVES.values(), ids=CURVES)
+def test_a_curve_reversed_is_the_same_curve(curve: Curve) -> None:
+    back = reversed_curve(curve)
+    assert np.allclose(ends(back), ends(curve)[::-1])
+    assert np.allclose(points_on(back), points_on(curve)[::-1], atol=1e-12)
+
+
+def test_a_map_of_the_plane_maps_the_points() -> None:
+    for curve in CURVES.values():
+        image = transformed(curve, SKEW, np.array([1.0, 2]))
+        assert np.allclose(points_on(image), points_on(curve) @ SKEW + (1, 2), atol=1e-12)
+
+
+@pytest.mark.parametrize("axes", [(1.0, 1.0), (3.0, 0.5), (1.0, 1e-6)])
+@pytest.mark.parametrize("tolerance", [None, 0.1, 1e-3, 1e-4])
+def test_a_whole_ellipse_keeps_its_area_and_the_tolerance(
+    axes: tuple[float, float], tolerance: float | None
+) -> None:
+    u, v = np.diag(axes)
+    ellipse = Arc(np.array([2.0, 1.0]), u, v, 0.7, 2 * math.pi)
+    ring = flattened([[ellipse]], tolerance)[0]
+    x, y = ring.T
+    area = abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+    assert area == pytest.approx(math.pi * axes[0] * axes[1], rel=1e-9)
+    reach = tolerance or DEFAULT_TOLERANCE * 2 * math.hypot(*axes)
+    closed = np.vstack([ring, ring[:1]])
+    dense = points_on(ellipse)
+    between = max(axes) * (1 - math.cos(math.pi / (DENSE - 1)))  # samples of the ellipse
+    assert largest_distance(dense, closed) <= reach * (1 + ROUNDING)
+    assert largest_distance(ring, dense) <= reach * (1 + ROUNDING) + between
+
+
+@pytest.mark.parametrize("weights", [None, np.array([1.0, 2, 0.5, 1, 3, 1])])
+@pytest.mark.parametrize(
+    "knots",
+    [
+        [0, 0, 0, 0, 1, 2.5, 3, 3, 3, 3],
+        [0, 0, 0, 0, 1, 1, 2, 2, 2, 2],
+        [0, 1, 2, 3, 4, 5, 6, 7, 8, 9],  # not clamped: from knot 3 to knot 6
+    ],
+)
+def test_the_spans_of_a_spline_are_the_spline(
+    knots: list[float], weights: np.ndarray | None
+) -> None:
+    from ezdxf.math import BSpline
+
+    control = np.array([[0.0, 0], [1, 3], [4, 4], [5, 1], [8, 2], [9, -3]])
+    knot_array = np.array(knots, dtype=float)
+    spans = bezier_spans(control, knot_array, weights)
+    spline = BSpline(
+        control, order=4, knots=knots, weights=None if weights is None else list(weights)
+    )
+    joints = np.unique(knot_array[3:7])
+    assert len(spans) == len(joints) - 1
+    for span, a, b in zip(spans, joints[:-1], joints[1:], strict=True):
+        # ezdxf gives the very last point of an unclamped spline the last control point's value.
+        t = np.linspace(a, b, DENSE)[:-1:300]
+        expected = np.array([point.xyz[:2] for point in spline.points(t)])
+        assert np.allclose(points_on(span)[:-1:300], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e200])
+def test_numbers_out_of_range_are_refused(value: float) -> None:
+    line = np.array([[0.0, 0], [value, 1], [1, 1], [0, 0]])
+    with pytest.raises(FileFormatError, match="finite coordinates below 1e\\+100"):
+        flattened([[line]], None)
+
+
+def test_too_many_vertices_are_refused_before_they_are_made() -> None:
+    for curve in CURVES.values():
+        with pytest.raises(FileFormatError, match="at most 1000000 vertices"):
+            flattened([[curve]], 1e-14)

@@ -1,0 +1,374 @@
+"""Apertures drawn in CAD programs: units, bulges, chains of lines, holes by nesting, blocks."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from polywigner.errors import FileFormatError, GeometryError, MissingExtraError
+
+ezdxf = pytest.importorskip("ezdxf")
+
+# Coordinates pass through a few products with sines, in millimetres and in metres.
+ROUNDING = 1e-13
+
+MM = 4
+SQUARE = [(0, 0), (9, 0), (9, 9), (0, 9)]
+
+Build = Callable[[Any], object]
+Read = Callable[..., pw.Aperture]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    def read_drawing(
+        build: Build, units: int = MM, version: str = "R2010", binary: bool = False, **options: Any
+    ) -> pw.Aperture:
+        """What `build` draws in the model space."""
+        document = ezdxf.new(version, units=units)
+        build(document.modelspace())
+        path = tmp_path / "drawing.dxf"
+        document.saveas(path, fmt="bin" if binary else "asc")
+        return pw.read_aperture(path, **options)
+
+    return read_drawing
+
+
+def difference(a: pw.Aperture, b: pw.Aperture) -> float:
+    """Area of the symmetric difference, relative to that of b."""
+    return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
+
+
+def square(space: Any) -> None:
+    space.add_polyline2d(SQUARE, close=True)
+
+
+@pytest.mark.parametrize(
+    ("units", "metres"),
+    [(1, 0.0254), (2, 0.3048), (4, 1e-3), (5, 1e-2), (6, 1.0), (9, 2.54e-5), (10, 0.9144),
+     (12, 1e-9), (13, 1e-6), (14, 0.1)],
+)  # fmt: skip
+def test_the_unit_of_the_drawing_rules(read: Read, units: int, metres: float) -> None:
+    drawn = read(square, units=units, unit="km")
+    assert drawn.bounds == pytest.approx((0, 0, 9 * metres, 9 * metres), rel=1e-15)
+
+
+@pytest.mark.parametrize("version", ["R12", "R2000", "R2018"])
+@pytest.mark.parametrize("binary", [False, True])
+def test_a_drawing_without_a_unit_takes_the_callers(read: Read, version: str, binary: bool) -> None:
+    drawn = read(square, units=0, version=version, binary=binary, unit="0.1 mm")
+    assert drawn == pw.Aperture(np.array(SQUARE) / 10_000)
+
+
+def test_a_file_of_nothing_but_entities_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "minimal.dxf"
+    path.write_text("0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n1.0\n20\n2.0\n40\n3.0\n"
+                    "0\nENDSEC\n0\nEOF\n")  # fmt: skip
+    assert pw.read_aperture(path).area == pytest.approx(math.pi * 9e-6, rel=ROUNDING)
+    renamed = path.rename(tmp_path / "minimal.txt")  # known by its content
+    assert pw.read_aperture(renamed).area == pytest.approx(math.pi * 9e-6, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("tolerance", [1e-5, 1e-6, 1e-8])
+def test_a_bulge_of_one_is_a_half_circle(read: Read, tolerance: float) -> None:
+    def half_disc(space: Any) -> None:
+        space.add_lwpolyline([(0, 0, 1), (2, 0, 0)], format="xyb", close=True)
+
+    drawn = read(half_disc, tolerance=tolerance)
+    missing = math.pi / 2 * 1e-6 - drawn.area
+    assert 0 < missing <= tolerance * math.pi * 1e-3
+    # bulge > 0 runs counter-clockwise: below the chord from left to right
+    assert drawn.bounds == pytest.approx((0, -1e-3, 2e-3, 0), abs=tolerance)
+    xs, ys = drawn.rings[0].T
+    on_arc = ys < 0
+    assert np.hypot(xs - 1e-3, ys)[on_arc] == pytest.approx(1e-3, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("bulge", [-3.0, -1.0, -0.2, 1e-7, 0.5, 2.0])
+def test_a_bulge_is_the_tangent_of_a_quarter_of_its_angle(read: Read, bulge: float) -> None:
+    """The segment's area is r^2 (theta - sin theta)/2; at -3 it encloses all else, clockwise."""
+
+    def bulging(space: Any) -> None:
+        space.add_lwpolyline([(0, 0), (4, 0, bulge), (4, 4), (0, 4)], format="xyb", close=True)
+
+    angle = 4 * math.atan(bulge)
+    radius = abs(2 / math.sin(angle / 2))
+    segment = radius**2 * (angle - math.sin(angle)) / 2
+    drawn = read(bulging, tolerance=1e-8)
+    assert drawn.area == pytest.approx(abs(16 + segment) * 1e-6, rel=1e-4)
+
+
+def test_holes_and_islands_by_nesting(read: Read) -> None:
+    def rings(space: Any) -> None:
+        square(space)
+        for radius in (4, 3, 2, 1):
+            space.add_circle((4.5, 4.5), radius)
+
+    drawn = read(rings)
+    assert drawn.area == pytest.approx((81 - math.pi * (16 - 9 + 4 - 1)) * 1e-6, rel=ROUNDING)
+    assert [len(p.interiors) for p in drawn.polygons.geoms] == [1, 1, 0]
+
+
+def slot(space: Any, gap: float = 0.0) -> None:
+    """A stadium of two lines and two arcs in any order and direction."""
+    space.add_arc((5, 1), 1, -90, 90)
+    space.add_line((0, 2 + gap), (5, 2))
+    space.add_line((0, 0), (5, gap))
+    space.add_arc((0, 1), 1, 90, 270)
+
+
+def test_lines_and_arcs_join_into_outlines(read: Read) -> None:
+    exact = (10 + math.pi) * 1e-6
+    assert read(slot, tolerance=1e-8).area == pytest.approx(exact, rel=1e-4)
+    with_gap = read(lambda space: slot(space, gap=3e-6), tolerance=1e-8)
+    assert with_gap.area == pytest.approx(exact, rel=1e-4)
+
+
+def test_a_gap_that_shows_is_refused_with_its_place(read: Read) -> None:
+    with pytest.raises(FileFormatError, match=r"end at \(5, 0\) that meets no other"):
+        read(lambda space: slot(space, gap=0.01))
+
+
+def test_the_same_region_drawn_in_many_ways(read: Read) -> None:
+    def lines(space: Any) -> None:
+        for k in range(4):
+            space.add_line(SQUARE[k], SQUARE[k - 3])
+
+    def open_polylines(space: Any) -> None:
+        space.add_lwpolyline(SQUARE[:3])
+        space.add_lwpolyline([SQUARE[0], SQUARE[3], SQUARE[2]])
+
+    def hatch(space: Any) -> None:
+        square(space)  # with the outline that it fills
+        space.add_hatch().paths.add_polyline_path(SQUARE)
+
+    def hatch_edges(space: Any) -> None:
+        path = space.add_hatch().paths.add_edge_path()
+        for k in range(4):
+            path.add_line(SQUARE[k], SQUARE[k - 3])
+
+    def lifted(space: Any) -> None:
+        space.add_lwpolyline(SQUARE, close=True, dxfattribs={"elevation": 7})
+
+    def mirrored(space: Any) -> None:
+        outline = [(-x, y) for x, y in SQUARE]
+        space.add_lwpolyline(outline, close=True, dxfattribs={"extrusion": (0, 0, -1)})
+
+    def inserted(space: Any) -> None:
+        block = space.doc.blocks.new("B", base_point=(3, 3))
+        block.add_lwpolyline([(3, 3), (6, 3), (6, 4), (3, 4)], close=True)
+        space.add_blockref("B", (9, 0), dxfattribs={"xscale": 3, "yscale": 9, "rotation": 90})
+
+    def annotated(space: Any) -> None:
+        square(space)
+        space.add_text("aperture")
+        space.add_point((4, 4))
+        space.add_circle((4, 4), 2, dxfattribs={"layer": "hidden"})
+        space.doc.layers.add("hidden").off()
+        space.add_circle((4, 4), 2, dxfattribs={"invisible": 1})
+        space.add_line((1, 1), (1, 1))
+
+    builds: list[Build] = [
+        lines, open_polylines, hatch, hatch_edges, lifted, mirrored, annotated,
+        lambda space: space.add_lwpolyline(SQUARE, close=True),
+        lambda space: space.add_polyline3d(SQUARE, close=True),
+        lambda space: space.add_lwpolyline([*SQUARE, SQUARE[0]]),
+        lambda space: space.add_solid([SQUARE[0], SQUARE[1], SQUARE[3], SQUARE[2]]),
+        lambda space: space.add_spline().set_closed([(*p, 0) for p in SQUARE], degree=1),
+    ]  # fmt: skip
+    expected = pw.Aperture(np.array(SQUARE) / 1000)
+    for build in builds:
+        assert difference(read(build), expected) < ROUNDING
+    strip = pw.Aperture(np.array([[0, 0], [9, 0], [9, 9], [0, 9]]) / 1000)
+    assert difference(read(inserted), strip) < ROUNDING
+
+
+def test_a_grid_of_blocks_is_an_array(read: Read) -> None:
+    def patches(space: Any) -> None:
+        patch = space.doc.blocks.new("patch")
+        patch.add_lwpolyline([(0, 0), (2, 0), (2, 1), (0, 1)], close=True)
+        row = space.doc.blocks.new("row")
+        row.add_blockref("patch", (0, 0), dxfattribs={"column_count": 3, "column_spacing": 5})
+        grid = {"row_count": 2, "row_spacing": 4, "rotation": 90}
+        space.add_blockref("row", (1, 1), dxfattribs=grid)
+
+    drawn = read(patches)
+    corners = np.array([[0, 0], [2, 0], [2, 1], [0, 1]])
+    turned = corners @ [[0, 1], [-1, 0]] + (1, 1)
+    array = [np.add(turned, (-4 * i, 5 * k)) for i in range(2) for k in range(3)]
+    assert difference(drawn, pw.Aperture([ring / 1000 for ring in array])) < ROUNDING
+
+
+def test_ellipses_and_stretched_circles_keep_their_area(read: Read) -> None:
+    def ellipses(space: Any) -> None:
+        space.add_ellipse((0, 0), major_axis=(3, 4), ratio=0.3)
+        space.doc.blocks.new("C").add_circle((1, 1), 1)
+        space.add_blockref("C", (20, 0), dxfattribs={"xscale": 4, "yscale": 0.5, "rotation": 30})
+
+    drawn = read(ellipses)
+    assert drawn.area == pytest.approx(math.pi * (25 * 0.3 + 2) * 1e-6, rel=ROUNDING)
+
+
+def test_half_an_ellipse_closed_by_a_line(read: Read) -> None:
+    def half(space: Any) -> None:
+        space.add_ellipse((0, 0), (3, 0), 0.5, start_param=0, end_param=math.pi)
+        space.add_line((-3, 0), (3, 0))
+
+    drawn = read(half, tolerance=1e-8)
+    assert drawn.area == pytest.approx(math.pi * 4.5e-6 / 2, rel=1e-4)
+    assert drawn.bounds == pytest.approx((-3e-3, 0, 3e-3, 1.5e-3), abs=1e-7)
+
+
+def test_a_rational_spline_of_an_ellipse_is_the_ellipse(read: Read) -> None:
+    from ezdxf.math import BSpline, ConstructionEllipse
+
+    def spline(space: Any) -> None:
+        ellipse = ConstructionEllipse(center=(5, 5), major_axis=(3, 0), ratio=0.5)
+        space.add_spline().apply_construction_tool(BSpline.from_ellipse(ellipse))
+
+    tolerance = 1e-7
+    drawn = read(spline, tolerance=tolerance)
+    circumference = 2 * math.pi * 3e-3  # at most
+    assert 0 < math.pi * 4.5e-6 - drawn.area <= tolerance * circumference
+    x, y = (drawn.rings[0] - 5e-3).T
+    assert (x / 3e-3) ** 2 + (y / 1.5e-3) ** 2 == pytest.approx(1, rel=1e-12)
+
+
+def test_a_hatch_of_arcs_and_ellipses_fills_what_they_bound(read: Read) -> None:
+    def hatch(space: Any) -> None:
+        paths = space.add_hatch().paths
+        outer = paths.add_edge_path()
+        outer.add_arc((5, 1), 1, -90, 90)
+        outer.add_line((5, 2), (0, 2))
+        outer.add_arc((0, 1), 1, 90, 270, ccw=True)
+        outer.add_line((0, 0), (5, 0))
+        paths.add_edge_path().add_ellipse((2.5, 1), major_axis=(1, 0), ratio=0.5)
+
+    exact = 10 + math.pi - math.pi / 2
+    assert read(hatch, tolerance=1e-8).area == pytest.approx(exact * 1e-6, rel=1e-4)
+
+
+def bomb(space: Any) -> None:
+    """10^12 circles by blocks in blocks in blocks."""
+    blocks = space.doc.blocks
+    blocks.new("B0").add_circle((0, 0), 1)
+    grid = {"row_count": 100, "column_count": 100, "row_spacing": 3, "column_spacing": 3}
+    for k in range(3):
+        blocks.new(f"B{k + 1}").add_blockref(f"B{k}", (0, 0), dxfattribs=grid)
+    space.add_blockref("B3", (0, 0))
+
+
+def recursion(space: Any) -> None:
+    block = space.doc.blocks.new("B")
+    block.add_blockref("B", (1, 1))
+    block.add_circle((0, 0), 1)
+    space.add_blockref("B", (0, 0))
+
+
+def empty_grid(space: Any) -> None:
+    space.doc.blocks.new("B")
+    grid = {"row_count": 32767, "column_count": 32767, "row_spacing": 3, "column_spacing": 3}
+    space.add_blockref("B", (0, 0), dxfattribs=grid)
+
+
+def crossing_circles(space: Any) -> None:
+    space.add_circle((0, 0), 2)
+    space.add_circle((2, 0), 2)
+
+
+def star(space: Any) -> None:
+    for k in range(3):
+        space.add_line((0, 0), (math.cos(k), math.sin(k)))
+
+
+BAD: dict[str, tuple[Build, type[Exception], str]] = {
+    "nothing": (lambda space: None, FileFormatError, "outlines in the model space, got none"),
+    "only text": (lambda space: space.add_text("W"), FileFormatError, "got none"),
+    "a line": (lambda space: space.add_line((0, 0), (1, 0)), FileFormatError, "meets no other"),
+    "a star of lines": (star, FileFormatError, r"got 3 at \(0, 0\)"),
+    "an open arc": (lambda s: s.add_arc((0, 0), 1, 0, 90), FileFormatError, "meets no other"),
+    "a solid body": (lambda s: s.add_3dface([(0, 0), (1, 0), (1, 1)]), FileFormatError, "3DFACE"),
+    "overlap": (crossing_circles, GeometryError, "outlines 0 and 1 that cross"),
+    "bow tie": (
+        lambda s: s.add_lwpolyline([(0, 0), (2, 2), (2, 0), (0, 2)], close=True),
+        GeometryError, r"crosses itself at \(1, 1\)",
+    ),
+    "no area": (lambda s: s.add_lwpolyline([(0, 0), (2, 2), (1, 1)], close=True),
+                GeometryError, "enclose an area"),
+    "not plane": (lambda s: s.add_polyline3d([(0, 0, 0), (1, 0, 1), (0, 1, 0)], close=True),
+                  FileFormatError, "plane drawing"),
+    "no block": (lambda s: s.add_blockref("missing", (0, 0)), FileFormatError, "named 'missing'"),
+    "negative radius": (lambda s: s.add_circle((0, 0), -1), FileFormatError, "from zero up"),
+    "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite coordinates"),
+    "infinite": (lambda s: s.add_circle((0, math.inf), 1), FileFormatError, "finite coordinates"),
+    "huge": (lambda s: s.add_circle((0, 0), 1e200), FileFormatError, "below 1e\\+100"),
+    "block bomb": (bomb, FileFormatError, "200000 lines"),
+    "recursion": (recursion, FileFormatError, "16 deep"),
+    "empty grid": (empty_grid, FileFormatError, "got none"),
+    "weights": (
+        lambda s: s.add_rational_spline([(0, 0), (1, 0), (1, 1), (0, 0)], weights=[1, -1, 1, 1]),
+        FileFormatError, "weights of a spline above zero",
+    ),
+}  # fmt: skip
+
+# Each takes a second at most; without a bound, minutes to forever.
+PATIENCE = 20
+
+
+@pytest.mark.parametrize(("build", "kind", "words"), BAD.values(), ids=BAD)
+def test_what_is_no_outline_raises_one_error(
+    read: Read, build: Build, kind: type[Exception], words: str
+) -> None:
+    start = time.monotonic()
+    with pytest.raises(kind, match=words) as raised:
+        read(build)
+    assert "\n" not in str(raised.value)
+    assert "drawing.dxf: expected" in str(raised.value)
+    assert time.monotonic() - start < PATIENCE
+
+
+def test_an_unknown_unit_is_refused(read: Read) -> None:
+    with pytest.raises(FileFormatError, match=r"INSUNITS from 0 to 17, got 20"):
+        read(square, units=20)
+
+
+BAD_FILES = {
+    "empty": (b"", "empty file"),
+    "noise": (bytes(range(256)), "does not read"),
+    "svg": (b"<svg/>", "does not read"),
+    "cut": (b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n1.0\n", "does not read"),
+    "binary cut": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), "does not read"),
+    "words": (b"0\nSECTION\n2\nENTITIES\nten\nCIRCLE\n0\nENDSEC\n0\nEOF\n", "does not read"),
+    "too large": (b"0\nSECTION\n" + b"999\nx\n" * 3_000_000, "16 MiB"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("content", "words"), BAD_FILES.values(), ids=BAD_FILES)
+def test_a_damaged_file_raises_one_error(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes, words: str
+) -> None:
+    path = tmp_path / "bad.dxf"
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=words) as raised:
+        pw.read_aperture(path)
+    assert "\n" not in str(raised.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_missing_library_is_named_with_its_extra(
+    read: Read, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    import sys
+
+    read(square)
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    with pytest.raises(MissingExtraError, match=r"ezdxf.*pip install polywigner\[formats\]"):
+        pw.read_aperture(tmp_path / "drawing.dxf")

@@ -1,0 +1,27 @@
+"""Two hundred damaged files of all formats: each is read, or refused with one clear error.
+
+`make fuzz` makes ten thousand.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FUZZ = Path(__file__).resolve().parent.parent / "tools" / "fuzz"
+COUNT = 200
+
+pytest.importorskip("ezdxf")
+pytest.importorskip("trimesh")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of time and memory are Unix's")
+def test_damaged_files_are_read_or_refused_but_break_nothing(tmp_path: Path) -> None:
+    command = [sys.executable, str(FUZZ), "--count", str(COUNT), "--keep", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"\n{COUNT} files in " in done.stdout
+    assert not list(tmp_path.iterdir())

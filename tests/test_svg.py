@@ -1,0 +1,385 @@
+"""Apertures drawn in SVG: lengths, transforms, fill rules and curves are those of the picture."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from polywigner.errors import FileFormatError, GeometryError, MissingExtraError
+from polywigner.geometry.formats.curves import DEFAULT_TOLERANCE
+
+MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
+
+# Coordinates pass through a few additions and products, each rounding by half an ulp.
+ROUNDING = 1e-14
+
+# What a chord cuts off is less than its length times its largest distance from the curve.
+SLACK = 1 + 1e-9
+
+Read = Callable[..., pw.Aperture]
+
+
+@pytest.fixture
+def read(tmp_path: Path) -> Read:
+    def read_drawing(body: str, root: str = MILLIMETRES, **options: object) -> pw.Aperture:
+        path = tmp_path / "drawing.svg"
+        path.write_text(
+            '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+            f"{root}>{body}</svg>"
+        )
+        return pw.read_aperture(path, **options)  # type: ignore[arg-type]
+
+    return read_drawing
+
+
+def rectangle(x0: float, y0: float, x1: float, y1: float) -> pw.Aperture:
+    """In millimetres of the file, y down."""
+    return pw.Aperture(np.array([[x0, -y1], [x1, -y1], [x1, -y0], [x0, -y0]]) / 1000)
+
+
+def region(aperture: pw.Aperture) -> shapely.Geometry:
+    return aperture.polygons
+
+
+def difference(a: pw.Aperture, b: pw.Aperture) -> float:
+    """Area of the symmetric difference, relative to that of b."""
+    return float(shapely.symmetric_difference(a.polygons, b.polygons).area) / b.area
+
+
+def test_a_rectangle_in_millimetres_has_its_size_and_y_points_up(read: Read) -> None:
+    assert read('<rect x="1" y="2" width="5" height="3"/>') == rectangle(1, 2, 6, 5)
+
+
+@pytest.mark.parametrize(
+    ("root", "options", "metres"),
+    [
+        ('width="20mm" viewBox="0 0 20 10"', {}, 1e-3),
+        ('height="1cm" viewBox="5 5 20 10"', {"unit": "in"}, 1e-3),
+        ('width="4in" height="2in" viewBox="0 0 4 2"', {}, 0.0254),
+        ('width="72pt" height="36pt" viewBox="0 0 1 .5"', {}, 0.0254),
+        ('width="6pc" viewBox="0 0 1 1"', {}, 0.0254),
+        ('width="80Q" viewBox="0 0 20 10"', {}, 1e-3),
+        ('width="20mm" height="50mm" viewBox="0 0 20 10"', {}, 1e-3),
+        ('width="20mm" height="50mm" viewBox="0 0 20 10" preserveAspectRatio="xMidYMid slice"', {},
+         5e-3),
+        ('width="20mm" height="10mm"', {}, 0.0254 / 96),
+        ('viewBox="0 0 20 10"', {}, 1e-3),
+        ('viewBox="0 0 20 10"', {"unit": "um"}, 1e-6),
+        ('width="400" height="200px" viewBox="0 0 20 10"', {"unit": "0.1 mm"}, 1e-4),
+        ('width="100%" height="auto" viewBox="0 0 20 10"', {"unit": "px"}, 0.0254 / 96),
+        ("", {"unit": "px"}, 0.0254 / 96),
+    ],
+)  # fmt: skip
+def test_a_stated_size_rules_and_the_unit_is_for_files_without(
+    read: Read, root: str, options: dict[str, str], metres: float
+) -> None:
+    drawn = read('<rect x="1" y="2" width="5" height="3"/>', root, **options)
+    assert drawn.bounds == pytest.approx(np.array([1, -5, 6, -2]) * metres, rel=ROUNDING)
+
+
+def test_an_aspect_ratio_that_is_not_preserved_stretches(read: Read) -> None:
+    root = 'width="20mm" height="30mm" viewBox="0 0 20 10" preserveAspectRatio="none"'
+    stretched = read('<rect width="2" height="1"/>', root)
+    assert stretched.bounds == pytest.approx((0, -3e-3, 2e-3, 0), rel=ROUNDING)
+
+
+@pytest.mark.parametrize("tolerance", [None, 1e-4, 1e-5, 1e-7])
+def test_a_circle_is_the_disc_of_the_same_area_and_transform(
+    read: Read, tolerance: float | None
+) -> None:
+    radius = 3e-3
+    drawn = read('<circle cx="5" cy="4" r="3"/>', tolerance=tolerance)
+    assert drawn.area == pytest.approx(math.pi * radius**2, rel=ROUNDING)
+    count = len(drawn.rings[0])
+    disc = pw.shapes.disc(radius, n=count)
+    nu = np.random.default_rng(5).normal(0, 1 / radius, (40, 2))
+    shift = np.exp(-2j * math.pi * nu @ (5e-3, -4e-3))
+    # disc() starts at the same corner, so the polygons are the same up to rounding.
+    assert np.abs(pw.fourier(drawn, nu) - shift * pw.fourier(disc, nu)).max() < 1e-13 * disc.area
+    reach = tolerance or DEFAULT_TOLERANCE * math.sqrt(8) * radius
+    distances = np.hypot(*(drawn.rings[0] - (5e-3, -4e-3)).T)
+    apothem = distances * math.cos(math.pi / count)
+    assert np.abs(distances - radius).max() <= reach
+    assert np.abs(apothem - radius).max() <= reach
+    assert count <= 1.1 * math.pi * math.sqrt(radius / (3 * reach)) + 4  # no more than needed
+
+
+def test_the_wigner_function_of_a_drawn_disc_tends_to_that_of_the_exact_disc(read: Read) -> None:
+    """W at the centre is 4 pi R^2 2 J1(z)/z with z = 4 pi R |nu|; J1 by its integral."""
+    radius = 3e-3
+    nu = np.linspace(1, 500, 7)
+    z = 4 * math.pi * radius * nu
+    theta = (np.arange(4000) + 0.5) * math.pi / 4000
+    j1 = np.cos(theta - z[:, None] * np.sin(theta)).mean(axis=1)
+    exact = 4 * math.pi * radius**2 * 2 * j1 / z
+    errors = []
+    for tolerance in (1e-5, 1e-6, 1e-7):
+        drawn = read('<circle cx="5" cy="4" r="3"/>', tolerance=tolerance)
+        values = pw.wigner(drawn, (5e-3, -4e-3), np.stack([nu, 0 * nu], axis=-1))
+        errors.append(np.abs(values - exact).max() / exact[0])
+    # With equal areas, what is left falls faster than the tolerance, of first order.
+    assert errors[1] < errors[0] / 9 and errors[2] < errors[1] / 9
+    assert errors[2] < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("path", "area", "length"),
+    [
+        ("M0 0 Q 5 10 10 0 Z", 100 / 3, 15),  # parabola: 2/3 of base times height, height 5
+        ("M0 0 C 0 10 10 10 10 0", 60.0, 20),  # (3/20) (...) of the control points
+        ("M-4 0 A 4 4 0 0 1 4 0", 8 * math.pi, 13),
+        ("M-4 0 A 4 2 0 0 0 4 0 Z", 4 * math.pi, 11),
+        ("M 2 0 a 2 2 0 1 1 -2 -2 l 0 2 z", 3 * math.pi, 10),
+        ("M0 0 A 1 1 0 0 1 8 0", 8 * math.pi, 13),  # too small a radius is enlarged
+    ],
+)
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+def test_curves_enclose_their_area_within_the_tolerance(
+    read: Read, path: str, area: float, length: float, tolerance: float
+) -> None:
+    drawn = read(f'<path d="{path}"/>', tolerance=tolerance)
+    assert abs(drawn.area - area * 1e-6) <= tolerance * length * 1e-3 * SLACK
+
+
+def test_the_fill_rule_decides_what_overlapping_subpaths_enclose(read: Read) -> None:
+    same_way = "M0 0h8v8h-8z M2 2h2v2h-2z"
+    other_way = "M0 0h8v8h-8z M2 2v2h2v-2z"
+    solid, holed = 64e-6, 60e-6
+    for data, rule, area in (
+        (same_way, "nonzero", solid),
+        (same_way, "evenodd", holed),
+        (other_way, "nonzero", holed),
+        (other_way, "evenodd", holed),
+    ):
+        assert read(f'<path fill-rule="{rule}" d="{data}"/>').area == pytest.approx(area)
+        assert read(f'<g style="fill-rule: {rule}"><path d="{data}"/></g>').area == pytest.approx(
+            area
+        )
+    assert read(f'<path d="{same_way}"/>').area == pytest.approx(solid)
+
+
+def test_a_self_crossing_path_is_split_where_it_crosses(read: Read) -> None:
+    pentagram = "M5 0 L8 9 L0 3.5 L10 3.5 L2 9 Z"
+    star = read(f'<path d="{pentagram}"/>')
+    pierced = read(f'<path fill-rule="evenodd" d="{pentagram}"/>')
+    assert len(star.rings) == 1 and len(star.rings[0]) == 10
+    assert pierced.area < star.area
+    assert len(pierced.polygons.geoms) == 5
+    assert len(read('<path d="M0 0L4 4V0L0 4z"/>').polygons.geoms) == 2
+
+
+def test_islands_in_holes_are_kept(read: Read) -> None:
+    squares = "M0 0h9v9h-9z M1 1h7v7h-7z M2 2h5v5h-5z M3 3h3v3h-3z"
+    drawn = read(f'<path fill-rule="evenodd" d="{squares}"/>')
+    assert drawn.area == pytest.approx((81 - 49 + 25 - 9) * 1e-6)
+    assert [len(p.interiors) for p in drawn.polygons.geoms] == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("body", "same"),
+    [
+        ('<polygon points="1,2 6,2 6,5 1,5"/>', "<rect {}/>"),
+        ('<polyline points="1 2 6 2 6 5 1 5"/>', "<rect {}/>"),
+        ('<path d="M1 2h5v3h-5"/>', "<rect {}/>"),
+        ('<path d="M1,2L6,2,6,5,1,5Z"/>', "<rect {}/>"),
+        ('<path d="M1 2H6V5H1z"/>', "<rect {}/>"),
+        ('<path d="m1 2 5 0 0 3 -5 0z"/>', "<rect {}/>"),
+        ('<path d="M1 2h5v3h-5zm20 20z"/>', "<rect {}/>"),
+        ('<rect x="1px" y="20%" width="25%" height="30%"/>', "<rect {}/>"),
+        ('<g transform="translate(1 2)"><rect width="5" height="3"/></g>', "<rect {}/>"),
+        ('<g transform="translate(1,2) scale(5 3)"><path d="M0 0H1V1H0z"/></g>', "<rect {}/>"),
+        ('<rect width="3" height="5" transform="translate(6 2) rotate(90)"/>', "<rect {}/>"),
+        ('<rect x="2" y="-6" width="3" height="5" transform="rotate(90)"/>', "<rect {}/>"),
+        ('<rect width="5" height="3" transform="matrix(1 0 0 1 1 2)"/>', "<rect {}/>"),
+        ('<defs><rect id="r" width="5" height="3"/></defs><use href="#r" x="1" y="2"/>',
+         "<rect {}/>"),
+        ('<defs><g id="g"><use xlink:href="#r" y="2"/></g><rect id="r" width="5" height="3"/>'
+         '</defs><use href="#g" x="1"/>', "<rect {}/>"),
+        ('<symbol id="s" viewBox="0 0 1 1"><rect width="1" height=".6"/></symbol>'
+         '<use href="#s" x="1" y="2" width="5" height="5"/>', "<rect {}/>"),
+        ('<svg x="1" y="2" width="5" height="3" viewBox="7 7 10 6"><rect x="7" y="7" width="10" '
+         'height="6"/></svg>', "<rect {}/>"),
+        ('<switch><foreignObject requiredExtensions="x"/><g><rect {}/></g></switch>', "<rect {}/>"),
+        ('<rect {}/><rect width="9" height="9" fill="none" stroke="black"/>', "<rect {}/>"),
+        ('<rect {}/><rect width="9" height="9" visibility="hidden"/>', "<rect {}/>"),
+        ('<rect {}/><g display="none"><rect width="9" height="9"/><text>no</text></g>',
+         "<rect {}/>"),
+        ('<rect {}/><g style="opacity: 0"><rect width="9" height="9"/></g>', "<rect {}/>"),
+        ('<style>.out { fill: none !important } /* .x{} */</style><rect {}/>'
+         '<rect class="big out" width="9" height="9"/>', "<rect {}/>"),
+        ('<style>rect { fill: none } #a { fill: red }</style><rect id="a" {}/>'
+         '<rect width="9" height="9"/>', "<rect {}/>"),
+        ('<rect {}/><line x2="9" y2="9"/><title>t</title><path d="M3 3L4 4z"/>', "<rect {}/>"),
+        ('<rect {} rx="0" ry="2"/>', "<rect {}/>"),
+        ('<ellipse cx="5" cy="5" rx="2" ry="2"/>', '<circle cx="5" cy="5" r="2"/>'),
+        ('<ellipse cx="5" cy="5" rx="2" ry="auto"/>', '<circle cx="5" cy="5" r="2"/>'),
+        ('<circle cx="5" cy="5" r="2" fill="url(#gradient)"/>', '<circle cx="5" cy="5" r="2"/>'),
+    ],
+)  # fmt: skip
+def test_many_ways_to_draw_the_same(read: Read, body: str, same: str) -> None:
+    place = 'x="1" y="2" width="5" height="3"'
+    assert difference(read(body.replace("{}", place)), read(same.replace("{}", place))) < ROUNDING
+
+
+def test_a_rounded_rectangle_lacks_four_corners(read: Read) -> None:
+    drawn = read('<rect width="8" height="5" rx="2" ry="1"/>', tolerance=1e-7)
+    assert drawn.area == pytest.approx((40 - (4 - math.pi) * 2) * 1e-6, rel=1e-4)
+
+
+def test_touching_shapes_are_one_part(read: Read) -> None:
+    body = '<rect width="5" height="5"/><rect x="5" width="5" height="5"/>'
+    assert read(body) == rectangle(0, 0, 10, 5)
+
+
+def test_a_drawing_by_matplotlib_reads_with_its_doctype(tmp_path: Path) -> None:
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Circle
+
+    figure = Figure(figsize=(4, 2), frameon=False)
+    figure.add_artist(Circle((0.5, 0.5), 0.25, transform=figure.dpi_scale_trans))
+    path = tmp_path / "circle.svg"
+    FigureCanvasSVG(figure).print_svg(path)
+    assert "<!DOCTYPE" in path.read_text()
+    # matplotlib's circles are eight cubics, good to 4e-6, of which chords cut off up to 0.2 %.
+    assert pw.read_aperture(path).area == pytest.approx(math.pi * (0.25 * 0.0254) ** 2, rel=2e-3)
+
+
+BAD = {
+    "no shapes": ("", FileFormatError, "filled shapes, got none"),
+    "only strokes": ('<path fill="none" d="M0 0h1v1z"/>', FileFormatError, "give .* a fill"),
+    "only points": ('<path d="M0 0 Z M1 1 L 2 2"/>', FileFormatError, "enclose an area"),
+    "text": ("<text>W</text>", FileFormatError, "got a text element"),
+    "image": ('<image href="/etc/passwd"/>', FileFormatError, "got a image element"),
+    "clipped": ('<g clip-path="url(#c)"><rect/></g>', FileFormatError, "without clip-path"),
+    "masked": ('<rect style="mask: url(#m)"/>', FileFormatError, "without mask"),
+    "negative radius": ('<circle r="-1"/>', FileFormatError, "from zero up, got -1"),
+    "negative width": ('<rect width="-1" height="1"/>', FileFormatError, "from zero up"),
+    "infinite": ('<rect width="1e999" height="1"/>', FileFormatError, "finite"),
+    "huge": ('<path d="M0 0H1e200V1z"/>', FileFormatError, "below 1e\\+100"),
+    "nan": ('<rect width="nan" height="1"/>', FileFormatError, "as a length"),
+    "nan in a path": ('<path d="M0 0 L nan 1 Z"/>', FileFormatError, "got ' n'"),
+    "odd points": ('<polygon points="0 0 1 0 1"/>', FileFormatError, "pairs of numbers"),
+    "no start": ('<path d="L 1 1 2 2z"/>', FileFormatError, "starts with M"),
+    "missing number": ('<path d="M0 0L1 1 2z"/>', FileFormatError, "numbers of a path's L"),
+    "no flag": ('<path d="M0 0A1 1 0 2 0 1 1z"/>', FileFormatError, "numbers of a path's A"),
+    "dotted number": ('<path d="M0. 0H1V1z"/>', FileFormatError, "path data"),
+    "unknown command": ('<path d="M0 0K1 1z"/>', FileFormatError, "numbers of a path's M"),
+    "unknown transform": ('<g transform="turn(3)"><rect/></g>', FileFormatError, "a transform"),
+    "short transform": ('<g transform="matrix(1 2 3)"><rect/></g>', FileFormatError, "a transform"),
+    "em": ('<rect width="1em" height="1"/>', FileFormatError, "in px, mm"),
+    "foreign use": ('<use href="other.svg#a"/>', FileFormatError, "in the same file"),
+    "use of itself": ('<g id="a"><use href="#a"/></g>', FileFormatError, "contains itself"),
+    "selector": ("<style>g rect {fill: none}</style>", FileFormatError, "style rules"),
+    "media": ("<style>@media print { rect {fill: none} }</style>", FileFormatError, "style rules"),
+    "overlap": ('<rect width="5" height="5"/><circle r="2"/>', GeometryError, "an overlap"),
+    "twice": ('<rect width="5" height="5"/>' * 2, GeometryError, "overlap"),
+    "deep": ("<g>" * 100 + "<rect/>" + "</g>" * 100, FileFormatError, "64 deep"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("body", "kind", "words"), BAD.values(), ids=BAD)
+def test_what_is_no_outline_raises_one_error(
+    read: Read, body: str, kind: type[Exception], words: str
+) -> None:
+    with pytest.raises(kind, match=words) as raised:
+        read(body)
+    assert "\n" not in str(raised.value)
+    assert "drawing.svg: expected" in str(raised.value)
+
+
+@pytest.mark.parametrize("root", ['viewBox="0 0 0 1"', 'viewBox="0 0 1"', 'width="0mm"',
+                                  'width="1 mm"', 'width="-1mm"', 'width="1e999mm"',
+                                  'viewBox="0 0 1e-320 1"', 'width="3em"'])  # fmt: skip
+def test_a_size_that_is_none_raises(read: Read, root: str) -> None:
+    with pytest.raises(FileFormatError, match=r"viewBox|width"):
+        read('<rect width="1" height="1"/>', root)
+
+
+LAUGHS = "".join(f'<!ENTITY e{k + 1} "{f"&e{k};" * 10}">' for k in range(9))
+HOSTILE = {
+    "billion laughs": f'<!DOCTYPE svg [<!ENTITY e0 "ha">{LAUGHS}]><svg>&e9;</svg>',
+    "quadratic": f'<!DOCTYPE svg [<!ENTITY a "{"a" * 100_000}">]><svg>{"&a;" * 10_000}</svg>',
+    "external entity": '<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]><svg>&x;</svg>',
+    "parameter entity": '<!DOCTYPE svg [<!ENTITY % p SYSTEM "file:///dev/zero"> %p;]><svg/>',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
+def test_entities_are_refused_unexpanded(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "hostile.svg"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match="without entities"):
+        pw.read_aperture(path)
+
+
+def _doubling(levels: int) -> str:
+    """2^levels rectangles by groups that use the group before twice."""
+    groups = "".join(
+        f'<g id="g{k + 1}"><use href="#g{k}"/><use href="#g{k}" x="1"/></g>' for k in range(levels)
+    )
+    return f'<defs><rect id="g0" width="1" height="1"/>{groups}</defs><use href="#g{levels}"/>'
+
+
+SCRIBBLE = " ".join(f"{(k * 7919) % 10007} {(k * 104729) % 9973}" for k in range(900))
+LARGE = {
+    "use of use": (_doubling(28), "50000 elements"),
+    "many elements": ("<g/>" * 60_000, "50000 elements"),
+    "deep elements": ("<a>" * 200_000, "64 deep"),
+    "use of a long path": (
+        f'<polygon id="p" points="{"1 0 " * 10_000}"/>' + '<use href="#p"/>' * 10_000,
+        "200000 lines",
+    ),
+    "long path": (f'<path d="M0 0{"c0 9 9 9 9 0" * 201_000}z"/>', "200000 lines"),
+    "many crossings": (f'<path d="M{SCRIBBLE}z"/>', "20000 places"),
+    "many subpaths": (
+        f'<path d="{"".join(f"M{k} 0h.5v.5z" for k in range(10_001))}"/>', "10000 outlines",
+    ),
+    "long numbers": (f'<rect width="{"9" * 10**6}" height="1"/>', "as a length"),
+    "long number list": (f'<polygon points="{"1" * 10**6}x"/>', "as numbers"),
+    "many braces": (f"<style>{'a,' * 10**5}{{fill:none}}</style>", "1000 rules"),
+    "comments": (f"<style>{'/*' * 10**6}</style>", "filled shapes"),
+    "functions": (f'<g transform="{"rotate(1)" * 10**5}x"><rect/></g>', "a transform"),
+}  # fmt: skip
+
+# Each takes seconds at most; without a bound, minutes to forever.
+PATIENCE = 20
+
+
+@pytest.mark.parametrize(("body", "words"), LARGE.values(), ids=LARGE)
+def test_work_is_bounded(read: Read, body: str, words: str) -> None:
+    start = time.monotonic()
+    with pytest.raises(FileFormatError, match=words):
+        read(body)
+    assert time.monotonic() - start < PATIENCE
+
+
+def test_a_tolerance_that_asks_for_too_much_is_refused(read: Read) -> None:
+    with pytest.raises(FileFormatError, match="larger tolerance"):
+        read('<circle r="3"/>', tolerance=1e-18)
+
+
+@pytest.mark.parametrize("tolerance", [0, -1e-5, math.nan, math.inf, "1 mm", True, [1e-5]])
+def test_a_tolerance_is_a_length_above_zero(read: Read, tolerance: object) -> None:
+    with pytest.raises(pw.errors.ArgumentError, match="tolerance in metres above zero"):
+        read('<circle r="3"/>', tolerance=tolerance)
+
+
+@pytest.mark.parametrize("library", ["svgelements", "defusedxml"])
+def test_a_missing_library_is_named_with_its_extra(
+    read: Read, monkeypatch: pytest.MonkeyPatch, library: str
+) -> None:
+    import sys
+
+    for name in [name for name in sys.modules if name.partition(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=rf"{library}.*pip install polywigner\[formats\]"):
+        read('<path d="M0 0H1V1z"/>')
