@@ -41,6 +41,21 @@ BAD_APERTURES = {
     "two vertices": ("two.csv", "0,0\n1,0\n", ["vert"]),
     "the same two again": ("two.geojson", GEOJSON.format("[0,0],[1,0],[0,0]"), []),
     "zero area": ("flat.csv", "0,0\n1,1\n2,2\n", ["area"]),
+    "svg that is no xml": ("cut.svg", "<svg><path d=", ["cut.svg", "XML"]),
+    "svg with entities": (
+        "laughs.svg",
+        '<!DOCTYPE svg [<!ENTITY a "ha"><!ENTITY b "&a;&a;">]><svg>&b;</svg>',
+        ["laughs.svg", "entities"],
+    ),
+    "svg of strokes": ("lines.svg", '<svg><path d="M0 0h1v1" fill="none"/></svg>', ["fill"]),
+    "svg with noise": ("noise.svg", bytes(range(256)), ["noise.svg"]),
+    "dxf that is none": ("notes.dxf", "0\nhello\n", ["notes.dxf", "DXF"]),
+    "dxf with a gap": (
+        "gap.dxf",
+        "0\nSECTION\n2\nENTITIES\n0\nLINE\n10\n0\n20\n0\n11\n1\n21\n1\n0\nENDSEC\n0\nEOF\n",
+        ["gap.dxf", "meets no other"],
+    ),
+    "a mesh": ("box.stl", "solid box\nendsolid box\n", ["box.stl", "read_polyhedron"]),
     "self-crossing": ("bow.csv", "0,0\n2,2\n2,0\n0,2\n", ["cross", "1"]),
 }
 
@@ -94,6 +109,8 @@ def test_a_bad_aperture_file_is_refused(
     [
         (["--unit", "parsec"], ["unit", "parsec", "mm"]),
         (["--unit", "-1 mm"], ["unit", "-1 mm"]),
+        (["--tolerance", "0 mm"], ["above zero", "0 mm"]),
+        (["--tolerance", "coarse"], ["length", "coarse"]),
         (["--frequency", "94 GHy"], ["94 GHy", "GHz"]),
         (["--frequency", "0 GHz"], ["above zero", "0 GHz"]),
         (["--frequency", "-94 GHz"], ["above zero", "-94 GHz"]),

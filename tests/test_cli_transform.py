@@ -82,6 +82,23 @@ def test_the_unit_scales_the_aperture(rectangle: Path) -> None:
     np.testing.assert_allclose(ratio, 25.4**2, rtol=ROUNDING)
 
 
+def test_a_drawn_circle_transforms_as_a_disc_of_its_stated_size(tmp_path: Path) -> None:
+    """Its size is in the file, which rules over --unit; --tolerance says how round it is."""
+    drawing = tmp_path / "disc.svg"
+    drawing.write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" width="10mm" viewBox="0 0 1 1">'
+        '<circle cx=".5" cy=".5" r=".4"/></svg>'
+    )
+    coarse = transformed(drawing, "--samples", "3", "--unit", "in")
+    fine = transformed(drawing, "--samples", "3", "--tolerance", "0.1 um")
+    corners = [len(json.loads(str(v["aperture_geojson"]))["coordinates"][0][0])
+               for v in (coarse, fine)]  # fmt: skip
+    assert 40 < corners[0] < 80 and corners[1] > 300
+    for values in (coarse, fine):
+        area = np.pi * 4e-3**2
+        np.testing.assert_allclose(values["fourier"][1, 1], area, rtol=ROUNDING)
+
+
 def test_a_wavelength_says_the_same_as_its_frequency(rectangle: Path) -> None:
     first = transformed(rectangle, "--frequency", "299.792458 GHz", "--samples", "3")
     second = transformed(rectangle, "--wavelength", "1 mm", "--samples", "3")

@@ -44,6 +44,20 @@ def test_a_file_is_found_beside_the_scene_and_read_in_its_unit(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
+    ("tolerance", "vertices"),
+    [("", 52), ('<string name="tolerance" value="1 um"/>', 136),
+     ('<float name="tolerance" value="1e-6"/>', 136)],
+)  # fmt: skip
+def test_a_drawing_is_read_as_finely_as_asked(
+    tmp_path: Path, tolerance: str, vertices: int
+) -> None:
+    (tmp_path / "disc.svg").write_text('<svg viewBox="0 0 10 10"><circle r="5"/></svg>')
+    spec = load(tmp_path, GOOD.replace("patch.wkt", "disc.svg") + tolerance)
+    assert len(spec.aperture.rings[0]) == vertices
+    assert spec.aperture.area == pytest.approx(np.pi * 25e-6, rel=1e-12)
+
+
+@pytest.mark.parametrize(
     ("parameter", "name", "value"),
     [
         ('<float name="frequency" value="94e9"/>', "wavelength", WAVELENGTH),
