@@ -172,6 +172,6 @@ def test_numbers_out_of_range_are_refused(value: float) -> None:
 
 
 def test_too_many_vertices_are_refused_before_they_are_made() -> None:
-    for curve in CURVES.values():
+    for name in ("arc", "cubic", "rational"):
         with pytest.raises(FileFormatError, match="at most 1000000 vertices"):
-            flattened([[curve]], 1e-14)
+            flattened([[CURVES[name]]], 1e-13)
