@@ -1,0 +1,423 @@
+"""What does a Fourier transform cost against the number of vertices, and against finufft on a grid?
+
+Run ``python benchmarks/fourier_cost.py``; the peers come with ``pip install polywigner[bench]`` and
+are left out where they are missing. Two questions:
+
+*Vertices.* Time for one value of F at scattered frequencies, for polygons of 3 to 1024 vertices,
+and what the first call of a process adds: time and memory, with no compiled kernel on disk.
+
+*Grids.* A picture of 256 x 256 frequencies of a square and of a pupil of 18 hexagons, up to |nu_x|
+D = 8, 32 and 64 (D the diameter), against finufft: Gauss points on quadrilaterals that tile the
+aperture, their number the smallest with which the error stays below 1e-12 of the area, then a
+type-1 transform onto the grid with the loosest tolerance that keeps the error there. Other peers:
+coxeter, and the edge sum of the paper as one writes it in NumPy.
+
+All contenders take turns in one process, and the median of the rounds counts. One more process per
+number of threads, 1 and all. Prints Markdown, writes ``benchmarks/results/fourier_cost.json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import platform
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+
+import polywigner as pw
+from polywigner.engines.llvm import prepare
+
+RESULTS = Path(__file__).parent / "results" / "fourier_cost.json"
+ROUNDS = {"vertices": 5, "grid": 15}
+VERTICES = [3, 4, 6, 8, 12, 16, 32, 64, 128, 256, 512, 1024]
+FIRST_CALLS = [3, 12, 16, 128, 1024]
+EDGE_SAMPLES = {"numpy": 1 << 18, "llvm": 1 << 23}  # samples times vertices of one timing
+MOST_SAMPLES = {"numpy": 1 << 13, "llvm": 1 << 18}
+SIDE = 256
+RANGES = [8, 32, 64]
+EQUAL_ACCURACY = 1e-12  # of the area
+PUPILS = {
+    "square": pw.shapes.square(1.0),
+    "18 hexagons": pw.shapes.hexagonal_segments(1.0, gap=0.02),
+}
+THREADS = "POLYWIGNER_BENCHMARK_THREADS"
+
+Action = Callable[[], Any]
+
+
+def installed(name: str) -> bool:
+    """Whether a peer is there."""
+    return importlib.util.find_spec(name) is not None
+
+
+def threads() -> int:
+    """How many threads this process may use."""
+    return int(os.environ.get(THREADS, 0)) or len(os.sched_getaffinity(0))
+
+
+def in_turns(actions: dict[str, Action], rounds: int) -> dict[str, list[float]]:
+    """Sorted wall times of every action, after one call of each."""
+    times: dict[str, list[float]] = {name: [] for name in actions}
+    for action in actions.values():
+        action()
+    for _ in range(rounds):
+        for name, action in actions.items():
+            start = time.perf_counter()
+            action()
+            times[name].append(time.perf_counter() - start)
+    return {name: sorted(found) for name, found in times.items()}
+
+
+# Vertices
+
+
+def polygon(kind: str, n: int) -> pw.Aperture:
+    """A polygon of n vertices."""
+    if kind == "regular":
+        return pw.shapes.regular_polygon(n, 1.0)
+    if kind == "star":
+        return pw.shapes.star(n // 2, 1.0, 0.5)
+    rng = np.random.default_rng(n)
+    angle = 2 * np.pi * (np.arange(n) + 0.9 * rng.random(n)) / n
+    return pw.Aperture(
+        rng.uniform(0.3, 1, n)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    )
+
+
+def scattered(source: pw.Aperture, count: int) -> np.ndarray:
+    """Frequencies up to ten over the diameter."""
+    return np.random.default_rng(0).uniform(-10, 10, (count, 2)) / source.diameter
+
+
+def vertex_costs() -> dict[str, dict[str, float]]:
+    """Nanoseconds per value: {contender: {n: median}}, everything in turns."""
+    actions: dict[str, Action] = {}
+    samples = {}
+    engines = ["numpy", "llvm"] if prepare().usable else ["numpy"]
+    for engine in engines:
+        for precision, kind in (
+            ("double", "regular"), ("double", "star"), ("double", "random"), ("single", "regular"),
+        ):  # fmt: skip
+            for n in VERTICES:
+                if kind != "regular" and n < 6:
+                    continue
+                count = min(MOST_SAMPLES[engine], EDGE_SAMPLES[engine] // n)
+                name = f"{engine}, {precision}, {kind}|{n}"
+                source = polygon(kind, n)
+                actions[name] = evaluation(source, count, precision, engine)
+                samples[name] = count
+    times = in_turns(actions, ROUNDS["vertices"])
+    table: dict[str, dict[str, float]] = {}
+    for name, found in times.items():
+        contender, n = name.split("|")
+        value = statistics.median(found) / samples[name] * 1e9
+        table.setdefault(contender, {})[n] = value
+    return table
+
+
+def evaluation(source: pw.Aperture, count: int, precision: Any, engine: Any) -> Action:
+    """F at scattered frequencies."""
+    nu = scattered(source, count)
+    return lambda: pw.fourier(source, nu, precision=precision, engine=engine)
+
+
+def first_calls() -> dict[str, list[float]]:
+    """{n: [seconds of the first call, of the second, MiB that the first one added]}."""
+    results = {}
+    for n in FIRST_CALLS if prepare().usable else []:
+        with tempfile.TemporaryDirectory() as home:  # Dr.Jit keeps its compiled kernels there
+            command = [sys.executable, __file__, "--first-call", str(n)]
+            done = subprocess.run(
+                command,
+                env={**os.environ, "HOME": home},
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+            results[str(n)] = json.loads(done.stdout)
+    return results
+
+
+def first_call(n: int) -> list[float]:
+    """See :func:`first_calls`; the library is loaded before, by another polygon."""
+    source = polygon("random", n) if n > 4 else polygon("regular", n)
+    pw.fourier(pw.shapes.square(3.0), np.zeros((1, 2)), engine="llvm")
+    action = evaluation(source, 1 << 16, "double", "llvm")
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    times = []
+    for _ in range(4):
+        start = time.perf_counter()
+        action()
+        times.append(time.perf_counter() - start)
+    added = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    return [times[0], min(times[1:]), added / 1024]
+
+
+# Grids
+
+
+def axis_of(source: pw.Aperture, largest: float) -> np.ndarray:
+    """Evenly spaced frequencies; the spacing is exact, as finufft has it."""
+    step = 2 * largest / source.diameter / SIDE
+    return step * np.arange(-SIDE // 2, SIDE // 2)
+
+
+def grid_of(axis: np.ndarray) -> np.ndarray:
+    """All pairs."""
+    return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
+
+
+def quadrilaterals(source: pw.Aperture) -> Iterator[np.ndarray]:
+    """(4, 2) corners of quadrilaterals that tile the convex parts of a pupil."""
+    for ring in source.rings:
+        for k in range(0, len(ring) - 2, 2):
+            yield ring[[0, k + 1, k + 2, (k + 3) % len(ring)]]
+
+
+def gauss_points(source: pw.Aperture, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (n, 2) and weights of product rules, by the bilinear map of each quadrilateral."""
+    t, w = np.polynomial.legendre.leggauss(order)
+    s, t = np.meshgrid((t + 1) / 2, (t + 1) / 2)
+    weight = np.outer(w, w) / 4
+    nodes, weights = [], []
+    for a, b, c, d in quadrilaterals(source):
+        by_s = (b - a) * (1 - t)[..., None] + (c - d) * t[..., None]
+        by_t = (d - a) * (1 - s)[..., None] + (c - b) * s[..., None]
+        point = (
+            a
+            + s[..., None] * (b - a) * (1 - t)[..., None]
+            + t[..., None] * (d - a + s[..., None] * (c - d))
+        )
+        jacobian = by_s[..., 0] * by_t[..., 1] - by_s[..., 1] * by_t[..., 0]
+        nodes.append(point.reshape(-1, 2))
+        weights.append((weight * jacobian).ravel())
+    return np.concatenate(nodes), np.concatenate(weights)
+
+
+def by_finufft(source: pw.Aperture, axis: np.ndarray, order: int, eps: float) -> np.ndarray:
+    """The grid by one type-1 transform, all of its setup included."""
+    plan, strengths = finufft_plan(source, axis, order, eps)
+    return plan.execute(strengths)
+
+
+def finufft_plan(source: pw.Aperture, axis: np.ndarray, order: int, eps: float) -> tuple[Any, Any]:
+    """A plan with its points set, and the strengths to transform."""
+    import finufft
+
+    nodes, weights = gauss_points(source, order)
+    x, y = (2 * np.pi * (axis[1] - axis[0]) * nodes.T).copy()
+    plan = finufft.Plan(1, (SIDE, SIDE), eps=eps, isign=-1, nthreads=threads())
+    plan.setpts(x, y)
+    return plan, weights.astype(complex)
+
+
+def tuned(source: pw.Aperture, axis: np.ndarray, exact: np.ndarray) -> tuple[int, float]:
+    """The lowest order, then the loosest tolerance, with errors below EQUAL_ACCURACY."""
+
+    def good(order: int, eps: float) -> bool:
+        error = np.abs(by_finufft(source, axis, order, eps) - exact).max()
+        return bool(error <= EQUAL_ACCURACY * source.area)
+
+    order = next(order for order in range(4, 400, 2) if good(order, 1e-14))
+    return order, next(
+        eps for eps in (1e-11, 3e-12, 1e-12, 3e-13, 1e-13, 1e-14) if good(order, eps)
+    )
+
+
+def by_coxeter(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
+    """Coxeter's form factor of every part, summed."""
+    from coxeter.shapes import Polygon
+
+    q = 2 * np.pi * np.concatenate([nu, np.zeros((*nu.shape[:-1], 1))], axis=-1).reshape(-1, 3)
+    parts = [Polygon(np.pad(ring, ((0, 0), (0, 1)))) for ring in source.rings]
+    total = sum(part.compute_form_factor_amplitude(q) for part in parts)
+    return np.asarray(total).reshape(nu.shape[:-1])
+
+
+def by_edge_sum(source: pw.Aperture, nu: np.ndarray) -> np.ndarray:
+    """The paper's sum over edges, (F1), as it stands; wrong at nu = 0 and rounded near it."""
+    total = np.zeros(nu.shape[:-1], complex)
+    for ring in source.rings:
+        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+            e, middle = b - a, (a + b) / 2
+            cross = nu[..., 0] * e[1] - nu[..., 1] * e[0]
+            total += cross * np.sinc(nu @ e) * np.exp(-2j * np.pi * (nu @ middle))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        value = total * 1j / (2 * np.pi * (nu**2).sum(axis=-1))
+    return np.where((nu == 0).all(axis=-1), source.area, value)
+
+
+def exact_value(source: pw.Aperture, nu: np.ndarray) -> complex:
+    """(F1) with 40 digits."""
+    with mpmath.workdps(40):
+        x, y = (mpmath.mpf(float(v)) for v in nu)
+        total = mpmath.mpc(0)
+        for ring in source.rings:
+            points = [(mpmath.mpf(float(p)), mpmath.mpf(float(q))) for p, q in ring]
+            for (ax, ay), (bx, by) in zip(points, points[1:] + points[:1], strict=True):
+                mean = mpmath.sincpi(x * (bx - ax) + y * (by - ay))
+                wave = mpmath.expjpi(-(x * (ax + bx) + y * (ay + by)))
+                total += (x * (by - ay) - y * (bx - ax)) * mean * wave
+        return complex(total * mpmath.mpc(0, 1) / (2 * mpmath.pi * (x * x + y * y)))
+
+
+def grid_costs() -> dict[str, dict[str, dict[str, Any]]]:
+    """{pupil and range: {contender: {min, median (ms), error}}}."""
+    results = {}
+    for name, source in PUPILS.items():
+        for largest in RANGES:
+            axis = axis_of(source, largest)
+            results[f"{name}, {largest}"] = one_grid(source, axis)
+    return results
+
+
+def one_grid(source: pw.Aperture, axis: np.ndarray) -> dict[str, dict[str, Any]]:
+    """All contenders on one grid."""
+    nu = grid_of(axis)
+    # point by point and by other formulas than the grid's; itself checked with 40 digits below
+    reference = pw.fourier(source, nu.reshape(-1, 2), engine="numpy").reshape(nu.shape[:-1])
+    actions: dict[str, Action] = {
+        "polywigner": lambda: pw.fourier(source, nu),
+        "polywigner, single": lambda: pw.fourier(source, nu, precision="single"),
+        "edge sum in NumPy": lambda: by_edge_sum(source, nu),
+    }
+    if prepare().usable:
+        actions["polywigner, llvm, point by point"] = lambda: pw.fourier(source, nu, engine="llvm")
+    notes = {}
+    if installed("finufft"):
+        order, eps = tuned(source, axis, reference)
+        plan, strengths = finufft_plan(source, axis, order, eps)
+        actions["finufft"] = lambda: by_finufft(source, axis, order, eps)
+        actions["finufft, plan and points ready"] = lambda: plan.execute(strengths)
+        notes["finufft"] = f"{len(strengths)} points, eps {eps:g}"
+    if installed("coxeter"):
+        actions["coxeter"] = lambda: by_coxeter(source, nu)
+    slow = {name: actions.pop(name) for name in ("coxeter", "edge sum in NumPy") if name in actions}
+    times = in_turns(actions, ROUNDS["grid"]) | in_turns(slow, 2)
+    report: dict[str, dict[str, Any]] = {}
+    for name, found in times.items():
+        error = np.abs((actions | slow)[name]() - reference).max() / source.area
+        report[name] = {"min": found[0] * 1e3, "median": statistics.median(found) * 1e3}
+        report[name] |= {"error": float(error), "note": notes.get(name, "")}
+    report["reference"] = {"error": reference_error(source, nu, reference)}
+    return report
+
+
+def reference_error(source: pw.Aperture, nu: np.ndarray, reference: np.ndarray) -> float:
+    """The reference against 40 digits, at some points."""
+    rng = np.random.default_rng(0)
+    some = [tuple(p) for p in rng.integers(0, SIDE, (20, 2))] + [(SIDE // 2 + 1, SIDE // 2)]
+    errors = [abs(reference[p] - exact_value(source, nu[p])) for p in some]
+    return float(max(errors) / source.area)
+
+
+# Reports
+
+
+def vertex_table(costs: dict[str, dict[str, float]], first: dict[str, list[float]]) -> str:
+    """Markdown: nanoseconds per edge of a value, and ratios to the triangle."""
+    columns = [name for name in costs if name.endswith("regular")]
+    lines = ["| vertices | " + " | ".join(f"{c.removesuffix(', regular')}" for c in columns) + " |"]
+    lines.append("|---" * (len(columns) + 1) + "|")
+    for n in map(str, VERTICES):
+        cells = [
+            f"{costs[c][n] / costs[c]['3']:.3g} ({costs[c][n] / int(n):.3g} ns)" for c in columns
+        ]
+        lines.append(f"| {n} | " + " | ".join(cells) + " |")
+    lines.append("\nStars and random polygons against regular ones of as many vertices:\n")
+    for contender, column in costs.items():
+        if contender not in columns:
+            regular = costs[contender.rsplit(",", 1)[0] + ", regular"]
+            ratios = [value / regular[n] for n, value in column.items()]
+            lines.append(f"- {contender}: {min(ratios):.2f} to {max(ratios):.2f}")
+    if first:
+        lines += [
+            "\n| vertices | first call, s | next calls, s | memory added, MiB |",
+            "|---" * 4 + "|",
+        ]
+        lines += [f"| {n} | {a:.3f} | {b:.3f} | {m:.0f} |" for n, (a, b, m) in first.items()]
+    return "\n".join(lines)
+
+
+def grid_table(results: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Markdown: milliseconds, and ratios to polywigner."""
+    lines = [
+        "| pupil, nu D | contender | min, ms | median, ms | ratio | error/area | |",
+        "|---" * 7 + "|",
+    ]
+    for where, report in results.items():
+        own = report["polywigner"]["median"]
+        for name, entry in report.items():
+            if name == "reference":
+                continue
+            lines.append(
+                f"| {where} | {name} | {entry['min']:.2f} | {entry['median']:.2f} | "
+                f"{entry['median'] / own:.2f} | {entry['error']:.1e} | {entry['note']} |"
+            )
+        lines.append(f"| {where} | reference | | | | {report['reference']['error']:.1e} | |")
+    return "\n".join(lines)
+
+
+def measured_here() -> dict[str, Any]:
+    """Everything that depends on the number of threads, in this process."""
+    if prepare().usable:
+        import drjit as dr
+
+        dr.set_thread_count(threads())
+    return {"vertices": vertex_costs(), "grids": grid_costs()}
+
+
+def measured(count: int) -> dict[str, Any]:
+    """The same in a process of its own, with so many threads; libraries read this when loaded."""
+    names = [THREADS, "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"]
+    environment = {**os.environ, **dict.fromkeys(names, str(count))}
+    command = [sys.executable, __file__, "--here"]
+    done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--first-call", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.first_call:
+        print(json.dumps(first_call(options.first_call)))
+        return
+    if options.here:
+        print(json.dumps(measured_here()))
+        return
+    report: dict[str, Any] = {
+        name: version(name)
+        for name in ("polywigner", "numpy", "drjit", "finufft", "coxeter")
+        if installed(name)
+    }
+    report |= {"python": platform.python_version(), "machine": platform.machine()}
+    report["first calls"] = first_calls()
+    counts = sorted({1, len(os.sched_getaffinity(0))})
+    for count in counts:
+        found = report[f"{count} threads"] = measured(count)
+        first = report["first calls"] if count == counts[-1] else {}
+        print(f"## Threads: {count}\n\n{vertex_table(found['vertices'], first)}\n")
+        print(f"{grid_table(found['grids'])}\n", flush=True)
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(json.dumps(report, indent=1))
+
+
+if __name__ == "__main__":
+    main()
