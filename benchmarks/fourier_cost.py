@@ -12,8 +12,9 @@ aperture, their number the smallest with which the error stays below 1e-12 of th
 type-1 transform onto the grid with the loosest tolerance that keeps the error there. Other peers:
 coxeter, and the edge sum of the paper as one writes it in NumPy.
 
-All contenders take turns in one process, and the median of the rounds counts. One more process per
-number of threads, 1 and all. Prints Markdown, writes ``benchmarks/results/fourier_cost.json``.
+All contenders take turns in one process, and the median of the rounds counts. One process with one
+thread, in CPU seconds (a busy machine slows all alike), and one with as many as there are cores, by
+the clock on the wall. Prints Markdown, writes ``benchmarks/results/fourier_cost.json``.
 """
 
 from __future__ import annotations
@@ -65,19 +66,25 @@ def installed(name: str) -> bool:
 
 def threads() -> int:
     """How many threads this process may use."""
-    return int(os.environ.get(THREADS, 0)) or len(os.sched_getaffinity(0))
+    return int(os.environ.get(THREADS, 0)) or cores()
+
+
+def cores() -> int:
+    """How many cores this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_turns(actions: dict[str, Action], rounds: int) -> dict[str, list[float]]:
-    """Sorted wall times of every action, after one call of each."""
+    """Sorted times of every action, after one call of each."""
+    clock = time.process_time if threads() == 1 else time.perf_counter
     times: dict[str, list[float]] = {name: [] for name in actions}
     for action in actions.values():
         action()
     for _ in range(rounds):
         for name, action in actions.items():
-            start = time.perf_counter()
+            start = clock()
             action()
-            times[name].append(time.perf_counter() - start)
+            times[name].append(clock() - start)
     return {name: sorted(found) for name, found in times.items()}
 
 
@@ -409,7 +416,7 @@ def main() -> None:
     }
     report |= {"python": platform.python_version(), "machine": platform.machine()}
     report["first calls"] = first_calls()
-    counts = sorted({1, len(os.sched_getaffinity(0))})
+    counts = sorted({1, cores()})
     for count in counts:
         found = report[f"{count} threads"] = measured(count)
         first = report["first calls"] if count == counts[-1] else {}
