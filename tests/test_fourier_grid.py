@@ -161,6 +161,14 @@ def test_what_is_not_finite_stays_in_its_row() -> None:
         assert np.isfinite(np.delete(values, 5, axis=0)).all()
 
 
+@pytest.mark.parametrize("precision", list(ACCURACY))
+def test_a_row_of_enormous_frequencies_does_not_overflow(precision: Any) -> None:
+    x, y = np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)
+    x[5] = 1e200
+    values = pw.fourier(HEXAGONS, _grid(x, y), precision=precision, engine="numpy")
+    assert np.abs(values[5]).max() < ACCURACY[precision] * HEXAGONS.area
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_automatic_engine_agrees_with_the_one_asked_for(engine: Any) -> None:
     axis = np.linspace(-8, 8, 260)

@@ -105,7 +105,7 @@ class _Drjit:
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
         self.ops = DrjitOperations(drjit_float(engine, double))
-        self.host = NumpyOperations(double=True)
+        self.entry = DrjitOperations(drjit_float(engine, double=True))
         self.memory: dict[int, Array] = {}
         in_rows = kernel.copies and self.ops.prefers_rows(tables.clips, None)
         self.parts = [tables] if in_rows else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
@@ -114,12 +114,9 @@ class _Drjit:
         import drjit
 
         frame = self.tables.frame
-        if self.ops.double:
-            inner = self.kernel.enter(self.ops, frame, *self._sent_all(arguments))
-        else:
-            with np.errstate(invalid="ignore", over="ignore"):
-                entered = self.kernel.enter(self.host, frame, *arguments)
-            inner = self._sent_all(entered)
+        inner = self.kernel.enter(self.entry, frame, *self._sent_all(arguments))
+        if not self.ops.double:
+            inner = tuple(self.ops.float_type(a) for a in inner)
         if len(self.parts) > 1:
             drjit.eval(inner)
         sums: tuple[Any, ...] = ()
@@ -143,15 +140,15 @@ class _Drjit:
         results fetched, before the next one is sent.
         """
         if slot not in self.memory:
-            self.memory[slot] = _aligned(array.size, self.ops.double)
+            self.memory[slot] = _aligned(array.size)
         memory = self.memory[slot][: array.size]
         memory[...] = array
-        return self.ops.float_type(memory)
+        return self.entry.float_type(memory)
 
 
-def _aligned(size: int, double: bool) -> Array:
+def _aligned(size: int) -> Array:
     """An uninitialised array that starts on a 64-byte boundary."""
-    dtype = np.dtype(np.float64 if double else np.float32)
+    dtype = np.dtype(np.float64)
     memory = np.empty(size * dtype.itemsize + 64, np.uint8)
     start = -memory.ctypes.data % 64
     return memory[start : start + size * dtype.itemsize].view(dtype)

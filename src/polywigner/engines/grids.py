@@ -25,6 +25,8 @@ _TABLE_VALUES, _VALUES_PER_WAVE = 1 << 22, 6
 _LEAST_TILE = 64
 # What lies too near the origin is computed point by point, at 20 times the cost.
 _MOST_BELOW = 1 / 8
+# Beyond this |nu| in the frame squares overflow.
+_LARGEST = {True: 1e150, False: 1e18}
 # A family of oblique edges takes 8 ns a point, its members 0.3 ns each, and an edge in a compiled
 # kernel 3 ns on two cores; to compile that takes 20 ms or more.
 _EDGES_PER_FAMILY = 3
@@ -75,9 +77,11 @@ class GridPlan:
         return few or _EDGES_PER_FAMILY * families <= self.tables.edges
 
     def keeps_digits(self) -> bool:
-        """Whether most points lie far enough from the origin for the grid's formula."""
+        """Whether most points lie far enough from the origin, and none too far."""
         below = 1.0
         for scale, nu in zip(self.tables.scales, (self.grid.x, self.grid.y), strict=True):
+            if not np.abs(nu).max() * scale < _LARGEST[self.double]:
+                return False
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor(self.double)))
         return below < _MOST_BELOW
 
@@ -103,8 +107,7 @@ class GridPlan:
         self, nu: tuple[Array, Array], point_by_point: Callable[[Sequence[Array]], Sequence[Array]]
     ) -> tuple[Array, Array]:
         ops = NumpyOperations(double=True)
-        # what lies at infinity is not a number in the result; no need to warn
-        with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore"):  # of points that are then replaced
             real, imag, below = fourier_on_grid(ops, self.tables, *nu, self.double)
         if below.any():
             i, j = np.nonzero(below)
