@@ -164,7 +164,7 @@ def test_what_is_not_finite_stays_in_its_row() -> None:
 @pytest.mark.parametrize("precision", list(ACCURACY))
 def test_a_row_of_enormous_frequencies_does_not_overflow(precision: Any) -> None:
     x, y = np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)
-    x[5] = 1e200
+    x[5] = {"double": 1e200, "single": 1e30}[precision]
     values = pw.fourier(HEXAGONS, _grid(x, y), precision=precision, engine="numpy")
     assert np.abs(values[5]).max() < ACCURACY[precision] * HEXAGONS.area
 
