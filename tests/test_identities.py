@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import polywigner as pw
-from oracles import exact, scanline
+from oracles import disc, exact, scanline
 from oracles.drawn import polygons as drawn_polygons
 from oracles.positions import frequencies, lags, outline, positions
 from oracles.quadrature import lag_nodes, position_nodes, triangle_nodes
@@ -177,6 +177,32 @@ def test_polygons_of_equal_area_approach_the_disc_at_fourth_order(cycles: float)
     # once areas agree, the mean square radius differs from the disc's at order n^-4
     orders = [math.log2(a / b) for a, b in itertools.pairwise(error)]
     assert min(orders) > 3.9
+
+
+# Fourth order where all sides take part alike, third where a slice cuts through some of them, second
+# where the area itself is not the disc's.
+DISC_ORDERS = {
+    "F": 4,
+    "W at the centre": 4,
+    "W elsewhere": 3,
+    "W elsewhere, inscribed": 2,
+    "A(0, xi)": 3,
+    "A elsewhere": 3,
+}
+
+
+@pytest.mark.parametrize("quantity", disc.QUANTITIES, ids=lambda quantity: quantity.name)
+def test_polygons_approach_the_disc_at_their_order(quantity: disc.Quantity) -> None:
+    """Largest errors over some directions; of few of them, which side is cut where is chance."""
+    error = disc.errors(quantity, (32, 64, 128, 256))
+    mean_order = disc.orders(error).mean()
+    assert mean_order == pytest.approx(DISC_ORDERS[quantity.name], abs=0.25)
+
+
+def test_a_polygon_of_64_sides_is_a_disc_to_four_digits() -> None:
+    assert (
+        max(disc.errors(q, (64,))[0] for q in disc.QUANTITIES if "inscribed" not in q.name) < 5e-5
+    )
 
 
 @shapes

@@ -19,7 +19,7 @@ import numpy as np
 
 import polywigner as pw
 
-__all__ = ["Simplices", "fourier", "simplices_of"]
+__all__ = ["Simplices", "exact_arithmetic", "fourier", "number", "simplices_of"]
 
 DIGITS = 60
 # Bits between the leading one of the largest product nu V and the last one of the smallest.
@@ -29,9 +29,19 @@ EXACT_DIGITS = 500
 Simplices = list[tuple[Any, tuple[tuple[Any, ...], ...]]]
 
 
+def exact_arithmetic() -> Any:
+    """A context with room for all bits of sums and products of floats."""
+    return mpmath.workdps(EXACT_DIGITS)
+
+
+def number(value: Any) -> Any:
+    """A dyadic fraction in exact arithmetic."""
+    return mpmath.mpf(int(value.numerator)) / int(value.denominator)
+
+
 def simplices_of(source: Any) -> Simplices:
     """The signed simplices of Slits, an Aperture, a placed one, or a Polyhedron."""
-    with mpmath.workdps(EXACT_DIGITS):
+    with exact_arithmetic():
         if isinstance(source, pw.Slits):
             pairs = _exact(source.intervals)
             return [(b - a, ((a,), (b,))) for a, b in pairs]
@@ -119,7 +129,7 @@ def _digits_lost(phased: Iterable[tuple[Any, tuple[Any, ...]]]) -> int:
 
 def fourier(simplices: Simplices, nu: Sequence[complex]) -> Any:
     """F(nu) as an mpmath number of at least DIGITS digits relative to the largest term."""
-    with mpmath.workdps(EXACT_DIGITS):
+    with exact_arithmetic():
         frequency = [mpmath.mpc(complex(component)) for component in nu]
         phased = [
             (weight, tuple(mpmath.fdot(frequency, corner) for corner in corners))

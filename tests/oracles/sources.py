@@ -145,8 +145,10 @@ def _sources() -> dict[str, dict[str, Any]]:
         },
         "slits": {
             "two": pw.Slits([[-1.0, -0.4], [0.1, 0.9]]),
-            "three of width 1e-6": pw.Slits([[-0.5, -0.499999], [0.1, 0.100002], [0.4, 0.400001]]),
             "off centre": pw.Slits(np.array([[-1.0, -0.4], [0.1, 0.9]]) + 1234.567),
+        },
+        "thin slits": {
+            "three of width 1e-6": pw.Slits([[-0.5, -0.499999], [0.1, 0.100002], [0.4, 0.400001]]),
         },
         "placed": {
             "chevron": pw.Aperture(CHEVRON).placed(_pose(3, 0.3, -2.0, 5.0)),

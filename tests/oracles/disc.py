@@ -1,0 +1,112 @@
+"""The transforms of a disc, and polygons that approach it.
+
+F and W at the centre are Bessel functions. Elsewhere slices are lenses, intersections of two discs,
+whose transform is one smooth integral; their area has a closed form.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import mpmath
+import numpy as np
+
+import polywigner as pw
+
+__all__ = ["QUANTITIES", "Quantity", "errors", "lens", "orders"]
+
+ANGLES = 0.15 + 2 * np.pi * np.arange(5) / 5
+CYCLES = (0.2, 0.7, 1.9)  # |nu| R, and |upsilon| R
+OFFSETS = (0.2, 0.5, 0.8)  # |x|/R, and |xi|/(2 R)
+NODES = 120  # of a smooth integrand that turns at most 16 times
+
+Array = np.ndarray
+
+
+def _directions(sizes: Any, turn: float = 0.0) -> Array:
+    unit = np.column_stack([np.cos(ANGLES + turn), np.sin(ANGLES + turn)])
+    return (np.asarray(sizes)[:, None, None] * unit).reshape(-1, 2)
+
+
+def _jinc(z: Array) -> Array:
+    """2 J1(z)/z."""
+    return np.array([float(2 * mpmath.besselj(1, t) / t) for t in np.ravel(z)]).reshape(z.shape)
+
+
+def lens(radius: float, offset: Array, nu: Array) -> Array:
+    """Transform (n,) of the intersection of discs around +offset and -offset (n, 2), at nu (n, 2).
+
+    Chords along the offset have half-length sqrt(R^2 - t^2) - |offset|; with t = T sin(phi) the
+    integrand is smooth.
+    """
+    size = np.linalg.norm(offset, axis=1)
+    along = offset / size[:, None]
+    nu_s = (nu * along).sum(axis=1)
+    nu_t = nu[:, 1] * along[:, 0] - nu[:, 0] * along[:, 1]
+    node, weight = np.polynomial.legendre.leggauss(NODES)
+    phi = np.pi / 2 * node
+    reach = np.sqrt(radius**2 - size**2)[:, None]
+    t = reach * np.sin(phi)
+    half = np.sqrt(radius**2 - t**2) - size[:, None]
+    chord = 2 * half * np.sinc(2 * nu_s[:, None] * half) * np.cos(2 * np.pi * nu_t[:, None] * t)
+    return np.asarray((chord * reach * np.cos(phi) * weight).sum(axis=1) * np.pi / 2)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is compared: its name, the polygon's values, and the unit disc's."""
+
+    name: str
+    polygon: Callable[[pw.Aperture], Array]
+    disc: Array
+
+
+def _quantities() -> list[Quantity]:
+    nu = _directions(CYCLES)
+    x = _directions(OFFSETS, 0.4)
+    some = np.resize(nu, (len(x), 2))
+    marginal = [2 * math.acos(s) - 2 * s * math.sqrt(1 - s * s) for s in OFFSETS]
+    return [
+        Quantity(
+            "F",
+            lambda g: pw.fourier(g, nu),
+            np.pi * _jinc(2 * np.pi * np.linalg.norm(nu, axis=1)),
+        ),
+        Quantity(
+            "W at the centre",
+            lambda g: pw.wigner(g, (0.0, 0.0), nu),
+            4 * np.pi * _jinc(4 * np.pi * np.linalg.norm(nu, axis=1)),
+        ),
+        Quantity("W elsewhere", lambda g: pw.wigner(g, x, some), lens(2.0, 2 * x, some)),
+        Quantity(
+            "W elsewhere, inscribed",
+            lambda g: pw.wigner(pw.shapes.regular_polygon(len(g.rings[0]), 1.0), x, some),
+            lens(2.0, 2 * x, some),
+        ),
+        Quantity(
+            "A(0, xi)",
+            lambda g: pw.ambiguity(g, (0.0, 0.0), 2 * x).real,
+            np.repeat(marginal, len(ANGLES)),
+        ),
+        Quantity("A elsewhere", lambda g: pw.ambiguity(g, some, 2 * x), lens(1.0, x, some)),
+    ]
+
+
+QUANTITIES = _quantities()
+
+
+def errors(quantity: Quantity, sides: tuple[int, ...]) -> Array:
+    """Largest errors (len(sides),) of n-gons of the unit disc's area, in units of it."""
+    found = [
+        np.abs(quantity.polygon(pw.shapes.disc(1.0, n)) - quantity.disc).max() / np.pi
+        for n in sides
+    ]
+    return np.array(found)
+
+
+def orders(error: Array) -> Array:
+    """log2 of the ratio of neighbours: the order of convergence when n doubles."""
+    return np.log2(error[:-1] / error[1:])
