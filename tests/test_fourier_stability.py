@@ -25,8 +25,8 @@ from polywigner.kernels.simplices import TILED, fan_cancels
 # Relative to the content, which the package promises to be 1e-13 and 1e-6: rounding of a few terms
 # of the content's size. Measured: 2.3e-15 and 6e-7 (docs/accuracy.md).
 ERROR = {"double": 1e-14, "single": 1e-6}
-# Walls of 1e-2 diameters: the fan of a body covers them 20 times over with either sign.
-CAVITY = 10
+# Walls of 1e-2 diameters: the fan of a body covers its volume 33 times over with either sign.
+CAVITY = 33
 # What a float cannot hold at full precision, in either direction.
 SMALLEST = {"double": 1e-300, "single": 1e-36}
 LARGEST = {"double": 1e308, "single": 3e38}

@@ -179,8 +179,8 @@ def test_polygons_of_equal_area_approach_the_disc_at_fourth_order(cycles: float)
     assert min(orders) > 3.9
 
 
-# Fourth order where all sides take part alike, third where a slice cuts through some of them, second
-# where the area itself is not the disc's.
+# Fourth order where all sides take part alike, third where a slice cuts through some of them, and
+# second where the area itself is not the disc's.
 DISC_ORDERS = {
     "F": 4,
     "W at the centre": 4,
