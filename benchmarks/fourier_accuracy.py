@@ -207,7 +207,7 @@ def peer_table(count: int) -> None:
         formulas[f"coxeter {coxeter.__version__}"] = coxeter_form_factor
     formulas["vertex formula"] = vertex_formula
     print("\n### F by three formulas, float64: median / worst error over content\n")
-    _heading("class, |nu| D", list(formulas))
+    _heading("class, nu D", list(formulas))
     for kind, sources in SOURCES.items():
         if kind in ("slits", "thin slits", "placed"):
             continue

@@ -4,7 +4,7 @@ A fan around one origin covers what is thin many times over with either sign, an
 digits. The terms of a tiling are all positive at nu = 0; each has its own corner, whose phase nu.p
 is an error-free product, and its own vectors from there. So nothing is lost however thin, long or
 scattered the source is: slits always, and apertures whose fan would cancel, go this way
-(docs/theory.md, (F2), (S1)).
+(docs/theory.md, (F5), (S1)).
 """
 
 from __future__ import annotations
