@@ -15,8 +15,9 @@ from oracles.references import ENGINES, awkward, awkward_names
 from polywigner.engines.choice import resolved
 from polywigner.engines.grids import plan_for_grid
 from polywigner.engines.llvm import prepare
-from polywigner.kernels import kernel_for, tables_of
+from polywigner.kernels import kernel_for
 from polywigner.kernels.families import families_of
+from polywigner.kernels.fourier import outline_tables
 
 # What the package promises of F, in units of the area, and what float32 reaches.
 ACCURACY = {"double": 1e-13, "single": 5e-6}
@@ -194,13 +195,24 @@ def test_a_grid_is_tiled_without_seams_and_without_much_memory() -> None:
 
 
 def test_parallel_edges_of_equal_length_are_one_family() -> None:
-    families = families_of(tables_of(HEXAGONS, True).edges)
+    families = families_of(outline_tables(HEXAGONS.rings).edges)
     assert len(families) == 3
     assert all(len(family.signs) == 36 and family.signs.sum() == 0 for family in families)
     # moved by more than rounding, one segment is not equal to the others any more
     rings = [ring.copy() for ring in HEXAGONS.rings]
     rings[0][0] += 1e-12
-    assert len(families_of(tables_of(pw.Aperture(rings), True).edges)) == 5
+    assert len(families_of(outline_tables(pw.Aperture(rings).rings).edges)) == 5
+
+
+def test_an_outline_is_not_cut_into_pieces_for_its_fourier_transform() -> None:
+    def pieces(*_: Any) -> None:
+        raise AssertionError("cut into pieces")
+
+    source = _random_star(300, 1)
+    expected = _random_star(300, 1).area
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(pw.Aperture, "convex_cover", property(pieces))
+        assert pw.fourier(source, (0.0, 0.0)) == pytest.approx(expected, rel=1e-14)
 
 
 def test_many_edges_are_worth_compiling_for_fewer_samples() -> None:

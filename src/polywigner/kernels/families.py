@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.tables import Edge
-
 __all__ = ["Family", "families_of"]
 
 # Edge vectors this close, in the frame, count as equal: congruent elements have them after
@@ -29,10 +27,11 @@ class Family:
     """(n,) +1 for edges along (ex, ey), -1 for those against it."""
 
 
-def families_of(edges: Sequence[Edge]) -> tuple[Family, ...]:
-    """The edges of a table, sorted into families."""
-    vectors = np.array([(edge.ex, edge.ey) for edge in edges])
-    middles = np.array([((e.ax + e.bx) / 2, (e.ay + e.by) / 2) for e in edges])
+def families_of(edges: Sequence[Sequence[float]]) -> tuple[Family, ...]:
+    """Edges (begin x, y, end x, y, ...) sorted into families."""
+    corners = np.array(edges)
+    begin, end = corners[:, :2], corners[:, 2:4]
+    vectors, middles = end - begin, (begin + end) / 2
     vectors[np.abs(vectors) <= _EQUAL] = 0.0
     backwards = (vectors[:, 1] < 0) | ((vectors[:, 1] == 0) & (vectors[:, 0] < 0))
     signs = np.where(backwards, -1.0, 1.0)

@@ -2,22 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.frame import frame_of
+from polywigner.kernels.lattice import exact_cross
 from polywigner.kernels.stokes import triangle_complex_wave, triangle_plane_wave
-from polywigner.kernels.tables import Tables
 
-__all__ = ["fourier", "fourier_complex"]
-
-
-def _corners(tables: Tables) -> list[tuple[float, ...]]:
-    """Begin, end, and twice the area of the triangle with the origin, of every edge."""
-    return [(e.ax, e.ay, e.bx, e.by, e.area) for e in tables.edges]
+__all__ = ["OutlineTables", "fourier", "fourier_complex", "outline_tables"]
 
 
-def fourier(ops: Any, tables: Tables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
+@dataclass(frozen=True)
+class OutlineTables:
+    """A boundary in a frame; nothing is cut here, so neither lines nor convex pieces are needed."""
+
+    frame: Any
+    edges: tuple[tuple[float, ...], ...]
+    """Begin (x, y) and end of every edge, and cross(begin, end), twice the area of its triangle."""
+
+
+def outline_tables(rings: Sequence[npt.NDArray[np.float64]]) -> OutlineTables:
+    """The tables of a polygon to the left of its rings."""
+    frame = frame_of(np.concatenate(rings))
+    edges = []
+    for ring in rings:
+        corners = frame.vertices(ring).tolist()
+        for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
+            edges.append((*a, *b, exact_cross(*a, *b)))
+    return OutlineTables(frame, tuple(edges))
+
+
+def fourier(ops: Any, tables: OutlineTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     """F(nu) in the frame, as (cosine part, sine part) with F = cosine - i sine. Source: (F2)."""
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, area: Any) -> tuple[Any, Any]:
@@ -26,11 +47,11 @@ def fourier(ops: Any, tables: Tables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
         cosine, sine = triangle_plane_wave(ops, start, end)
         return cosine * area, sine * area
 
-    cosine, sine = ops.sum_over(_corners(tables), term, 2, like=nu_x)
+    cosine, sine = ops.sum_over(tables.edges, term, 2, like=nu_x)
     return cosine, sine
 
 
-def fourier_complex(ops: Any, tables: Tables, nu_x: Pair, nu_y: Pair) -> Pair:
+def fourier_complex(ops: Any, tables: OutlineTables, nu_x: Pair, nu_y: Pair) -> Pair:
     """F(nu) exp(-2 pi level) for complex nu in the frame: analytic in nu, no conjugate anywhere.
 
     The level is that of the largest wave in the frame's box, so that no term overflows.
@@ -43,4 +64,4 @@ def fourier_complex(ops: Any, tables: Tables, nu_x: Pair, nu_y: Pair) -> Pair:
         wave = triangle_complex_wave(ops, start, end, level).scaled(area)
         return wave.real, wave.imag
 
-    return Pair(*ops.sum_over(_corners(tables), term, 2, like=nu_x.real))
+    return Pair(*ops.sum_over(tables.edges, term, 2, like=nu_x.real))

@@ -19,8 +19,8 @@ import numpy.typing as npt
 
 from polywigner.kernels import phases
 from polywigner.kernels.families import Family, families_of
+from polywigner.kernels.fourier import OutlineTables
 from polywigner.kernels.frame import Frame
-from polywigner.kernels.tables import Tables
 from polywigner.kernels.trigonometry import cos_sin_turns, sinc, sinc_less_one
 
 __all__ = ["GridTables", "fourier_on_grid", "grid_tables"]
@@ -70,15 +70,15 @@ class GridTables:
         return self.perimeter_over_area * _ULP[double] / (2 * math.pi * _LOSS[double])
 
 
-def grid_tables(tables: Tables) -> GridTables | None:
+def grid_tables(tables: OutlineTables) -> GridTables | None:
     """The families of edges; None in a frame that is turned, where a grid is none any more."""
     if tables.frame.axes is None:
         return None
     families = families_of(tables.edges)
     straight = tuple(f for f in families if f.ex == 0.0 or f.ey == 0.0)
     oblique = tuple(f for f in families if f.ex != 0.0 and f.ey != 0.0)
-    perimeter = sum(math.hypot(edge.ex, edge.ey) for edge in tables.edges)
-    area = sum(edge.area for edge in tables.edges) / 2
+    perimeter = sum(len(f.signs) * math.hypot(f.ex, f.ey) for f in families)
+    area = sum(edge[-1] for edge in tables.edges) / 2
     return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
 
 

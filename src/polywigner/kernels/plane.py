@@ -12,6 +12,7 @@ from polywigner.illumination import Array
 from polywigner.kernels import ambiguity, fourier, phases
 from polywigner.kernels import wigner as wigner_sums
 from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.fourier import OutlineTables, outline_tables
 from polywigner.kernels.frame import Frame, Matrix, times
 from polywigner.kernels.grids import GridTables, grid_tables
 from polywigner.kernels.kernel import (
@@ -23,7 +24,7 @@ from polywigner.kernels.kernel import (
     leave_wave,
 )
 from polywigner.kernels.membership import field
-from polywigner.kernels.tables import Edge, Element, Tables, build_tables
+from polywigner.kernels.tables import Element, Tables, build_tables
 
 __all__ = [
     "AMBIGUITY",
@@ -56,8 +57,13 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 @lru_cache(maxsize=256)
+def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
+    return outline_tables(aperture.rings)
+
+
+@lru_cache(maxsize=256)
 def _grid_tables_of(aperture: Aperture) -> GridTables | None:
-    return grid_tables(tables_of(aperture, True))
+    return grid_tables(_outline_of(aperture, True))
 
 
 @dataclass(frozen=True)
@@ -82,12 +88,6 @@ class PlacedFrame:
         return times(ops, self.rows, *nu)
 
 
-@dataclass(frozen=True)
-class PlacedTables:
-    frame: PlacedFrame
-    edges: tuple[Edge, ...]
-
-
 def placed_frame(plane: Any, pose: Any, double: bool) -> PlacedFrame:
     """The frame of the plane in a pose (4, 4), whose floats are taken as exact."""
     exact = [[Fraction(value) for value in row] for row in pose.tolist()]
@@ -105,9 +105,9 @@ def placed_frame(plane: Any, pose: Any, double: bool) -> PlacedFrame:
 
 
 @lru_cache(maxsize=256)
-def _placed_tables(source: PlacedAperture, double: bool) -> PlacedTables:
-    plane = tables_of(source.aperture, double)
-    return PlacedTables(placed_frame(plane.frame, source.pose, double), plane.edges)
+def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
+    plane = _outline_of(source.aperture, double)
+    return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
@@ -186,10 +186,10 @@ POSITION_MARGINAL = Kernel(
     copies=1,
 )
 FOURIER = Kernel(
-    "fourier", 2, tables_of, enter_frequency, _fourier_sum, leave_wave, on_grid=_grid_tables_of
+    "fourier", 2, _outline_of, enter_frequency, _fourier_sum, leave_wave, on_grid=_grid_tables_of
 )
 FOURIER_COMPLEX = Kernel(
-    "fourier, complex nu", 2, tables_of, enter_complex_frequency, _complex_sum, leave_complex
+    "fourier, complex nu", 2, _outline_of, enter_complex_frequency, _complex_sum, leave_complex
 )
 FOURIER_PLACED = Kernel(
     "fourier in space", 3, _placed_tables, enter_frequency, _fourier_sum, leave_wave
