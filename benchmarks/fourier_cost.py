@@ -119,8 +119,8 @@ def vertex_costs() -> dict[str, dict[str, float]]:
             ("double", "regular"), ("double", "star"), ("double", "random"), ("single", "regular"),
         ):  # fmt: skip
             for n in VERTICES:
-                if kind != "regular" and n < 6:
-                    continue
+                if kind != "regular" and n < 8:
+                    continue  # a star of three points is a triangle
                 count = min(MOST_SAMPLES[engine], EDGE_SAMPLES[engine] // n)
                 name = f"{engine}, {precision}, {kind}|{n}"
                 source = polygon(kind, n)
