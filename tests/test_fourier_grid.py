@@ -197,11 +197,63 @@ def test_a_grid_is_tiled_without_seams_and_without_much_memory() -> None:
 def test_parallel_edges_of_equal_length_are_one_family() -> None:
     families = families_of(outline_tables(HEXAGONS.rings).edges)
     assert len(families) == 3
-    assert all(len(family.signs) == 36 and family.signs.sum() == 0 for family in families)
+    assert all(len(family.weights) == 36 and family.weights.sum() == 0 for family in families)
     # moved by more than rounding, one segment is not equal to the others any more
     rings = [ring.copy() for ring in HEXAGONS.rings]
     rings[0][0] += 1e-12
     assert len(families_of(outline_tables(pw.Aperture(rings).rings).edges)) == 5
+
+
+def _repeated(element: pw.Aperture, places: np.ndarray, weights: Any) -> pw.Array:
+    """The element, its middle at each place."""
+    middle = np.reshape(element.bounds, (2, 2)).mean(axis=0)
+    return pw.Array([pw.Aperture(element.rings[0] - middle + p) for p in places], weights)
+
+
+def _arrays() -> dict[str, pw.Array]:
+    rng = np.random.default_rng(3)
+    hexagon = pw.shapes.regular_polygon(6, 0.55)
+    places = rng.uniform(-5, 5, (12, 2)).round(1)  # some overlap
+    pistons = np.exp(2j * np.pi * rng.random(12))
+    patches = np.column_stack([np.arange(16) * 0.6, np.zeros(16)])
+    tilted = np.eye(4)
+    tilted[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]
+    return {
+        "segments with pistons": _repeated(hexagon, places, pistons),
+        "row of patches, weighted": _repeated(
+            pw.shapes.rectangle(0.3, 0.2), patches, np.hanning(18)[1:-1]
+        ),
+        "one element is off": pw.Array([hexagon, pw.shapes.square(3.0)], [1.0, 0.0]),
+        "sparse": _repeated(hexagon, 1e4 * places, pistons),
+        "one element in a pose": pw.Array([hexagon, pw.shapes.square(0.3).placed(tilted)]),
+    }
+
+
+@pytest.mark.parametrize("name", list(_arrays()))
+@pytest.mark.parametrize("precision", list(ACCURACY))
+def test_an_array_on_a_grid_is_the_sum_of_its_elements(name: str, precision: Any) -> None:
+    array = _arrays()[name]
+    even, decades = np.linspace(-6, 6, 33), 6 * np.geomspace(1e-15, 1, 16)
+    nu = _grid(even, np.concatenate([-decades, [0.0], decades]))
+    if array.dimension == 3:
+        nu = np.concatenate([nu, np.ones((*nu.shape[:-1], 1))], axis=-1)
+    content = sum(
+        abs(w) * (e if isinstance(e, pw.Aperture) else e.aperture).area
+        for e, w in zip(array.elements, array.weights, strict=True)
+    )
+    expected = sum(
+        w * _by_points(e, nu) for e, w in zip(array.elements, array.weights, strict=True)
+    )
+    got = pw.fourier(array, nu, precision=precision)
+    assert got.dtype == (np.complex128 if precision == "double" else np.complex64)
+    assert np.abs(got - expected).max() < ACCURACY[precision] * content
+    assert _is_planned(array, nu[..., :2]) == (name not in ("sparse", "one element in a pose"))
+
+
+def test_an_array_on_a_grid_of_complex_frequencies_is_the_sum_of_its_elements() -> None:
+    array = _arrays()["segments with pistons"]
+    nu = _grid(np.linspace(-3, 3, 20), np.linspace(-2, 2, 21)) * (1 + 0.1j)
+    assert np.array_equal(pw.fourier(array, nu), _by_points(array, nu))
 
 
 def test_an_outline_is_not_cut_into_pieces_for_its_fourier_transform() -> None:

@@ -15,6 +15,7 @@ module               what is in it
 from polywigner.engines.choice import Engine, Precision, checked_engine, checked_precision
 from polywigner.engines.drjit_arrays import evaluate_traced, in_plane, is_drjit, times_complex
 from polywigner.engines.evaluation import evaluate
+from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.operations import (
     DrjitOperations,
     NumpyOperations,
@@ -31,6 +32,7 @@ __all__ = [
     "checked_engine",
     "checked_precision",
     "evaluate",
+    "evaluate_on_grid",
     "evaluate_traced",
     "in_plane",
     "is_drjit",

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.engines.choice import drjit_float, resolved
-from polywigner.engines.grids import plan_for_grid
+from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
 from polywigner.kernels import Kernel, parts_of
 
@@ -43,18 +43,19 @@ def evaluate(
     Arguments enter the frame in float64 whatever the precision of the sums.
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
+    tables = kernel.tables(source, double)
+    if kernel.on_grid:
+        by_points = _Numpy(kernel, tables, double)
+        found = evaluate_on_grid(
+            kernel, source, components, by_points, double=double, engine=engine
+        )
+        if found:
+            return found
     dtype = np.float64 if double else np.float32
     results = tuple(np.empty(shape, dtype) for _ in range(outputs))
-    tables = kernel.tables(source, double)
     # pieces that are cut are code, terms of a plain sum are data
     terms = 1 if kernel.copies else len(tables.edges)
-    samples = int(np.prod(shape))
-    if engine in ("auto", "numpy"):
-        plan = plan_for_grid(kernel, source, components, double)
-        if plan and (plan.cheap or resolved(engine, samples, terms) == "numpy"):
-            plan.fill(results, _Numpy(kernel, tables, double))
-            return results
-    engine = resolved(engine, samples, terms)
+    engine = resolved(engine, int(np.prod(shape)), terms)
     compute: _Numpy | _Drjit
     if engine == "numpy":
         compute, chunk = _Numpy(kernel, tables, double), _NUMPY_CHUNK

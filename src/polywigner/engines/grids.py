@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines.choice import resolved
 from polywigner.engines.operations import NumpyOperations
 from polywigner.kernels import GridTables, Kernel, fourier_on_grid
 
-__all__ = ["GridPlan", "plan_for_grid"]
+__all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
 
 # Shorter sides are not worth the axes' tables.
 _LEAST_SIDE = 8
@@ -33,6 +34,8 @@ _EDGES_PER_FAMILY = 3
 _NOT_WORTH_COMPILING = 1 << 20
 
 Array = npt.NDArray[Any]
+PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
+"""(nu_x, nu_y) of some points -> real and imaginary part there."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +88,7 @@ class GridPlan:
             below *= float(np.mean(np.abs(nu * scale) < self.tables.floor(self.double)))
         return below < _MOST_BELOW
 
-    def fill(
-        self,
-        results: Sequence[Array],
-        point_by_point: Callable[[Sequence[Array]], Sequence[Array]],
-    ) -> None:
+    def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
         """Write real and imaginary part to two arrays.
 
         Tile by tile, so that the tables of an outline with many edges stay small; the few points
@@ -103,9 +102,7 @@ class GridPlan:
                 for target, part in zip(targets, self._tile(nu, point_by_point), strict=True):
                     target[i : i + side, j : j + side] = part
 
-    def _tile(
-        self, nu: tuple[Array, Array], point_by_point: Callable[[Sequence[Array]], Sequence[Array]]
-    ) -> tuple[Array, Array]:
+    def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, Array]:
         ops = NumpyOperations(double=True)
         with np.errstate(invalid="ignore", divide="ignore"):  # of points that are then replaced
             real, imag, below = fourier_on_grid(ops, self.tables, *nu, self.double)
@@ -127,3 +124,27 @@ def plan_for_grid(
         return None
     plan = GridPlan(tables, grid, double)
     return plan if plan.keeps_digits() else None
+
+
+def evaluate_on_grid(
+    kernel: Kernel,
+    source: Any,
+    components: Sequence[Array],
+    point_by_point: PointByPoint,
+    *,
+    double: bool,
+    engine: str,
+) -> tuple[Array, Array] | None:
+    """Real and imaginary part on a grid, or None where that is no grid, or not the best way."""
+    if engine not in ("auto", "numpy"):
+        return None
+    plan = plan_for_grid(kernel, source, components, double)
+    if plan is None:
+        return None
+    samples = components[0].size
+    if not plan.cheap and resolved(engine, samples, plan.tables.edges) != "numpy":
+        return None
+    dtype = np.float64 if double else np.float32
+    results = (np.empty(components[0].shape, dtype), np.empty(components[0].shape, dtype))
+    plan.fill(results, point_by_point)
+    return results

@@ -23,23 +23,24 @@ class Family:
     ey: float
     middles: npt.NDArray[np.float64]
     """(n, 2) their midpoints."""
-    signs: npt.NDArray[np.float64]
-    """(n,) +1 for edges along (ex, ey), -1 for those against it."""
+    weights: npt.NDArray[np.complex128]
+    """(n,) the field on the edge's element, for an edge along (ex, ey); minus that against it."""
 
 
-def families_of(edges: Sequence[Sequence[float]]) -> tuple[Family, ...]:
-    """Edges (begin x, y, end x, y, ...) sorted into families."""
+def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
+    """Edges (begin x, y, end x, y, ...) sorted into families, with the field on their elements."""
     corners = np.array(edges)
     begin, end = corners[:, :2], corners[:, 2:4]
     vectors, middles = end - begin, (begin + end) / 2
     vectors[np.abs(vectors) <= _EQUAL] = 0.0
     backwards = (vectors[:, 1] < 0) | ((vectors[:, 1] == 0) & (vectors[:, 0] < 0))
     signs = np.where(backwards, -1.0, 1.0)
+    weights = signs * np.asarray(field, np.complex128)
     vectors *= signs[:, None]
     families = []
     for members in _clusters(vectors):
         ex, ey = vectors[members].mean(axis=0).tolist()
-        families.append(Family(ex, ey, middles[members], signs[members]))
+        families.append(Family(ex, ey, middles[members], weights[members]))
     return tuple(families)
 
 

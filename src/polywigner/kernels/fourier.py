@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.frame import frame_of
+from polywigner.kernels.frame import Frame, frame_of
 from polywigner.kernels.lattice import exact_cross
 from polywigner.kernels.stokes import triangle_complex_wave, triangle_plane_wave
 
@@ -27,9 +27,11 @@ class OutlineTables:
     """Begin (x, y) and end of every edge, and cross(begin, end), twice the area of its triangle."""
 
 
-def outline_tables(rings: Sequence[npt.NDArray[np.float64]]) -> OutlineTables:
-    """The tables of a polygon to the left of its rings."""
-    frame = frame_of(np.concatenate(rings))
+def outline_tables(
+    rings: Sequence[npt.NDArray[np.float64]], frame: Frame | None = None
+) -> OutlineTables:
+    """The tables of a polygon to the left of its rings, in its own frame or a wider one."""
+    frame = frame or frame_of(np.concatenate(rings))
     edges = []
     for ring in rings:
         corners = frame.vertices(ring).tolist()

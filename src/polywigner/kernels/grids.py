@@ -31,6 +31,8 @@ __all__ = ["GridTables", "fourier_on_grid", "grid_tables"]
 _LOSS = {True: 5e-15, False: 1e-6}
 _ULP = {True: 2.0**-53, False: 2.0**-24}
 _DTYPES: dict[bool, np.dtype[Any]] = {True: np.dtype(np.float64), False: np.dtype(np.float32)}
+# Vertices are rounded to an ulp of the frame, which costs an ulp times perimeter/area: 3e-14.
+_MOST_SLENDER = 512.0
 # Below this |q| (turns) sinc(q) is summed as a series; above it, it is a quotient of the sines and
 # cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16 and
 # 0.31^8/9! = 3e-10.
@@ -70,15 +72,20 @@ class GridTables:
         return self.perimeter_over_area * _ULP[double] / (2 * math.pi * _LOSS[double])
 
 
-def grid_tables(tables: OutlineTables) -> GridTables | None:
-    """The families of edges; None in a frame that is turned, where a grid is none any more."""
+def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
+    """The families of edges, the field on each edge's element given.
+
+    None in a frame that is turned, where a grid is none any more, and for what is too slender.
+    """
     if tables.frame.axes is None:
         return None
-    families = families_of(tables.edges)
+    families = families_of(tables.edges, field)
     straight = tuple(f for f in families if f.ex == 0.0 or f.ey == 0.0)
     oblique = tuple(f for f in families if f.ex != 0.0 and f.ey != 0.0)
-    perimeter = sum(len(f.signs) * math.hypot(f.ex, f.ey) for f in families)
-    area = sum(edge[-1] for edge in tables.edges) / 2
+    perimeter = sum(float(np.abs(f.weights).sum()) * math.hypot(f.ex, f.ey) for f in families)
+    area = sum(abs(w) * edge[-1] for w, edge in zip(field, tables.edges, strict=True)) / 2
+    if not perimeter < _MOST_SLENDER * area:
+        return None
     return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
 
 
@@ -126,6 +133,15 @@ def _product(x: tuple[Array, Array], y: tuple[Array, Array], dtype: np.dtype[Any
     return _Product(left, right)
 
 
+def _weighted(waves: tuple[Array, Array], weights: Array) -> tuple[Array, Array]:
+    """(cosine - i sine) times complex weights, again as cosine and sine."""
+    cosine, sine = waves
+    if not weights.imag.any():
+        return cosine * weights.real, sine * weights.real
+    real = cosine * weights.real + sine * weights.imag
+    return real, sine * weights.real - cosine * weights.imag
+
+
 def _straight_product(
     ops: Any, families: Sequence[Family], x: _Axis, y: _Axis, dtype: np.dtype[Any]
 ) -> _Product:
@@ -141,7 +157,7 @@ def _straight_product(
         else:
             factor_x = x.nu
             factor_y = family.ey * math.pi * sinc(ops, y.nu * family.ey)
-        parts_x.append([wave * (factor_x[:, None] * family.signs) for wave in waves_x])
+        parts_x.append([wave * factor_x[:, None] for wave in _weighted(waves_x, family.weights)])
         parts_y.append([wave * factor_y[:, None] for wave in waves_y])
     cos_x, sin_x = (np.concatenate(part, axis=1) for part in zip(*parts_x, strict=True))
     cos_y, sin_y = (np.concatenate(part, axis=1) for part in zip(*parts_y, strict=True))
@@ -155,8 +171,8 @@ class _Oblique:
         self.ops, self.terms = ops, _TERMS[double]
         dtype = _DTYPES[double]
         waves_x = x.waves(ops, family.middles[:, 0])
-        signed = (waves_x[0] * family.signs, waves_x[1] * family.signs)
-        self.waves = _product(signed, y.waves(ops, family.middles[:, 1]), dtype)
+        waves_x = _weighted(waves_x, family.weights)
+        self.waves = _product(waves_x, y.waves(ops, family.middles[:, 1]), dtype)
         self.q_x, self.q_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ex), (y, family.ey)))
         self.c_x, self.c_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ey), (y, family.ex)))
         cos_x, sin_x = cos_sin_turns(ops, 0.5 * x.nu * family.ex)

@@ -7,13 +7,15 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.illumination import Array
 from polywigner.kernels import ambiguity, fourier, phases
 from polywigner.kernels import wigner as wigner_sums
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.fourier import OutlineTables, outline_tables
-from polywigner.kernels.frame import Frame, Matrix, times
+from polywigner.kernels.frame import Frame, Matrix, frame_of, times
 from polywigner.kernels.grids import GridTables, grid_tables
 from polywigner.kernels.kernel import (
     Kernel,
@@ -62,8 +64,22 @@ def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
 
 
 @lru_cache(maxsize=256)
-def _grid_tables_of(aperture: Aperture) -> GridTables | None:
-    return grid_tables(_outline_of(aperture, True))
+def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
+    """For grids; those of an array have all its elements in one frame, unless one has a pose."""
+    if isinstance(source, Aperture):
+        outline = _outline_of(source, True)
+        return grid_tables(outline, [1.0] * len(outline.edges))
+    elements = [element for element in source.elements if isinstance(element, Aperture)]
+    if len(elements) < len(source.elements):
+        return None
+    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
+    outlines = [outline_tables(element.rings, frame) for element in elements]
+    field = [
+        weight
+        for outline, weight in zip(outlines, source.weights.tolist(), strict=True)
+        for _ in outline.edges
+    ]
+    return grid_tables(OutlineTables(frame, tuple(e for o in outlines for e in o.edges)), field)
 
 
 @dataclass(frozen=True)

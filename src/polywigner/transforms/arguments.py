@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 
-__all__ = ["PhaseSpaceSource", "Source", "checked_points", "in_plane", "transform"]
+__all__ = ["PhaseSpaceSource", "Source", "array_on_grid", "checked_points", "in_plane", "transform"]
 
 PhaseSpaceSource = Aperture | Slits | Array
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
@@ -73,6 +73,39 @@ def transform(
         outputs=outputs,
     )
     return results[0][()] if outputs == 1 else _complex(*results)[()]
+
+
+def array_on_grid(
+    array: Array,
+    nu: Any,
+    precision: str | None,
+    engine: str,
+    point_by_point: Callable[[Any], Any],
+) -> Any:
+    """F of a whole array of apertures without poses on a grid of real nu; None if that is none.
+
+    ``point_by_point``: nu (..., 2) -> F, for the points that the grid's formula is not for.
+    """
+    if engines.is_drjit(nu) or array.dimension != 2:
+        return None
+    engines.checked_precision(precision)
+    points = checked_points("nu", in_plane(nu), 2, complex_allowed=True)
+    if np.iscomplexobj(points):
+        return None
+
+    def parts(components: Sequence[Any]) -> tuple[Any, Any]:
+        values = point_by_point(np.stack(components, axis=-1))
+        return values.real, values.imag
+
+    found = engines.evaluate_on_grid(
+        kernels.kernel_for("fourier", array),
+        array,
+        [points[..., 0], points[..., 1]],
+        parts,
+        double=precision != "single",
+        engine=engines.checked_engine(engine),
+    )
+    return None if found is None else _complex(*found)
 
 
 def _complex(real: Any, imag: Any) -> Any:

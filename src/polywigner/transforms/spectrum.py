@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -11,7 +12,13 @@ from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.illumination import Array
-from polywigner.transforms.arguments import Source, checked_points, in_plane, transform
+from polywigner.transforms.arguments import (
+    Source,
+    array_on_grid,
+    checked_points,
+    in_plane,
+    transform,
+)
 
 __all__ = ["fourier"]
 
@@ -63,7 +70,9 @@ def fourier(
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     if isinstance(source, Array):
-        return _coherent_sum(source, nu, how)
+        by_elements = partial(_coherent_sum, source, how=how)
+        found = None if obliquity else array_on_grid(source, nu, precision, engine, by_elements)
+        return by_elements(nu) if found is None else found
     if obliquity is not None:
         return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
     if isinstance(source, Aperture):
