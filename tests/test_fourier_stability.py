@@ -190,3 +190,29 @@ def test_any_prism_needle_or_plate_at_any_size_of_frequency(
     nu = frequencies(np.random.default_rng(seed), body, decade, 2)
     exact = [complex(simplices.fourier(tiling, row)) for row in nu]
     assert np.abs(pw.fourier(body, nu, engine="numpy") - exact).max() < 1e-13 * body.volume
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize(
+    "source",
+    [SOURCES["thin"]["thin L"], SOURCES["needle"]["needle, turned"], SOURCES["slits"]["two"]],
+    ids=["thin", "needle", "slits"],
+)
+def test_dr_jit_arrays_of_thin_sources_have_values_and_derivatives(source: Any) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    nu = frequencies(np.random.default_rng(4), source, 1.0, 20)
+    kind = {1: backend.Array1f64, 2: backend.Array2f64}[nu.shape[1]]
+    given_nu = kind(*(backend.Float64(column) for column in nu.T))
+    dr.enable_grad(given_nu)
+    got = pw.fourier(source, given_nu)
+    value = np.array(got.real) + 1j * np.array(got.imag)
+    assert np.abs(value - pw.fourier(source, nu, engine="numpy")).max() < 1e-14 * content(source)
+    dr.forward_from(given_nu)
+    slope = np.array(dr.grad(got.real)) + 1j * np.array(dr.grad(got.imag))
+    step = 1e-5
+    ahead, behind = (pw.fourier(source, nu + s * step, engine="numpy") for s in (1, -1))
+    reach = np.abs(points_of(source)).max()
+    error = np.abs(slope - (ahead - behind) / (2 * step)).max()
+    assert error < 1e-6 * reach * content(source)  # of the difference quotient

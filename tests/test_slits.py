@@ -10,12 +10,17 @@ from fractions import Fraction
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import polywigner as pw
 from oracles.references import ENGINES
 from polywigner.errors import ArgumentError, GeometryError
+from polywigner.testing import (
+    assert_fourier_stable,
+    assert_otf_properties,
+    assert_wigner_identities,
+)
 
 ROUNDING = 4e-15  # times the total width; sums of a few terms of that size
 SINGLE = 2e-6
@@ -174,3 +179,62 @@ def test_points_of_slits_have_one_component() -> None:
     for bad in (0.5, [0.1, 0.2], np.zeros((3, 2))):
         with pytest.raises(ArgumentError, match=r"expected nu of shape \(\.\.\., 1\)"):
             pw.fourier(PAIR, bad)
+
+
+NARROW = pw.Slits([[-0.5, -0.499999], [0.1, 0.100002], [0.4, 0.400001]])
+
+
+@engines
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_slits_far_narrower_than_their_distance_keep_their_digits(
+    engine: str, precision: str
+) -> None:
+    """A position that were rounded to an ulp of the whole would be off by 1e-10 of a slit."""
+    rng = np.random.default_rng(5)
+    ends = NARROW.intervals.ravel()
+    first, second = rng.choice(ends, (2, 60))
+    x = (first + second) / 2 + rng.uniform(-1e-6, 1e-6, 60)
+    xi = first - second + rng.uniform(-1e-6, 1e-6, 60)
+    nu = rng.uniform(-300, 300, 60)
+    wigner, ambiguity = [], []
+    for p, lag, n in zip(x.tolist(), xi.tolist(), nu.tolist(), strict=True):
+        here = [(2 * (a - Fraction(p)), 2 * (b - Fraction(p))) for a, b in _exact(NARROW)]
+        wigner.append(_wave(_overlaps(here, [(-b, -a) for a, b in here]), n).real)
+        half = Fraction(lag) / 2
+        behind, ahead = ([(a + s * half, b + s * half) for a, b in _exact(NARROW)] for s in (-1, 1))
+        ambiguity.append(_wave(_overlaps(behind, ahead), n))
+    assert max(map(abs, wigner)) > 0.1 * NARROW.length
+    how = {"precision": precision, "engine": engine}
+    allowed = {"double": ROUNDING, "single": SINGLE}[precision] * NARROW.length
+    assert np.abs(pw.wigner(NARROW, x[:, None], nu[:, None], **how) - wigner).max() < allowed
+    assert np.abs(pw.ambiguity(NARROW, nu[:, None], xi[:, None], **how) - ambiguity).max() < allowed
+
+
+@pytest.mark.llvm
+def test_a_grating_of_many_slits_is_summed_in_parts() -> None:
+    """More pairs than one kernel takes: compiled kernels and NumPy sum all of them."""
+    grating = pw.Slits(np.arange(50)[:, None] + np.array([0.0, 0.3]))
+    rng = np.random.default_rng(6)
+    x, nu = rng.uniform(0, 50, (200, 1)), rng.uniform(-3, 3, (200, 1))
+    for transform, arguments in ((pw.wigner, (x, nu)), (pw.ambiguity, (nu, x - 25))):
+        compiled = transform(grating, *arguments, engine="llvm")
+        assert np.abs(compiled).max() > 1
+        difference = np.abs(compiled - transform(grating, *arguments, engine="numpy")).max()
+        assert difference < 10 * ROUNDING * grating.length
+
+
+@st.composite
+def _any_slits(draw: st.DrawFn) -> pw.Slits:
+    """Slits of any width and distance, also narrow ones, here and far away."""
+    gaps = draw(st.lists(st.floats(0.05, 1), min_size=2, max_size=8))
+    ends = np.cumsum(gaps[: len(gaps) // 2 * 2]).reshape(-1, 2)
+    ends[:, 1] = ends[:, 0] + np.diff(ends, axis=1)[:, 0] * 10.0 ** -draw(st.integers(0, 6))
+    return pw.Slits(ends + draw(st.sampled_from([0.0, -0.5, 1000.0])))
+
+
+@given(source=_any_slits())
+@settings(max_examples=25, deadline=None)
+def test_any_slits_obey_all_identities(source: pw.Slits) -> None:
+    assert_wigner_identities(source, points=40, engine="numpy")
+    assert_fourier_stable(source, points=38, engine="numpy")
+    assert_otf_properties(source, points=40, engine="numpy")

@@ -65,8 +65,8 @@ class Frame:
         if _diagonal(self.matrix):
             return self.vector(ops, x - cx, y - cy)
         # Across a needle almost everything cancels: keep what the differences round away.
-        dx, dy = x - cx, y - cy
-        fine = self._cross_products(ops, _lost(x, cx, dx), _lost(y, cy, dy))
+        (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
+        fine = self._cross_products(ops, lost_x, lost_y)
         coarse = self._cross_products(ops, dx, dy)
         return coarse[0] + fine[0], coarse[1] + fine[1]
 
@@ -161,12 +161,6 @@ def reach_of(vertices: Array) -> tuple[float, ...]:
 
 def _diagonal(matrix: Matrix) -> bool:
     return not any(value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
-
-
-def _lost(a: Any, b: float, difference: Any) -> Any:
-    """a - b minus its rounded value, exactly (Knuth)."""
-    virtual = difference - a
-    return (a - (difference - virtual)) - (b + virtual)
 
 
 def frame_of(points: Array) -> Frame:

@@ -15,10 +15,13 @@ from polywigner.kernels.trigonometry import cos_sin_turns
 
 __all__ = [
     "Doubled",
+    "difference",
     "dot",
     "doubled",
     "exp_turns",
     "growth_of",
+    "halves",
+    "level",
     "reduced",
     "rotated",
     "turns_to_centre",
@@ -28,6 +31,8 @@ Doubled = tuple[Any, Any]
 
 # pi minus its nearest float64
 _PI_REST = 1.2246467991473532e-16
+# Splits a float64 into one of 24 bits, which float32 can hold, and the rest.
+_SPLIT = 2.0**29 + 1
 _PI_SINGLE = float(np.float32(math.pi))
 
 
@@ -75,6 +80,23 @@ def _sum(a: Any, b: Any) -> Doubled:
     total = a + b
     virtual = total - a
     return total, (a - (total - virtual)) + (b - virtual)
+
+
+def difference(a: Any, b: Any) -> Doubled:
+    """a - b as the nearest float and what that leaves out, exactly (Knuth)."""
+    rounded = a - b
+    virtual = rounded - a
+    return rounded, (a - (rounded - virtual)) - (b + virtual)
+
+
+def halves(ops: Any, number: Doubled) -> Doubled:
+    """The same sum with a first number that float32 can hold as well (Veltkamp)."""
+    total, rest = number
+    if not ops.double:
+        return number
+    scaled = total * _SPLIT
+    high = scaled - (scaled - total)
+    return high, (total - high) + rest
 
 
 def reduced(ops: Any, turns: Doubled) -> Any:

@@ -27,14 +27,19 @@ _SINE_SINGLE = (
 )  # fmt: skip
 
 
-def _sine_of_reduced(ops: Any, r: Any) -> Any:
-    """sin(2 pi r) for |r| <= 1/2."""
+def _sine_over_reduced(ops: Any, r: Any) -> Any:
+    """sin(2 pi r)/r for |r| <= 1/2, 2 pi at r = 0."""
     coefficients = _SINE_DOUBLE if ops.double else _SINE_SINGLE
     square = r * r
     q = ops.fma(square, coefficients[-1], coefficients[-2])
     for c in coefficients[-3::-1]:
         q = ops.fma(q, square, c)
-    return q * (r * (0.25 - square))
+    return q * (0.25 - square)
+
+
+def _sine_of_reduced(ops: Any, r: Any) -> Any:
+    """sin(2 pi r) for |r| <= 1/2."""
+    return _sine_over_reduced(ops, r) * r
 
 
 def sin_turns(ops: Any, turns: Any) -> Any:
@@ -51,10 +56,13 @@ def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
 def sinc(ops: Any, turns: Any) -> Any:
     """sin(pi turns)/(pi turns), the modulus of the mean plane wave over a segment so long."""
     half = 0.5 * turns
-    # sin(2 pi h)/(2 pi h) is flat at 0: a floor on |h| changes nothing but the division by zero.
-    floor = 1e-30 if ops.double else 1e-20
-    safe = ops.select(abs(half) < floor, floor, half)
-    return sin_turns(ops, safe) / (2 * math.pi * safe)
+    reduced = half - ops.round(half)
+    ratio = _sine_over_reduced(ops, reduced)
+    # Nothing is divided by a small number, for the sake of derivatives: those of a quotient would
+    # cancel, and err by an ulp over the turns.
+    near = abs(half) < 0.5
+    quotient = ratio * reduced / ops.select(near, 1.0, half)
+    return ops.select(near, ratio, quotient) * (0.5 / math.pi)
 
 
 def sinc_less_one(ops: Any, turns: Any, terms: int) -> Any:

@@ -44,6 +44,15 @@ class Case:
         """Area, or length."""
         return self.source.length if isinstance(self.source, Slits) else self.source.area
 
+    @property
+    def rounding(self) -> float:
+        """What the content changes by if coordinates are rounded once more."""
+        if isinstance(self.source, Slits):
+            largest = float(np.abs(self.source.intervals).max())
+            return 2 * len(self.source.intervals) * float(np.spacing(largest))
+        largest = float(np.abs(self.source.bounds).max())
+        return float(self.source.polygons.length) * float(np.spacing(largest))
+
     def evaluate(self, transform: str, *points: Array) -> Any:
         return getattr(transforms, transform)(self.source, *points, **self.keywords)
 
