@@ -116,11 +116,11 @@ BAD = {
     "svg.stl": (b"<svg/>", FileFormatError, "got none"),
     "empty.ply": (b" ", FileFormatError, "empty file"),
     "ascii claims.ply": (
-        (PLY.format("ascii", 10**9, 10**9) + "0 0 0\n").encode(), FileFormatError, "got none",
+        (PLY.format("ascii", 10**9, 1) + "0 0 0\n").encode(), FileFormatError, "got 1000000000",
     ),
     "binary claims.ply": (
-        PLY.format("binary_little_endian", 10**9, 10**9).encode() + bytes(99), FileFormatError,
-        "not read",
+        PLY.format("binary_big_endian", 9, 10**9).encode() + bytes(99), FileFormatError,
+        "at most 200000 triangles, got 1000000000",
     ),
     "number.ply": (
         (PLY.format("ascii", 3, 1) + "0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n").encode(), FileFormatError,
@@ -130,6 +130,11 @@ BAD = {
     "empty.obj": (b"\n", FileFormatError, "empty file"),
     "points.obj": (b"v 0 0 0\nv 1 0 0\n", FileFormatError, "none"),
     "zeros.obj": (b"v 0 0 0\0\n", FileFormatError, "OBJ as text, got zeros"),
+    "short.ply": (PLY.format("ascii", 9, 9).encode() + b"0 0 0\n", FileFormatError, "."),
+    "many.obj": (b"v 0 0 0\n" + b"f 1 1 1\n" * 200_001, FileFormatError, "200000 triangles"),
+    "lines.obj": (b"vn 0 0 1\n" * 2_000_001, FileFormatError, "2000000 lines"),
+    "solids.stl": (b"solid\nendsolid\n" * 1001, FileFormatError, "1000 solids"),
+    "facets.stl": (b"solid\n" + b"endfacet\n" * 200_001, FileFormatError, "200000 triangles"),
     "open.obj": (TETRAHEDRON.encode(), GeometryError, "closed surface"),
     "huge.obj": ((TETRAHEDRON + "f 1 4 3\n").replace("v 1 0", "v 1e200 0").encode(),
                  FileFormatError, "below 1e\\+100"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -238,6 +239,40 @@ def test_a_file_that_is_too_large_is_refused_unread(tmp_path):
         file.truncate(65 * 2**20)  # sparse
     with pytest.raises(FileFormatError, match="64 MiB, got 65 MiB"):
         read_aperture(path)
+
+
+def _many(item: str, count: int) -> str:
+    return ",".join([item] * count)
+
+
+TRIANGLE = "[[[0,0],[1,0],[1,1]]]"
+SCRIBBLE = [f"{k * 7919 % 10007},{k * 104729 % 9973}" for k in range(100_000)]
+TOO_MUCH = {
+    "vertices.geojson": ('{"type":"Polygon","coordinates":[[' + _many("[0,1]", 10**6) + "]]}",
+                         FileFormatError, "at most 1000000 vertices"),
+    "vertices.wkt": ("POLYGON ((" + _many("0 1", 10**6) + "))", FileFormatError, "1000000 vert"),
+    "brackets.wkt": ("POLYGON (" + "()" * 10**6 + ")", FileFormatError, "1000000 vertices"),
+    "vertices.csv": ("0,1\n" * (10**6 + 2), FileFormatError, "at most 1000000 vertices"),
+    "polygons.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 10_001)}]}}',
+                         FileFormatError, "at most 10000 outlines"),
+    "heap.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 3000)}]}}',
+                     GeometryError, "inside the other"),
+    "scribble.csv": ("\n".join(SCRIBBLE), FileFormatError, "cross in at most 20000 places"),
+}  # fmt: skip
+
+# Each takes a second or two; without a bound, minutes.
+PATIENCE = 20
+
+
+@pytest.mark.parametrize("name", TOO_MUCH)
+def test_work_is_bounded(tmp_path, name):
+    content, kind, words = TOO_MUCH[name]
+    path = tmp_path / name
+    path.write_text(content)
+    start = time.monotonic()
+    with pytest.raises(kind, match=words):
+        read_aperture(path)
+    assert time.monotonic() - start < PATIENCE
 
 
 @pytest.mark.parametrize("unit", ["furlong", "", "0 mm", "-1 mm", "94 GHz", None])

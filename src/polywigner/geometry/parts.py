@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.exact import shoelace
@@ -33,6 +34,9 @@ __all__ = ["merge_parts", "part_of_ring", "part_of_rings"]
 # In units of area/diameter: dropping vertices this near a line changes the area by about as small
 # a fraction of itself, however thin the part is. In a unit square it is 16 ulp.
 _STRAIGHT = 2.0**-48
+
+# A block of parts that overlap all others is then intersected in about a second.
+_VERTICES_AT_ONCE = 200_000
 
 _PLACE = re.compile(r"\[(\S+) (\S+)\]")
 
@@ -87,14 +91,30 @@ def part_of_rings(rings: Sequence[object], name: str = "the polygon") -> Part:
 
 
 def _check_overlaps(parts: Sequence[Part], polygons: Sequence[shapely.Polygon]) -> bool:
-    """Raise where two parts overlap by more than rounding; tell whether any two touch."""
+    """Raise where two parts overlap by more than rounding; tell whether any two touch.
+
+    Goes through the parts in blocks, since a thousand parts upon each other make a million pairs.
+    """
     # Parts a rounding error apart are meant to touch, too.
     shift = max(rounding_tolerance(part[0]) for part in parts)
-    near = shapely.STRtree(polygons).query(polygons, predicate="dwithin", distance=shift)
-    first, second = near[:, near[0] < near[1]]
-    if not len(first):
-        return False
     array = np.array(polygons, dtype=object)
+    tree = shapely.STRtree(array)
+    step = max(1, _VERTICES_AT_ONCE // int(shapely.get_num_coordinates(array).sum()))
+    touching = False
+    for start in range(0, len(array), step):
+        block = array[start : start + step]
+        first, second = tree.query(block, predicate="dwithin", distance=shift)
+        first += start
+        pairs = first < second
+        if pairs.any():
+            touching = True
+            _check_pairs(array, first[pairs], second[pairs], shift)
+    return touching
+
+
+def _check_pairs(
+    array: NDArray[np.object_], first: NDArray[np.intp], second: NDArray[np.intp], shift: float
+) -> None:
     common = shapely.intersection(array[first], array[second])
     # An edge displaced by the rounding tolerance sweeps that tolerance times its length. Half of a
     # sliver is an overlap, however thin it is.
@@ -113,7 +133,6 @@ def _check_overlaps(parts: Sequence[Part], polygons: Sequence[shapely.Polygon]) 
             f"({spot.x:.15g}, {spot.y:.15g}); merge them with shapely.union_all, or give a hole as "
             "shapely.Polygon(outer, [hole])"
         )
-    return True
 
 
 def _clean_union(parts: Sequence[Part]) -> list[Part] | None:

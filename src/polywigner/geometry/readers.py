@@ -26,11 +26,11 @@ from polywigner.errors import (
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.content import bytes_of, text_of
-from polywigner.geometry.formats.curves import MOST_VERTICES
-from polywigner.geometry.formats.drawing import Drawing
+from polywigner.geometry.formats.drawing import Drawing, check_rings, check_vertices
 from polywigner.geometry.formats.dxf import read_dxf
 from polywigner.geometry.formats.geojson import rings_of_geojson
 from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
+from polywigner.geometry.formats.outlines import check_crossings
 from polywigner.geometry.formats.simple_text import rings_of_csv, rings_of_wkt
 from polywigner.geometry.formats.svg import read_svg
 from polywigner.geometry.formats.svg_values import PIXEL
@@ -39,6 +39,10 @@ from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
 
 __all__ = ["read_aperture", "read_polyhedron"]
+
+
+# Finding out what is wrong with a large outline takes seconds, which are not spent twice.
+_MOST_REPEATED = 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +114,11 @@ def _scaled(points: Any, metres: float) -> Ring:
 
 def _aperture(drawing: Drawing) -> Aperture:
     polygons = drawing.polygons
+    check_rings(sum(map(len, polygons)))
     vertices = sum(len(ring) for rings in polygons for ring in rings)
-    if vertices > MOST_VERTICES:
-        raise FileFormatError(
-            f"expected at most {MOST_VERTICES} vertices, got {vertices}; simplify the outline"
-        )
+    check_vertices(vertices)
+    if vertices > _MOST_REPEATED:
+        check_crossings([np.asarray(ring, dtype=float) for rings in polygons for ring in rings])
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
@@ -126,7 +130,8 @@ def _aperture(drawing: Drawing) -> Aperture:
     try:
         return build(drawing.metres)
     except GeometryError:
-        build(1.0)  # raises the same with places in the file's own unit
+        if vertices <= _MOST_REPEATED:
+            build(1.0)  # raises the same with places in the file's own unit
         raise
 
 

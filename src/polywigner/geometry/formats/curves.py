@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
+from polywigner.geometry.formats.drawing import MOST_VERTICES
 
 __all__ = [
     "DEFAULT_TOLERANCE",
     "LARGEST_NUMBER",
     "MOST_CURVES",
-    "MOST_VERTICES",
     "Arc",
     "Bezier",
     "Curve",
@@ -42,9 +42,6 @@ DEFAULT_TOLERANCE = 1 / 2000
 A circle becomes 52 vertices; a quarter circle in a rounded corner, of a tenth of the outline's
 size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
 """
-
-MOST_VERTICES = 1_000_000
-"""Vertices of one aperture; a valid ring of that many takes about 10 s."""
 
 MOST_CURVES = 200_000
 """Lines and curves of a drawing, those of repeated parts counted each time."""

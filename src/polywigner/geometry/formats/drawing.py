@@ -7,10 +7,16 @@ import logging
 from dataclasses import dataclass
 from typing import Any
 
-from polywigner.errors import MissingExtraError
+from polywigner.errors import FileFormatError, MissingExtraError
 from polywigner.geometry.exact import Ring
 
-__all__ = ["Drawing", "required"]
+__all__ = ["MOST_RINGS", "MOST_VERTICES", "Drawing", "check_rings", "check_vertices", "required"]
+
+MOST_VERTICES = 1_000_000
+"""Vertices of one aperture; a valid ring of that many takes about 10 s."""
+
+MOST_RINGS = 10_000
+"""Outlines of one aperture; so many simple ones take about 5 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +26,23 @@ class Drawing:
     polygons: list[list[Ring]]
     metres: float
     """Length of the file's unit."""
+
+
+def check_vertices(count: int) -> None:
+    """Raise where a file has more vertices than are read."""
+    if count > MOST_VERTICES:
+        raise FileFormatError(
+            f"expected at most {MOST_VERTICES} vertices, got {count}; simplify the outline"
+        )
+
+
+def check_rings(count: int) -> None:
+    """Raise where a file has more outlines than are read."""
+    if count > MOST_RINGS:
+        raise FileFormatError(
+            f"expected at most {MOST_RINGS} outlines, got {count}; use fewer, such as one element "
+            "of an array"
+        )
 
 
 def required(library: str, kind: str) -> Any:

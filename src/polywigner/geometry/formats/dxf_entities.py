@@ -15,6 +15,7 @@ from polywigner.geometry.formats.curves import (
     Curve,
     Points,
     bezier_spans,
+    check_number,
     ends,
     reversed_curve,
     rough_points,
@@ -161,6 +162,7 @@ def _spline_curves(tool: Any) -> Path:
             f"expected a spline of degree 1 to {_LARGEST_DEGREE} with enough control points, got "
             f"{len(control)} points and {len(knots)} knots"
         )
+    check_number(len(control) * (degree + 1) ** 2 // 16)  # as the work grows; 16: cubics
     if not np.isfinite(knots).all() or (np.diff(knots) < 0).any():
         raise FileFormatError("expected knots of a spline in rising order, got others")
     if len(weights) and not (np.isfinite(weights) & (weights > 0)).all():
@@ -169,6 +171,7 @@ def _spline_curves(tool: Any) -> Path:
 
 
 def _spline(entity: Any) -> list[Path]:
+    check_number(20 * entity.fit_point_count())  # each row of a linear system, in Python
     path = _spline_curves(entity.construction_tool())
     if path and entity.closed:
         start, end = ends(path[0])[0], ends(path[-1])[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from typing import Any
 
@@ -21,6 +22,13 @@ MOST_FACES = 200_000
 """Triangles of a body; checking so many takes about 15 s."""
 
 
+# trimesh makes a mesh of each solid of an STL file.
+_MOST_SOLIDS = 1000
+
+# Vertices, normals, faces and the rest of OBJ, and rows of PLY.
+_MOST_LINES = 2_000_000
+
+
 def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Vertices (n, 3) in the file's unit and triangles (m, 3) of vertex numbers.
 
@@ -34,8 +42,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray
     """
     kind = suffix.removeprefix(".")
     trimesh = required("trimesh", kind.upper())
-    if kind != "ply":  # which says itself what is text
-        content = _text_or_triangles(content, kind)
+    content = _bounded(content, kind)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # NumPy warns of numbers that are none, and goes on
@@ -58,27 +65,44 @@ def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray
     return vertices, faces[(a != b) & (b != c) & (c != a)]
 
 
-def _text_or_triangles(content: bytes, kind: str) -> bytes:
-    """Binary STL of the right length as it is; text with what is not UTF-8 made so."""
-    count = int.from_bytes(content[80:84], "little")
-    if kind == "stl" and len(content) == 84 + 50 * count:
+def _bounded(content: bytes, kind: str) -> bytes:
+    """The content, made UTF-8 where it is text; raises where it announces too much."""
+    if kind == "ply":
+        header = content[: content.find(b"end_header")]
+        for element, count in re.findall(rb"element\s+(\w+)\s+(\d{1,20})", header):
+            _check_number(int(count), MOST_FACES if element == b"face" else _MOST_LINES)
         return content
+    if kind == "stl":
+        count = int.from_bytes(content[80:84], "little")
+        if len(content) == 84 + 50 * count:
+            _check_number(count)
+            return content
     if b"\0" in content:
-        got = f"{len(content)} bytes that announce {count} triangles" if kind == "stl" else "zeros"
         raise FileFormatError(
-            f"expected {kind.upper()} as text{' or 84 + 50 n bytes' * (kind == 'stl')}, got {got}; "
-            "export the body again"
+            f"expected binary STL of 84 + 50 n bytes, got {len(content)} that announce {count} "
+            "triangles; export the body again"
+            if kind == "stl"
+            else "expected OBJ as text, got zeros; export the body again"
         )
+    if kind == "stl":
+        _check_number(content.lower().count(b"endfacet"))
+        _check_number(content.lower().count(b"endsolid"), _MOST_SOLIDS)
+    else:
+        _check_number(content.count(b"\nf"))
+        _check_number(content.count(b"\n"), _MOST_LINES)
     return content.decode("utf-8", "replace").encode()
+
+
+def _check_number(count: int, most: int = MOST_FACES) -> None:
+    if count > most:
+        what = {_MOST_SOLIDS: "solids", _MOST_LINES: "lines"}.get(most, "triangles")
+        raise FileFormatError(f"expected at most {most} {what}, got {count}; simplify the mesh")
 
 
 def _check(vertices: NDArray[Any], faces: NDArray[Any]) -> None:
     if not len(faces):
         raise FileFormatError("expected triangles, got none; export the body as a mesh")
-    if len(faces) > MOST_FACES:
-        raise FileFormatError(
-            f"expected at most {MOST_FACES} triangles, got {len(faces)}; simplify the mesh"
-        )
+    _check_number(len(faces))
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise FileFormatError(
             f"expected vertex numbers up to {len(vertices)}, got a face with another; correct it"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, GeometryError
 from polywigner.geometry.exact import Ring, signed_area
+from polywigner.geometry.formats.drawing import check_rings
 from polywigner.geometry.parts import part_of_ring
 from polywigner.geometry.rings import (
     clean_ring,
@@ -19,16 +20,10 @@ from polywigner.geometry.rings import (
 )
 from polywigner.geometry.winding import enclosed
 
-__all__ = ["MOST_CROSSINGS", "MOST_RINGS", "filled", "nested", "without_duplicates"]
-
-MOST_RINGS = 10_000
-"""Outlines of one drawing: 1e8 pairs that may lie in each other, tested in half a minute."""
+__all__ = ["MOST_CROSSINGS", "check_crossings", "filled", "nested", "without_duplicates"]
 
 MOST_CROSSINGS = 20_000
-"""Places where the outlines of one path cross: twice as many faces, some 0.1 ms each."""
-
-# Pairs of boxes looked at together: a few hundred MB at most.
-_PAIRS_AT_ONCE = 4_000_000
+"""Places where outlines cross: twice as many faces, some 0.1 ms each."""
 
 Polygon = list[Ring]
 """Rings with the exterior first."""
@@ -43,11 +38,11 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     kept = [ring for ring in rings if _encloses(ring)]
     if not kept:
         return []
-    _check_number(kept)
+    check_rings(len(kept))
     clean = [clean_ring(ring, "a ring") for ring in kept]
+    check_crossings(clean)
     if shapely.is_simple(_lines(clean)):
         return _by_nesting(clean, rule)
-    _check_crossings(clean)
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
@@ -56,7 +51,8 @@ def nested(rings: Sequence[Ring]) -> list[Polygon]:
 
     Raises GeometryError for a ring that crosses itself and for rings that overlap; they may touch.
     """
-    _check_number(rings)
+    check_rings(len(rings))
+    check_crossings(rings)
     clean = [part_of_ring(ring, f"outline {k}")[0] for k, ring in enumerate(rings)]
     if not shapely.is_simple(_lines(clean)):
         _check_overlaps(clean)
@@ -85,27 +81,27 @@ def _encloses(ring: Ring) -> bool:
     return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring))))
 
 
-def _check_number(rings: Sequence[Ring]) -> None:
-    if len(rings) > MOST_RINGS:
-        raise FileFormatError(
-            f"expected at most {MOST_RINGS} outlines, got {len(rings)}; use fewer, such as one "
-            "element of an array"
-        )
-
-
 def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
     return shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in rings])
 
 
-def _check_crossings(rings: Sequence[Ring]) -> None:
-    """Bounds the arrangement before it is built; looks at so many pairs at most as well."""
+def check_crossings(rings: Sequence[Ring]) -> None:
+    """Raise for outlines that cross themselves or each other in very many places.
+
+    Quick also where they do, while GEOS needs minutes to tell where 100 000 edges cross.
+    """
     points = np.concatenate(rings)
     following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     edges = shapely.linestrings(np.stack([points, following], axis=1))
     tree = shapely.STRtree(edges)
-    found, step = 0, max(1, _PAIRS_AT_ONCE // len(edges))
-    for k in range(0, len(edges), step):
-        found += tree.query(edges[k : k + step], predicate="crosses").shape[1]
+    found = start = 0
+    step = 1
+    while start < len(edges):
+        crossings = tree.query(edges[start : start + step], predicate="crosses").shape[1]
+        start += step
+        found += crossings
+        # Small steps where there are many pairs, which all take memory.
+        step = min(2 * step, 10_000) if crossings < 1000 else max(1, step // 2)
         if found > 2 * MOST_CROSSINGS:  # each is found from either side
             raise FileFormatError(
                 f"expected outlines that cross in at most {MOST_CROSSINGS} places, got more; "

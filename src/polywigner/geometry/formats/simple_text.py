@@ -9,6 +9,7 @@ import shapely
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
+from polywigner.geometry.formats.drawing import check_vertices
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
@@ -25,9 +26,10 @@ def rings_of_wkt(text: str) -> list[list[Ring]]:
 
     Raises FileFormatError for anything else.
     """
+    check_vertices(text.count(",") + text.count("("))
     depth = deepest = 0
-    for bracket in re.findall(r"[()]", text):
-        depth += 1 if bracket == "(" else -1
+    for bracket in re.finditer(r"[()]", text):
+        depth += 1 if bracket[0] == "(" else -1
         deepest = max(deepest, depth)
     if deepest > _DEEPEST_WKT:
         raise FileFormatError(f"expected WKT nested at most {_DEEPEST_WKT} deep, got {deepest}")
@@ -68,6 +70,7 @@ def rings_of_csv(text: str) -> list[list[Ring]]:
 
     Raises FileFormatError for a line that is not two numbers.
     """
+    check_vertices(text.count("\n"))
     vertices: list[tuple[float, float]] = []
     header_allowed = True
     for number, line in enumerate(text.splitlines(), start=1):

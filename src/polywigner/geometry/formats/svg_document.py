@@ -23,7 +23,7 @@ from polywigner.geometry.formats.svg_shapes import (
 from polywigner.geometry.formats.svg_style import Style, Styles, check_supported, is_painted
 from polywigner.geometry.formats.svg_values import length, matrix_of
 
-__all__ = ["MOST_ELEMENTS", "MOST_NESTED", "Document", "parsed"]
+__all__ = ["MOST_ELEMENTS", "MOST_NESTED", "MOST_TEXT", "Document", "parsed"]
 
 MOST_ELEMENTS = 50_000
 """Elements of a file, and elements drawn (what `use` repeats counts each time)."""
@@ -33,6 +33,9 @@ MOST_NESTED = 64
 
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
+MOST_TEXT = 16 * 2**20
+"""Characters in the attributes of elements drawn (what `use` repeats counts each time)."""
+
 _CONTAINERS = {"svg", "g", "a", "switch"}
 _OPAQUE = {"text", "image", "foreignObject"}
 
@@ -107,6 +110,7 @@ class Document:
         self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
         self.visited = 0
         self.curves = 0
+        self.text = 0
 
     def shapes(self, matrix: Points) -> Iterator[Shape]:
         box = view_box(self.root)
@@ -119,6 +123,12 @@ class Document:
         self.visited += 1
         _check_count(self.visited)
         _check_depth(place.depth + 1)
+        self.text += sum(map(len, element.attrib.values()))
+        if self.text > MOST_TEXT:
+            raise FileFormatError(
+                f"expected at most {MOST_TEXT >> 20} MiB of attributes (repetitions included), got "
+                "more; simplify the drawing"
+            )
         style = self.styles.of(element, _tag(element), place.style)
         inside = replace(place, style=style, depth=place.depth + 1)
         text = style.own.get("transform")

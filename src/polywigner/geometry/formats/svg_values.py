@@ -55,6 +55,8 @@ PHYSICAL = {
 }  # fmt: skip
 """The metres of the units that state a size."""
 
+_LONGEST_SHEET = 2**20
+
 # Fraction("1e999999999") fills memory.
 _LONGEST_NUMBER = 40
 
@@ -108,7 +110,12 @@ def numbers_of(text: str, name: str) -> list[float]:
     """The numbers of a list such as "0,0 10,5"."""
     if not _LIST.fullmatch(text):
         raise _refuse(f"{name} as numbers", text)
+    check_number(_count(text) // 2)
     return [float(number) for number in _NUMBERS.findall(text)]
+
+
+def _count(text: str) -> int:
+    return sum(1 for _ in _NUMBERS.finditer(text))
 
 
 def matrix_of(text: str) -> tuple[Points, Points]:
@@ -153,7 +160,6 @@ def _rotation(degrees: float) -> Points:
 def subpaths_of(data: str) -> list[list[Curve]]:
     """The subpaths of path data, each closed by a line where it is open, as a fill closes it."""
     expected = _checked_segments(data)
-    check_number(expected)
     library = required("svgelements", "SVG")
     try:
         path = library.Path(data)
@@ -199,20 +205,22 @@ def _checked_segments(data: str) -> int:
     if stripped and stripped[0] not in "Mm":
         raise _refuse("path data that starts with M", data)
     segments = 0
-    for letter, arguments in _COMMAND.findall(data):
+    for command in _COMMAND.finditer(data):
+        letter, arguments = command.groups()
         kind = letter.upper()
         if kind == "A":
-            count = len(_FLAGS.findall(arguments)) if _ARCS.fullmatch(arguments) else 0
+            count = sum(1 for _ in _FLAGS.finditer(arguments)) if _ARCS.fullmatch(arguments) else 0
         elif kind == "Z":
             count = 0 if arguments.strip() else 1
         else:
-            count = len(_NUMBERS.findall(arguments)) if _LIST.fullmatch(arguments) else 0
+            count = _count(arguments) if _LIST.fullmatch(arguments) else 0
             count = 0 if count % _ARITY[kind] else count // _ARITY[kind]
         if not count:
             raise FileFormatError(
                 f"expected the numbers of a path's {letter}, got {_shown(arguments)}; correct it"
             )
         segments += count
+        check_number(segments)
     return segments
 
 
@@ -237,6 +245,8 @@ def rules_of(text: str) -> list[tuple[str, dict[str, str]]]:
 
     Statements such as @import are passed over. Raises FileFormatError for blocks such as @media.
     """
+    if len(text) > _LONGEST_SHEET:
+        raise FileFormatError("expected style sheets of at most 1 MiB, got more; simplify them")
     rules = []
     for block in _without_comments(text).split("}"):
         selectors, brace, declarations = block.partition("{")
