@@ -255,7 +255,7 @@ TOO_MUCH = {
     "vertices.csv": ("0,1\n" * (10**6 + 2), FileFormatError, "at most 1000000 vertices"),
     "polygons.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 10_001)}]}}',
                          FileFormatError, "at most 10000 outlines"),
-    "heap.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 3000)}]}}',
+    "heap.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 1500)}]}}',
                      GeometryError, "inside the other"),
     "scribble.csv": ("\n".join(SCRIBBLE), FileFormatError, "cross in at most 20000 places"),
 }  # fmt: skip

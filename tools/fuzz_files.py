@@ -296,7 +296,7 @@ def dxf_entities() -> list[bytes]:
 def _drawing(version: str, **save: str) -> bytes:
     import ezdxf
 
-    document = ezdxf.new(version, units=4)
+    document = ezdxf.new(version, units=0 if version == "R12" else 4)
     space = document.modelspace()
     block = document.blocks.new("B")
     block.add_circle((0, 0), 1)
