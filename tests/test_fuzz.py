@@ -18,6 +18,18 @@ pytest.importorskip("ezdxf")
 pytest.importorskip("trimesh")
 
 
+def test_a_case_is_the_same_file_each_time() -> None:
+    code = (
+        "import hashlib, sys; sys.path.insert(0, sys.argv[1]); from fuzz_files import FORMATS, case;"
+        "files = [case(1, n, list(FORMATS))[2] for n in range(100)];"
+        "print(hashlib.sha256(b''.join(files)).hexdigest())"
+    )
+    command = [sys.executable, "-c", code, str(FUZZ.parent)]
+    first, second = (subprocess.run(command, capture_output=True, text=True) for _ in range(2))
+    assert first.returncode == 0, first.stderr
+    assert first.stdout == second.stdout
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of time and memory are Unix's")
 def test_damaged_files_are_read_or_refused_but_break_nothing(tmp_path: Path) -> None:
     command = [sys.executable, str(FUZZ), "--count", str(COUNT), "--keep", str(tmp_path)]

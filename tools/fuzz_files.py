@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import random
 import re
 import struct
@@ -293,10 +294,13 @@ def dxf_entities() -> list[bytes]:
     return files
 
 
-def _drawing(version: str, **save: str) -> bytes:
+def _drawing(version: str, is_binary: bool = False) -> bytes:
     import ezdxf
 
-    document = ezdxf.new(version, units=0 if version == "R12" else 4)
+    # No dates and random identifiers: a case is the same each time.
+    ezdxf.options.write_fixed_meta_data_for_testing = True
+    logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # R12 has no units, it says
+    document = ezdxf.new(version, units=4)
     space = document.modelspace()
     block = document.blocks.new("B")
     block.add_circle((0, 0), 1)
@@ -304,7 +308,7 @@ def _drawing(version: str, **save: str) -> bytes:
     grid = {"row_count": 2, "column_count": 3, "row_spacing": 5, "column_spacing": 4}
     space.add_blockref("B", (0, 20), dxfattribs=grid)
     space.add_polyline2d([(0, 0), (9, 0), (9, 9)], close=True)
-    if "binary" in save:
+    if is_binary:
         stream = io.BytesIO()
         document.write(stream, fmt="bin")
         return stream.getvalue()
@@ -319,7 +323,7 @@ def dxf() -> list[bytes]:
 
 
 def dxf_binary() -> list[bytes]:
-    return [_drawing("R2000", binary="yes")]
+    return [_drawing("R2000", is_binary=True)]
 
 
 def _meshes(kind: str) -> list[bytes]:
