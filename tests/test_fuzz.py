@@ -20,7 +20,8 @@ pytest.importorskip("trimesh")
 
 def test_a_case_is_the_same_file_each_time() -> None:
     code = (
-        "import hashlib, sys; sys.path.insert(0, sys.argv[1]); from fuzz_files import FORMATS, case;"
+        "import hashlib, sys; sys.path.insert(0, sys.argv[1]);"
+        "from fuzz_files import FORMATS, case;"
         "files = [case(1, n, list(FORMATS))[2] for n in range(100)];"
         "print(hashlib.sha256(b''.join(files)).hexdigest())"
     )
