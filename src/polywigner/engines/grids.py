@@ -21,9 +21,8 @@ __all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
 
 # Shorter sides are not worth the axes' tables.
 _LEAST_SIDE = 8
-# Values in the waves' tables of a tile (32 MB), and how many an edge has for a frequency
-_TABLE_VALUES, _VALUES_PER_WAVE = 1 << 22, 6
-_LEAST_TILE = 64
+# Longer ones are tiled: the tables of a tile's axes fit into memory.
+_TILE = 512
 # What lies too near the origin is computed point by point, at 20 times the cost.
 _MOST_BELOW = 1 / 8
 # Beyond this |nu| in the frame squares overflow.
@@ -91,16 +90,14 @@ class GridPlan:
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
         """Write real and imaginary part to two arrays.
 
-        Tile by tile, so that the tables of an outline with many edges stay small; the few points
-        near the origin that the grid's formula is not for go to ``point_by_point``.
+        The few points near the origin that the grid's formula is not for go to ``point_by_point``.
         """
-        side = max(_LEAST_TILE, _TABLE_VALUES // (_VALUES_PER_WAVE * self.tables.edges))
         targets = [result.T if self.grid.transposed else result for result in results]
-        for i in range(0, len(self.grid.x), side):
-            for j in range(0, len(self.grid.y), side):
-                nu = self.grid.x[i : i + side], self.grid.y[j : j + side]
+        for i in range(0, len(self.grid.x), _TILE):
+            for j in range(0, len(self.grid.y), _TILE):
+                nu = self.grid.x[i : i + _TILE], self.grid.y[j : j + _TILE]
                 for target, part in zip(targets, self._tile(nu, point_by_point), strict=True):
-                    target[i : i + side, j : j + side] = part
+                    target[i : i + _TILE, j : j + _TILE] = part
 
     def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, Array]:
         ops = NumpyOperations(double=True)

@@ -26,6 +26,11 @@ class Family:
     weights: npt.NDArray[np.complex128]
     """(n,) the field on the edge's element, for an edge along (ex, ey); minus that against it."""
 
+    @property
+    def straight(self) -> bool:
+        """Whether the edges run along an axis."""
+        return self.ex == 0.0 or self.ey == 0.0
+
 
 def families_of(edges: Sequence[Sequence[float]], field: npt.ArrayLike = 1.0) -> tuple[Family, ...]:
     """Edges (begin x, y, end x, y, ...) sorted into families, with the field on their elements."""

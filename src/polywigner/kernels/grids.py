@@ -10,8 +10,8 @@ loses digits towards nu = 0, where the triangles (F2) have to take over.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,8 @@ __all__ = ["GridTables", "fourier_on_grid", "grid_tables"]
 _LOSS = {True: 5e-15, False: 1e-6}
 _ULP = {True: 2.0**-53, False: 2.0**-24}
 _DTYPES: dict[bool, np.dtype[Any]] = {True: np.dtype(np.float64), False: np.dtype(np.float32)}
-# Vertices are rounded to an ulp of the frame, which costs an ulp times perimeter/area: 3e-14.
+# Rounding the vertices costs 1e-14 of the area, times perimeter * lever / (this much area): as for
+# a fan of triangles (``simplices``).
 _MOST_SLENDER = 512.0
 # Below this |q| (turns) sinc(q) is summed as a series; above it, it is a quotient of the sines and
 # cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16 and
@@ -44,6 +45,8 @@ _BLOCK = 1 << 14
 # takes up to a hundred times as long. A stack of smaller ones costs a tenth more, if they have rows
 # by the four.
 _SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
+# Edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
+_MOST_EDGES = 1024
 
 Array = npt.NDArray[Any]
 
@@ -80,11 +83,11 @@ def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables |
     if tables.frame.axes is None:
         return None
     families = families_of(tables.edges, field)
-    straight = tuple(f for f in families if f.ex == 0.0 or f.ey == 0.0)
-    oblique = tuple(f for f in families if f.ex != 0.0 and f.ey != 0.0)
+    straight = tuple(f for f in families if f.straight)
+    oblique = tuple(f for f in families if not f.straight)
     perimeter = sum(float(np.abs(f.weights).sum()) * math.hypot(f.ex, f.ey) for f in families)
     area = sum(abs(w) * edge[-1] for w, edge in zip(field, tables.edges, strict=True)) / 2
-    if not perimeter < _MOST_SLENDER * area:
+    if not perimeter * math.hypot(*tables.frame.reach) < _MOST_SLENDER * area:
         return None
     return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
 
@@ -211,6 +214,50 @@ def _axes(ops: Any, tables: GridTables, nu: tuple[Array, Array]) -> tuple[_Axis,
     return (x, y) if tables.frame.axes == (0, 1) else (y, x)
 
 
+def _batches(tables: GridTables) -> Iterator[list[Family]]:
+    """All families, those with many members cut, in batches whose waves fit into memory."""
+    batch: list[Family] = []
+    for family in (*tables.straight, *tables.oblique):
+        for start in range(0, len(family.weights), _MOST_EDGES):
+            part = slice(start, start + _MOST_EDGES)
+            cut = replace(family, middles=family.middles[part], weights=family.weights[part])
+            if batch and sum(len(f.weights) for f in (*batch, cut)) > _MOST_EDGES:
+                yield batch
+                batch = []
+            batch.append(cut)
+    yield batch
+
+
+def _terms(
+    ops: Any, batch: Sequence[Family], x: _Axis, y: _Axis, double: bool
+) -> list[_Product | _Oblique]:
+    straight = [family for family in batch if family.straight]
+    terms: list[_Product | _Oblique] = [
+        _Oblique(ops, family, x, y, double) for family in batch if not family.straight
+    ]
+    if straight:
+        terms.append(_straight_product(ops, straight, x, y, _DTYPES[double]))
+    return terms
+
+
+def _row_blocks(x: _Axis, y: _Axis) -> Iterator[slice]:
+    step = max(1, _BLOCK // len(y.nu))
+    return (slice(start, start + step) for start in range(0, len(x.nu), step))
+
+
+def _edge_sums(ops: Any, tables: GridTables, x: _Axis, y: _Axis, double: bool) -> Array:
+    """Sums over all edges, cosine and sine part: (frequencies, 2, frequencies)."""
+    sums = np.empty((len(x.nu), 2, len(y.nu)), _DTYPES[double])
+    for number, batch in enumerate(_batches(tables)):
+        first, *others = _terms(ops, batch, x, y, double)
+        for rows in _row_blocks(x, y):
+            total = first.rows(rows)
+            for term in others:
+                total += term.rows(rows)
+            sums[rows] = total if number == 0 else sums[rows] + total
+    return sums
+
+
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array, double: bool
 ) -> tuple[Array, Array, Array]:
@@ -219,22 +266,15 @@ def fourier_on_grid(
     ``ops`` for float64: the axes are done in it, and the grid in float64 (``double``) or float32.
     Values do not hold near the origin, at less than :meth:`GridTables.floor`. Source: (F4).
     """
-    dtype = _DTYPES[double]
     x, y = _axes(ops, tables, (nu_x, nu_y))
-    terms: list[_Product | _Oblique] = [_Oblique(ops, f, x, y, double) for f in tables.oblique]
-    if tables.straight:
-        terms.append(_straight_product(ops, tables.straight, x, y, dtype))
-    shape = (len(x.nu), len(y.nu))
-    real, imag, below = (np.empty(shape, kind) for kind in (dtype, dtype, bool))
-    step = max(1, _BLOCK // shape[1])
-    for start in range(0, shape[0], step):
-        rows = slice(start, start + step)
-        total = terms[0].rows(rows)
-        for term in terms[1:]:
-            total += term.rows(rows)
+    sums = _edge_sums(ops, tables, x, y, double)
+    real, imag = (np.empty((len(x.nu), len(y.nu)), sums.dtype) for _ in range(2))
+    below = np.zeros(real.shape, bool)
+    for rows in _row_blocks(x, y):
         square = x.nu[rows, None] ** 2 + y.nu**2
         below[rows] = square < tables.floor(double) ** 2
-        scale = (tables.frame.content / (2 * math.pi**2)) / np.where(below[rows], 1.0, square)
-        real[rows], imag[rows] = total[:, 1] * scale, total[:, 0] * scale
+        square[below[rows]] = 1.0
+        scale = (tables.frame.content / (2 * math.pi**2)) / square
+        real[rows], imag[rows] = sums[rows, 1] * scale, sums[rows, 0] * scale
     results = (real, imag, below)
     return results if tables.frame.axes == (0, 1) else (real.T, imag.T, below.T)
