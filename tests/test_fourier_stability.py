@@ -160,6 +160,55 @@ def test_a_thin_wall_costs_as_many_digits_as_its_surface_exceeds_its_volume() ->
         assert error < 2e-16 * 3**0.5 * 12 / body.volume
 
 
+def _grid(size: float, source: Any) -> np.ndarray:
+    """9 x 9 frequencies up to ``size`` over the diameter, zero among them."""
+    points = points_of(source)
+    axis = np.linspace(-1, 1, 9) * size / np.linalg.norm(np.ptp(points, axis=0))
+    return np.stack(np.meshgrid(axis, 0.7 * axis), axis=-1)
+
+
+@pytest.mark.parametrize("size", [1e-9, 0.3, 1000.0])
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("convex", "triangle"),
+        ("concave", "chevron"),
+        ("holed", "frame"),
+        ("thin", "thin L"),
+        ("off centre", "chevron"),
+    ],
+)
+def test_grids_are_as_accurate_as_points(kind: str, name: str, size: float) -> None:
+    """They go another way, by the axes, and near the origin back to this one."""
+    source = SOURCES[kind][name]
+    grid, tiling = _grid(size, source), simplices.simplices_of(source)
+    exact = [complex(simplices.fourier(tiling, row)) for row in grid.reshape(-1, 2)]
+    got = pw.fourier(source, grid, engine="numpy").ravel()
+    assert np.abs(got - exact).max() < ERROR["double"] * content(source)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1000.0])
+def test_collections_are_as_accurate_as_their_elements(size: float) -> None:
+    elements = [
+        pw.Aperture(ring + np.array([1500.3, -2200.1]) + np.array(shift))
+        for ring in SOURCES["concave"]["chevron"].rings
+        for shift in ((0, 0), (2.5, 0.3), (-1.1, 3.3))
+    ]
+    weights = np.array([1, 0.5 - 0.3j, -0.7j])
+    grid = _grid(size, elements[0])
+    tilings = [simplices.simplices_of(element) for element in elements]
+    exact = np.array(
+        [
+            [complex(simplices.fourier(tiling, row)) for row in grid.reshape(-1, 2)]
+            for tiling in tilings
+        ]
+    )
+    array, allowed = pw.Array(elements, weights), ERROR["double"] * sum(e.area for e in elements)
+    for nu in (grid.reshape(-1, 2), grid):  # as points, and as a grid
+        got = pw.fourier(array, nu, engine="numpy").ravel()
+        assert np.abs(got - weights @ exact).max() < allowed
+
+
 @given(polygons=drawn_polygons(), seed=st.integers(0, 2**32 - 1), decade=st.integers(-15, 3))
 @settings(max_examples=100, deadline=None)
 def test_any_aperture_at_any_size_of_frequency(polygons: Polygons, seed: int, decade: int) -> None:
