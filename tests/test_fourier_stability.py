@@ -99,6 +99,16 @@ def test_a_transform_too_large_for_a_float_is_infinite_with_its_sign(engine: str
 
 
 @engines
+def test_a_part_that_vanishes_does_so_beside_an_infinite_one(engine: str) -> None:
+    """A centred square has a real transform at imaginary nu: no 0 times infinity."""
+    for source in (pw.shapes.square(1.0), cube(), pw.Slits([-0.5, 0.5])):
+        nu = np.zeros((1, points_of(source).shape[1]), complex)
+        nu[0, 0] = 600j
+        got = pw.fourier(source, nu, engine=engine)[0]
+        assert (got.real, got.imag) == (math.inf, 0.0)
+
+
+@engines
 def test_growth_and_decay_that_cancel_leave_a_finite_transform(engine: str) -> None:
     """The centre's wave is exp(-1257), that of the far end of the source exp(+1257) times it."""
     square = pw.Aperture([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -177,6 +177,8 @@ def _sources() -> dict[str, dict[str, Any]]:
             "needle": cube((1, NEEDLE, NEEDLE), 2, (0.3, 0.1, 0.7)),
             "blade": cube((1, 1e-3, NEEDLE), 3),
             "chevron plate": _prism(CHEVRON, NEEDLE, 4, (0.3, 0.1, 0.7)),
+            # the middle of its box along the axes of space lies far outside
+            "triangular plate": _prism([[0, 0], [1.3, 0.2], [0.4, 1.1]], NEEDLE, 8),
             "needle, off centre": cube((1, NEEDLE, NEEDLE), 5, (700.1, -900.7, 500.3)),
         },
     }
