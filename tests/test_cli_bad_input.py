@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -72,6 +73,16 @@ def bad_aperture(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, 
     elif content is not None:
         path.write_text(content)
     return path, words
+
+
+def test_a_library_that_is_missing_is_named_with_its_extra(
+    tmp_path: Path, capfd: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    path = tmp_path / "patch.dxf"
+    path.write_text("0\nSECTION\n2\nENTITIES\n0\nENDSEC\n0\nEOF\n")
+    line = refusal(["transform", str(path)], tmp_path / "out", capfd.readouterr)
+    assert "pip install polywigner[formats]" in line
 
 
 @pytest.fixture

@@ -383,3 +383,39 @@ def test_a_missing_library_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(MissingExtraError, match=rf"{library}.*pip install polywigner\[formats\]"):
         read('<path d="M0 0H1V1z"/>')
+
+
+TRANSFORMS = (
+    "translate(3 -2)", "translate(4)", "scale(2)", "scale(0.5 3)", "rotate(33)", "rotate(-70 2 5)",
+    "skewX(25)", "skewY(-40)", "matrix(1 0.5 -0.7 1.3 4 -6)", "translate(1,2) rotate(20) scale(2)",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nested_transforms_agree_with_another_reader(read: Read, seed: int) -> None:
+    """svgelements walks the same document by itself: groups, a use and a nested viewport."""
+    import io
+
+    from svgelements import SVG, Path
+
+    dice = np.random.default_rng(seed)
+    first, second, third, fourth = (TRANSFORMS[k] for k in dice.permutation(10)[:4])
+    body = (
+        f'<defs><polygon id="p" transform="{first}" points="0,0 5,1 4,6 1,3"/></defs>'
+        f'<g transform="{second}"><g transform="{third}"><use href="#p" x="2" y="3" '
+        f'transform="{fourth}"/></g></g><g transform="{fourth}"><svg x="300" y="-200" width="30" '
+        'height="80" viewBox="-1 -2 10 20" preserveAspectRatio="xMaxYMin">'
+        '<polygon points="0,0 5,1 4,6 1,3"/></svg></g>'
+    )
+    root = 'viewBox="0 0 100 100" width="100" height="100"'
+    document = (
+        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+        f"{root}>{body}</svg>"
+    )
+    shapes = [
+        shapely.Polygon([(p.x, -p.y) for p in Path(shape).as_points()])
+        for shape in SVG.parse(io.StringIO(document), reify=True).elements()
+        if type(shape).__name__ == "Polygon"
+    ]
+    assert len(shapes) == 2
+    assert difference(read(body, root, unit="m"), pw.Aperture(shapes)) < ROUNDING

@@ -31,7 +31,7 @@ from polywigner.geometry.formats.outlines import nested, without_duplicates
 __all__ = ["LARGEST_DXF", "MOST_NESTED_BLOCKS", "read_dxf"]
 
 LARGEST_DXF = 8 * 2**20
-"""Bytes of a DXF file, of which ezdxf makes fifty times as much in memory, in ten seconds."""
+"""Bytes of a DXF file, of which ezdxf makes forty times as much in memory, in 20 s."""
 
 MOST_NESTED_BLOCKS = 16
 """Blocks inserted in blocks."""
