@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -26,7 +27,12 @@ def test_a_case_is_the_same_file_each_time() -> None:
         "print(hashlib.sha256(b''.join(files)).hexdigest())"
     )
     command = [sys.executable, "-c", code, str(FUZZ.parent)]
-    first, second = (subprocess.run(command, capture_output=True, text=True) for _ in range(2))
+    first, second = (
+        subprocess.run(
+            command, capture_output=True, text=True, env={**os.environ, "PYTHONHASHSEED": order}
+        )
+        for order in ("1", "2")
+    )
     assert first.returncode == 0, first.stderr
     assert first.stdout == second.stdout
 
