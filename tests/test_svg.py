@@ -259,6 +259,10 @@ BAD = {
     "text": ("<text>W</text>", FileFormatError, "got a text element"),
     "image": ('<image href="/etc/passwd"/>', FileFormatError, "got a image element"),
     "clipped": ('<g clip-path="url(#c)"><rect/></g>', FileFormatError, "without clip-path"),
+    "clipped symbol": (
+        '<symbol id="s" clip-path="url(#c)"><rect/></symbol><use href="#s"/>',
+        FileFormatError, "without clip-path",
+    ),
     "masked": ('<rect style="mask: url(#m)"/>', FileFormatError, "without mask"),
     "negative radius": ('<circle r="-1"/>', FileFormatError, "from zero up, got -1"),
     "negative width": ('<rect width="-1" height="1"/>', FileFormatError, "from zero up"),

@@ -116,7 +116,9 @@ class Document:
         box = view_box(self.root)
         viewport = (None, None) if box is None else (box[2], box[3])
         place = Place(matrix, np.zeros(2), Style(), viewport)
-        yield from self._children(self.root, self._entered(self.root, place))
+        inside = self._entered(self.root, place)
+        if inside.style.own.get("display") != "none":
+            yield from self._children(self.root, inside)
 
     def _entered(self, element: Any, place: Place) -> Place:
         """The place inside an element: its style, its transform."""
@@ -130,6 +132,8 @@ class Document:
                 "more; simplify the drawing"
             )
         style = self.styles.of(element, _tag(element), place.style)
+        if style.own.get("display") != "none":
+            check_supported(style, _tag(element))
         inside = replace(place, style=style, depth=place.depth + 1)
         text = style.own.get("transform")
         if text not in (None, "", "none"):
@@ -147,7 +151,6 @@ class Document:
         inside = self._entered(element, place)
         if inside.style.own.get("display") == "none":
             return
-        check_supported(inside.style, tag)
         if tag in SHAPES:
             if is_painted(inside.style):
                 shape = shape_of(element, tag, inside)

@@ -84,7 +84,7 @@ def _is_zero(text: str | None) -> bool:
 
 def is_painted(style: Style) -> bool:
     """Whether the inside of a shape shows, in whatever colour."""
-    fill = style.inherited.get("fill", "black")
+    fill = style.inherited.get("fill", "black").lower()
     rule = style.inherited.get("fill-rule", "nonzero")
     if rule not in ("nonzero", "evenodd"):
         raise FileFormatError(f"expected the fill-rule nonzero or evenodd, got {rule[:60]!r}")
