@@ -79,9 +79,15 @@ def corner(element: Any, place: Place) -> Points:
     return np.array([_length(element, name, place, k) for k, name in enumerate("xy")])
 
 
+def _attribute(element: Any, name: str, place: Place) -> str | None:
+    """An attribute that tells the geometry; in SVG 2 a style may set it, and is the stronger."""
+    text: str | None = place.style.own.get(name, element.get(name))
+    return text
+
+
 def _length(element: Any, name: str, place: Place, axis: int | None) -> float:
     """A length in user units; 0 where it is missing. `axis` None: of the mean size."""
-    text = element.get(name)
+    text = _attribute(element, name, place)
     if text is None:
         return 0.0
     width, height = place.viewport
@@ -93,7 +99,7 @@ def _length(element: Any, name: str, place: Place, axis: int | None) -> float:
 
 def shape_of(element: Any, tag: str, place: Place) -> Shape:
     if tag == "path":
-        subpaths = subpaths_of(place.style.own.get("d", element.get("d", "")))
+        subpaths = subpaths_of(_attribute(element, "d", place) or "")
     elif tag in ("polygon", "polyline"):
         subpaths = _polygon(element)
     elif tag == "rect":
@@ -136,7 +142,7 @@ def _ellipse(element: Any, tag: str, place: Place) -> list[list[Curve]]:
 
 def _radius(element: Any, name: str, place: Place, axis: int) -> float | None:
     """A radius that may be missing or "auto"."""
-    missing = element.get(name, "auto").strip() == "auto"
+    missing = (_attribute(element, name, place) or "auto").strip() == "auto"
     return None if missing else _size(element, name, place, axis)
 
 

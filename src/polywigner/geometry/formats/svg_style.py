@@ -12,7 +12,11 @@ from polywigner.geometry.formats.svg_values import length, rules_of, style_of
 __all__ = ["Style", "Styles", "check_supported", "is_painted"]
 
 _INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility")
-_OWN = ("display", "opacity", "transform", "transform-origin", "clip-path", "mask", "filter", "d")
+_GEOMETRY = ("x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d")
+_OWN = (
+    "display", "opacity", "transform", "transform-origin", "clip-path", "mask", "filter",
+    *_GEOMETRY,
+)  # fmt: skip
 _UNSUPPORTED = ("clip-path", "mask", "filter", "transform-origin")
 _SIMPLE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
 
@@ -82,6 +86,18 @@ def _is_zero(text: str | None) -> bool:
     return value <= 0
 
 
+def _is_transparent(fill: str) -> bool:
+    """Whether a fill is none, or a colour whose fourth number, its opacity, is zero."""
+    colour = fill.lower()
+    if colour.startswith("#"):
+        return len(colour) in (5, 9) and colour.endswith("0" * (len(colour) // 4))
+    function, bracket, numbers = colour.partition("(")
+    if bracket and function in ("rgb", "rgba", "hsl", "hsla"):
+        parts = numbers.rstrip(") ").replace(",", " ").replace("/", " ").split()
+        return len(parts) == 4 and not parts[3].rstrip("%").strip("0.")
+    return colour in ("none", "transparent")
+
+
 def is_painted(style: Style) -> bool:
     """Whether the inside of a shape shows, in whatever colour."""
     fill = style.inherited.get("fill", "black").lower()
@@ -89,7 +105,7 @@ def is_painted(style: Style) -> bool:
     if rule not in ("nonzero", "evenodd"):
         raise FileFormatError(f"expected the fill-rule nonzero or evenodd, got {rule[:60]!r}")
     return not (
-        fill in ("none", "transparent")
+        _is_transparent(fill)
         or style.hidden
         or style.inherited.get("visibility") in ("hidden", "collapse")
         or _is_zero(style.inherited.get("fill-opacity"))
