@@ -239,6 +239,10 @@ BAD_INPUT = {
     "words": ([["a", "b"], ["c", "d"], ["e", "f"]], "array of numbers"),
     "numerals": ([["0", "0"], ["1", "0"], ["1", "1"]], "array of numbers"),
     "complex numbers": ([[0, 0], [1j, 0], [1, 1]], "real numbers"),
+    "masked vertices": (
+        np.ma.masked_equal([[0.0, 0.0], [1.0, 0.0], [1.0, 7.0]], 7.0),
+        "masked elements",
+    ),
     "missing values": ([[0, None], [1, 0], [1, 1]], "finite"),
     "NaN": ([[0, 0], [1, 0], [np.nan, 1]], r"finite.*\(nan, 1\.0\) as vertex 2"),
     "infinity": ([[0, 0], [np.inf, 0], [0, 1]], "finite.*vertex 1"),

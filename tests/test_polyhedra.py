@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import pickle
 from typing import Any
@@ -91,6 +92,19 @@ def test_a_body_of_several_shells_is_the_sum_of_its_parts() -> None:
     assert np.abs(pw.fourier(hollow, nu) - parts).max() < 1e-14
 
 
+def test_bodies_that_touch_along_an_edge_or_a_face_are_the_sum_of_both() -> None:
+    nu = np.random.default_rng(4).normal(size=(20, 3))
+    cube = pw.Polyhedron(CUBE_CORNERS, CUBE_FACES)
+    for shift in ([1, 1, 0], [1, 0, 0]):
+        both = np.concatenate([CUBE_CORNERS, CUBE_CORNERS + shift])
+        corners, places = np.unique(both, axis=0, return_inverse=True)
+        faces = np.array(CUBE_FACES)
+        pair = pw.Polyhedron(corners, places.reshape(-1)[np.concatenate([faces, faces + 8])])
+        assert pair.volume == 2.0
+        expected = pw.fourier(cube, nu) * (1 + np.exp(-2j * np.pi * nu @ shift))
+        assert np.abs(pw.fourier(pair, nu) - expected).max() < TOLERANCE["double"] * 2
+
+
 def test_a_turned_body_has_the_turned_transform() -> None:
     turn = rotation(7)
     body = prism([[0, 0], [1, 0], [0.2, 0.3], [0, 1]], 0.4)
@@ -120,6 +134,12 @@ def test_faces_that_all_run_inwards_are_turned_round() -> None:
         (CUBE_CORNERS * np.nan, CUBE_FACES, "finite"),
         ("cube", CUBE_FACES, r"\(n, 3\)"),
         (CUBE_CORNERS, 7, "lists of vertex numbers"),
+        (CUBE_CORNERS, np.array(CUBE_FACES) + 0.5, "whole"),
+        (CUBE_CORNERS + 0j, CUBE_FACES, "array of numbers"),
+        (np.ma.masked_equal(CUBE_CORNERS, 1.0), CUBE_FACES, "masked"),
+        (np.zeros((0, 3)), [], r"\(n, 3\)"),
+        (CUBE_CORNERS * 1e150, CUBE_FACES, "larger unit"),
+        (CUBE_CORNERS * 1e-150, CUBE_FACES, "smaller unit"),
     ],
 )
 def test_unusable_polyhedra_are_refused(vertices: Any, faces: Any, message: str) -> None:
@@ -199,6 +219,7 @@ def test_third_components_of_drjit_points_are_ignored_too() -> None:
         (np.eye(3), "shape"),
         (np.full((4, 4), np.nan), "finite"),
         ("north", r"\(4, 4\)"),
+        (np.eye(4) + 0j, r"\(4, 4\)"),
     ],
 )
 def test_poses_that_are_not_rigid_are_refused(pose: Any, message: str) -> None:
@@ -209,3 +230,19 @@ def test_poses_that_are_not_rigid_are_refused(pose: Any, message: str) -> None:
 def test_a_placed_aperture_has_no_wigner_function_of_its_own() -> None:
     with pytest.raises(ArgumentError, match=r"use its \.aperture"):
         pw.wigner(CHEVRON.placed(np.eye(4)), [0, 0], [0, 0])  # type: ignore[arg-type]
+
+
+def test_copies_of_a_placed_aperture_are_equal_and_cannot_be_written_to() -> None:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation(5), (1.0, 2.0, 3.0)
+    placed = CHEVRON.placed(pose)
+    for same in (pickle.loads(pickle.dumps(placed)), copy.deepcopy(placed), copy.copy(placed)):
+        assert same == placed and hash(same) == hash(placed)
+        with pytest.raises(ValueError, match="read-only"):
+            same.pose[0, 3] = 7.0
+
+
+def test_infinite_waves_stay_infinite_in_an_array_of_one() -> None:
+    growing = [1 + 300j, 0.2]
+    alone = pw.fourier(CHEVRON, growing)
+    assert np.isinf(alone) and pw.fourier(pw.Array([CHEVRON]), growing) == alone

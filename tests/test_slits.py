@@ -168,6 +168,8 @@ def test_slits_are_sorted_merged_where_they_touch_and_compared_by_content() -> N
         ([0, 1, 2], r"\(m, 2\)"),
         ([], r"\(m, 2\)"),
         ("slit", r"\(m, 2\)"),
+        (np.array([[0, 1j]]), r"\(m, 2\)"),
+        (np.ma.masked_equal([[0.0, 1.0]], 1.0), "masked"),
     ],
 )
 def test_unusable_slits_are_refused(intervals: object, message: str) -> None:

@@ -83,7 +83,13 @@ def in_plane(value: Any) -> Any:
 def times_complex(value: Any, factor: complex) -> Any:
     """A complex result of any kind (NumPy, ``Complex2f``, tensor (..., 2)) times a number."""
     if not is_drjit(value):
-        return value * factor
+        if factor.imag:
+            return value * factor
+        # By parts: the product with a complex number makes NaN of an infinite value.
+        scaled = np.array(value)
+        scaled.real *= factor.real
+        scaled.imag *= factor.real
+        return scaled[()]
     if not _is_tensor(value):
         return value * type(value)(factor.real, factor.imag)
     import drjit

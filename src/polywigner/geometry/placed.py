@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,15 @@ class PlacedAperture:
     aperture: Aperture
     pose: NDArray[np.float64]
     """(4, 4) read-only: from the aperture's frame, in whose plane z = 0 it lies, to the world."""
+
+    def __post_init__(self) -> None:
+        pose = np.array(self.pose, dtype=np.float64)
+        pose.setflags(write=False)
+        object.__setattr__(self, "pose", pose)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Through the constructor: an array that is copied or unpickled can be written to.
+        return PlacedAperture, (self.aperture, self.pose)
 
     @property
     def normal(self) -> NDArray[np.float64]:

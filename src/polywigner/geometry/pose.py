@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["rigid_pose"]
 
@@ -23,11 +24,9 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
     would be another aperture, whose transforms this one's are not.
     """
     try:
-        given = np.array(to_world, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise GeometryError(
-            f"expected to_world as a (4, 4) matrix, got {type(to_world).__name__}"
-        ) from None
+        given = real_numbers(to_world)
+    except ValueError as error:
+        raise GeometryError(f"expected to_world as a (4, 4) matrix, got {error}") from None
     if given.shape != (4, 4):
         raise GeometryError(f"expected to_world of shape (4, 4), got {given.shape}")
     if not np.isfinite(given).all():

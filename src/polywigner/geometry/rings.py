@@ -12,6 +12,8 @@ from polywigner.errors import GeometryError
 from polywigner.geometry.exact import Ring, cross_products, orientations, signed_area
 
 __all__ = [
+    "LARGEST_COORDINATE",
+    "SMALLEST_EXTENT",
     "Part",
     "clean_ring",
     "extent",
@@ -29,8 +31,8 @@ Part = tuple[Ring, ...]
 """One polygon: its exterior (counter-clockwise) followed by its holes (clockwise)."""
 
 # Beyond these the area over- or underflows float64; a change of unit is the answer.
-_LARGEST_COORDINATE = 1e100
-_SMALLEST_EXTENT = 1e-100
+LARGEST_COORDINATE = 1e100
+SMALLEST_EXTENT = 1e-100
 
 # Points on a slanted line are off it by about one unit in the last place u = 2^-53 of the largest
 # coordinate m, so such a ring of diameter d spans an area up to a few u * m * d: that is "zero".
@@ -50,6 +52,8 @@ def extent(points: Ring) -> float:
 
 def _as_array(vertices: Any, name: str) -> NDArray[np.float64]:
     expected = f"expected {name} as an (n, 2) array of numbers"
+    if np.ma.is_masked(vertices):
+        raise GeometryError(f"{expected}, got masked elements; leave those vertices out")
     try:
         raw = np.asarray(vertices)
     except (ValueError, TypeError) as error:
@@ -124,9 +128,9 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
         raise GeometryError(
             f"expected finite coordinates in {name}, got ({x}, {y}) as vertex {row}; remove it"
         )
-    if len(ring) and np.abs(ring).max() > _LARGEST_COORDINATE:
+    if len(ring) and np.abs(ring).max() > LARGEST_COORDINATE:
         raise GeometryError(
-            f"expected coordinates below {_LARGEST_COORDINATE:g} in {name}, "
+            f"expected coordinates below {LARGEST_COORDINATE:g} in {name}, "
             f"got {np.abs(ring).max():g}; choose a larger unit"
         )
     ring = ring + 0.0  # turns -0.0 into 0.0, so that content compares
@@ -134,9 +138,9 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
     size = extent(ring)
-    if size < _SMALLEST_EXTENT:
+    if size < SMALLEST_EXTENT:
         raise GeometryError(
-            f"expected {name} to be larger than {_SMALLEST_EXTENT:g}, got a size of {size:g}; "
+            f"expected {name} to be larger than {SMALLEST_EXTENT:g}, got a size of {size:g}; "
             "choose a smaller unit"
         )
     return without_straight_vertices(_without_repeats(ring))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["Slits"]
 
@@ -79,9 +80,9 @@ class Slits:
 def _ascending(intervals: Any) -> NDArray[np.float64]:
     expected = "expected slits as an (m, 2) array of begins and ends"
     try:
-        array = np.array(intervals, dtype=np.float64, ndmin=2)
-    except (TypeError, ValueError):
-        raise GeometryError(f"{expected}, got {type(intervals).__name__}") from None
+        array = np.atleast_2d(real_numbers(intervals))
+    except ValueError as error:
+        raise GeometryError(f"{expected}, got {error}") from None
     if array.ndim != 2 or array.shape[1] != 2 or not len(array):
         raise GeometryError(f"{expected}, got shape {np.shape(intervals)}")
     if not np.isfinite(array).all():
