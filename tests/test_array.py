@@ -151,6 +151,9 @@ def test_opposite_weights_on_one_element_are_dark(engine: str) -> None:
     assert np.abs(pw.autocorrelation(dark, x, xi, engine=engine)).max() == 0.0
     with pytest.raises(IlluminationError, match="light"):
         pw.otf(dark, [0.0, 0.0])
+    almost = pw.Array(dark.elements, [1.0, -1.0 + 1e-9])  # |u|^2 = 1e-18 is lost in rounding
+    with pytest.raises(IlluminationError, match="cancel"):
+        pw.otf(almost, [0.0, 0.0])
 
 
 weights = st.complex_numbers(max_magnitude=4, min_magnitude=0.25)
@@ -452,6 +455,10 @@ RAISED = SQUARE.placed(_turned((1, 0, 0), 0, (0, 0, 0.25)))
         (lambda: pw.Array([SQUARE], ["a"]), IlluminationError, "complex weights"),
         (lambda: pw.Array([SQUARE], [np.nan]), IlluminationError, "finite"),
         (lambda: pw.Array([SQUARE], [0.0]), IlluminationError, "zeros only"),
+        (lambda: pw.Array([SQUARE], ["1"]), IlluminationError, "complex weights"),
+        (lambda: pw.Array([SQUARE], [1e200]), IlluminationError, "divide all by it"),
+        (lambda: pw.Array([SQUARE], [1e-200]), IlluminationError, "divide all by it"),
+        (lambda: pw.Array([SQUARE], np.ma.masked_equal([1], 1)), IlluminationError, "masked"),
         (lambda: pw.wigner(MIXED, ZERO, ZERO), GeometryError, "leans by"),
         (lambda: pw.wigner(pw.Array([TETRAHEDRON]), ZERO, ZERO), GeometryError, "Polyhedron at 0"),
         (lambda: pw.wigner(pw.Array([TILTED]), ZERO, ZERO), GeometryError, "leans by 5 degrees"),

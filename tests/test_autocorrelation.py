@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,9 +112,26 @@ def test_transfer_function_in_focus_is_the_normalised_overlap() -> None:
     [
         ({"pupil_radius": 0.0}, "pupil_radius above zero"),
         ({"pupil_radius": math.nan}, "pupil_radius above zero"),
+        ({"pupil_radius": "1 mm"}, "pupil_radius above zero, got '1 mm'"),
+        ({"pupil_radius": [1.0, 2.0]}, "pupil_radius above zero"),
         ({"defocus": math.inf}, "finite defocus"),
+        ({"defocus": None}, "finite defocus in waves, got None"),
+        ({"defocus": np.array([0.5, 1.0])}, "finite defocus"),
+        ({"defocus": 1j}, "finite defocus"),
+        ({"defocus": 1e300, "pupil_radius": 1e-50}, "fewer waves"),
     ],
 )
-def test_unusable_pupils_are_refused(arguments: dict[str, float], message: str) -> None:
+def test_unusable_pupils_are_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
         pw.otf(HOLED, [0.1, 0.1], **arguments)
+
+
+@engines
+def test_points_that_are_no_numbers_have_no_autocorrelation(engine: str) -> None:
+    x = np.array([[0.7, 0.7], [np.nan, 0.0], [0.0, np.nan]])
+    for xi in (np.zeros((3, 2)), np.full((3, 2), [0.0, np.nan])):
+        got = pw.autocorrelation(HOLED, x, xi, engine=engine)
+        expected = np.isnan(np.concatenate([x, xi], axis=1)).any(axis=1)
+        assert (np.isnan(got) == expected).all()
+    slits = pw.autocorrelation(SLITS, [[np.nan], [0.5]], [0.0], engine=engine)
+    assert np.isnan(slits[0]) and slits[1] == 1.0

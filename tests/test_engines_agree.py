@@ -140,6 +140,11 @@ def test_infinite_or_missing_coordinates_never_give_a_number(engine: str) -> Non
             assert outside or np.isnan(value), (x, nu, value)
 
 
+def test_lists_of_unequal_lengths_are_refused_with_the_shape_that_is_expected() -> None:
+    with pytest.raises(PolywignerError, match=r"numbers of shape \(\.\.\., 2\)"):
+        pw.fourier(CHEVRON, [[1.0, 2.0], [3.0]])
+
+
 def test_masked_points_are_refused_rather_than_taken_without_their_mask() -> None:
     nu = np.ma.masked_array([[1.0, 0.0], [2.0, 0.0]], mask=[[0, 0], [1, 1]])
     with pytest.raises(PolywignerError, match="masked"):

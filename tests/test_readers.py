@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from outlines import CHEVRON, apertures, square_at
-from polywigner.errors import FileFormatError, GeometryError, QuantityError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, QuantityError
 from polywigner.geometry import Aperture, read_aperture, shapes
 
 MILLIMETRES = 1000 * CHEVRON / 100  # a chevron of 20 mm
@@ -223,6 +223,9 @@ def test_paths_that_are_no_files_raise(tmp_path):
         (Path("x" * 5000), "expected"),
     ):
         with pytest.raises(FileFormatError, match=message):
+            read_aperture(path)
+    for path in (None, 3, ["aperture.csv"]):
+        with pytest.raises(ArgumentError, match="expected the path of a file"):
             read_aperture(path)
 
 

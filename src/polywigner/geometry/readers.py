@@ -188,11 +188,11 @@ def read_aperture(
     QuantityError
         The unit does not parse.
     ArgumentError
-        The tolerance is not a length above zero.
+        The tolerance is not a length above zero, or the path is none.
     MissingExtraError
         The format needs a library that is not installed.
     """
-    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), Path(path)
+    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
     try:
         file = _File(source, bytes_of(source), metres, reach)
         # Numbers beyond the range of float64 are reported where they arrive, with a place.
@@ -224,10 +224,12 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
         The surface is not closed, not consistently oriented, or encloses no volume.
     QuantityError
         The unit does not parse.
+    ArgumentError
+        The path is none.
     MissingExtraError
         trimesh is not installed.
     """
-    metres, source = _metres(unit), Path(path)
+    metres, source = _metres(unit), _path(path)
     try:
         if source.suffix.lower() not in MESH_SUFFIXES:
             raise FileFormatError(
@@ -239,3 +241,10 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
             return Polyhedron(_scaled(vertices, metres), faces)
     except (FileFormatError, GeometryError, MissingExtraError) as error:
         raise _about(source, error) from None
+
+
+def _path(path: Any) -> Path:
+    try:
+        return Path(os.fsdecode(path))
+    except TypeError:
+        raise ArgumentError(f"expected the path of a file, got {type(path).__name__}") from None

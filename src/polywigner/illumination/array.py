@@ -23,6 +23,9 @@ Element = Aperture | PlacedAperture | Polyhedron | Slits
 # radians, and still be in it: what rounding does to a pose multiplied from several.
 _IN_PLANE = 1e-12
 
+# Products of two weights and an area must neither overflow nor vanish.
+_LARGEST_WEIGHT = 1e100
+
 
 @final
 class Array:
@@ -46,7 +49,8 @@ class Array:
     Raises
     ------
     ArgumentError for anything but elements, none of them, and slits mixed with others.
-    IlluminationError for weights that are not n finite complex numbers, and for weights all zero.
+    IlluminationError for weights that are not n finite complex numbers, for weights all zero, and
+    where the largest modulus is not from 1e-100 to 1e100.
     """
 
     elements: tuple[Element, ...]
@@ -149,15 +153,7 @@ def _checked_elements(elements: Any) -> tuple[Element, ...]:
 
 
 def _checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
-    if weights is None:
-        array = np.ones(count, np.complex128)
-    else:
-        try:
-            array = np.array(weights, dtype=np.complex128)
-        except (TypeError, ValueError):
-            raise IlluminationError(
-                f"expected {count} complex weights, got {type(weights).__name__}"
-            ) from None
+    array = np.ones(count, np.complex128) if weights is None else _numbers(weights, count)
     if array.shape != (count,):
         raise IlluminationError(
             f"expected one weight for each of {count} elements, got shape {array.shape}"
@@ -167,9 +163,29 @@ def _checked_weights(weights: Any, count: int) -> NDArray[np.complex128]:
         raise IlluminationError(f"expected finite weights, got {bad}")
     if not array.any():
         raise IlluminationError("expected a weight other than zero, got zeros only")
+    largest = float(np.abs(array).max())
+    if not 1 / _LARGEST_WEIGHT <= largest <= _LARGEST_WEIGHT:
+        raise IlluminationError(
+            f"expected a largest weight from {1 / _LARGEST_WEIGHT:g} to {_LARGEST_WEIGHT:g}, got "
+            f"{largest:g}; divide all by it"
+        )
     array += 0.0  # no negative zeros, which equal zeros but hash differently
     array.setflags(write=False)
     return array
+
+
+def _numbers(weights: Any, count: int) -> NDArray[np.complex128]:
+    if np.ma.is_masked(weights):
+        raise IlluminationError(f"expected {count} weights, got masked ones; use .filled(0)")
+    try:
+        array = np.asarray(weights)
+        if array.dtype.kind in "US":  # which NumPy would parse
+            raise TypeError
+        return np.array(array, dtype=np.complex128)
+    except (TypeError, ValueError, OverflowError):
+        raise IlluminationError(
+            f"expected {count} complex weights, got {type(weights).__name__}"
+        ) from None
 
 
 def _placed(element: Element, pose: NDArray[np.float64]) -> Element:

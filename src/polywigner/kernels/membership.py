@@ -27,15 +27,20 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
     rows = [(e.ax, e.ay, e.bx, e.by, e.real, e.imag) for e in tables.edges]
     real, imag = ops.sum_over(rows, term, 2, like=x)
-    return real, imag
+    undefined = _zero_or_nan(x) + _zero_or_nan(y)
+    return real + undefined, imag + undefined
 
 
 def field_in_slits(ops: Any, tables: SlitTables, x: Any) -> tuple[Any, Any]:
     """(real, imaginary) part of u; a slit has its begin and not its end."""
-    real: Any = 0.0
-    imag: Any = 0.0
+    real = imag = _zero_or_nan(x)
     for slit in tables.edges:
         inside = ops.select((x >= slit.begin) & (x < slit.end), 1.0, 0.0)
         real = real + inside * slit.real
         imag = imag + inside * slit.imag
     return real, imag
+
+
+def _zero_or_nan(value: Any) -> Any:
+    """NaN where the value is no finite number: all comparisons with a NaN are false, as outside."""
+    return value - value

@@ -22,8 +22,11 @@ def in_plane(nu: Any) -> Any:
     """The first two components of three: an aperture without a pose lies in the plane z = 0."""
     if engines.is_drjit(nu):
         return engines.in_plane(nu)
-    array = np.asarray(nu)
-    return array[..., :2] if array.ndim and array.shape[-1] == 3 else nu
+    try:
+        shape = np.shape(nu)
+    except ValueError:  # lists of unequal lengths: checked_points says what is expected
+        return nu
+    return np.asanyarray(nu)[..., :2] if shape and shape[-1] == 3 else nu
 
 
 def transform(

@@ -137,6 +137,8 @@ def _axis(name: str, values: Values) -> LabelledArray:
 def _chosen(available: Mapping[str, Tile], names: Iterable[str] | None) -> list[Tile]:
     if names is None:
         return list(available.values())
+    if not isinstance(names, Iterable):
+        raise ArgumentError(f"expected names of tiles, got {type(names).__name__}")
     wanted = [names] if isinstance(names, str) else list(names)
     _known(wanted, available, "tiles")
     return [available[name] for name in wanted]
@@ -154,7 +156,7 @@ def _axes(
     """The values along every coordinate that the tiles have."""
     names = dict.fromkeys(name for t in tiles.values() for name in (t.first, t.second))
     counts = dict(samples) if isinstance(samples, Mapping) else dict.fromkeys(names, samples)
-    ranges, given = dict(extent or {}), dict(coordinates or {})
+    ranges, given = _by_name("extent", extent), _by_name("coordinates", coordinates)
     for what, keys in (("samples", counts), ("extent", ranges), ("coordinates", given)):
         _known(keys, names, f"{what} of coordinates")
     return {
@@ -166,6 +168,15 @@ def _axes(
         )
         for name in names
     }
+
+
+def _by_name(what: str, values: Any) -> dict[str, Any]:
+    if values is not None and not isinstance(values, Mapping):
+        raise ArgumentError(
+            f"expected {what} as a mapping from the names of coordinates, got "
+            f"{type(values).__name__}"
+        )
+    return dict(values or {})
 
 
 def _given(name: str, values: Any) -> Values:

@@ -15,6 +15,10 @@ from polywigner.transforms.phase_space import ambiguity, lag_marginal
 
 __all__ = ["otf"]
 
+# Of what the elements of an array would have one by one: rounding leaves 1e-15 where their fields
+# cancel, and what is normalised by a hundred of those has hardly a digit.
+_DARK = 1e-13
+
 
 def otf(
     source: PhaseSpaceSource,
@@ -46,20 +50,37 @@ def otf(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; EngineError without the engine.
+    ArgumentError for arguments of the wrong type, shape or range; IlluminationError for an Array
+    whose fields cancel everywhere; EngineError without the engine.
     """
     kernel = kernels.kernel_for("ambiguity", source)
-    radius = _pupil_radius(source) if pupil_radius is None else float(pupil_radius)
-    if not (np.isfinite(radius) and radius > 0.0):
+    radius = _pupil_radius(source) if pupil_radius is None else _number(pupil_radius)
+    if not 0.0 < radius < np.inf:
         raise ArgumentError(f"expected a pupil_radius above zero, got {pupil_radius!r}")
-    if not np.isfinite(defocus):
+    waves = _number(defocus)
+    if not np.isfinite(waves):
         raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
+    # Two divisions: the square of a radius may be too small or too large for a float.
+    slope = -2.0 * waves / radius / radius
+    if not np.isfinite(slope):
+        raise ArgumentError(
+            f"expected a defocus of fewer waves, got {waves:g} at a pupil_radius of {radius:g}"
+        )
     if engines.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
-    slope = -2.0 * float(defocus) / radius**2
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     return ambiguity(source, slope * lags, lags, **how) / _energy(source)
+
+
+def _number(value: Any) -> float:
+    """A real number as a float; NaN for anything else."""
+    if isinstance(value, str | bytes) or np.ndim(value) or np.iscomplexobj(value):
+        return float("nan")
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return float("nan")
 
 
 def _pupil_radius(source: PhaseSpaceSource) -> float:
@@ -77,6 +98,8 @@ def _energy(source: PhaseSpaceSource) -> float:
     if isinstance(source, Aperture):
         return source.area
     energy = float(lag_marginal(source, [0.0] * min(2, source.dimension)).real)
-    if energy > 0.0:
+    contents = [_energy(element) for element in source.coplanar]
+    apart = float(abs(source.weights) ** 2 @ contents)
+    if energy > _DARK * apart:
         return energy
     raise IlluminationError("expected a pupil with light in it, got fields that cancel everywhere")
