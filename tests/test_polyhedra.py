@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -63,6 +64,17 @@ def test_a_prism_is_its_base_times_a_slit() -> None:
     body = prism(base, 0.7)
     product = pw.fourier(pw.Aperture(base), nu) * pw.fourier(pw.Slits([0, 0.7]), nu[:, 2:])
     assert np.abs(pw.fourier(body, nu) - product).max() < 1e-14 * body.volume
+
+
+def test_memory_grows_with_the_vertices_and_not_with_their_square() -> None:
+    sides = 800
+    pw.fourier(prism(pw.shapes.regular_polygon(5, 1.0).rings[0], 1.0), np.zeros(3), engine="numpy")
+    tracemalloc.start()
+    body = prism(pw.shapes.regular_polygon(sides, 1.0).rings[0], 1.0)
+    pw.fourier(body, np.zeros(3), engine="numpy")
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 8 * (2 * sides) ** 2 / 2
 
 
 def test_a_box_is_a_product_of_sincs_wherever_it_stands() -> None:

@@ -191,7 +191,7 @@ def _check_planar(points: Vertices, faces: Sequence[tuple[int, ...]]) -> None:
             continue  # always plane, and cannot cross itself
         corners = points[list(face)]
         relative = corners - corners.mean(axis=0)
-        _, _, axes = np.linalg.svd(relative)
+        _, _, axes = np.linalg.svd(relative, full_matrices=False)
         off = float(np.abs(relative @ axes[2]).max())
         if off > _PLANAR * diameter:
             raise GeometryError(

@@ -82,7 +82,9 @@ def _axes(body: Polyhedron) -> tuple[Point, Matrix]:
     World axes and one scale for all, unless the body is a needle or a plate. The box is that along
     these axes: the centre of another one would lie far outside a plate, in units of its thickness.
     """
-    _, _, own = np.linalg.svd(body.vertices - body.vertices.mean(axis=0))
+    middle = body.vertices.mean(axis=0)
+    # Without full_matrices=False it makes a matrix of vertices times vertices.
+    _, _, own = np.linalg.svd(body.vertices - middle, full_matrices=False)
     own = own * np.sign(np.linalg.det(own))  # right-handed, so that volumes keep their sign
     axes = min(np.eye(3), own, key=lambda rows: np.ptp(body.vertices @ rows.T, axis=0).prod())
     along = body.vertices @ axes.T
