@@ -177,6 +177,8 @@ def test_slits_that_touch_are_one():
 
 
 BAD = {
+    "too many slits": lambda: shapes.grating(10**10, 1, 2),
+    "too many vertices": lambda: shapes.disc(1, 10**10),
     "zero 1D slit": lambda: shapes.slit(0),
     "1D slit at infinity": lambda: shapes.slit(1, math.inf),
     "three 1D slits": lambda: shapes.slit_pair(1, (0, 2, 4)),

@@ -42,6 +42,9 @@ __all__ = [
     "vee",
 ]
 
+# As many vertices as a file may have; a slip of a few zeros would fill the memory.
+_MOST = 1_000_000
+
 
 def _number(value: Any, name: str, meaning: str) -> float:
     try:
@@ -64,6 +67,8 @@ def _length(value: Any, name: str, zero: bool = False) -> float:
 def _count(value: Any, name: str, least: int) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
         raise ArgumentError(f"expected {name} as a whole number of at least {least}, got {value!r}")
+    if value > _MOST:
+        raise ArgumentError(f"expected {name} as a whole number up to {_MOST}, got {value}")
     return int(value)
 
 
