@@ -21,7 +21,7 @@ if TYPE_CHECKING:
         read_polyhedron,
         shapes,
     )
-    from polywigner.illumination import Array
+    from polywigner.illumination import Array, Illumination, phased_array
     from polywigner.transforms import (
         ambiguity,
         autocorrelation,
@@ -39,10 +39,12 @@ __version__ = "0.1.0"
 _HOMES = {
     "Aperture": "polywigner.geometry",
     "Array": "polywigner.illumination",
+    "Illumination": "polywigner.illumination",
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
     "automean": "polywigner.geometry",
     "lag_slice": "polywigner.geometry",
+    "phased_array": "polywigner.illumination",
     "position_slice": "polywigner.geometry",
     "read_aperture": "polywigner.geometry",
     "read_polyhedron": "polywigner.geometry",
@@ -61,6 +63,7 @@ _HOMES = {
 __all__ = [
     "Aperture",
     "Array",
+    "Illumination",
     "Polyhedron",
     "Slits",
     "__version__",
@@ -71,6 +74,7 @@ __all__ = [
     "lag_marginal",
     "lag_slice",
     "otf",
+    "phased_array",
     "position_marginal",
     "position_slice",
     "projections",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from polywigner.errors import GeometryError
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.exact import Ring, orientations, total_area
+from polywigner.geometry.field import Field, checked_field, checked_shift
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
 from polywigner.geometry.pose import rigid_pose
@@ -75,7 +76,7 @@ def _parts_from(vertices: Any) -> list[Part]:
 
 @final
 class Aperture:
-    """An opening (or radiating patch) of uniform illumination, bounded by polygons.
+    """An opening (or radiating patch) bounded by polygons; uniform unless given an illumination.
 
     Parameters
     ----------
@@ -98,6 +99,8 @@ class Aperture:
     """
 
     _parts: tuple[Part, ...]
+    illumination: Field | None
+    """The field on the aperture, an Illumination; None where it is 1."""
 
     def __init__(self, vertices: Any) -> None:
         self._set(merge_parts(_parts_from(vertices)))
@@ -105,6 +108,7 @@ class Aperture:
     def _set(self, parts: Sequence[Part]) -> None:
         frozen = tuple(tuple(_frozen(ring) for ring in part) for part in parts)
         object.__setattr__(self, "_parts", frozen)
+        object.__setattr__(self, "illumination", None)
 
     @classmethod
     def _of_parts(cls, parts: Sequence[Part]) -> Aperture:
@@ -129,6 +133,29 @@ class Aperture:
             For any other `winding`.
         """
         return cls._of_parts(split_ring(ring, winding))
+
+    def with_illumination(self, illumination: Field | None) -> Aperture:
+        """The same aperture with another field on it, an Illumination; None for the field 1.
+
+        Raises ArgumentError for what is not an Illumination, IlluminationError for one of slits.
+        """
+        aperture = object.__new__(Aperture)
+        object.__setattr__(aperture, "_parts", self._parts)
+        field = None if illumination is None else checked_field(illumination, 2)
+        object.__setattr__(aperture, "illumination", field)
+        return aperture
+
+    def moved(self, shift: Any) -> Aperture:
+        """The aperture and the field on it shifted by (2,).
+
+        Vertices are rounded, so that a copy far away differs from this one in their last digits.
+
+        Raises ArgumentError for a shift that is not two finite numbers.
+        """
+        offset = checked_shift(shift, 2)
+        copy = Aperture._of_parts([tuple(ring + offset for ring in part) for part in self._parts])
+        field = self.illumination
+        return copy if field is None else copy.with_illumination(field.moved(offset))
 
     def placed(self, to_world: Any) -> PlacedAperture:
         """This aperture in a rigid pose (4, 4), for transforms with three-component nu.
@@ -197,10 +224,12 @@ class Aperture:
         )
 
     def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, Aperture) else NotImplemented
+        if not isinstance(other, Aperture):
+            return NotImplemented
+        return self._key == other._key and self.illumination == other.illumination
 
     def __hash__(self) -> int:
-        return hash(self._key)
+        return hash((self._key, self.illumination))
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"an Aperture cannot be changed ({name}); build a new one")
@@ -215,7 +244,7 @@ class Aperture:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Aperture._of_parts, (self._parts,)
+        return _restored, (self._parts, self.illumination)
 
     def __repr__(self) -> str:
         xmin, ymin, xmax, ymax = self.bounds
@@ -223,10 +252,15 @@ class Aperture:
         counts = [f"{sum(map(len, self.rings))} vertices"]
         counts += [f"{parts} parts"] if parts > 1 else []
         counts += [f"{holes} hole{'s' if holes > 1 else ''}"] if holes else []
+        counts += [repr(self.illumination)] if self.illumination is not None else []
         return (
             f"Aperture({', '.join(counts)}, area {self.area:.6g}, "
             f"bounds ({xmin:.6g}, {ymin:.6g}, {xmax:.6g}, {ymax:.6g}))"
         )
+
+
+def _restored(parts: Sequence[Part], illumination: Field | None) -> Aperture:
+    return Aperture._of_parts(parts).with_illumination(illumination)
 
 
 def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:

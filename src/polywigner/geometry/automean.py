@@ -32,6 +32,8 @@ def _means(first: Ring, second: Ring) -> Ring:
 def automean(aperture: Aperture) -> Aperture:
     """The mutual support {(a + b)/2 : a, b in the aperture} of u(x + xi/2) and u(x - xi/2).
 
+    A set, whatever the illumination.
+
     The Wigner function W(x, nu) vanishes for x outside of it. A convex aperture is its own
     automean; any other has one larger than itself, inside its convex hull.
 
@@ -47,7 +49,7 @@ def automean(aperture: Aperture) -> Aperture:
     _require_aperture(aperture)
     pieces = aperture.convex_cover
     if len(pieces) == 1:
-        return aperture
+        return aperture.with_illumination(None)
     midpoints = [_means(a, b) for a, b in combinations_with_replacement(pieces, 2)]
     hulls = shapely.convex_hull([shapely.MultiPoint(points) for points in midpoints])
     union = union_on_grid(list(hulls), shapely.get_coordinates(list(hulls)))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.field import Field, checked_field, checked_shift
 
 __all__ = ["Slits"]
 
@@ -19,7 +20,7 @@ _ROUNDING = 2.0**-46
 
 @final
 class Slits:
-    """A one-dimensional aperture of uniform illumination: one interval or several.
+    """A one-dimensional aperture, one interval or several; uniform unless given an illumination.
 
     Parameters
     ----------
@@ -35,11 +36,30 @@ class Slits:
 
     intervals: NDArray[np.float64]
     """(m, 2) float64, ascending, read-only."""
+    illumination: Field | None
+    """The field on the slits, an Illumination; None where it is 1."""
 
     def __init__(self, intervals: Any) -> None:
         array = _ascending(intervals)
         array.setflags(write=False)
         object.__setattr__(self, "intervals", array)
+        object.__setattr__(self, "illumination", None)
+
+    def with_illumination(self, illumination: Field | None) -> Slits:
+        """The same slits with another field in them, an Illumination; None for the field 1.
+
+        Raises ArgumentError for what is not an Illumination, IlluminationError for one in 2D.
+        """
+        return _restored(self.intervals, illumination)
+
+    def moved(self, shift: Any) -> Slits:
+        """The slits and the field in them shifted by a number, or by (1,).
+
+        Raises ArgumentError for anything but one finite number.
+        """
+        offset = checked_shift(np.atleast_1d(shift), 1)
+        field = None if self.illumination is None else self.illumination.moved(offset)
+        return _restored(self.intervals + offset, field)
 
     @cached_property
     def length(self) -> float:
@@ -59,10 +79,11 @@ class Slits:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Slits):
             return NotImplemented
-        return np.array_equal(self.intervals, other.intervals)
+        same = np.array_equal(self.intervals, other.intervals)
+        return same and self.illumination == other.illumination
 
     def __hash__(self) -> int:
-        return hash(self.intervals.tobytes())
+        return hash((self.intervals.tobytes(), self.illumination))
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"Slits cannot be changed ({name}); build new ones")
@@ -71,10 +92,21 @@ class Slits:
         raise AttributeError(f"Slits cannot be changed ({name}); build new ones")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Slits, (self.intervals,)
+        return _restored, (self.intervals, self.illumination)
 
     def __repr__(self) -> str:
-        return f"Slits({self.intervals.tolist()})"
+        field = "" if self.illumination is None else f", {self.illumination!r}"
+        return f"Slits({self.intervals.tolist()}{field})"
+
+
+def _restored(intervals: NDArray[np.float64], illumination: Field | None) -> Slits:
+    slits = object.__new__(Slits)
+    field = None if illumination is None else checked_field(illumination, 1)
+    intervals = intervals.copy()
+    intervals.setflags(write=False)
+    object.__setattr__(slits, "intervals", intervals)
+    object.__setattr__(slits, "illumination", field)
+    return slits
 
 
 def _ascending(intervals: Any) -> NDArray[np.float64]:

@@ -1,0 +1,165 @@
+"""Fields that are sums of plane waves."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from numbers import Complex
+from typing import Any, NoReturn, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.field import checked_shift
+
+__all__ = ["Illumination"]
+
+
+@final
+class Illumination:
+    """A field u(x) = sum_m c_m exp(2 pi i kappa_m.x) on an aperture (d = 2) or on slits (d = 1).
+
+    Steering, cosine and Taylor tapers and modes of waveguides are such sums of a few waves, for
+    which all transforms stay closed forms. `a * b` multiplies two fields, `2j * a` scales one, and
+    `a + b` adds them up.
+
+    Parameters
+    ----------
+    amplitudes
+        (m,) complex c_m, in the unit of the field.
+    frequencies
+        (m, d) real kappa_m in cycles per metre; for d = 1 also (m,).
+
+    Waves of one frequency are merged, and those of amplitude zero dropped.
+
+    Raises
+    ------
+    IlluminationError for values that are not finite numbers, shapes that do not match, and a field
+    that is zero everywhere.
+    """
+
+    amplitudes: NDArray[np.complex128]
+    """(m,), read-only."""
+    frequencies: NDArray[np.float64]
+    """(m, d), read-only, in lexicographic order."""
+
+    def __init__(self, amplitudes: Any, frequencies: Any) -> None:
+        waves = _merged(*_checked(amplitudes, frequencies))
+        for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def dimension(self) -> int:
+        """d, the number of components of a position."""
+        return int(self.frequencies.shape[1])
+
+    def __call__(self, x: Any) -> Any:
+        """The field at positions x (..., d), complex (...)."""
+        points = np.asarray(x, dtype=np.float64)
+        if points.ndim == 0 or points.shape[-1] != self.dimension:
+            raise ArgumentError(f"expected x of shape (..., {self.dimension}), got {points.shape}")
+        return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
+
+    def moved(self, shift: Any) -> Illumination:
+        """The field carried along by a shift (d,): u(x - shift)."""
+        offset = checked_shift(shift, self.dimension)
+        turn = np.exp(-2j * np.pi * (self.frequencies @ offset))
+        return Illumination(self.amplitudes * turn, self.frequencies)
+
+    def __mul__(self, other: Illumination | complex) -> Illumination:
+        if isinstance(other, Complex):
+            return Illumination(self.amplitudes * complex(other), self.frequencies)
+        if not isinstance(other, Illumination):
+            return NotImplemented
+        if other.dimension != self.dimension:
+            raise IlluminationError(
+                f"expected fields of one dimension, got {self.dimension} and {other.dimension}"
+            )
+        products = np.multiply.outer(self.amplitudes, other.amplitudes)
+        sums = self.frequencies[:, None] + other.frequencies
+        return Illumination(products.ravel(), sums.reshape(-1, self.dimension))
+
+    __rmul__ = __mul__
+
+    def __add__(self, other: Illumination) -> Illumination:
+        if not isinstance(other, Illumination):
+            return NotImplemented
+        if other.dimension != self.dimension:
+            raise IlluminationError(
+                f"expected fields of one dimension, got {self.dimension} and {other.dimension}"
+            )
+        return Illumination(
+            np.concatenate([self.amplitudes, other.amplitudes]),
+            np.concatenate([self.frequencies, other.frequencies]),
+        )
+
+    @cached_property
+    def _key(self) -> tuple[int, bytes, bytes]:
+        return self.dimension, self.amplitudes.tobytes(), self.frequencies.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        return self._key == other._key if isinstance(other, Illumination) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"an Illumination cannot be changed ({name}); build a new one")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"an Illumination cannot be changed ({name}); build a new one")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Illumination, (self.amplitudes, self.frequencies)
+
+    def __len__(self) -> int:
+        """The number of waves."""
+        return len(self.amplitudes)
+
+    def __repr__(self) -> str:
+        plural = "s" if len(self) > 1 else ""
+        return f"Illumination({len(self)} plane wave{plural}, {self.dimension}D)"
+
+
+def _checked(
+    amplitudes: Any, frequencies: Any
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    try:
+        waves = np.atleast_1d(np.array(amplitudes, dtype=np.complex128))
+        kappa = np.array(frequencies, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise IlluminationError(
+            "expected complex amplitudes (m,) and real frequencies (m, d), got "
+            f"{type(amplitudes).__name__} and {type(frequencies).__name__}"
+        ) from None
+    if kappa.ndim == 1:
+        kappa = kappa[None, :] if waves.size == 1 and kappa.size == 2 else kappa[:, None]
+    if waves.ndim != 1 or kappa.ndim != 2 or len(waves) != len(kappa) or not waves.size:
+        raise IlluminationError(
+            f"expected one frequency for each amplitude, got shapes {waves.shape} and {kappa.shape}"
+        )
+    if kappa.shape[1] not in (1, 2):
+        raise IlluminationError(
+            f"expected frequencies of one or two components, got {kappa.shape[1]}"
+        )
+    if not (np.isfinite(waves).all() and np.isfinite(kappa).all()):
+        raise IlluminationError("expected finite amplitudes and frequencies, got inf or nan")
+    return waves, kappa
+
+
+def _merged(
+    amplitudes: NDArray[np.complex128], frequencies: NDArray[np.float64]
+) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+    """One wave for each frequency, in lexicographic order; no negative zeros, none of amplitude 0.
+
+    What is left by cancellation, below rounding of the terms that cancelled, counts as 0.
+    """
+    found, number = np.unique(frequencies + 0.0, axis=0, return_inverse=True)
+    total, size = np.zeros(len(found), np.complex128), np.zeros(len(found))
+    np.add.at(total, number.ravel(), amplitudes)
+    np.add.at(size, number.ravel(), np.abs(amplitudes))
+    kept = np.abs(total) > 1e-15 * size
+    if not kept.any():
+        raise IlluminationError("expected a field other than zero, got amplitudes of zero only")
+    return total[kept] + 0.0, found[kept]
