@@ -13,7 +13,13 @@ module               what is in it
 """
 
 from polywigner.engines.choice import Engine, Precision, checked_engine, checked_precision
-from polywigner.engines.drjit_arrays import evaluate_traced, in_plane, is_drjit, times_complex
+from polywigner.engines.drjit_arrays import (
+    evaluate_traced,
+    in_plane,
+    is_drjit,
+    shifted_points,
+    times_complex,
+)
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.operations import (
@@ -37,5 +43,6 @@ __all__ = [
     "in_plane",
     "is_drjit",
     "ops_for",
+    "shifted_points",
     "times_complex",
 ]

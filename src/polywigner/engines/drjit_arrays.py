@@ -19,7 +19,7 @@ from polywigner.engines.operations import DrjitOperations
 from polywigner.errors import ArgumentError
 from polywigner.kernels import Kernel
 
-__all__ = ["evaluate_traced", "in_plane", "is_drjit", "times_complex"]
+__all__ = ["evaluate_traced", "in_plane", "is_drjit", "shifted_points", "times_complex"]
 
 
 def is_drjit(value: Any) -> bool:
@@ -78,6 +78,23 @@ def in_plane(value: Any) -> Any:
         double = drjit.itemsize_v(drjit.leaf_t(value)) == 8
         return (module.Array2f64 if double else module.Array2f)(value[0], value[1])
     return value
+
+
+def shifted_points(points: Any, shift: Any) -> Any:
+    """Points of any kind of Dr.Jit array, each moved by ``shift`` (d,)."""
+    import drjit
+
+    offset = np.asarray(shift, dtype=np.float64).tolist()
+    if _is_tensor(points):
+        if not points.shape or points.shape[-1] != len(offset):
+            return points  # refused with advice further on
+        flat = points.array
+        component = drjit.arange(drjit.uint32_array_t(type(flat)), len(flat)) % len(offset)
+        table = drjit.gather(type(flat), type(flat)(offset), component)
+        return type(points)(flat + table, points.shape)
+    if drjit.depth_v(points) == 2 and len(points) == len(offset):
+        return type(points)(*(points[k] + value for k, value in enumerate(offset)))
+    return points + offset[0] if drjit.depth_v(points) == 1 and len(offset) == 1 else points
 
 
 def times_complex(value: Any, factor: complex) -> Any:

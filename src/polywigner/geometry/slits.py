@@ -71,6 +71,11 @@ class Slits:
         """(begin of the first slit, end of the last)."""
         return float(self.intervals[0, 0]), float(self.intervals[-1, 1])
 
+    @property
+    def centre(self) -> float:
+        """Middle of the bounds."""
+        return self.bounds[0] / 2 + self.bounds[1] / 2
+
     @cached_property
     def diameter(self) -> float:
         """Distance from the begin of the first slit to the end of the last."""

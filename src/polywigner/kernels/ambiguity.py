@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
-from polywigner.kernels.clipping import AHEAD, BEHIND, clipper_for, times, total_extent
+from polywigner.kernels.clipping import (
+    AHEAD,
+    BEHIND,
+    Clipper,
+    View,
+    clipper_for,
+    times,
+    total_extent,
+)
+from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Edge, Tables
+from polywigner.kernels.waves import Beat, difference_beats
 
 __all__ = ["ambiguity", "position_slice_area"]
 
@@ -24,35 +35,91 @@ def ambiguity(
     v = upsilon, q = v.e, c = cross(v, e), m the middle: the edge sum of the paper with the
     sum of c, which vanishes, taken out, so that nothing is lost as v goes to 0. (Cheaper than
     triangles, and cut edges are many; the frame has no slivers that would make it less accurate.)
-    Source: docs/theory.md, (A1).
+    Source: docs/theory.md, (A1), (I3).
     """
     clipper = clipper_for(ops, tables, xi_x, xi_y)
-    v_x, v_y = moved_off_zero(ops, upsilon_x, upsilon_y)
-    shift = ops.fma(v_x, clipper.tx, v_y * clipper.ty)
+    total = Pair(0.0, 0.0)
+    for group in range(len(tables.groups)):
+        if not clipper.edges_of(group):
+            continue
+        beats = _beats_with(group, tables, clipper, (upsilon_x, upsilon_y))
 
-    def term(edge: Edge) -> tuple[Any, Any]:
+        def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
+            cuts: dict[tuple[View, int], Any] = {}
+            values: list[Any] = []
+            for other, views, beat in beats:
+                for view, _ in views:
+                    if (view, other) not in cuts:
+                        cuts[view, other] = list(clipper.intervals(edge, view, other))
+                values += beat.terms(edge, [(side, cuts[view, other]) for view, side in views])
+            return tuple(values)
+
+        sums = iter(clipper.sum_over_edges(term, 2 * len(beats), group))
+        for _, _, beat in beats:
+            total = total + beat.value((next(sums), next(sums)), (xi_x, xi_y))
+    return total.real, -total.imag
+
+
+Views = tuple[tuple[View, float], ...]
+
+
+def _beats_with(
+    group: int, tables: Tables, clipper: Clipper, upsilon: tuple[Any, Any]
+) -> list[tuple[int, Views, _Beat]]:
+    """For each group of pieces, the views it cuts a group of edges in, and the beats there.
+
+    The edges' field is the first factor in the view BEHIND, the second in the view AHEAD.
+    """
+    found: list[tuple[int, Views, _Beat]] = []
+    own = tables.groups[group]
+    for other, waves in enumerate(tables.groups):
+        kinds: list[tuple[Views, tuple[Beat, ...]]]
+        if other == group:
+            kinds = [(_COPIES, difference_beats(own, own))]
+        else:
+            both = (difference_beats(own, waves), difference_beats(waves, own))
+            kinds = [((copy,), beats) for copy, beats in zip(_COPIES, both, strict=True)]
+        for views, beats in kinds:
+            found += [(other, views, _Beat(clipper, beat, upsilon)) for beat in beats]
+    return found
+
+
+class _Beat:
+    """The sum over edges of one copy or both, at one frequency."""
+
+    def __init__(self, clipper: Clipper, beat: Beat, upsilon: tuple[Any, Any]) -> None:
+        self.ops, self.beat, self.phased = clipper.ops, beat, clipper.tables.phased
+        self.v_x, self.v_y = moved_off_zero(self.ops, *beat.detuned(upsilon))
+        self.shift = self.ops.fma(self.v_x, clipper.tx, self.v_y * clipper.ty)
+
+    def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> tuple[Any, Any]:
+        ops, v_x, v_y = self.ops, self.v_x, self.v_y
         q = ops.fma(v_x, edge.ex, v_y * edge.ey)
         c = ops.fma(v_x, edge.ey, v_y * -edge.ex)
         at_vertex = ops.fma(v_x, edge.ax, v_y * edge.ay)
-        cosine: Any = 0.0
-        sine: Any = 0.0
-        for view, side in _COPIES:
-            start = ops.fma(shift, side, at_vertex)
-            for middle, extent, real, imag in clipper.intervals(edge, view):
+        real_sum: Any = 0.0
+        imag_sum: Any = 0.0
+        for side, cuts in sides:
+            start = ops.fma(self.shift, side, at_vertex)
+            for middle, extent, real, imag in cuts:
                 where = ops.fma(0.5 * middle, q, start)
                 wave_sine, wave_cosine = segment_wave(ops, extent * q, where)
                 share = times(real, extent)
-                cosine = ops.fma(share, wave_sine, cosine)
-                sine = ops.fma(share, wave_cosine, sine)
-                if tables.phased:
+                real_sum = ops.fma(share, wave_sine, real_sum)
+                imag_sum = ops.fma(share, wave_cosine, imag_sum)
+                if self.phased:
                     turned = imag * extent
-                    cosine = ops.fma(-turned, wave_cosine, cosine)
-                    sine = ops.fma(turned, wave_sine, sine)
-        return c * cosine, c * sine
+                    real_sum = ops.fma(-turned, wave_cosine, real_sum)
+                    imag_sum = ops.fma(turned, wave_sine, imag_sum)
+        return c * real_sum, c * imag_sum
 
-    cosine, sine = clipper.sum_over_edges(term, values=2)
-    scale = 1.0 / (2 * math.pi * ops.fma(v_x, v_x, v_y * v_y))
-    return cosine * scale, -sine * scale
+    def value(self, sums: tuple[Any, Any], lag: tuple[Any, Any]) -> Pair:
+        scale = 1.0 / (2 * math.pi * self.ops.fma(self.v_x, self.v_x, self.v_y * self.v_y))
+        total = Pair(sums[0] * scale, sums[1] * scale)
+        real, imag = self.beat.amplitude(self.ops, lag)
+        if isinstance(real, float) and isinstance(imag, float) and (real, imag) == (1.0, 0.0):
+            return total
+        return total * Pair(real, imag)
 
 
 def position_slice_area(ops: Any, tables: Tables, xi_x: Any, xi_y: Any) -> tuple[Any, Any]:

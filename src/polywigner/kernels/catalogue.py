@@ -31,8 +31,12 @@ _KERNELS: dict[tuple[str, type], Kernel] = {
     ("position_marginal", Aperture): plane.POSITION_MARGINAL,
     ("lag_marginal", Slits): line.LAG_MARGINAL,
     ("lag_marginal", Aperture): plane.LAG_MARGINAL,
-    ("complex lag_marginal", Slits): line.LAG_MARGINAL_OF_FIELDS,
-    ("complex lag_marginal", Aperture): plane.LAG_MARGINAL_OF_FIELDS,
+    ("lag_marginal of weights", Slits): line.LAG_MARGINAL_OF_FIELDS,
+    ("lag_marginal of weights", Aperture): plane.LAG_MARGINAL_OF_FIELDS,
+    ("lag_marginal of waves", Slits): line.LAG_MARGINAL_OF_WAVES,
+    ("lag_marginal of waves", Aperture): plane.LAG_MARGINAL_OF_WAVES,
+    ("position_marginal of waves", Slits): line.POSITION_MARGINAL_OF_WAVES,
+    ("position_marginal of waves", Aperture): plane.POSITION_MARGINAL_OF_WAVES,
 }
 
 _TILED: dict[tuple[str, type], Kernel] = {
@@ -52,6 +56,10 @@ def _tiled(transform: str, source: Any) -> Kernel | None:
     return kernel if simplices.fan_cancels(aperture) else None
 
 
+def _is_illuminated(source: Any) -> bool:
+    return getattr(source, "illumination", None) is not None
+
+
 def kernel_for(transform: str, source: Any) -> Kernel:
     """The kernel of a transform of a source.
 
@@ -63,10 +71,15 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     GeometryError for those of arrays that do not lie in the plane z = 0.
     """
     kind = type(source)
+    elements: tuple[Any, ...] = (source,)
+    name = transform
     if isinstance(source, Array):
-        kind = type(source.coplanar[0])
-        transform = "complex lag_marginal" if transform == "lag_marginal" else transform
-    kernel = _tiled(transform, source) or _KERNELS.get((transform, kind))
+        elements = source.coplanar
+        kind = type(elements[0])
+        name = "lag_marginal of weights" if transform == "lag_marginal" else transform
+    if "marginal" in transform and any(_is_illuminated(element) for element in elements):
+        name = f"{transform} of waves"
+    kernel = _tiled(transform, source) or _KERNELS.get((name, kind))
     if kernel is not None:
         return kernel
     accepted = ", ".join(kind.__name__ for name, kind in _KERNELS if name == transform)

@@ -58,16 +58,25 @@ class Clipper:
         self._levels: dict[tuple[float, float], Any] = {}
         self._shared: dict[Hashable, Any] = {}
 
-    def sum_over_edges(self, term: Callable[[Edge], tuple[Any, ...]], values: int) -> Any:
-        """The sums, one by one, of the ``values`` values that ``term`` gives for each edge."""
+    def edges_of(self, group: int) -> list[Edge]:
+        """The edges of the elements with one of the fields of the tables."""
+        return [edge for edge in self.tables.edges if edge.group == group]
+
+    def sum_over_edges(
+        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
+    ) -> Any:
+        """The sums, one by one, of the ``values`` values that ``term`` gives for each edge.
+
+        Of the elements of one group, that is, with one field.
+        """
         totals = [0.0] * values
-        for edge in self.tables.edges:
+        for edge in self.edges_of(group):
             totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
         return tuple(totals)
 
-    def shared(self, edge: Edge, compute: Callable[[], Any]) -> Any:
-        """``compute()``, once for all edges of one direction."""
-        key = (edge.ux, edge.uy)
+    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
+        """``compute()``, of ``what``, once for all edges of one direction."""
+        key = (edge.ux, edge.uy, *what)
         if key not in self._shared:
             self._shared[key] = compute()
         return self._shared[key]
@@ -79,14 +88,18 @@ class Clipper:
             self._levels[key] = _cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
         return self._levels[key]
 
-    def intervals(self, edge: Edge, view: View) -> Iterator[tuple[Any, Any, Any, Any]]:
-        """(t0 + t1, t1 - t0, real, imag) of the edge inside each piece; t1 - t0 = 0 if outside.
+    def intervals(
+        self, edge: Edge, view: View, group: int = 0
+    ) -> Iterator[tuple[Any, Any, Any, Any]]:
+        """(t0 + t1, t1 - t0, real, imag) of the edge inside each piece of a group.
 
-        real + i imag: the field u(x + xi/2) u*(x - xi/2); an edge of the copy AHEAD is where the
-        second factor ends, any other where the first does.
+        t1 - t0 = 0 if it lies outside.
+
+        real + i imag: the weights in u(x + xi/2) u*(x - xi/2); an edge of the copy AHEAD is where
+        the second factor ends, any other where the first does.
         """
         cuts: dict[int, Any] = {}
-        for piece in self.tables.pieces:
+        for piece in (p for p in self.tables.pieces if p.group == group):
             real, imag = self.tables.mutual(edge, piece)
             yield (*self._interval(edge, view, piece, cuts), real, -imag if view is AHEAD else imag)
 
@@ -155,11 +168,15 @@ class RowClipper(Clipper):
     # stands for infinity: far outside [0, 1], and finite when multiplied by a frequency
     _FAR = 1e9
 
-    def sum_over_edges(self, term: Callable[[Edge], tuple[Any, ...]], values: int) -> Any:
-        rows = [astuple(edge) for edge in self.tables.edges]
+    def sum_over_edges(
+        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
+    ) -> Any:
+        rows = [astuple(edge) for edge in self.edges_of(group)]
+        if not rows:
+            return (0.0,) * values
         return self.ops.sum_over(rows, lambda *row: term(Edge(*row)), values, like=self.tx)
 
-    def shared(self, edge: Edge, compute: Callable[[], Any]) -> Any:
+    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
         return compute()
 
     def _interval(

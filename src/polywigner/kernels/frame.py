@@ -58,6 +58,8 @@ class Frame:
     norm: float
     content: float
     reach: tuple[float, ...]
+    carrier: tuple[float, ...] = (0.0, 0.0)
+    """The frequency, in the user's units, relative to which fields on the source are held."""
 
     def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         """A point of the aperture plane in the frame."""
@@ -92,6 +94,17 @@ class Frame:
     def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
         """A spatial frequency in the frame."""
         return times(ops, self.inverse_transpose, x, y)
+
+    def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+        """A spatial frequency relative to the carrier, in the frame."""
+        x, y = (nu - c if c else nu for nu, c in zip((x, y), self.carrier, strict=True))
+        return self.frequency(ops, x, y)
+
+    def exact_frequency(self, *nu: float) -> tuple[float, ...]:
+        """A constant frequency in the frame, correctly rounded."""
+        rows = [[Fraction(m) for m in row] for row in self.inverse_transpose]
+        exact = [Fraction(n) for n in nu]
+        return tuple(float(sum(m * n for m, n in zip(row, exact, strict=True))) for row in rows)
 
     def _cross_products(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
         (xx, xy), (yx, yy) = self.matrix

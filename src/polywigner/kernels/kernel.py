@@ -61,7 +61,8 @@ def parts_of(kernel: Kernel, tables: Any, size: int) -> list[Any]:
     """
     per_edge = kernel.clips_per_term
     if kernel.copies:
-        per_copy = sum(len(piece.sides) + kernel.clips_per_term for piece in tables.pieces)
+        code = kernel.clips_per_term * tables.waves_per_cut
+        per_copy = sum(len(piece.sides) + code for piece in tables.pieces)
         per_edge = kernel.copies * per_copy
     count = max(1, size // per_edge)
     edges = tables.edges

@@ -14,7 +14,7 @@ from polywigner.kernels.kernel import (
     leave_wave,
 )
 from polywigner.kernels.membership import field_in_slits
-from polywigner.kernels.plane import product_of_both
+from polywigner.kernels.plane import enter_both_ends, product_of_both
 from polywigner.kernels.slits import slit_tables
 
 __all__ = [
@@ -22,7 +22,9 @@ __all__ = [
     "AUTOCORRELATION",
     "LAG_MARGINAL",
     "LAG_MARGINAL_OF_FIELDS",
+    "LAG_MARGINAL_OF_WAVES",
     "POSITION_MARGINAL",
+    "POSITION_MARGINAL_OF_WAVES",
     "WIGNER",
 ]
 
@@ -33,15 +35,20 @@ def _four_times(ops: Any, frame: Any, x: Any) -> Values:
     return phases.halves(ops, (4.0 * total, 4.0 * rest))
 
 
+def _turns(ops: Any, frame: Any, upsilon: Any, xi: Any) -> Any:
+    """The phase of the centre and of the carrier."""
+    turns = phases.turns_to_centre(ops, frame.centre, upsilon)
+    if any(frame.carrier):
+        turns = turns - phases.turns_to_centre(ops, frame.carrier, xi)
+    return turns
+
+
 AUTOCORRELATION = Kernel(
     "autocorrelation of slits",
     1,
     slit_tables,
-    lambda ops, frame, x, xi: (
-        *frame.position(ops, x + 0.5 * xi),
-        *frame.position(ops, x - 0.5 * xi),
-    ),
-    lambda ops, tables, ahead, behind: (
+    enter_both_ends,
+    lambda ops, tables, turns, ahead, behind: (
         *field_in_slits(ops, tables, ahead),
         *field_in_slits(ops, tables, behind),
     ),
@@ -53,22 +60,32 @@ WIGNER = Kernel(
     slits.lag_pairs,
     lambda ops, frame, x, nu: (
         *_four_times(ops, frame, x),
-        *phases.halves(ops, (*frame.frequency(ops, nu), 0.0)),
+        *phases.halves(ops, (*frame.detuned(ops, nu), 0.0)),
     ),
     lambda ops, tables, x, rest, *nu: (slits.wigner(ops, tables, (x, rest), nu),),
     leave_real,
+)
+POSITION_MARGINAL_OF_WAVES = replace(
+    WIGNER,
+    name="position marginal of waves in slits",
+    enter=lambda ops, frame, x: WIGNER.enter(ops, frame, x, 0.0 * x),
 )
 AMBIGUITY = Kernel(
     "ambiguity of slits",
     1,
     slits.position_pairs,
     lambda ops, frame, upsilon, xi: (
-        phases.turns_to_centre(ops, frame.centre, upsilon),
+        _turns(ops, frame, upsilon, xi),
         *phases.halves(ops, (*frame.frequency(ops, upsilon), 0.0)),
         *phases.halves(ops, (*frame.vector(ops, xi), 0.0)),
     ),
     lambda ops, tables, turns, upsilon, low, *xi: slits.ambiguity(ops, tables, xi, (upsilon, low)),
     leave_wave,
+)
+LAG_MARGINAL_OF_WAVES = replace(
+    AMBIGUITY,
+    name="lag marginal of waves in slits",
+    enter=lambda ops, frame, xi: AMBIGUITY.enter(ops, frame, 0.0 * xi, xi),
 )
 POSITION_MARGINAL = Kernel(
     "position marginal of slits",

@@ -37,7 +37,9 @@ __all__ = [
     "FOURIER_PLACED_COMPLEX",
     "LAG_MARGINAL",
     "LAG_MARGINAL_OF_FIELDS",
+    "LAG_MARGINAL_OF_WAVES",
     "POSITION_MARGINAL",
+    "POSITION_MARGINAL_OF_WAVES",
     "WIGNER",
     "placed_frame",
     "tables_of",
@@ -48,10 +50,10 @@ __all__ = [
 def tables_of(source: Aperture | Array, double: bool) -> Tables:
     """The kernel tables of an aperture or array, for float64 or float32 kernels; built once."""
     if isinstance(source, Aperture):
-        elements = [Element(source.rings, source.convex_cover)]
+        elements = [Element(source.rings, source.convex_cover, 1.0, source.illumination)]
     else:
         elements = [
-            Element(aperture.rings, aperture.convex_cover, weight)
+            Element(aperture.rings, aperture.convex_cover, weight, aperture.illumination)
             for aperture, weight in zip(source.coplanar, source.weights.tolist(), strict=True)
             if isinstance(aperture, Aperture)
         ]
@@ -127,7 +129,7 @@ def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
 
 
 def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
-    return (*frame.position(ops, x, y), *frame.frequency(ops, nu_x, nu_y))
+    return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
 
 
 def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
@@ -144,9 +146,23 @@ def enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
     return (turns, growth, *frame.frequency(ops, *real), *inner)
 
 
-def _enter_ambiguity(ops: Any, frame: Frame, *arguments: Any) -> Values:
-    upsilon, xi = arguments[:2], arguments[2:]
-    return (*enter_frequency(ops, frame, *upsilon), *frame.vector(ops, *xi))
+def enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
+    """(phase of the centre and of the carrier, upsilon and xi in the frame)."""
+    upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
+    turns, *inner = enter_frequency(ops, frame, *upsilon)
+    if any(frame.carrier):
+        turns = turns - phases.turns_to_centre(ops, frame.carrier, *xi)
+    return (turns, *inner, *frame.vector(ops, *xi))
+
+
+def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
+    """(phase of the carrier or None, x + xi/2 and x - xi/2 in the frame)."""
+    count = len(arguments) // 2
+    x, xi = arguments[:count], arguments[count:]
+    turns = phases.turns_to_centre(ops, frame.carrier, *xi) if any(frame.carrier) else 0.0 * xi[0]
+    ahead = (p + 0.5 * lag for p, lag in zip(x, xi, strict=True))
+    behind = (p - 0.5 * lag for p, lag in zip(x, xi, strict=True))
+    return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
 
 
 def _fourier_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
@@ -159,24 +175,20 @@ def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Va
     return total.real, total.imag
 
 
-def _both_ends(ops: Any, frame: Frame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
-    """x + xi/2 and x - xi/2 in the frame."""
-    ahead = frame.position(ops, x + 0.5 * xi_x, y + 0.5 * xi_y)
-    return (*ahead, *frame.position(ops, x - 0.5 * xi_x, y - 0.5 * xi_y))
-
-
 def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
     """u(x + xi/2) conj(u(x - xi/2)) as real and imaginary part, from those of both fields."""
     product = Pair(*sums[:2]) * Pair(sums[2], -sums[3])
-    return product.real, product.imag
+    if not any(frame.carrier):
+        return product.real, product.imag
+    return phases.rotated(ops, -inner[0], product.real, -product.imag)
 
 
 AUTOCORRELATION = Kernel(
     "autocorrelation",
     2,
     tables_of,
-    _both_ends,
-    lambda ops, tables, px, py, mx, my: (
+    enter_both_ends,
+    lambda ops, tables, turns, px, py, mx, my: (
         *field(ops, tables, px, py),
         *field(ops, tables, mx, my),
     ),
@@ -222,7 +234,7 @@ AMBIGUITY = Kernel(
     "ambiguity",
     2,
     tables_of,
-    _enter_ambiguity,
+    enter_shift,
     lambda ops, tables, turns, *inner: ambiguity.ambiguity(ops, tables, *inner),
     leave_wave,
     copies=2,
@@ -238,3 +250,13 @@ LAG_MARGINAL = Kernel(
     copies=2,
 )
 LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)
+POSITION_MARGINAL_OF_WAVES = replace(
+    WIGNER,
+    name="position marginal of waves",
+    enter=lambda ops, frame, x, y: _enter_wigner(ops, frame, x, y, 0.0 * x, 0.0 * y),
+)
+LAG_MARGINAL_OF_WAVES = replace(
+    AMBIGUITY,
+    name="lag marginal of waves",
+    enter=lambda ops, frame, x, y: enter_shift(ops, frame, 0.0 * x, 0.0 * y, x, y),
+)

@@ -22,6 +22,7 @@ from polywigner.kernels import phases
 from polywigner.kernels.frame import power_of_two
 from polywigner.kernels.phases import Doubled, doubled
 from polywigner.kernels.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.kernels.waves import Wave, Waves, carrier_of, waves_in_frame
 
 __all__ = [
     "PairTables",
@@ -39,12 +40,11 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Interval:
-    """A slit in the frame, and the complex amplitude of the field in it."""
+    """A slit in the frame, and the field in it."""
 
     begin: float
     end: float
-    real: float = 1.0
-    imag: float = 0.0
+    waves: Waves
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,8 @@ class SlitFrame:
 
     centre: tuple[float]
     scale: float
+    carrier: tuple[float] = (0.0,)
+    """The frequency, in the user's unit, relative to which fields are held."""
 
     @property
     def content(self) -> float:
@@ -73,6 +75,13 @@ class SlitFrame:
     def frequency(self, ops: Any, nu: Any) -> tuple[Any]:
         return (nu * self.scale,)
 
+    def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
+        """A spatial frequency relative to the carrier, in the frame."""
+        return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
+
+    def exact_frequency(self, nu: float) -> tuple[float]:
+        return (nu * self.scale,)
+
 
 @dataclass(frozen=True)
 class SlitTables:
@@ -87,7 +96,9 @@ class PairTables:
     """Pairs of intervals; ``edges`` are what a sum runs over, numbers only.
 
     The centres' distance at x = 0 or xi = 0, as two floats; the half-lengths; the mean of the
-    centres, which does not move, as two floats; and the mutual field, real and imaginary part.
+    centres, which does not move, as two floats; and the mutual field, real and imaginary part. Where
+    fields have waves there is a row for every pair of waves, with what to subtract from the
+    frequency, and the turns of the mutual field along 4x or xi.
     """
 
     frame: SlitFrame
@@ -96,11 +107,11 @@ class PairTables:
 
 @dataclass(frozen=True)
 class _Exact:
-    """A slit in the frame as exact numbers, and its amplitude."""
+    """A slit in the frame as exact numbers, and the field in it."""
 
     begin: Fraction
     end: Fraction
-    field: complex
+    waves: Waves
 
     @property
     def middle(self) -> Fraction:
@@ -120,15 +131,18 @@ def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
         groups = [(slits, weight) for slits, weight in pairs if isinstance(slits, Slits)]
     low = min(slits.bounds[0] for slits, _ in groups)
     high = max(slits.bounds[1] for slits, _ in groups)
-    frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low))
+    (carrier,) = carrier_of((slits.illumination for slits, _ in groups), 1)
+    frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low), (carrier,))
     centre, scale = Fraction(frame.centre[0]), Fraction(frame.scale)
-    intervals = (
-        _Exact(
-            (Fraction(begin) - centre) / scale, (Fraction(end) - centre) / scale, complex(weight)
+    intervals = []
+    for slits, weight in groups:
+        waves = tuple(
+            Wave(weight * wave.amplitude, wave.frequency)
+            for wave in waves_in_frame(slits.illumination, frame)
         )
-        for slits, weight in groups
-        for begin, end in slits.intervals.tolist()
-    )
+        for begin, end in slits.intervals.tolist():
+            ends = ((Fraction(value) - centre) / scale for value in (begin, end))
+            intervals.append(_Exact(*ends, waves))
     return frame, tuple(intervals)
 
 
@@ -136,7 +150,7 @@ def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
 def slit_tables(source: Slits | Array, double: bool) -> SlitTables:
     """The tables of slits or an array of slits; the same for either precision."""
     frame, slits = _exact_slits(source)
-    intervals = (Interval(float(s.begin), float(s.end), s.field.real, s.field.imag) for s in slits)
+    intervals = (Interval(float(s.begin), float(s.end), s.waves) for s in slits)
     return SlitTables(frame, tuple(intervals))
 
 
@@ -149,10 +163,13 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
     frame, slits = _exact_slits(source)
     rows = []
     for (k, one), (m, other) in combinations_with_replacement(enumerate(slits), 2):
-        mutual = one.field * other.field.conjugate() * (1.0 if k == m else 2.0)
         gap, mean = 2 * (one.middle + other.middle), one.middle - other.middle
-        rows.append(_row(gap, 2 * one.half, 2 * other.half, mean, mutual, double))
-    return PairTables(frame, tuple(rows))
+        row = _row(gap, 2 * one.half, 2 * other.half, mean, double)
+        for v, w in product(one.waves, other.waves):
+            mutual = v.amplitude * complex(w.amplitude).conjugate() * (1.0 if k == m else 2.0)
+            middle, rate = _mean_and_difference(v, w)
+            rows.append((*row, mutual.real, mutual.imag, middle, rate / 4))
+    return PairTables(frame, _without_still_waves(rows))
 
 
 @lru_cache(maxsize=256)
@@ -161,17 +178,30 @@ def position_pairs(source: Slits | Array, double: bool) -> PairTables:
     frame, slits = _exact_slits(source)
     rows = []
     for one, other in product(slits, slits):
-        mutual = one.field * other.field.conjugate()
         gap, mean = one.middle - other.middle, (one.middle + other.middle) / 2
-        rows.append(_row(gap, one.half, other.half, mean, mutual, double))
-    return PairTables(frame, tuple(rows))
+        row = _row(gap, one.half, other.half, mean, double)
+        for v, w in product(one.waves, other.waves):
+            mutual = v.amplitude * complex(w.amplitude).conjugate()
+            middle, rate = _mean_and_difference(v, w)
+            rows.append((*row, mutual.real, mutual.imag, rate, middle))
+    return PairTables(frame, _without_still_waves(rows))
 
 
 def _row(
-    gap: Fraction, half: Fraction, other: Fraction, mean: Fraction, mutual: complex, double: bool
+    gap: Fraction, half: Fraction, other: Fraction, mean: Fraction, double: bool
 ) -> tuple[float, ...]:
-    parts = (*doubled(gap, double), float(half), float(other), *doubled(mean, double))
-    return (*parts, mutual.real, mutual.imag)
+    return (*doubled(gap, double), float(half), float(other), *doubled(mean, double))
+
+
+def _mean_and_difference(one: Wave, other: Wave) -> tuple[float, float]:
+    """Of the frequencies of two waves."""
+    (a,), (b,) = one.frequency, other.frequency
+    return (a + b) / 2, a - b
+
+
+def _without_still_waves(rows: list[tuple[float, ...]]) -> tuple[tuple[float, ...], ...]:
+    """Rows without the last two numbers if these are zero in all of them."""
+    return tuple(rows) if any(any(row[-2:]) for row in rows) else tuple(row[:-2] for row in rows)
 
 
 def _overlap(
@@ -193,15 +223,29 @@ def _overlap(
 
 def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
     """The slices' transform, with the fields: (real, imaginary) part."""
-    whole = nu[0] + nu[1]
 
     def term(
-        gap: Any, rest: Any, half: Any, other: Any, mean: Any, low: Any, real: Any, imag: Any
+        gap: Any,
+        rest: Any,
+        half: Any,
+        other: Any,
+        mean: Any,
+        low: Any,
+        real: Any,
+        imag: Any,
+        *wave: Any,
     ) -> tuple[Any, Any]:
+        own = nu
+        if wave:
+            detuning, rate = wave
+            own = (nu[0], nu[1] - detuning)
+            cosine, sine = cos_sin_turns(ops, rate * (shift[0] + shift[1]))
+            real, imag = real * cosine - imag * sine, real * sine + imag * cosine
+        whole = own[0] + own[1]
         length, aside = _overlap(ops, shift, gap, rest, half, other)
         half_turns = 0.5 * whole * length
         mean_wave, _ = mean_plane_wave(ops, -half_turns, half_turns)
-        turns = phases.reduced(ops, phases.dot(ops, (nu,), ((mean, low),))) + whole * aside
+        turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
         cosine, sine = cos_sin_turns(ops, turns)
         size = mean_wave * length
         return size * (cosine * real + sine * imag), size * (cosine * imag - sine * real)

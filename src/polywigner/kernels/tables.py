@@ -20,7 +20,7 @@ same numbers. Lines fall into clusters of direction, more than ``_TRANSVERSAL`` 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 from typing import Any
@@ -34,6 +34,14 @@ from polywigner.kernels.lattice import (
     exact_cross,
     signed_convex_pieces,
     with_vertices_on_sides,
+)
+from polywigner.kernels.waves import (
+    UNIFORM,
+    Waves,
+    carrier_of,
+    common_factor,
+    difference_beats,
+    waves_in_frame,
 )
 
 __all__ = ["Edge", "Element", "Line", "Piece", "Tables", "build_tables"]
@@ -88,8 +96,10 @@ class Edge:
     cluster: Any
     """Of the edge's line."""
     real: Any = 1.0
-    """The field on the element that the edge bounds: its complex weight."""
+    """The complex weight of the element that the edge bounds."""
     imag: Any = 0.0
+    group: Any = 0
+    """Which of the fields in ``Tables.groups`` the weight is for."""
 
 
 @dataclass(frozen=True)
@@ -97,8 +107,9 @@ class Piece:
     """A convex piece: (line, side) with side +1 where the piece lies left of the line."""
 
     sides: tuple[tuple[int, int], ...]
-    real: float  # the field on the piece; its negative for a triangle turned over by rounding
+    real: float  # the element's weight; its negative for a triangle turned over by rounding
     imag: float = 0.0
+    group: int = 0
 
 
 @dataclass(frozen=True)
@@ -110,16 +121,24 @@ class Tables:
     lines: tuple[Line, ...]
     pieces: tuple[Piece, ...]
     grid: float | None  # spacing to which offsets must be rounded; None if no line needs it
-    uniform: bool = True  # all fields are 1
-    phased: bool = False  # not all fields are real
+    uniform: bool = True  # all weights are 1
+    phased: bool = False  # not all weights are real
+    groups: tuple[Waves, ...] = (UNIFORM,)  # the different fields on the elements, less weights
 
     @cached_property
     def clips(self) -> int:
         """Number of (edge, side of a piece) pairs: the cost of one slice."""
         return len(self.edges) * sum(len(piece.sides) for piece in self.pieces)
 
+    @cached_property
+    def waves_per_cut(self) -> int:
+        """How many plane waves are integrated over what is left of an edge in a piece."""
+        return max(
+            sum(len(difference_beats(one, other)) for other in self.groups) for one in self.groups
+        )
+
     def mutual(self, edge: Edge, piece: Piece) -> tuple[Any, Any]:
-        """Field on the edge's element times the conjugate of that on the piece: (real, imag)."""
+        """Weight of the edge's element times the conjugate of the piece's: (real, imag)."""
         if self.uniform:
             return piece.real, 0.0
         if not self.phased:
@@ -132,12 +151,14 @@ class Tables:
 
 @dataclass(frozen=True)
 class Element:
-    """What tables are built of: a polygon and the complex amplitude of the field on it."""
+    """What tables are built of: a polygon and the field on it."""
 
     rings: Sequence[npt.NDArray[np.float64]]
     """The polygon to their left."""
     convex_cover: Sequence[npt.NDArray[np.float64]]
     weight: complex = 1.0
+    illumination: Any = None
+    """What the weight multiplies, an Illumination; None for 1."""
 
 
 def _clusters(angles: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
@@ -240,6 +261,8 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
     """
     frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
     lattice = Lattice.for_precision(double)
+    frame = replace(frame, carrier=carrier_of((e.illumination for e in elements), 2))
+    groups, members = _grouped(elements, frame)
     plain = [_in_frame(element, frame) for element in elements]
     gridded = _LineBook(_segments_of_all(plain), double).has_exact_lines
     outlines = [_on_grid(element, frame, lattice) for element in elements] if gridded else plain
@@ -248,14 +271,14 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
     pieces: list[Piece] = []
     numbers = iter(zip(book.number_of, book.signs, strict=True))
     waves: dict[tuple[float, float], tuple[float, float]] = {}
-    for outline, element in zip(outlines, elements, strict=True):
-        weight = complex(element.weight)
+    for outline, member in zip(outlines, members, strict=True):
+        weight, group = member
         for ring in outline.rings:
-            edges += _edges(ring, numbers, book, waves, weight)
+            edges += _edges(ring, numbers, book, waves, member)
         for piece, sign in outline.pieces:
             sides = dict.fromkeys((n, int(s)) for n, s in islice(numbers, len(piece)))
-            pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag))
-    weights = [complex(element.weight) for element in elements]
+            pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag, group))
+    weights = [weight for weight, _ in members]
     return Tables(
         frame,
         tuple(edges),
@@ -264,7 +287,25 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
         lattice.step if gridded else None,
         uniform=all(weight == 1 for weight in weights),
         phased=any(weight.imag for weight in weights),
+        groups=groups,
     )
+
+
+def _grouped(
+    elements: Sequence[Element], frame: Frame
+) -> tuple[tuple[Waves, ...], list[tuple[complex, int]]]:
+    """The different fields on the elements; each element's weight and number of field."""
+    groups: list[Waves] = []
+    members = []
+    for element in elements:
+        waves = waves_in_frame(element.illumination, frame)
+        factors = (common_factor(waves, group) for group in groups)
+        found = next(((f, k) for k, f in enumerate(factors) if f is not None), None)
+        if found is None:
+            groups.append(waves)
+            found = (1.0, len(groups) - 1)
+        members.append((complex(element.weight) * found[0], found[1]))
+    return tuple(groups), members
 
 
 @dataclass(frozen=True)
@@ -298,8 +339,9 @@ def _edges(
     numbers: Iterator[tuple[int, int]],
     book: _LineBook,
     waves: dict[tuple[float, float], tuple[float, float]],
-    weight: complex,
+    member: tuple[complex, int],
 ) -> Iterator[Edge]:
+    weight, group = member
     ends = np.roll(ring, -1, axis=0).tolist()
     for (ax, ay, ex, ey), (bx, by) in zip(_segments_of(ring).tolist(), ends, strict=True):
         number, sign = next(numbers)
@@ -310,5 +352,5 @@ def _edges(
         area, line = exact_cross(ax, ay, ex, ey), book.lines[number]
         yield Edge(
             ax, ay, bx, by, ex, ey, area, ux, uy,
-            sign * length, line.offset, float(line.cluster), weight.real, weight.imag,
+            sign * length, line.offset, float(line.cluster), weight.real, weight.imag, group,
         )  # fmt: skip

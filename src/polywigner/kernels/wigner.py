@@ -4,20 +4,126 @@
 with q = nu.e, c = cross(nu, e), and [t0, t1] the part of edge e inside the mirrored polygon. The
 two copies are mirror images, so the edges of one, doubled, are the whole boundary; only the real
 part is left, in which nothing cancels as nu goes to 0. In a collection each cut edge carries the
-field of its element times the conjugate of that of the piece; docs/theory.md, (W2).
+weight of its element times the conjugate of that of the piece, and cosines appear: (W2). Several
+waves on the elements are several frequencies: (I2).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from polywigner.kernels.clipping import MIRRORED, Clipper, clipper_for, times, total_extent
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.trigonometry import sin_turns
+from polywigner.kernels.waves import Beat, mean_beats
 
 __all__ = ["lag_slice_area", "wigner"]
+
+Cuts = Sequence[tuple[Any, Any, Any, Any]]
+
+
+def wigner(ops: Any, tables: Tables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
+    """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2), (I2)."""
+    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
+    total: Any = 0.0
+    for group in range(len(tables.groups)):
+        if not clipper.edges_of(group):
+            continue
+        beats = _beats_with(group, tables, clipper, (nu_x, nu_y))
+
+        def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
+            values: list[Any] = []
+            for other, found in beats:
+                cuts = list(clipper.intervals(edge, MIRRORED, other))
+                for beat in found:
+                    values += beat.terms(edge, cuts)
+            return tuple(values)
+
+        flat = [beat for _, found in beats for beat in found]
+        sums = iter(clipper.sum_over_edges(term, sum(beat.values for beat in flat), group))
+        for beat in flat:
+            total = total + beat.value([next(sums) for _ in range(beat.values)], (x, y))
+    return total
+
+
+def _beats_with(
+    group: int, tables: Tables, clipper: Clipper, nu: tuple[Any, Any]
+) -> list[tuple[int, list[_EvenBeat | _PhasedBeat]]]:
+    """For each group of pieces, what its waves beat with those of a group of edges."""
+    result = []
+    for other, waves in enumerate(tables.groups):
+        found = mean_beats(tables.groups[group], waves)
+        even = group == other and not tables.phased
+        kind = _EvenBeat if even else _PhasedBeat
+        result.append((other, [kind(clipper, beat, nu) for beat in found]))
+    return result
+
+
+class _EvenBeat:
+    """The sum over edges for real weights, which is even in the frequency: (W1)."""
+
+    values = 1
+
+    def __init__(self, clipper: Clipper, beat: Beat, nu: tuple[Any, Any]) -> None:
+        self.clipper, self.ops, self.beat = clipper, clipper.ops, beat
+        self.nu_x, self.nu_y = _floored(self.ops, *beat.detuned(nu))
+        self.nu_t = self.ops.fma(self.nu_x, clipper.tx, self.nu_y * clipper.ty)
+
+    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any]:
+        ops, nu_x, nu_y = self.ops, self.nu_x, self.nu_y
+        along, ratio = self.clipper.shared(
+            edge, lambda: _ratio(ops, nu_x, nu_y, edge.ux, edge.uy), self.beat.shift
+        )
+        q = along * edge.length
+        start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -self.nu_t))
+        total: Any = 0.0
+        for middle, extent, mutual, _ in cuts:
+            product = sin_turns(ops, extent * q) * sin_turns(ops, ops.fma(middle, q, start))
+            total = total + times(mutual, product)
+        return (ratio * total,)
+
+    def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> Any:
+        square = self.ops.fma(self.nu_x, self.nu_x, self.nu_y * self.nu_y)
+        amplitude, _ = self.beat.amplitude(self.ops, position)
+        return times(amplitude, sums[0] / (math.pi**2 * square))
+
+
+class _PhasedBeat:
+    """The sum over edges for complex weights, which is not even: (W2).
+
+    Cosines count as well. They sum to zero at nu = 0, so that cos - 1 stands for cos.
+    """
+
+    def __init__(self, clipper: Clipper, beat: Beat, nu: tuple[Any, Any]) -> None:
+        self.ops, self.beat = clipper.ops, beat
+        self.nu_x, self.nu_y = moved_off_zero(self.ops, *beat.detuned(nu))
+        self.nu_t = self.ops.fma(self.nu_x, clipper.tx, self.nu_y * clipper.ty)
+        self.values = 1 if beat.is_real else 2
+
+    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+        ops, nu_x, nu_y = self.ops, self.nu_x, self.nu_y
+        q = ops.fma(nu_x, edge.ex, nu_y * edge.ey)
+        c = ops.fma(nu_x, edge.ey, nu_y * -edge.ex)
+        start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -self.nu_t))
+        first: Any = 0.0
+        second: Any = 0.0
+        for middle, extent, real, imag in cuts:
+            sine, cosine = segment_wave(ops, 2.0 * extent * q, ops.fma(middle, q, start))
+            first = ops.fma(extent, real * sine - imag * cosine, first)
+            if self.values == 2:
+                second = ops.fma(extent, real * cosine + imag * sine, second)
+        return (c * first, c * second) if self.values == 2 else (c * first,)
+
+    def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> Any:
+        square = self.ops.fma(self.nu_x, self.nu_x, self.nu_y * self.nu_y)
+        real, imag = self.beat.amplitude(self.ops, position)
+        total = times(real, sums[0])
+        if self.values == 2:
+            total = total - imag * sums[1]
+        return total * (2.0 / (math.pi * square))
 
 
 def _floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
@@ -25,50 +131,6 @@ def _floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     floor = 1e-9 if ops.double else 1e-6
     tiny = (abs(nu_x) < floor) & (abs(nu_y) < floor)  # false if either is not a number
     return ops.select(tiny, floor, nu_x), ops.select(tiny, 0.0, nu_y)
-
-
-def wigner(ops: Any, tables: Tables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
-    """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2)."""
-    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
-    if tables.phased:
-        return _phased(ops, clipper, nu_x, nu_y)
-    nu_x, nu_y = _floored(ops, nu_x, nu_y)
-    nu_t = ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
-
-    def term(edge: Edge) -> tuple[Any]:
-        along, ratio = clipper.shared(edge, lambda: _ratio(ops, nu_x, nu_y, edge.ux, edge.uy))
-        q = along * edge.length
-        start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -nu_t))
-        total: Any = 0.0
-        for middle, extent, mutual, _ in clipper.intervals(edge, MIRRORED):
-            product = sin_turns(ops, extent * q) * sin_turns(ops, ops.fma(middle, q, start))
-            total = total + times(mutual, product)
-        return (ratio * total,)
-
-    (total,) = clipper.sum_over_edges(term, values=1)
-    return total / (math.pi**2 * ops.fma(nu_x, nu_x, nu_y * nu_y))
-
-
-def _phased(ops: Any, clipper: Clipper, nu_x: Any, nu_y: Any) -> Any:
-    """W of a collection with complex weights, which is not even in nu: (W2).
-
-    Cosines count as well. They sum to zero at nu = 0, so that cos - 1 stands for cos.
-    """
-    nu_x, nu_y = moved_off_zero(ops, nu_x, nu_y)
-    nu_t = ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
-
-    def term(edge: Edge) -> tuple[Any]:
-        q = ops.fma(nu_x, edge.ex, nu_y * edge.ey)
-        c = ops.fma(nu_x, edge.ey, nu_y * -edge.ex)
-        start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -nu_t))
-        total: Any = 0.0
-        for middle, extent, real, imag in clipper.intervals(edge, MIRRORED):
-            sine, cosine = segment_wave(ops, 2.0 * extent * q, ops.fma(middle, q, start))
-            total = ops.fma(extent, real * sine - imag * cosine, total)
-        return (c * total,)
-
-    (total,) = clipper.sum_over_edges(term, values=1)
-    return total * (2.0 / (math.pi * ops.fma(nu_x, nu_x, nu_y * nu_y)))
 
 
 def _ratio(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
@@ -80,7 +142,7 @@ def _ratio(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
 
 
 def lag_slice_area(ops: Any, tables: Tables, x: Any, y: Any) -> Any:
-    """R_x(x), the area of the lag slice, in the frame."""
+    """R_x(x) of elements without illumination: the area of the lag slice, in the frame."""
     clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
 
     def term(edge: Edge) -> tuple[Any]:

@@ -12,10 +12,23 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 
-__all__ = ["PhaseSpaceSource", "Source", "array_on_grid", "checked_points", "in_plane", "transform"]
+__all__ = [
+    "PhaseSpaceSource",
+    "Source",
+    "array_on_grid",
+    "checked_points",
+    "in_plane",
+    "is_uniform",
+    "transform",
+]
 
 PhaseSpaceSource = Aperture | Slits | Array
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
+
+
+def is_uniform(source: Any) -> bool:
+    """Whether the field is 1 on the source, and its marginals real."""
+    return not isinstance(source, Array) and source.illumination is None
 
 
 def in_plane(nu: Any) -> Any:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from polywigner import kernels
 from polywigner.engines import Engine, Precision
-from polywigner.illumination import Array
-from polywigner.transforms.arguments import PhaseSpaceSource, transform
+from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
 
 __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
 
@@ -26,7 +26,8 @@ def autocorrelation(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
+        either.
     x : (..., d) positions, the mean of the two points, in m.
     xi : (..., d) lags, their difference, in m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
@@ -60,7 +61,8 @@ def wigner(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
+        either.
     x : (..., d) positions in m.
     nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
@@ -92,7 +94,8 @@ def ambiguity(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
+        either.
     upsilon : (..., d) real frequency shifts in 1/m.
     xi : (..., d) lags in m; broadcasts against ``upsilon``.
     precision, engine : see :func:`fourier`.
@@ -117,7 +120,8 @@ def position_marginal(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
+        either.
     x : (..., d) positions in m.
     precision, engine : see :func:`fourier`.
 
@@ -142,18 +146,21 @@ def lag_marginal(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), on which u = 1, or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
+        either.
     xi : (..., d) lags in m.
     precision, engine : see :func:`fourier`.
 
     Returns
     -------
-    (...) in m^d, equal to A(0, xi): real for a uniform source, complex for an Array.
+    (...) in m^d, equal to A(0, xi): real for a uniform source, complex for an Array and for a
+    source with an illumination.
 
     Raises
     ------
     ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
     """
-    outputs = 2 if isinstance(source, Array) else 1
+    kernels.kernel_for("lag_marginal", source)  # its error if there is none
+    outputs = 1 if is_uniform(source) else 2
     return transform("lag_marginal", source, [("xi", xi)], precision, engine, outputs=outputs)

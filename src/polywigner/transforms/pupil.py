@@ -93,13 +93,11 @@ def _pupil_radius(source: PhaseSpaceSource) -> float:
 
 def _energy(source: PhaseSpaceSource) -> float:
     """The integral of |u|^2, A(0, 0)."""
-    if isinstance(source, Slits):
-        return source.length
-    if isinstance(source, Aperture):
-        return source.area
-    energy = float(lag_marginal(source, [0.0] * min(2, source.dimension)).real)
-    contents = [_energy(element) for element in source.coplanar]
-    apart = float(abs(source.weights) ** 2 @ contents)
-    if energy > _DARK * apart:
+    dimension = kernels.kernel_for("ambiguity", source).dimension
+    energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
+    if isinstance(source, Array):
+        contents = [_energy(element) for element in source.coplanar]
+        apart = float(abs(source.weights) ** 2 @ contents)
+    if energy > _DARK * apart and energy > 0.0:
         return energy
     raise IlluminationError("expected a pupil with light in it, got fields that cancel everywhere")

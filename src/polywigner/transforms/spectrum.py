@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from functools import partial
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 from polywigner import engines
 from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import (
     Source,
@@ -33,20 +34,21 @@ def fourier(
 ) -> Any:
     """Fourier transform (SFT) of a source: F(nu) = integral of u(x) exp(-2 pi i nu.x) over it.
 
-    Closed form, at any nu, zero included (docs/theory.md, (F2), (F3), (F5), (S1), (C1)). Accurate
-    to 1e-13 of the content (2e-6 in single precision) for any size and direction of nu, needles and
-    far places included; for complex nu, of the content times the largest wave in the source's box,
-    and infinite where a float cannot hold it; less for bodies with thin walls (docs/accuracy.md).
-    Differs from the paper's eq. (FVT), which prints the exp(+) kernel and is singular at nu = 0;
-    its factor (nu/|nu|).n for collections is an obliquity and not part of the transform. Cost:
-    linear in the edges, or in the triangles of a polyhedron's faces; that of its elements for an
-    Array.
+    Closed form, at any nu, zero included (docs/theory.md, (F2), (F3), (F5), (S1), (C1), (I1)).
+    Accurate to 1e-13 of the content (2e-6 in single precision) for any size and direction of nu,
+    needles and far places included; for complex nu, of the content times the largest wave in the
+    source's box, and infinite where a float cannot hold it; less for bodies with thin walls
+    (docs/accuracy.md). Differs from the paper's eq. (FVT), which prints the exp(+) kernel and is
+    singular at nu = 0; its factor (nu/|nu|).n for collections is an obliquity and not part of the
+    transform. Cost: linear in the edges, or in the triangles of a polyhedron's faces; times the
+    waves of an illumination; that of its elements for an Array.
     A grid of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs a fraction of as many points
     elsewhere where edges are parallel and of equal length, or along the axes (F4).
 
     Parameters
     ----------
-    source : Aperture, Slits, placed aperture or Polyhedron, on which u = 1; or an Array of them.
+    source : Aperture, Slits or placed aperture, uniform (u = 1) or with an illumination; or a
+        Polyhedron; or an Array of them.
     nu : (..., d) spatial frequencies in 1/m, real or complex (evanescent or absorbed waves). d = 1
         for Slits, 3 for polyhedra and placed apertures, 2 for an Aperture, or 3, of which the last
         component does not matter: without a pose it lies in the plane z = 0.
@@ -77,7 +79,56 @@ def fourier(
         return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
     if isinstance(source, Aperture):
         nu = in_plane(nu)
+    if not isinstance(source, Polyhedron) and _field_of(source) is not None:
+        return _sum_of_waves(source, nu, how)
     return transform("fourier", source, [("nu", nu)], precision, engine, outputs=2)
+
+
+def _field_of(source: Any) -> Any:
+    if isinstance(source, PlacedAperture):
+        return source.aperture.illumination
+    return getattr(source, "illumination", None)
+
+
+def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Any:
+    """sum_m c_m F(nu - kappa_m) of the uniform source, (I1)."""
+    if isinstance(source, PlacedAperture):
+        uniform: Any = source.aperture.with_illumination(None).placed(source.pose)
+        rotation, shift = source.pose[:3, :2], source.pose[:3, 3]
+        kappas = _field_of(source).frequencies @ rotation.T
+        centre = rotation @ source.aperture.centre + shift
+    else:
+        uniform, kappas = source.with_illumination(None), source.illumination.frequencies
+        centre = np.atleast_1d(source.centre)
+        shift = np.zeros(len(centre))
+    total: Any = None
+    for amplitude, kappa in zip(_field_of(source).amplitudes, kappas, strict=True):
+        # a wave on a placed aperture has its phase from there, not from the world's origin
+        phase = np.exp(-2j * np.pi * _exact_turns(kappa, shift))
+        shifted, lost = _less(nu, kappa)
+        term = engines.times_complex(fourier(uniform, shifted, **how), complex(amplitude * phase))
+        if lost is not None:
+            term = term * np.exp(-2j * np.pi * (lost @ centre)).astype(term.dtype)
+        total = term if total is None else total + term
+    return total
+
+
+def _exact_turns(a: Any, b: Any) -> float:
+    """a.b modulo 1."""
+    turns = sum((Fraction(x) * Fraction(y) for x, y in zip(a.tolist(), b.tolist(), strict=True)))
+    return float(turns - round(turns))
+
+
+def _less(nu: Any, kappa: Any) -> tuple[Any, Any]:
+    """nu - kappa, and what its rounding loses, which matters to sources far off the origin."""
+    if engines.is_drjit(nu):
+        return engines.shifted_points(nu, -kappa), None
+    array = checked_points("nu", nu, len(kappa), complex_allowed=True)
+    difference = array - kappa
+    real = array.real
+    virtual = difference.real - real
+    lost = (real - (difference.real - virtual)) - (kappa + virtual)
+    return difference, np.where(np.isfinite(lost), lost, 0.0)
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Any:
