@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from polywigner.kernels.clipping import (
     AHEAD,
     BEHIND,
     Clipper,
+    RowClipper,
     View,
     clipper_for,
     times,
@@ -18,7 +19,7 @@ from polywigner.kernels.clipping import (
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Edge, Tables
-from polywigner.kernels.waves import Beat, difference_beats
+from polywigner.kernels.waves import Beat, RowBeat, difference_beats, rows_of
 
 __all__ = ["ambiguity", "position_slice_area"]
 
@@ -39,9 +40,11 @@ def ambiguity(
     """
     clipper = clipper_for(ops, tables, xi_x, xi_y)
     total = Pair(0.0, 0.0)
-    for group in range(len(tables.groups)):
-        if not clipper.edges_of(group):
-            continue
+    groups = [k for k in range(len(tables.groups)) if clipper.edges_of(k)]
+    if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
+        total = _sum_over_rows(tables, clipper, groups, (upsilon_x, upsilon_y), (xi_x, xi_y))
+        return total.real, -total.imag
+    for group in groups:
         beats = _beats_with(group, tables, clipper, (upsilon_x, upsilon_y))
 
         def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
@@ -70,24 +73,49 @@ def _beats_with(
 
     The edges' field is the first factor in the view BEHIND, the second in the view AHEAD.
     """
-    found: list[tuple[int, Views, _Beat]] = []
+    return [
+        (other, views, _Beat(clipper, beat, upsilon))
+        for other, views, beats in _pairings(group, tables)
+        for beat in beats
+    ]
+
+
+def _pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, tuple[Beat, ...]]]:
     own = tables.groups[group]
     for other, waves in enumerate(tables.groups):
-        kinds: list[tuple[Views, tuple[Beat, ...]]]
         if other == group:
-            kinds = [(_COPIES, difference_beats(own, own))]
+            yield other, _COPIES, difference_beats(own, own)
         else:
-            both = (difference_beats(own, waves), difference_beats(waves, own))
-            kinds = [((copy,), beats) for copy, beats in zip(_COPIES, both, strict=True)]
-        for views, beats in kinds:
-            found += [(other, views, _Beat(clipper, beat, upsilon)) for beat in beats]
-    return found
+            yield other, _COPIES[:1], difference_beats(own, waves)
+            yield other, _COPIES[1:], difference_beats(waves, own)
+
+
+def _sum_over_rows(
+    tables: Tables,
+    clipper: RowClipper,
+    groups: Sequence[int],
+    upsilon: tuple[Any, Any],
+    lag: tuple[Any, Any],
+) -> Pair:
+    """The same with pairs of waves as rows of a table as well: little code, cut once for each."""
+    total = Pair(0.0, 0.0)
+    for group in groups:
+        for other, views, beats in _pairings(group, tables):
+
+            def term(edge: Edge, *row: Any, other: int = other, views: Views = views) -> Any:
+                beat = _Beat(clipper, RowBeat(False, *row), upsilon)
+                cuts = [(side, list(clipper.intervals(edge, v, other))) for v, side in views]
+                part = beat.value(beat.terms(edge, cuts), lag)
+                return part.real, part.imag
+
+            total = total + Pair(*clipper.sum_over_pairs(term, 2, group, rows_of(beats)))
+    return total
 
 
 class _Beat:
     """The sum over edges of one copy or both, at one frequency."""
 
-    def __init__(self, clipper: Clipper, beat: Beat, upsilon: tuple[Any, Any]) -> None:
+    def __init__(self, clipper: Clipper, beat: Beat | RowBeat, upsilon: tuple[Any, Any]) -> None:
         self.ops, self.beat, self.phased = clipper.ops, beat, clipper.tables.phased
         self.v_x, self.v_y = moved_off_zero(self.ops, *beat.detuned(upsilon))
         self.shift = self.ops.fma(self.v_x, clipper.tx, self.v_y * clipper.ty)

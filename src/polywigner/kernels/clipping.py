@@ -18,8 +18,8 @@ the right of every line; AHEAD and BEHIND see the same xi, so they agree.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
-from dataclasses import astuple, dataclass
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import astuple, dataclass, fields
 from typing import Any
 
 from polywigner.kernels.lattice import exact_cross
@@ -172,9 +172,27 @@ class RowClipper(Clipper):
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
     ) -> Any:
         rows = [astuple(edge) for edge in self.edges_of(group)]
-        if not rows:
-            return (0.0,) * values
-        return self.ops.sum_over(rows, lambda *row: term(Edge(*row)), values, like=self.tx)
+        return self._sum_over(rows, lambda *row: term(Edge(*row)), values)
+
+    def sum_over_pairs(
+        self,
+        term: Callable[..., tuple[Any, ...]],
+        values: int,
+        group: int,
+        others: Sequence[tuple[float, ...]],
+    ) -> Any:
+        """The same over all pairs of an edge and of one of other rows, ``term(edge, *other)``."""
+        rows = [(*astuple(edge), *row) for edge in self.edges_of(group) for row in others]
+        count = len(fields(Edge))
+
+        def split(*row: Any) -> tuple[Any, ...]:
+            return term(Edge(*row[:count]), *row[count:])
+
+        return self._sum_over(rows, split, values)
+
+    def _sum_over(self, rows: Any, term: Callable[..., tuple[Any, ...]], values: int) -> Any:
+        self._levels.clear()  # what one traced loop has computed does not exist in the next
+        return self.ops.sum_over(rows, term, values, like=self.tx)
 
     def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
         return compute()

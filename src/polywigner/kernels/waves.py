@@ -21,6 +21,7 @@ from polywigner.kernels.trigonometry import cos_sin_turns
 __all__ = [
     "UNIFORM",
     "Beat",
+    "RowBeat",
     "Wave",
     "Waves",
     "carrier_of",
@@ -28,6 +29,7 @@ __all__ = [
     "difference_beats",
     "field_of",
     "mean_beats",
+    "rows_of",
     "waves_in_frame",
 ]
 
@@ -104,6 +106,36 @@ class Beat:
 
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(f - s if s else f for f, s in zip(frequency, self.shift, strict=True))
+
+
+@dataclass(frozen=True)
+class RowBeat:
+    """One pair of waves as a row of an engine's table; see :class:`Beat`."""
+
+    is_real: bool
+    real: Any
+    imag: Any
+    shift_x: Any
+    shift_y: Any
+    rate_x: Any
+    rate_y: Any
+
+    def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
+        cosine, sine = cos_sin_turns(ops, self.rate_x * point[0] + self.rate_y * point[1])
+        real = cosine * self.real - sine * self.imag
+        return real, 0.0 if self.is_real else cosine * self.imag + sine * self.real
+
+    def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
+        return frequency[0] - self.shift_x, frequency[1] - self.shift_y
+
+
+def rows_of(beats: Sequence[Beat]) -> list[tuple[float, ...]]:
+    """All pairs of waves of the beats as arguments of :class:`RowBeat`."""
+    return [
+        (complex(amplitude).real, complex(amplitude).imag, *beat.shift, *rate)
+        for beat in beats
+        for amplitude, rate in beat.terms
+    ]
 
 
 def _summed(

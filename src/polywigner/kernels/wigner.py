@@ -14,11 +14,18 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from polywigner.kernels.clipping import MIRRORED, Clipper, clipper_for, times, total_extent
+from polywigner.kernels.clipping import (
+    MIRRORED,
+    Clipper,
+    RowClipper,
+    clipper_for,
+    times,
+    total_extent,
+)
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.trigonometry import sin_turns
-from polywigner.kernels.waves import Beat, mean_beats
+from polywigner.kernels.waves import Beat, RowBeat, mean_beats, rows_of
 
 __all__ = ["lag_slice_area", "wigner"]
 
@@ -28,10 +35,11 @@ Cuts = Sequence[tuple[Any, Any, Any, Any]]
 def wigner(ops: Any, tables: Tables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
     """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2), (I2)."""
     clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
+    groups = [k for k in range(len(tables.groups)) if clipper.edges_of(k)]
+    if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
+        return _sum_over_rows(tables, clipper, groups, (x, y), (nu_x, nu_y))
     total: Any = 0.0
-    for group in range(len(tables.groups)):
-        if not clipper.edges_of(group):
-            continue
+    for group in groups:
         beats = _beats_with(group, tables, clipper, (nu_x, nu_y))
 
         def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
@@ -60,6 +68,30 @@ def _beats_with(
         kind = _EvenBeat if even else _PhasedBeat
         result.append((other, [kind(clipper, beat, nu) for beat in found]))
     return result
+
+
+def _sum_over_rows(
+    tables: Tables,
+    clipper: RowClipper,
+    groups: Sequence[int],
+    position: tuple[Any, Any],
+    nu: tuple[Any, Any],
+) -> Any:
+    """The same with pairs of waves as rows of a table as well: little code, cut once for each."""
+    total: Any = 0.0
+    for group in groups:
+        for other, waves in enumerate(tables.groups):
+            beats = mean_beats(tables.groups[group], waves)
+            is_real = beats[0].is_real
+
+            def term(edge: Edge, *row: Any, other: int = other, is_real: bool = is_real) -> Any:
+                beat = _PhasedBeat(clipper, RowBeat(is_real, *row), nu)
+                sums = beat.terms(edge, list(clipper.intervals(edge, MIRRORED, other)))
+                return (beat.value(sums, position),)
+
+            (part,) = clipper.sum_over_pairs(term, 1, group, rows_of(beats))
+            total = total + part
+    return total
 
 
 class _EvenBeat:
@@ -97,7 +129,7 @@ class _PhasedBeat:
     Cosines count as well. They sum to zero at nu = 0, so that cos - 1 stands for cos.
     """
 
-    def __init__(self, clipper: Clipper, beat: Beat, nu: tuple[Any, Any]) -> None:
+    def __init__(self, clipper: Clipper, beat: Beat | RowBeat, nu: tuple[Any, Any]) -> None:
         self.ops, self.beat = clipper.ops, beat
         self.nu_x, self.nu_y = moved_off_zero(self.ops, *beat.detuned(nu))
         self.nu_t = self.ops.fma(self.nu_x, clipper.tx, self.nu_y * clipper.ty)
