@@ -109,6 +109,10 @@ class NumpyOperations(_Unfused):
             ]
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
+    def lookup(self, table: Sequence[float], index: Any) -> Any:
+        """table[index], for whole floats that are in range."""
+        return np.asarray(table, self.dtype)[np.asarray(index).astype(np.intp)]
+
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return np.where(condition, self._typed(a), self._typed(b))
 
@@ -156,6 +160,10 @@ class ScalarOperations(_Unfused):
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
         return _unrolled_sum(rows, term)
 
+    def lookup(self, table: Sequence[float], index: Any) -> Any:
+        """table[index], for a whole float that is in range."""
+        return table[int(index)]
+
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return a if condition else b
 
@@ -184,6 +192,14 @@ class DrjitOperations:
         self._dr = drjit
         self.float_type = float_type
         self.double = drjit.itemsize_v(float_type) == 8
+
+    def lookup(self, table: Sequence[float], index: Any) -> Any:
+        """table[index], for whole floats that are in range."""
+        # A list: NumPy's memory would be used in place, and its alignment enters the kernel.
+        memory = self.float_type(list(table))
+        return self._dr.gather(
+            self.float_type, memory, self._dr.uint32_array_t(self.float_type)(index)
+        )
 
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return self._dr.select(condition, self._typed(a), self._typed(b))

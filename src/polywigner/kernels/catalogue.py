@@ -7,7 +7,7 @@ from typing import Any
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
-from polywigner.kernels import line, plane, simplices, space
+from polywigner.kernels import lattice_arrays, line, plane, simplices, space
 from polywigner.kernels.kernel import Kernel
 
 __all__ = ["kernel_for"]
@@ -56,6 +56,15 @@ def _tiled(transform: str, source: Any) -> Kernel | None:
     return kernel if simplices.fan_cancels(aperture) else None
 
 
+_ON_LATTICE: dict[str, Kernel] = {
+    "autocorrelation": lattice_arrays.AUTOCORRELATION,
+    "wigner": lattice_arrays.WIGNER,
+    "ambiguity": lattice_arrays.AMBIGUITY,
+    "position_marginal": lattice_arrays.POSITION_MARGINAL,
+    "lag_marginal": lattice_arrays.LAG_MARGINAL,
+}
+
+
 def _is_illuminated(source: Any) -> bool:
     return getattr(source, "illumination", None) is not None
 
@@ -74,6 +83,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     elements: tuple[Any, ...] = (source,)
     name = transform
     if isinstance(source, Array):
+        if transform in _ON_LATTICE and lattice_arrays.is_on_lattice(source):
+            return _ON_LATTICE[transform]
         elements = source.coplanar
         kind = type(elements[0])
         name = "lag_marginal of weights" if transform == "lag_marginal" else transform

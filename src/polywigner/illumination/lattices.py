@@ -1,0 +1,181 @@
+"""Arrays whose elements sit on a lattice, recognised from their positions and weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Lattice", "Profile", "lattice_of", "separated"]
+
+# Positions count as those of a lattice if they miss it by less than this fraction of the extent of
+# the array: what rounding does to multiples of a pitch.
+_ROUNDING = 4e-15
+# Sites a lattice may have for each element on it: those without one count as weight 0.
+_SITES_PER_ELEMENT = 16
+# Weights count as a product of two profiles, or as real but for a phase that grows evenly along the
+# array, if this fraction of the largest is all that is left.
+_EQUAL = 1e-14
+# Positions from which the shortest differences are found.
+_MOST_PAIRED = 2048
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Sites origin + i b1 + j b2, 0 <= i < n1 and 0 <= j < n2, and the weights there."""
+
+    origin: tuple[float, float]
+    basis: tuple[tuple[float, float], tuple[float, float]]
+    """b1 and b2."""
+    weights: NDArray[np.complex128]
+    """(n1, n2)"""
+
+
+def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
+    """The lattice of positions (n, 2), or None if they are on none (or hardly fill it).
+
+    Elements in one place count as one with the sum of their weights.
+    """
+    extent = float(np.ptp(positions, axis=0).max())
+    if extent == 0.0:
+        return None
+    basis = _basis(positions, extent)
+    if basis is None:
+        return None
+    steps = np.linalg.solve(basis.T, (positions - positions[0]).T).T
+    whole = np.rint(steps)
+    largest = float(np.abs(positions).max())
+    if np.abs(whole @ basis + positions[0] - positions).max() > _ROUNDING * max(extent, largest):
+        return None
+    first = whole.min(axis=0)
+    index = (whole - first).astype(np.intp)
+    shape = index.max(axis=0) + 1
+    if int(np.prod(shape)) > _SITES_PER_ELEMENT * len(positions) + 16:
+        return None
+    table = np.zeros(tuple(shape), np.complex128)
+    np.add.at(table, (index[:, 0], index[:, 1]), weights)
+    origin = positions[0] + first @ basis
+    b1, b2 = basis.tolist()
+    return Lattice((float(origin[0]), float(origin[1])), (tuple(b1), tuple(b2)), table)
+
+
+def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
+    """Two short differences that are not parallel, as rows; any second one for a row of elements.
+
+    Measured over the whole array, so that their rounding does not add up over it.
+    """
+    some = positions[:: max(1, len(positions) // _MOST_PAIRED)]
+    first = _shortest([some[k + 1 :] - some[k] for k in range(len(some) - 1)], extent, None)
+    if first is None:
+        return None
+    second = _shortest([some[k + 1 :] - some[k] for k in range(len(some) - 1)], extent, first)
+    if second is None:
+        second = np.array([-first[1], first[0]])
+    basis = np.stack([first, second])
+    return _refined(basis, positions)
+
+
+def _shortest(
+    differences: list[NDArray[np.float64]], extent: float, other: NDArray[np.float64] | None
+) -> NDArray[np.float64] | None:
+    """The shortest difference, not parallel to another one; towards +x, or +y."""
+    best, length = None, np.inf
+    for block in differences:
+        size = np.hypot(block[:, 0], block[:, 1])
+        allowed = size > 1e-9 * extent
+        if other is not None:
+            cross = np.abs(block[:, 0] * other[1] - block[:, 1] * other[0])
+            allowed &= cross > 1e-6 * size * np.hypot(*other)
+        if not allowed.any():
+            continue
+        size = np.where(allowed, size, np.inf)
+        k = int(np.argmin(size))
+        if size[k] < length * (1 - 1e-9):
+            best, length = block[k], float(size[k])
+    if best is None:
+        return None
+    backwards = best[0] < -1e-9 * length or (abs(best[0]) <= 1e-9 * length and best[1] < 0)
+    return -best if backwards else best
+
+
+def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The basis from the farthest sites rather than from neighbours."""
+    steps = np.rint(np.linalg.solve(basis.T, (positions - positions[0]).T).T)
+    if np.linalg.matrix_rank(steps - steps.mean(axis=0)) < 2:
+        used = int(np.argmax(np.ptp(steps, axis=0)))
+        k, m = int(np.argmax(steps[:, used])), int(np.argmin(steps[:, used]))
+        count = steps[k, used] - steps[m, used]
+        refined = basis.copy()
+        if count:
+            refined[used] = (positions[k] - positions[m]) / count
+        return refined
+    centred = steps - steps.mean(axis=0)
+    found = np.linalg.lstsq(centred, positions - positions.mean(axis=0), rcond=None)[0]
+    found[np.abs(found) <= 1e-15 * np.abs(found).max(axis=1)[:, None]] = 0.0
+    return found
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Weights factor a_i exp(2 pi i turns i) along one direction; the a_i real if possible."""
+
+    amplitudes: tuple[complex, ...]
+    turns: float
+    factor: complex
+
+    @property
+    def is_uniform(self) -> bool:
+        return all(amplitude == 1.0 for amplitude in self.amplitudes)
+
+    @property
+    def is_real(self) -> bool:
+        return not any(complex(amplitude).imag for amplitude in self.amplitudes)
+
+
+def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
+    """Two profiles whose product the weights (n1, n2) are, or None."""
+    i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
+    row, column = weights[i, :], weights[:, j] / weights[i, j]
+    if np.abs(np.outer(column, row) - weights).max() > _EQUAL * np.abs(weights[i, j]):
+        return None
+    return _profile(column), _profile(row)
+
+
+def _profile(values: NDArray[np.complex128]) -> Profile:
+    """An even phase, a constant factor, and real amplitudes, all 1 if they are equal."""
+    size = np.abs(values)
+    lit = np.flatnonzero(size > _EQUAL * size.max())
+    turns = _even_phase(values, lit)
+    steady = values * np.exp(-2j * np.pi * turns * np.arange(len(values)))
+    factor = complex(steady[lit[0]])
+    relative = steady / factor
+    allowed = 8 * _EQUAL * len(values) * np.abs(relative).max()
+    if np.abs(relative - 1.0).max() <= allowed:
+        return Profile((1.0,) * len(values), turns, factor)
+    if np.abs(relative.imag).max() <= allowed:
+        return Profile(tuple(relative.real.tolist()), turns, factor)
+    return Profile(tuple(values.tolist()), 0.0, 1.0)
+
+
+def _even_phase(values: NDArray[np.complex128], lit: NDArray[np.intp]) -> float:
+    """Turns by which the phase grows from one element to the next, up to changes of sign.
+
+    Squares have no sign. First from neighbours, then from the slope of what is left.
+    """
+    neighbours = lit[:-1][np.diff(lit) == 1]
+    if not len(neighbours):
+        return 0.0
+    squares = (values / np.abs(values).max()) ** 2
+    turns = float(np.angle((squares[neighbours + 1] * squares[neighbours].conj()).sum())) / (
+        4 * np.pi
+    )
+    left = np.angle(squares[lit] * np.exp(-4j * np.pi * turns * lit) / squares[lit[0]]) / (
+        4 * np.pi
+    )
+    slope = float(np.polyfit(lit - lit.mean(), left, 1)[0]) if len(lit) > 2 else 0.0
+    turns += slope
+    steady = values[lit] * np.exp(-2j * np.pi * turns * lit)
+    if abs((steady * (-1.0) ** lit).sum()) > abs(steady.sum()):  # signs that alternate
+        turns += 0.5
+    return 0.0 if abs(turns) < 1e-15 else turns

@@ -1,0 +1,184 @@
+"""Array factors in phase space: what pairs of sites of a lattice contribute at one midpoint.
+
+For equal elements at the sites of a lattice, W is a sum over midpoints of pairs of sites of the
+element's W there, times a factor: the discrete Wigner function of the weights at that midpoint
+(docs/theory.md, (L1)). A is the same with differences for midpoints (L2). If the weights are a
+product of a profile along each direction, so are the factors, and along one direction
+
+    sum_k c_k exp(-2 pi i t (k - (N - 1)/2)),    0 <= k < N,
+
+with products c_k of two amplitudes. For equal amplitudes that is sin(pi N t)/sin(pi t).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from polywigner.illumination.lattices import Profile
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.trigonometry import cos_sin_turns, sin_turns
+
+__all__ = ["ProfileFactor", "profile_factor"]
+
+Coefficients = Sequence[complex]
+
+
+@dataclass(frozen=True)
+class ProfileFactor:
+    """The factors of a profile of n amplitudes, by midpoint (index sum) and by difference."""
+
+    count: int
+    uniform: bool
+    means: _Series | None
+    """For index sums 0 .. 2n - 2; None if uniform."""
+    differences: _Series | None
+    """For differences -(n - 1) .. n - 1, counted from 0; None if uniform."""
+
+    def at_mean(self, ops: Any, index_sum: Any, turns: Any) -> Any:
+        """sum over i + j = index_sum of a_i a_j* exp(-2 pi i turns (i - j)), which is real."""
+        last = 2.0 * (self.count - 1)
+        pairs = ops.minimum(index_sum, last - index_sum) + 1.0
+        twice = turns + turns
+        if self.means is None:
+            return _dirichlet(ops, pairs, twice)
+        return self.means.value(ops, index_sum, last, pairs, twice).real
+
+    def at_difference(self, ops: Any, difference: Any, turns: Any) -> Pair:
+        """sum over i - j = difference of a_i a_j* exp(-2 pi i turns ((i + j)/2 - (n - 1)/2))."""
+        pairs = self.count - abs(difference)
+        if self.differences is None:
+            return Pair(_dirichlet(ops, pairs, turns), 0.0)
+        last = 2.0 * (self.count - 1)
+        index = difference + (self.count - 1.0)
+        return self.differences.value(ops, index, last, pairs, turns)
+
+
+@lru_cache(maxsize=64)
+def profile_factor(profile: Profile) -> ProfileFactor:
+    """The factors of a profile, less its factor and its even phase."""
+    a = [complex(amplitude) for amplitude in profile.amplitudes]
+    n = len(a)
+    if profile.is_uniform:
+        return ProfileFactor(n, True, None, None)
+    # in the order of growing i - j for means, of growing i + j for differences
+    means = [
+        [a[i] * a[h - i].conjugate() for i in range(max(0, h - n + 1), min(n, h + 1))]
+        for h in range(2 * n - 1)
+    ]
+    differences = [
+        [a[j + d] * a[j].conjugate() for j in range(max(0, -d), min(n, n - d))]
+        for d in range(1 - n, n)
+    ]
+    return ProfileFactor(n, False, _series(means), _series(differences))
+
+
+def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:
+    """sum_k exp(-2 pi i turns (k - (count - 1)/2)), 0 <= k < count; 0 for count <= 0.
+
+    sin(pi count t)/sin(pi t) with t reduced to half a turn: N t to an ulp of itself, so that the
+    quotient errs by an ulp of N.
+    """
+    floor = 1e-30 if ops.double else 1e-20
+    whole = ops.round(turns)
+    left = turns - whole
+    left = ops.select(abs(left) < floor, floor, left)
+    quotient = sin_turns(ops, 0.5 * count * left) / sin_turns(ops, 0.5 * left)
+    odd = (count - 1.0) * whole
+    odd = abs(odd - 2.0 * ops.round(0.5 * odd))
+    return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * turns)
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Sums of cosines and sines, coefficients by row and by term, from the middle outwards.
+
+    In row r, p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with m_k = k or k + 1/2, p and q complex.
+    A table of zeros only is empty.
+    """
+
+    terms: int
+    p_real: tuple[float, ...]
+    p_imag: tuple[float, ...]
+    q_real: tuple[float, ...]
+    q_imag: tuple[float, ...]
+
+    def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
+        """The sum of a row at ``turns``; 0 for rows that do not exist. ``pairs``: its length."""
+        exists = (row >= 0.0) & (row <= last)
+        start = ops.select(exists, row, 0.0) * float(self.terms)
+        is_even = ops.select(exists, pairs, 1.0)
+        is_even = abs(is_even - 2.0 * ops.round(0.5 * is_even)) < 0.5  # middles between two terms
+        basis = _Basis(ops, turns, is_even)
+        p_real = self._sum(ops, basis, self.p_real, start, basis.cosine)
+        p_imag = self._sum(ops, basis, self.p_imag, start, basis.cosine)
+        q_real = self._sum(ops, basis, self.q_real, start, basis.sine)
+        q_imag = self._sum(ops, basis, self.q_imag, start, basis.sine)
+        real, imag = p_real + q_imag, p_imag - q_real
+        zero = 0.0 * turns
+        return Pair(ops.select(exists, real + zero, zero), ops.select(exists, imag + zero, zero))
+
+    def _sum(
+        self, ops: Any, basis: _Basis, table: tuple[float, ...], start: Any, ends: tuple[Any, Any]
+    ) -> Any:
+        if not table:
+            return 0.0
+        b: Any = 0.0 * start
+        d: Any = 0.0 * start
+        after: Any = b
+        for k in range(self.terms - 1, -1, -1):
+            after = b
+            coefficient = ops.lookup(table, start + float(k))
+            d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
+            b = ops.fma(basis.sign, b, d)
+        first, second = ends
+        return first * d + second * after
+
+
+class _Basis:
+    """Clenshaw's recursion in Reinsch's form for cosines and sines of whole or half multiples.
+
+    Stable where the plain form loses n^2 ulps, at whole turns and at half ones. ``cosine`` and
+    ``sine``: what the last d and the last but one b are multiplied with.
+    """
+
+    def __init__(self, ops: Any, turns: Any, half: Any) -> None:
+        cos_half, sin_half = cos_sin_turns(ops, 0.5 * turns)
+        cosine = cos_half * cos_half - sin_half * sin_half
+        ahead = cosine >= 0.0
+        self.sign = ops.select(ahead, 1.0, -1.0)
+        self.slope = ops.select(ahead, -4.0 * sin_half * sin_half, 4.0 * cos_half * cos_half)
+        self.cosine = (
+            ops.select(half, cos_half, 1.0),
+            ops.select(half, ops.select(ahead, 0.0, -2.0 * cos_half), -0.5 * self.slope),
+        )
+        self.sine = (
+            ops.select(half, sin_half, 0.0),
+            ops.select(half, ops.select(ahead, 2.0 * sin_half, 0.0), 2.0 * sin_half * cos_half),
+        )
+
+
+def _series(rows: Sequence[Coefficients]) -> _Series:
+    """Rows of c_k in the order of growing multiples, symmetric about 0."""
+    terms = max((len(row) + 1) // 2 for row in rows)
+    p, q = [], []
+    for row in rows:
+        n = len(row)
+        up, down = row[n // 2 :], row[: (n + 1) // 2][::-1]
+        if n % 2:
+            even = [up[0], *(a + b for a, b in zip(up[1:], down[1:], strict=True))]
+            odd = [0.0, *(a - b for a, b in zip(up[1:], down[1:], strict=True))]
+        else:
+            even = [a + b for a, b in zip(up, down, strict=True)]
+            odd = [a - b for a, b in zip(up, down, strict=True)]
+        p += even + [0.0] * (terms - len(even))
+        q += odd + [0.0] * (terms - len(odd))
+    return _Series(terms, *(_unless_zero(t, part) for t in (p, q) for part in ("real", "imag")))
+
+
+def _unless_zero(table: Sequence[complex], part: str) -> tuple[float, ...]:
+    values = tuple(float(getattr(complex(value), part)) for value in table)
+    size = max(abs(complex(value)) for value in table) if table else 0.0
+    return values if any(abs(value) > 1e-17 * size for value in values) else ()

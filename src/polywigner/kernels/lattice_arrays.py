@@ -1,0 +1,451 @@
+"""Phased arrays on a lattice: the element's functions near x or xi, times array factors.
+
+For copies of one element at the sites p_k of a lattice, a pair of sites contributes to W(x, nu)
+what the element alone has at x less the midpoint of the sites, and to A(upsilon, xi) what it has
+at xi less their difference (docs/theory.md, (L1), (L2)). Only the few midpoints (or differences)
+within an element's size of x (or xi) count, however many elements there are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture, automean
+from polywigner.illumination import Array
+from polywigner.illumination.lattices import Lattice, Profile, lattice_of, separated
+from polywigner.kernels import ambiguity, phases
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.factors import ProfileFactor, profile_factor
+from polywigner.kernels.frame import Frame
+from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
+from polywigner.kernels.membership import field
+from polywigner.kernels.plane import product_of_both, tables_of
+from polywigner.kernels.tables import Edge, Piece, Tables
+from polywigner.kernels.trigonometry import cos_sin_turns
+from polywigner.kernels.wigner import wigner
+
+__all__ = [
+    "AMBIGUITY",
+    "AUTOCORRELATION",
+    "LAG_MARGINAL",
+    "POSITION_MARGINAL",
+    "WIGNER",
+    "is_on_lattice",
+]
+
+# Fewer elements are summed pair by pair.
+_LEAST_ELEMENTS = 4
+# What lies within this of the edge of a region contributes less than rounding.
+_EDGE = 4e-15
+
+Pair2 = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Window:
+    """Which whole numbers h along one direction have t - h in the open interval (low, high)."""
+
+    low: float
+    high: float
+
+    @property
+    def count(self) -> int:
+        """The most that there can be."""
+        return max(1, math.ceil(self.high - self.low - _EDGE))
+
+    def first(self, ops: Any, t: Any) -> Any:
+        return ops.round(t - self.high + 0.5)
+
+
+@dataclass(frozen=True)
+class ArrayFrame:
+    """The frame of the element, and the lattice."""
+
+    element: Frame
+    origin: Pair2
+    """The centre of the element's frame at the first site."""
+    basis: tuple[Pair2, Pair2]
+    inverse: tuple[Pair2, Pair2]
+    """From positions to lattice coordinates."""
+    turns: Pair2
+    """By which the phase of the weights grows from site to site, along each direction."""
+    middle: tuple[phases.Doubled, ...]
+    """Of the elements' centres."""
+    means: tuple[Window, Window]
+    differences: tuple[Window, Window]
+    sites: tuple[Window, Window]
+
+    @property
+    def content(self) -> float:
+        return self.element.content
+
+    @property
+    def carrier(self) -> tuple[float, ...]:
+        return self.element.carrier
+
+    def coordinates(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """A vector in steps of the lattice."""
+        (xx, xy), (yx, yy) = self.inverse
+        return x * xx + y * xy, x * yx + y * yy
+
+    def less(self, x: Any, y: Any, first: Any, second: Any, scale: float) -> tuple[Any, Any]:
+        """A vector minus steps of the lattice times ``scale``."""
+        (ax, ay), (bx, by) = self.basis
+        return (
+            x - (first * (scale * ax) + second * (scale * bx)),
+            y - (first * (scale * ay) + second * (scale * by)),
+        )
+
+    def step(self, first: float, second: float) -> tuple[Any, Any]:
+        """A constant number of steps, in the frame."""
+        exact = np.array(self.basis).T @ np.array([first, second])
+        (shifted,) = self.element.vertices((exact + np.array(self.element.centre))[None, :])
+        return float(shifted[0]), float(shifted[1])
+
+
+@dataclass(frozen=True)
+class ArrayTables:
+    """The element's tables, and the weights as factors or one by one."""
+
+    frame: ArrayFrame
+    element: Tables
+    edges: tuple[Edge, ...]
+    """Those of the element that this part of a sum is over."""
+    factors: tuple[ProfileFactor, ProfileFactor] | None
+    """Where the weights are a product of two profiles."""
+    weights: Weights
+
+    @property
+    def part(self) -> Tables:
+        """The element with these edges only."""
+        return replace(self.element, edges=self.edges)
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        return self.element.pieces
+
+    @property
+    def clips(self) -> int:
+        return self.part.clips
+
+    @property
+    def waves_per_cut(self) -> int:
+        return self.element.waves_per_cut * 2
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """The weights at the sites (n1, n2), less their even phase."""
+
+    values: NDArray[np.complex128]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.values.shape[0], self.values.shape[1]
+
+    @cached_property
+    def real(self) -> tuple[float, ...]:
+        return tuple(self.values.real.ravel().tolist())
+
+    @cached_property
+    def imag(self) -> tuple[float, ...]:
+        return tuple(self.values.imag.ravel().tolist())
+
+    def at(self, ops: Any, i: Any, j: Any) -> tuple[Pair, Any]:
+        """The weight of a site, and whether there is one; 0 if not."""
+        rows, columns = self.shape
+        exists = (i >= 0.0) & (i < float(rows)) & (j >= 0.0) & (j < float(columns))
+        index = ops.select(exists, i * float(columns) + j, 0.0)
+        real, imag = (ops.lookup(table, index) for table in (self.real, self.imag))
+        return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0)), exists
+
+
+@lru_cache(maxsize=64)
+def _lattice(array: Array) -> Lattice | None:
+    if array.repeated is None or not isinstance(array.repeated[0], Aperture):
+        return None
+    if len(array) < _LEAST_ELEMENTS:
+        return None
+    return lattice_of(array.repeated[1], array.weights)
+
+
+def is_on_lattice(array: Array) -> bool:
+    """Whether an array is one element, repeated on a lattice."""
+    return _lattice(array) is not None
+
+
+@lru_cache(maxsize=64)
+def _tables(array: Array, double: bool) -> ArrayTables:
+    lattice = _lattice(array)
+    assert lattice is not None and array.repeated is not None
+    element = array.repeated[0]
+    assert isinstance(element, Aperture)
+    tables = tables_of(element, double)
+    profiles = separated(lattice.weights)
+    turns = (0.0, 0.0) if profiles is None else (profiles[0].turns, profiles[1].turns)
+    factors, values = None, lattice.weights
+    if profiles is not None:
+        factors = (_scaled(profiles[0]), _scaled(profiles[1]))
+        i, j = np.indices(values.shape)
+        values = values * np.exp(-2j * np.pi * (turns[0] * i + turns[1] * j))
+    frame = _frame(lattice, element, tables.frame, turns, double)
+    return ArrayTables(frame, tables, tables.edges, factors, Weights(values))
+
+
+def _scaled(profile: Profile) -> ProfileFactor:
+    """The factor of a profile whose constant is not 1 in modulus takes it into its amplitudes."""
+    size = abs(profile.factor)
+    if profile.is_uniform and size == 1.0:
+        return profile_factor(profile)
+    amplitudes = tuple(size * amplitude for amplitude in profile.amplitudes)
+    return profile_factor(Profile(amplitudes, profile.turns, profile.factor / size))
+
+
+def _frame(
+    lattice: Lattice, element: Aperture, frame: Frame, turns: Pair2, double: bool
+) -> ArrayFrame:
+    basis = np.array(lattice.basis)
+    inverse = np.linalg.inv(basis.T)
+    centre = np.array(frame.centre)
+    outline = (np.concatenate(element.rings) - centre) @ inverse.T
+    mean = (np.concatenate(automean(element).rings) - centre) @ inverse.T
+    low, high = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
+    origin = np.array(lattice.origin) + centre
+    count = np.array(lattice.weights.shape) - 1
+    middle = origin + (count / 2) @ basis
+    spread = [b - a for a, b in zip(low, high, strict=True)]
+    b1, b2 = lattice.basis
+    i1, i2 = inverse.tolist()
+    return ArrayFrame(
+        frame,
+        (float(origin[0]), float(origin[1])),
+        (b1, b2),
+        ((i1[0], i1[1]), (i2[0], i2[1])),
+        turns,
+        tuple(phases.doubled(float(c), double) for c in middle),
+        _windows((2 * mean).min(axis=0), (2 * mean).max(axis=0)),
+        _windows([-s for s in spread], spread),
+        _windows(low, high),
+    )
+
+
+def _windows(low: Any, high: Any) -> tuple[Window, Window]:
+    first, second = (Window(float(a), float(b)) for a, b in zip(low, high, strict=True))
+    return first, second
+
+
+def _site_turns(ops: Any, frame: ArrayFrame, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
+    """nu.b modulo 1 along both directions."""
+    one, two = (phases.turns_to_centre(ops, b, nu_x, nu_y) for b in frame.basis)
+    return one, two
+
+
+def _enter_wigner(ops: Any, frame: ArrayFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+    """First midpoint in half steps, x from there in the element's frame, turns, nu."""
+    from_origin = (x - frame.origin[0], y - frame.origin[1])
+    t = frame.coordinates(*from_origin)
+    first, second = (w.first(ops, 2.0 * c) for w, c in zip(frame.means, t, strict=True))
+    left = frame.element.vector(ops, *frame.less(*from_origin, first, second, 0.5))
+    turns = _site_turns(ops, frame, nu_x, nu_y)
+    along = (t - own for t, own in zip(turns, frame.turns, strict=True))
+    return (first, second, *left, *along, *frame.element.detuned(ops, nu_x, nu_y))
+
+
+def _wigner_sum(
+    ops: Any,
+    tables: ArrayTables,
+    first: Any,
+    second: Any,
+    x: Any,
+    y: Any,
+    turns_1: Any,
+    turns_2: Any,
+    nu_x: Any,
+    nu_y: Any,
+) -> Values:
+    frame, part = tables.frame, tables.part
+    counts = [range(window.count) for window in frame.means]
+    if tables.factors is not None:
+        one = [tables.factors[0].at_mean(ops, first + float(k), turns_1) for k in counts[0]]
+        two = [tables.factors[1].at_mean(ops, second + float(k), turns_2) for k in counts[1]]
+    total: Any = 0.0
+    for k, m in product(*counts):
+        if tables.factors is not None:
+            factor = one[k] * two[m]
+        else:
+            sums = (first + float(k), second + float(m))
+            factor = _mean_factor(ops, tables.weights, sums, (turns_1, turns_2))
+        dx, dy = frame.step(0.5 * k, 0.5 * m)
+        total = total + factor * wigner(ops, part, x - dx, y - dy, nu_x, nu_y)
+    return (total,)
+
+
+def _mean_factor(ops: Any, weights: Weights, sums: Any, turns: Any) -> Any:
+    """The factor of weights that are no product, by adding up all pairs of one midpoint."""
+    rows, columns = weights.shape
+
+    def term(i: Any, j: Any) -> tuple[Any]:
+        other_i, other_j = sums[0] - i, sums[1] - j
+        one, _ = weights.at(ops, i + 0.0 * sums[0], j + 0.0 * sums[1])
+        other, _ = weights.at(ops, other_i, other_j)
+        phase = (i - other_i) * turns[0] + (j - other_j) * turns[1]
+        cosine, sine = cos_sin_turns(ops, phase)
+        pair = one * Pair(other.real, -other.imag)
+        return (pair.real * cosine + pair.imag * sine,)
+
+    sites = [(float(i), float(j)) for i in range(rows) for j in range(columns)]
+    (total,) = ops.sum_over(sites, term, 1, like=sums[0])
+    return total
+
+
+def _enter_ambiguity(
+    ops: Any, frame: ArrayFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
+) -> Values:
+    """Phase of the middle and carrier; first difference, xi from there, turns, upsilon."""
+    turns = phases.turns_to_centre(ops, frame.middle, upsilon_x, upsilon_y)
+    if any(frame.carrier):
+        turns = turns - phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    t = frame.coordinates(xi_x, xi_y)
+    first, second = (w.first(ops, c) for w, c in zip(frame.differences, t, strict=True))
+    left = frame.element.vector(ops, *frame.less(xi_x, xi_y, first, second, 1.0))
+    inner = frame.element.frequency(ops, upsilon_x, upsilon_y)
+    # midpoints are half steps: upsilon.b is wanted modulo 2
+    along = (2.0 * t for t in _site_turns(ops, frame, 0.5 * upsilon_x, 0.5 * upsilon_y))
+    return (turns, first, second, *left, *along, *inner)
+
+
+def _ambiguity_sum(
+    ops: Any,
+    tables: ArrayTables,
+    turns: Any,
+    first: Any,
+    second: Any,
+    xi_x: Any,
+    xi_y: Any,
+    turns_1: Any,
+    turns_2: Any,
+    upsilon_x: Any,
+    upsilon_y: Any,
+) -> Values:
+    frame, part = tables.frame, tables.part
+    counts = [range(window.count) for window in frame.differences]
+    total = Pair(0.0, 0.0)
+    # the phase of the weights, and of the carrier that is counted with all of xi
+    slope = [
+        own - float(np.dot(frame.carrier, b))
+        for own, b in zip(frame.turns, frame.basis, strict=True)
+    ]
+    if tables.factors is not None:
+        one = [tables.factors[0].at_difference(ops, first + float(k), turns_1) for k in counts[0]]
+        two = [tables.factors[1].at_difference(ops, second + float(k), turns_2) for k in counts[1]]
+    for k, m in product(*counts):
+        steps = (first + float(k), second + float(m))
+        if tables.factors is not None:
+            factor = one[k] * two[m]
+        else:
+            factor = _difference_factor(ops, tables.weights, steps, (turns_1, turns_2))
+        if any(slope):
+            phase = steps[0] * slope[0] + steps[1] * slope[1]
+            factor = factor * Pair(*cos_sin_turns(ops, phase))
+        dx, dy = frame.step(float(k), float(m))
+        cosine, sine = ambiguity.ambiguity(ops, part, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
+        total = total + factor * Pair(cosine, -sine)
+    return total.real, -total.imag
+
+
+def _difference_factor(ops: Any, weights: Weights, steps: Any, turns: Any) -> Pair:
+    rows, columns = weights.shape
+
+    def term(i: Any, j: Any) -> tuple[Any, Any]:
+        other, _ = weights.at(ops, i + 0.0 * steps[0], j + 0.0 * steps[1])
+        one, _ = weights.at(ops, i + steps[0], j + steps[1])
+        phase = (i + 0.5 * (steps[0] - (rows - 1.0))) * turns[0]
+        phase = phase + (j + 0.5 * (steps[1] - (columns - 1.0))) * turns[1]
+        cosine, sine = cos_sin_turns(ops, phase)
+        pair = one * Pair(other.real, -other.imag) * Pair(cosine, -sine)
+        return pair.real, pair.imag
+
+    sites = [(float(i), float(j)) for i in range(rows) for j in range(columns)]
+    return Pair(*ops.sum_over(sites, term, 2, like=steps[0]))
+
+
+def _enter_both_ends(ops: Any, frame: ArrayFrame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
+    """Phase of the carrier; for both ends the first site and the place relative to it."""
+    turns = 0.0 * xi_x
+    if any(frame.carrier):
+        turns = phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    inner: list[Any] = []
+    for side in (0.5, -0.5):
+        place = (x + side * xi_x - frame.origin[0], y + side * xi_y - frame.origin[1])
+        t = frame.coordinates(*place)
+        first, second = (w.first(ops, c) for w, c in zip(frame.sites, t, strict=True))
+        inner += [
+            first,
+            second,
+            *frame.element.vector(ops, *frame.less(*place, first, second, 1.0)),
+        ]
+    return (turns, *inner)
+
+
+def _fields(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Values:
+    return (*_field(ops, tables, *inner[:4]), *_field(ops, tables, *inner[4:]))
+
+
+def _field(ops: Any, tables: ArrayTables, first: Any, second: Any, x: Any, y: Any) -> Values:
+    """u at one place, less the carrier: that of the elements around it, which may overlap."""
+    frame, part = tables.frame, tables.part
+    slope = [
+        own - float(np.dot(frame.carrier, b))
+        for own, b in zip(frame.turns, frame.basis, strict=True)
+    ]
+    total = Pair(0.0, 0.0)
+    for k, m in product(*(range(window.count) for window in frame.sites)):
+        i, j = first + float(k), second + float(m)
+        weight, exists = tables.weights.at(ops, i, j)
+        phase = ops.select(exists, i * slope[0] + j * slope[1], 0.0)
+        dx, dy = frame.step(float(k), float(m))
+        own = Pair(*field(ops, part, x - dx, y - dy))
+        total = total + own * weight * Pair(*cos_sin_turns(ops, phase))
+    return total.real, total.imag
+
+
+def _position_frame(ops: Any, frame: ArrayFrame, x: Any, y: Any) -> Values:
+    return _enter_wigner(ops, frame, x, y, 0.0 * x, 0.0 * y)
+
+
+def _lag_frame(ops: Any, frame: ArrayFrame, xi_x: Any, xi_y: Any) -> Values:
+    return _enter_ambiguity(ops, frame, 0.0 * xi_x, 0.0 * xi_y, xi_x, xi_y)
+
+
+WIGNER = Kernel(
+    "wigner of a lattice",
+    2,
+    _tables,
+    _enter_wigner,
+    _wigner_sum,
+    leave_real,
+    copies=1,
+    clips_per_term=4,
+)
+POSITION_MARGINAL = replace(WIGNER, name="position marginal of a lattice", enter=_position_frame)
+AMBIGUITY = Kernel(
+    "ambiguity of a lattice",
+    2,
+    _tables,
+    _enter_ambiguity,
+    _ambiguity_sum,
+    leave_wave,
+    copies=2,
+    clips_per_term=16,
+)
+LAG_MARGINAL = replace(AMBIGUITY, name="lag marginal of a lattice", enter=_lag_frame)
+AUTOCORRELATION = Kernel(
+    "autocorrelation of a lattice", 2, _tables, _enter_both_ends, _fields, product_of_both
+)
