@@ -16,6 +16,9 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
+from polywigner.geometry.arguments import checked_count as _count
+from polywigner.geometry.arguments import checked_length as _length
+from polywigner.geometry.arguments import checked_number as _number
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.parts import part_of_rings
 from polywigner.geometry.slits import Slits
@@ -41,36 +44,6 @@ __all__ = [
     "u_shape",
     "vee",
 ]
-
-# As many vertices as a file may have; a slip of a few zeros would fill the memory.
-_MOST = 1_000_000
-
-
-def _number(value: Any, name: str, meaning: str) -> float:
-    try:
-        number = math.nan if isinstance(value, (str, bytes, bool)) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
-    return number
-
-
-def _length(value: Any, name: str, zero: bool = False) -> float:
-    meaning = "a length of at least zero" if zero else "a length above zero"
-    number = _number(value, name, meaning)
-    if number < 0 or (number == 0 and not zero):
-        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
-    return number
-
-
-def _count(value: Any, name: str, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise ArgumentError(f"expected {name} as a whole number of at least {least}, got {value!r}")
-    if value > _MOST:
-        raise ArgumentError(f"expected {name} as a whole number up to {_MOST}, got {value}")
-    return int(value)
-
 
 def _numbers(values: Any, name: str, meaning: str, dimensions: int) -> Ring:
     """Pairs of finite numbers: one, shape (2,), or several, shape (m, 2)."""

@@ -1,0 +1,46 @@
+"""Checks of numbers, lengths and counts that people pass to functions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from polywigner.errors import ArgumentError
+
+__all__ = ["checked_count", "checked_length", "checked_number"]
+
+# As many vertices as a file may have; a slip of a few zeros would fill the memory.
+_MOST = 1_000_000
+
+
+def checked_number(value: Any, name: str, meaning: str) -> float:
+    """A finite number, or ArgumentError: expected `name` as `meaning`."""
+    try:
+        number = math.nan if isinstance(value, (str, bytes, bool)) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
+    return number
+
+
+def checked_length(value: Any, name: str, zero: bool = False) -> float:
+    """A finite number above zero (or zero, if allowed), or ArgumentError."""
+    meaning = "a length of at least zero" if zero else "a length above zero"
+    number = checked_number(value, name, meaning)
+    if number < 0 or (number == 0 and not zero):
+        raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
+    return number
+
+
+def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:
+    """A whole number within bounds, or ArgumentError."""
+    if most is None and isinstance(value, (int, np.integer)) and value > _MOST:
+        raise ArgumentError(f"expected {name} as a whole number up to {_MOST}, got {value}")
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise ArgumentError(f"expected {name} as a whole number {bounds}, got {value!r}")
+    return int(value)
