@@ -1,6 +1,36 @@
-"""Fields on sources: sums of plane waves, and weights of the elements of coherent collections."""
+"""Fields on sources: sums of plane waves, and weights of the elements of coherent collections.
 
+- ``waves``: the immutable :class:`Illumination`
+- ``tapers``, ``directions``: steering, tapers and modes; ``fitting``: to sampled fields
+- ``array``: :class:`Array` and :func:`phased_array`
+- ``arrays``: where elements go (``layouts``) and what weights they have (``weights``)
+"""
+
+from polywigner.illumination import arrays
 from polywigner.illumination.array import Array, Element, phased_array
+from polywigner.illumination.fitting import FittedIllumination, fit_illumination
+from polywigner.illumination.tapers import (
+    cosine_taper,
+    fourier_taper,
+    steering,
+    taylor_taper,
+    te_mode,
+    uniform,
+)
 from polywigner.illumination.waves import Illumination
 
-__all__ = ["Array", "Element", "Illumination", "phased_array"]
+__all__ = [
+    "Array",
+    "Element",
+    "FittedIllumination",
+    "Illumination",
+    "arrays",
+    "cosine_taper",
+    "fit_illumination",
+    "fourier_taper",
+    "phased_array",
+    "steering",
+    "taylor_taper",
+    "te_mode",
+    "uniform",
+]

@@ -1,0 +1,300 @@
+"""Fields that antennas and pupils have: steering, tapers, modes of guides.
+
+All are sums of few plane waves, exactly the fields that their docstrings promise, inside the
+rectangle (or interval) they are made for, which is centred at the origin. Outside of it the sums
+go on periodically; `field.moved(shift)` shifts one, `field * other` multiplies two, and
+`0.3 * uniform() + 0.7 * cosine_taper(...)` is a cosine on a pedestal.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.arguments import checked_count, checked_length, checked_number
+from polywigner.illumination.directions import transverse
+from polywigner.illumination.waves import Illumination
+
+__all__ = [
+    "checked_sidelobes",
+    "cosine_taper",
+    "fourier_taper",
+    "steering",
+    "taylor_taper",
+    "te_mode",
+    "uniform",
+]
+
+# Of cosines: binomials up to this power are whole numbers that floats hold.
+_HIGHEST_POWER = 32
+# Of TE modes, and of n-bar: far beyond what is built. A field in the plane has the square of the
+# number of waves along one axis.
+_HIGHEST_MODE = 1000
+_HIGHEST_NBAR = 100
+# dB. Float64 resolves a field to -300 dB.
+_LOWEST_SIDELOBES = 200.0
+
+_Waves = tuple[NDArray[Any], NDArray[Any]]
+"""Along one axis: complex or real amplitudes (m,), and frequencies (m,) in cycles per metre."""
+
+
+def uniform(dimension: int = 2) -> Illumination:
+    """The field 1: one plane wave of frequency 0. `dimension`: 2, or 1 for slits.
+
+    Raises ArgumentError for other dimensions.
+    """
+    return Illumination([1.0], np.zeros((1, checked_count(dimension, "dimension", 1, 2))))
+
+
+def steering(direction: Any, wavelength: float) -> Illumination:
+    """The phase that turns a beam: u(x) = exp(2 pi i s.x/wavelength), s the transverse direction.
+
+    The Fourier transform of the aperture with this field peaks at nu = s/wavelength, which is the
+    radiation towards `direction`.
+
+    Parameters
+    ----------
+    direction
+        A unit vector (3,) with a positive z; or its components (2,) along the aperture; or for
+        slits one number, the sine of the angle. To 1e-6, a component along the aperture as given.
+    wavelength
+        In metres.
+
+    Raises
+    ------
+    ArgumentError for a vector that is not of unit length or points behind the aperture, components
+    along the aperture that are longer than 1 together, and wavelengths that are not above zero.
+    """
+    return Illumination(
+        [1.0], transverse(direction)[None, :] / checked_length(wavelength, "wavelength")
+    )
+
+
+def cosine_taper(
+    width: float | None, height: float | None = None, power: int = 1, dimension: int = 2
+) -> Illumination:
+    """u(x, y) = cos(pi x/width)^power cos(pi y/height)^power: 1 at the centre, 0 at the edges.
+
+    power + 1 waves for each axis.
+
+    Parameters
+    ----------
+    width, height
+        In metres. None: no taper along this axis.
+    power
+        1 for a cosine, 2 for a squared cosine, up to 32.
+    dimension
+        2; or 1 for slits, whose taper has a width alone.
+
+    Raises
+    ------
+    ArgumentError for lengths that are not above zero, both None, a power out of range, and a
+    height for slits.
+    """
+    exponent = checked_count(power, "power", 1, _HIGHEST_POWER)
+    amplitudes = np.array([math.comb(exponent, k) for k in range(exponent + 1)]) / 2.0**exponent
+    orders = np.arange(exponent + 1) - exponent / 2
+    return _tapered(width, height, dimension, lambda size: (amplitudes, orders / size))
+
+
+def te_mode(
+    width: float, height: float, m: int = 1, n: int = 0, component: str = "y"
+) -> Illumination:
+    """Transverse electric field of the mode TE_mn of a rectangular guide, as a horn's mouth has it.
+
+    With x' = x + width/2 and y' = y + height/2, counted from a corner of the guide, and the peak
+    of each component 1,
+
+        E_y = sin(m pi x'/width) cos(n pi y'/height)
+        E_x = cos(m pi x'/width) sin(n pi y'/height)
+
+    so that E_y of TE10 is cos(pi x/width). Together they are E = (-n/height E_x, m/width E_y) times
+    a factor common to both. Two waves for each axis with a number other than 0.
+
+    Parameters
+    ----------
+    width, height
+        Inner lengths of the guide along x and y in metres.
+    m, n
+        Half periods along x and along y, from 0, not both 0.
+    component
+        "y" (needs m of 1 or more), or "x" (needs n of 1 or more).
+
+    Raises
+    ------
+    ArgumentError for lengths that are not above zero, numbers out of range, a component that the
+    mode does not have, and any other component.
+    """
+    a, b = checked_length(width, "width"), checked_length(height, "height")
+    along_x = checked_count(m, "m", 0, _HIGHEST_MODE)
+    along_y = checked_count(n, "n", 0, _HIGHEST_MODE)
+    if component not in ("x", "y"):
+        raise ArgumentError(f'expected component "x" or "y", got {component!r}')
+    number, axis = (along_x, "m") if component == "y" else (along_y, "n")
+    if number == 0:
+        raise ArgumentError(
+            f"expected {axis} of at least 1 for the component {component}, got 0: TE_{m}{n} has "
+            "none; ask for the other component"
+        )
+    return _product(
+        _half_periods(along_x, a, sine=component == "y"),
+        _half_periods(along_y, b, sine=component == "x"),
+    )
+
+
+def taylor_taper(
+    width: float | None,
+    height: float | None = None,
+    sll: float = 30.0,
+    nbar: int = 4,
+    dimension: int = 2,
+) -> Illumination:
+    """Taylor's n-bar taper of a line source, along x and along y: sidelobes at -sll dB.
+
+    Along each axis u = [1 + 2 sum_{m < nbar} F_m cos(2 pi m x/width)]/u_0, with u_0 so that u is 1
+    at the centre and, with A = arccosh(10^(sll/20))/pi and s^2 = nbar^2/(A^2 + (nbar - 1/2)^2),
+
+        F_m = (-1)^(m+1)/2 prod_{i < nbar} [1 - m^2/(s^2 (A^2 + (i - 1/2)^2))]
+                         / prod_{i < nbar, i != m} [1 - m^2/i^2]
+
+    2 nbar - 1 waves for each axis. The transform has its zeros at
+    |nu| width = s sqrt(A^2 + (i - 1/2)^2) for i < nbar, then at nbar, nbar + 1, ...; the first
+    sidelobe lies at -sll dB, or less than 0.7 dB below it, the others are lower and fall as
+    1/|nu| from nbar on. T. T. Taylor, IRE Trans. Antennas Propag. AP-3 (1955) 16-28.
+
+    Parameters
+    ----------
+    width, height
+        In metres. None: no taper along this axis.
+    sll
+        Sidelobe suppression in dB, above 0 and up to 200: 30 for sidelobes at -30 dB.
+    nbar
+        How many zeros are moved, plus one; up to 100. Taylor's choice is at least 2 A^2 + 1/2 (4
+        for 30 dB, 7 for 40 dB); with fewer, sidelobes may be higher than asked for.
+    dimension
+        2; or 1 for slits, whose taper has a width alone.
+
+    Raises
+    ------
+    ArgumentError for lengths that are not above zero, both None, sll and nbar out of range, and a
+    height for slits.
+    """
+    decibels, zeros = checked_sidelobes(sll, nbar)
+    half = _taylor_coefficients(decibels, zeros)
+    amplitudes = np.concatenate([half[::-1], [1.0], half])
+    amplitudes /= amplitudes.sum()
+    orders = np.arange(1 - zeros, zeros)
+    return _tapered(width, height, dimension, lambda size: (amplitudes, orders / size))
+
+
+def fourier_taper(
+    width: float, height: float | None = None, *, coefficients: Any, dimension: int = 2
+) -> Illumination:
+    """A Fourier series over the width: u(x) = sum_k a_k exp(2 pi i k x/width).
+
+    Parameters
+    ----------
+    width, height
+        The periods along x and y in metres. Without a height, the field does not depend on y.
+    coefficients
+        Complex, of odd length, the middle one being a_0: (2K + 1,) for k = -K..K; with a height
+        (2K + 1, 2L + 1) for exp(2 pi i (k x/width + l y/height)). The series of cosines
+        b_0 + b_1 cos(2 pi x/width) has the coefficients [b_1/2, b_0, b_1/2].
+    dimension
+        2; or 1 for slits.
+
+    Raises
+    ------
+    ArgumentError for lengths that are not above zero, and a height for slits; IlluminationError for
+    coefficients that are not finite numbers of such a shape, or all zero.
+    """
+    across = _axes(width, height, dimension)
+    try:
+        series = np.array(coefficients, dtype=np.complex128)
+    except (TypeError, ValueError):
+        series = np.empty(0, np.complex128)
+    axes = 1 if height is None else 2
+    if series.ndim != axes or not all(n % 2 for n in series.shape):
+        shape = "(2 K + 1,)" if axes == 1 else "(2 K + 1, 2 L + 1)"
+        raise IlluminationError(
+            f"expected complex coefficients of shape {shape}, got {np.shape(series)}"
+        )
+    orders = [np.arange(n) - n // 2 for n in series.shape]
+    lengths = [size for size in across if size is not None]
+    grids = np.meshgrid(*(k / size for k, size in zip(orders, lengths, strict=True)), indexing="ij")
+    frequencies = np.stack([grid.ravel() for grid in grids], axis=-1)
+    unused = np.zeros((len(frequencies), dimension - axes))
+    return Illumination(series.ravel(), np.hstack([frequencies, unused]))
+
+
+def checked_sidelobes(sll: Any, nbar: Any) -> tuple[float, int]:
+    """Suppression in dB and n-bar of Taylor's taper; ArgumentError if out of range."""
+    decibels = checked_number(sll, "sll", "a sidelobe suppression in dB, such as 30")
+    if not 0 < decibels <= _LOWEST_SIDELOBES:
+        raise ArgumentError(
+            f"expected sll in dB above 0 and up to {_LOWEST_SIDELOBES:g}, got {sll!r}; give 30 for "
+            "sidelobes at -30 dB"
+        )
+    return decibels, checked_count(nbar, "nbar", 1, _HIGHEST_NBAR)
+
+
+def _axes(
+    width: float | None, height: float | None, dimension: int
+) -> tuple[float | None, float | None]:
+    """The lengths, checked: of slits a width alone, else one of them at least."""
+    if checked_count(dimension, "dimension", 1, 2) == 1 and height is not None:
+        raise ArgumentError(f"expected no height for a taper of slits (dimension 1), got {height}")
+    if width is None and (height is None or dimension == 1):
+        raise ArgumentError("expected the width to taper, got None")
+    return (
+        None if width is None else checked_length(width, "width"),
+        None if height is None else checked_length(height, "height"),
+    )
+
+
+def _tapered(
+    width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
+) -> Illumination:
+    """The same taper along each axis that has a length."""
+    along = [_CONSTANT if size is None else taper(size) for size in _axes(width, height, dimension)]
+    return Illumination(*along[0]) if dimension == 1 else _product(*along)
+
+
+_CONSTANT: _Waves = (np.ones(1), np.zeros(1))
+
+
+def _product(along_x: _Waves, along_y: _Waves) -> Illumination:
+    amplitudes = np.multiply.outer(along_x[0], along_y[0])
+    frequencies = np.stack(np.meshgrid(along_x[1], along_y[1], indexing="ij"), axis=-1)
+    return Illumination(amplitudes.ravel(), frequencies.reshape(-1, 2))
+
+
+def _half_periods(number: int, size: float, sine: bool) -> _Waves:
+    """sin or cos of number pi (x/size + 1/2), as waves whose amplitudes are exact.
+
+    The half turns are powers of i.
+    """
+    if number == 0:
+        return _CONSTANT  # a cosine: sines of 0 are refused before
+    quarter = (1, 1j, -1, -1j)[number % 4]
+    forth, back = complex(quarter) / 2, complex(quarter).conjugate() / 2
+    amplitudes = [-1j * forth, 1j * back] if sine else [forth, back]
+    return np.array(amplitudes), np.array([number, -number]) / (2 * size)
+
+
+def _taylor_coefficients(decibels: float, nbar: int) -> NDArray[np.float64]:
+    """F_1 ... F_(nbar - 1)."""
+    # arccosh(10^(sll/20)), also where 10^(sll/20) is so near 1 that its last digits matter
+    excess = math.expm1(decibels / 20 * math.log(10))
+    a = math.log1p(excess + math.sqrt(excess * (2 + excess))) / math.pi
+    stretch = nbar**2 / (a**2 + (nbar - 0.5) ** 2)
+    i = np.arange(1, nbar)
+    m = i[:, None]
+    above = 1 - m**2 / (stretch * (a**2 + (i - 0.5) ** 2))
+    below = np.where(m == i, 1.0, 1 - m**2 / np.where(m == i, 1, i) ** 2)
+    return -((-1.0) ** i) / 2 * np.prod(above / below, axis=1)

@@ -1,0 +1,253 @@
+"""Layouts and weights of arrays: where elements are, and where the lobes then are."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner import arrays
+from polywigner.errors import ArgumentError, MissingExtraError
+
+WAVELENGTH = 3.893e-3  # 77 GHz
+PITCH = 0.6 * WAVELENGTH
+
+# Phases of up to 1e3 turns, and sums of up to 1024 unit terms.
+ROUNDING = 1e-12
+
+
+def array_factor(positions: np.ndarray, weights: Any, nu: np.ndarray) -> np.ndarray:
+    """sum_k w_k exp(-2 pi i nu.x_k), the definition."""
+    return np.exp(-2j * np.pi * (nu @ np.asarray(positions).T)) @ np.asarray(weights)
+
+
+def directions(count: int, seed: int) -> np.ndarray:
+    s = np.random.default_rng(seed).normal(size=(count, 3))
+    s[:, 2] = np.abs(s[:, 2])
+    return s / np.linalg.norm(s, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(("nx", "ny"), [(1, 1), (2, 1), (3, 4), (12, 16), (7, 7)])
+def test_a_grid_is_centred_and_its_coordinates_are_rounded_once(nx: int, ny: int) -> None:
+    x_pitch, y_pitch = 1.9e-3, 0.1
+    grid = arrays.grid_positions(nx, ny, x_pitch, y_pitch)
+    assert grid.shape == (nx * ny, 2)
+    for (i, j), place in zip(itertools.product(range(nx), range(ny)), grid, strict=True):
+        assert place[0] == float((i - Fraction(nx - 1, 2)) * Fraction(x_pitch))
+        assert place[1] == float((j - Fraction(ny - 1, 2)) * Fraction(y_pitch))
+    np.testing.assert_array_equal(np.sort(grid, axis=0), np.sort(-grid, axis=0))
+    assert not np.signbit(grid[grid == 0]).any()
+
+
+def test_one_pitch_makes_a_square_lattice() -> None:
+    square = arrays.grid_positions(3, 3, PITCH)
+    np.testing.assert_array_equal(square, arrays.grid_positions(3, 3, PITCH, PITCH))
+
+
+def test_inner_elements_of_a_triangular_lattice_have_six_neighbours_at_one_pitch() -> None:
+    places = arrays.triangular_positions(7, 6, PITCH)
+    assert len(places) == 42
+    distance = np.linalg.norm(places[:, None] - places, axis=-1)
+    near = (distance < 1.001 * PITCH).sum(axis=1) - 1
+    inner = (np.abs(places) < np.ptp(places, axis=0) / 2 - 0.8 * PITCH).all(axis=1)
+    assert inner.sum() >= 18
+    assert (near[inner] == 6).all()
+    assert distance[distance > 0].min() == pytest.approx(PITCH, rel=1e-12)
+
+
+def test_coordinates_of_a_triangular_lattice_are_whole_quarters_of_the_pitch() -> None:
+    places = arrays.triangular_positions(5, 4, 1.9e-3, 1.7e-3)
+    for x, y in places:
+        column, row = round(4 * x / 1.9e-3), round(2 * y / 1.7e-3)
+        assert x == float(Fraction(column, 4) * Fraction(1.9e-3))
+        assert y == float(Fraction(row, 2) * Fraction(1.7e-3))
+    np.testing.assert_allclose(places.mean(axis=0), 0, atol=1e-18)
+    np.testing.assert_array_equal(
+        arrays.triangular_positions(4, 1, PITCH), arrays.grid_positions(4, 1, PITCH)
+    )
+
+
+def test_rings_are_regular_polygons() -> None:
+    places = arrays.ring_positions([0.0, 1e-3, 2e-3], [1, 6, 12])
+    radius = np.hypot(*places.T)
+    np.testing.assert_allclose(radius, np.repeat([0, 1e-3, 2e-3], [1, 6, 12]), rtol=1e-14)
+    np.testing.assert_allclose(places[1:7].sum(axis=0), 0, atol=1e-17)
+    np.testing.assert_allclose(places[1], [1e-3, 0], atol=1e-18)
+    assert places[2, 1] > 0  # counter-clockwise
+    steps = np.linalg.norm(np.diff(places[7:], axis=0), axis=1)
+    np.testing.assert_allclose(steps, 4e-3 * np.sin(np.pi / 12), rtol=1e-12)
+
+
+@pytest.mark.parametrize("s", directions(4, seed=1))
+def test_a_steered_array_peaks_towards_the_direction_and_at_its_grating_lobes(
+    s: np.ndarray,
+) -> None:
+    places = arrays.grid_positions(12, 16, PITCH)
+    weights = arrays.steering_weights(places, s, WAVELENGTH)
+    np.testing.assert_allclose(np.abs(weights), 1, rtol=1e-15)
+    peak = s[:2] / WAVELENGTH
+    lobes = peak + np.array([[0, 0], [1, 0], [0, -1], [2, 3]]) / PITCH
+    factor = np.abs(array_factor(places, weights, lobes))
+    np.testing.assert_allclose(factor, len(places), rtol=ROUNDING)
+    element = pw.shapes.rectangle(1.2e-3, 1.0e-3)
+    array = pw.phased_array(element, places, weights)
+    expected = len(places) * np.abs(pw.fourier(element, lobes))
+    np.testing.assert_allclose(
+        np.abs(pw.fourier(array, lobes)), expected, atol=ROUNDING * len(places) * element.area
+    )
+
+
+def test_rows_of_slits_and_elements_in_space_are_steered_too() -> None:
+    s = np.array([0.48, -0.6, 0.64])
+    row = arrays.grid_positions(9, 1, PITCH)[:, 0]
+    weights = arrays.steering_weights(row, s[0], WAVELENGTH)
+    np.testing.assert_allclose(
+        array_factor(row[:, None], weights, np.array([s[0] / WAVELENGTH])), 9, rtol=ROUNDING
+    )
+    space = np.random.default_rng(4).normal(size=(20, 3)) * 5e-3
+    weights = arrays.steering_weights(space, s, WAVELENGTH)
+    np.testing.assert_allclose(array_factor(space, weights, s / WAVELENGTH), 20, rtol=ROUNDING)
+
+
+def test_waves_of_a_focused_array_arrive_in_phase() -> None:
+    places = arrays.grid_positions(16, 16, PITCH)
+    focus = np.array([5e-3, -8e-3, 60e-3])
+    weights = arrays.focusing_weights(places, focus, WAVELENGTH)
+
+    def field(point: np.ndarray) -> complex:
+        distance = np.sqrt(((point[:2] - places) ** 2).sum(-1) + point[2] ** 2)
+        return complex((weights * np.exp(2j * np.pi * distance / WAVELENGTH) / distance).sum())
+
+    distance = np.sqrt(((focus[:2] - places) ** 2).sum(-1) + focus[2] ** 2)
+    at_focus = field(focus)
+    assert abs(at_focus) == pytest.approx((1 / distance).sum(), rel=ROUNDING)
+    phase = 2 * np.pi * np.linalg.norm(focus) / WAVELENGTH  # that of a wave from the origin
+    assert at_focus == pytest.approx(abs(at_focus) * np.exp(1j * phase), rel=1e-10)
+    aside = [field(focus + step) for step in directions(50, seed=2) * [10e-3, 10e-3, 0]]
+    assert np.abs(aside).max() < abs(at_focus)
+
+
+def test_focusing_far_away_is_steering() -> None:
+    places = arrays.grid_positions(8, 8, PITCH)
+    s = np.array([0.6, 0.0, 0.8])
+    far = arrays.focusing_weights(places, 1e9 * s, WAVELENGTH)
+    np.testing.assert_allclose(far, arrays.steering_weights(places, s, WAVELENGTH), atol=ROUNDING)
+
+
+def sidelobes(weights: np.ndarray) -> np.ndarray:
+    """Levels in dB of all sidelobes of a row, up to half the distance to its grating lobe."""
+    row = np.arange(len(weights)) - (len(weights) - 1) / 2
+    pattern = np.abs(array_factor(row[:, None], weights, np.linspace(0, 0.5, 20001)[:, None]))
+    level = 20 * np.log10(pattern / pattern[0] + 1e-30)
+    inner = level[1:-1]
+    return inner[(inner > level[:-2]) & (inner > level[2:])]
+
+
+@pytest.mark.parametrize(("count", "sll"), [(16, 20.0), (17, 30.0), (32, 40.0), (64, 60.0)])
+def test_all_sidelobes_of_a_chebyshev_array_are_equal(count: int, sll: float) -> None:
+    levels = sidelobes(arrays.window_weights(count, "chebyshev", sll=sll))
+    assert len(levels) >= count // 2 - 4
+    np.testing.assert_allclose(levels, -sll, atol=1e-3)
+
+
+@pytest.mark.parametrize(("sll", "nbar"), [(25.0, 4), (30.0, 4), (40.0, 7)])
+def test_sidelobes_of_a_taylor_array_stay_below_what_was_asked_for(sll: float, nbar: int) -> None:
+    levels = sidelobes(arrays.window_weights(64, "taylor", sll=sll, nbar=nbar))
+    assert -sll - 1 < levels.max() < -sll + 0.2
+
+
+def test_a_hamming_array_has_its_known_sidelobes_and_a_uniform_one_those_of_a_sinc() -> None:
+    assert sidelobes(arrays.window_weights(200, "hamming")).max() == pytest.approx(-42.7, abs=0.5)
+    assert sidelobes(arrays.window_weights(200, "uniform")).max() == pytest.approx(-13.26, abs=0.01)
+
+
+def test_the_taper_of_a_grid_is_separable_and_in_the_order_of_its_positions() -> None:
+    nx, ny = 12, 5
+    weights = arrays.window_weights((nx, ny), ("taylor", "chebyshev"), sll=25, nbar=3)
+    along_x = arrays.window_weights(nx, "taylor", sll=25, nbar=3)
+    along_y = arrays.window_weights(ny, "chebyshev", sll=25)
+    places = arrays.grid_positions(nx, ny, 1.0, 2.0)
+    for (x, y), weight in zip(places, weights, strict=True):
+        i, j = int(x + (nx - 1) / 2), int(y / 2 + (ny - 1) / 2)
+        assert weight == pytest.approx(along_x[i] * along_y[j], rel=1e-15)
+    assert weights.max() == 1
+    assert (arrays.window_weights((3, 1), "hamming") == arrays.window_weights(3, "hamming")).all()
+
+
+def test_thinning_keeps_positions_as_they_are_and_repeats_itself() -> None:
+    full = arrays.grid_positions(20, 20, PITCH)
+    some = arrays.thinned(full, 0.4, seed=3)
+    assert {tuple(p) for p in some} < {tuple(p) for p in full}
+    np.testing.assert_array_equal(some, arrays.thinned(full, 0.4, seed=3))
+    assert not np.array_equal(some, arrays.thinned(full, 0.4, seed=4))
+    np.testing.assert_array_equal(arrays.thinned(full, 1.0, seed=0), full)
+
+
+def test_the_mean_pattern_of_thinned_arrays_is_the_tapered_one_plus_a_floor() -> None:
+    full = arrays.grid_positions(10, 10, PITCH)
+    taper = arrays.window_weights((10, 10), "hamming")
+    fill = 0.25
+    kept = taper * fill / taper.mean()
+    nu = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) / PITCH
+    nu[0] = 0
+    draws = 2000
+    total = np.zeros(len(nu))
+    for seed in range(draws):
+        places = arrays.thinned(full, fill, seed, taper)
+        total += np.abs(array_factor(places, np.ones(len(places)), nu)) ** 2
+    expected = np.abs(array_factor(full, kept, nu)) ** 2 + (kept * (1 - kept)).sum()
+    # |AF|^2 is about exponential away from the main lobe: its mean is good to 1/sqrt(draws), 2.2 %
+    np.testing.assert_allclose(total / draws, expected, rtol=5 * 0.022)
+    assert total[0] / draws == pytest.approx(expected[0], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("make", "complaint"),
+    [
+        (lambda: arrays.grid_positions(0, 3, 1.0), "nx"),
+        (lambda: arrays.grid_positions(3, 2.0, 1.0), "ny"),  # type: ignore[arg-type]
+        (lambda: arrays.grid_positions(3, 3, 0.0), "pitch_x"),
+        (lambda: arrays.grid_positions(3, 3, 1.0, -1.0), "pitch_y"),
+        (lambda: arrays.grid_positions(2000, 2000, 1.0), "1048576 elements"),
+        (lambda: arrays.triangular_positions(10**9, 10**9, 1.0), "1048576 elements"),
+        (lambda: arrays.ring_positions([1.0], [3, 4]), "as many radii"),
+        (lambda: arrays.ring_positions([0.0], [3]), "one element at radius 0"),
+        (lambda: arrays.ring_positions([-1.0], [3]), "radii"),
+        (lambda: arrays.thinned([[0, 0]], 0.0, 1), "fill"),
+        (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, 0.1]), "up to 0.55"),
+        (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, -1]), "negative"),
+        (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, -1), "seed"),
+        (lambda: arrays.thinned([[0, 0]], 1e-9, 1), "another seed"),
+        (lambda: arrays.thinned([], 0.5, 1), "positions"),
+        (lambda: arrays.steering_weights([[0, 0]], 0.5, 1.0), "2 components"),
+        (lambda: arrays.steering_weights([[0, 0, 0]], (0, 1), 1.0), "unit vector"),
+        (lambda: arrays.steering_weights([[0, 0, 0, 0]], (0, 0, 1), 1.0), "positions"),
+        (lambda: arrays.steering_weights([[0, np.nan]], (0, 0, 1), 1.0), "finite positions"),
+        (lambda: arrays.steering_weights([[0, 0]], (0, 0, 1), -1.0), "wavelength"),
+        (lambda: arrays.focusing_weights([[0, 0]], (0, 0, 0), 1.0), "z above zero"),
+        (lambda: arrays.focusing_weights([[0, 0]], (0, 0), 1.0), "point"),
+        (lambda: arrays.window_weights(4, "kaiser"), "one of the windows uniform, taylor"),
+        (lambda: arrays.window_weights((4, 4, 4), "taylor"), "shape"),  # type: ignore[arg-type]
+        (lambda: arrays.window_weights((4, 4), ("taylor",)), "2 windows"),  # type: ignore[arg-type]
+        (lambda: arrays.window_weights(0, "taylor"), "shape"),
+        (lambda: arrays.window_weights(4, "taylor", sll=-25), "25 for|30 for"),
+        (lambda: arrays.window_weights(4, "taylor", nbar=0), "nbar"),
+    ],
+)
+def test_layouts_and_weights_out_of_range_are_refused(make: Any, complaint: str) -> None:
+    with pytest.raises(ArgumentError, match=complaint):
+        make()
+
+
+def test_without_scipy_windows_name_the_extra_that_brings_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
+    with pytest.raises(MissingExtraError, match=r"pip install polywigner\[arrays\]"):
+        arrays.window_weights(8, "taylor")
+    assert len(arrays.window_weights(8, "hamming")) == 8
