@@ -14,6 +14,7 @@ from polywigner.errors import PolywignerError, QuantityError
 from polywigner.quantities import (
     SPEED_OF_LIGHT,
     parse_angle,
+    parse_coordinate,
     parse_frequency,
     parse_length,
     parse_point,
@@ -24,6 +25,9 @@ from polywigner.quantities import (
 
 GOOD = [
     (parse_length, "10 mm", 0.01),
+    (parse_coordinate, "-2.5 mm", -0.0025),
+    (parse_coordinate, "0 mm", 0.0),
+    (parse_coordinate, -3, -3.0),
     (parse_length, "10mm", 0.01),
     (parse_length, "  10\u00a0mm ", 0.01),
     (parse_length, "+1.5e-3 m", 0.0015),

@@ -17,6 +17,7 @@ from polywigner.errors import QuantityError
 __all__ = [
     "SPEED_OF_LIGHT",
     "parse_angle",
+    "parse_coordinate",
     "parse_frequency",
     "parse_length",
     "parse_point",
@@ -102,6 +103,11 @@ def parse_length(text: str | float) -> float:
     return _positive(_parse(text, _LENGTHS, "length", example), text, "length", example)
 
 
+def parse_coordinate(text: str | float) -> float:
+    """A length in metres of either sign; a bare number is in metres."""
+    return _parse(text, _LENGTHS, "length", "-2 mm")
+
+
 def parse_point(text: str) -> tuple[float, float]:
     """Two coordinates in metres, of either sign, such as ``"0 mm, -2 mm"``."""
     parts = text.split(",", 2)
@@ -110,7 +116,7 @@ def parse_point(text: str) -> tuple[float, float]:
             f'expected two lengths such as "0 mm, -2 mm", got {_shown(text)}; '
             "separate them by one comma"
         )
-    first, second = (_parse(part, _LENGTHS, "length", "-2 mm") for part in parts)
+    first, second = map(parse_coordinate, parts)
     return first, second
 
 
