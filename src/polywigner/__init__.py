@@ -29,10 +29,12 @@ if TYPE_CHECKING:
         fit_illumination,
         fourier_taper,
         phased_array,
+        read_source,
         steering,
         taylor_taper,
         te_mode,
         uniform,
+        write_source,
     )
     from polywigner.transforms import (
         ambiguity,
@@ -69,6 +71,8 @@ _HOMES = {
     "taylor_taper": "polywigner.illumination",
     "te_mode": "polywigner.illumination",
     "uniform": "polywigner.illumination",
+    "read_source": "polywigner.illumination",
+    "write_source": "polywigner.illumination",
     "ambiguity": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
     "fourier": "polywigner.transforms",
@@ -104,6 +108,7 @@ __all__ = [
     "projections",
     "read_aperture",
     "read_polyhedron",
+    "read_source",
     "sample_automean",
     "shapes",
     "steering",
@@ -111,6 +116,7 @@ __all__ = [
     "te_mode",
     "uniform",
     "wigner",
+    "write_source",
 ]
 
 

@@ -4,10 +4,12 @@
 - ``tapers``, ``directions``: steering, tapers and modes; ``fitting``: to sampled fields
 - ``array``: :class:`Array` and :func:`phased_array`
 - ``arrays``: where elements go (``layouts``) and what weights they have (``weights``)
+- ``files``: sources in TOML and JSON
 """
 
 from polywigner.illumination import arrays
 from polywigner.illumination.array import Array, Element, phased_array
+from polywigner.illumination.files import read_source, write_source
 from polywigner.illumination.fitting import FittedIllumination, fit_illumination
 from polywigner.illumination.tapers import (
     cosine_taper,
@@ -29,8 +31,10 @@ __all__ = [
     "fit_illumination",
     "fourier_taper",
     "phased_array",
+    "read_source",
     "steering",
     "taylor_taper",
     "te_mode",
     "uniform",
+    "write_source",
 ]

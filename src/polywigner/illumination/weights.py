@@ -91,8 +91,8 @@ def focusing_weights(positions: Any, point: Any, wavelength: float) -> NDArray[n
 
 
 def window_weights(
-    shape: int | tuple[int, int],
-    window: str | tuple[str, str],
+    shape: int | Sequence[int],
+    window: str | Sequence[str],
     sll: float = 30.0,
     nbar: int = 4,
 ) -> NDArray[np.float64]:

@@ -1,0 +1,11 @@
+"""Source files: apertures with their fields, and arrays, in TOML or JSON.
+
+- ``reading``, ``writing``: :func:`read_source`, :func:`write_source`
+- ``values``: numbers and texts of a file; ``tables``: sources; ``fields``: what is on them
+- ``encoding``: from sources to tables, and to text
+"""
+
+from polywigner.illumination.files.reading import Source, read_source
+from polywigner.illumination.files.writing import write_source
+
+__all__ = ["Source", "read_source", "write_source"]

@@ -1,0 +1,273 @@
+"""What is on the elements of a source file: fields and weights by name, and positions.
+
+The keys of a table are the parameters of the function that it names. Directions may be given as
+angles, and wavelengths as frequencies, which the whole file may share.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import FileFormatError
+from polywigner.illumination import layouts, tapers, weights
+from polywigner.illumination.directions import unit_vector
+from polywigner.illumination.files.values import (
+    Table,
+    angle,
+    at,
+    checked_table,
+    complex_numbers,
+    coordinates,
+    frequency,
+    length,
+    number,
+    numbers,
+    shown,
+    text,
+    whole,
+)
+from polywigner.illumination.waves import Illumination
+from polywigner.quantities import wavelength_of
+
+__all__ = ["Positions", "illumination_of", "positions_of", "wavelength_in", "weights_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Positions:
+    """Where the elements of a phased array are."""
+
+    places: NDArray[np.float64]
+    """(n, d) in metres."""
+    shape: tuple[int, ...] | None = None
+    """How many there are along each axis of a lattice; None of other layouts."""
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """What a field or weights depend on beside their own table."""
+
+    dimension: int
+    wavelength: float | None
+    positions: Positions | None = None
+
+
+Converters = Mapping[str, Callable[[Any], Any]]
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """How a table of this kind becomes a field, weights, or positions."""
+
+    build: Callable[[dict[str, Any], _Surroundings], Any]
+    required: Converters
+    optional: Converters
+
+    def __call__(self, table: Table, around: _Surroundings) -> Any:
+        checked_table(table, ("kind", *self.required), tuple(self.optional))
+        converters = {**self.required, **self.optional}
+        values = {}
+        for name in table:
+            if name != "kind":
+                with at(name):
+                    values[name] = converters[name](table[name])
+        return self.build(values, around)
+
+
+def wavelength_in(table: Table, default: float | None = None) -> float | None:
+    """The wavelength that a table gives, as such or by its frequency; else the default."""
+    if "frequency" in table and "wavelength" in table:
+        raise FileFormatError("expected a frequency or a wavelength, got both; leave one out")
+    if "frequency" in table:
+        with at("frequency"):
+            return wavelength_of(frequency(table["frequency"]))
+    if "wavelength" in table:
+        with at("wavelength"):
+            return length(table["wavelength"])
+    return default
+
+
+def _wavelength(values: dict[str, Any], around: _Surroundings) -> float:
+    found = wavelength_in(values, around.wavelength)
+    if found is None:
+        raise FileFormatError(
+            'expected a frequency such as "77 GHz" or a wavelength, got none; give one here or at '
+            "the top of the file"
+        )
+    return found
+
+
+def _direction(values: dict[str, Any], dimension: int) -> Any:
+    """The direction, from itself or from the angles off the normal and around it."""
+    if ("direction" in values) == ("theta" in values):
+        got = "both" if "theta" in values else "neither"
+        raise FileFormatError(f"expected a direction or the angle theta, got {got}")
+    if "direction" in values:
+        if "phi" in values:
+            raise FileFormatError("expected phi with theta only, got it with a direction")
+        return values["direction"]
+    theta, phi = values["theta"], values.get("phi", 0.0)
+    if dimension == 1 and "phi" in values:
+        raise FileFormatError("expected no phi for slits, got one; theta may be negative")
+    sine = math.sin(theta)
+    s = unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
+    return s[:dimension]
+
+
+def _guided(values: dict[str, Any], around: _Surroundings) -> Illumination:
+    if around.dimension == 1:
+        raise FileFormatError("expected an aperture for a mode of a guide, got slits")
+    return tapers.te_mode(**values)
+
+
+def _series(values: dict[str, Any], around: _Surroundings) -> Illumination:
+    with at("coefficients"):
+        depth = 2 if "height" in values else 1
+        values["coefficients"] = complex_numbers(values["coefficients"], depth)
+    return tapers.fourier_taper(**values, dimension=around.dimension)
+
+
+def _window(values: dict[str, Any], around: _Surroundings) -> NDArray[np.float64]:
+    positions = around.positions
+    if positions is None or positions.shape is None:
+        raise FileFormatError(
+            "expected positions of kind row, grid or triangular for the weights of a window, got "
+            "others; give the weights as numbers"
+        )
+    return weights.window_weights(positions.shape, **values)
+
+
+def _names(value: Any) -> Any:
+    return [text(item) for item in value] if isinstance(value, list) else text(value)
+
+
+def _places(around: _Surroundings) -> NDArray[np.float64]:
+    assert around.positions is not None  # weights are read with positions only
+    return around.positions.places
+
+
+def _untouched(value: Any) -> Any:
+    return value
+
+
+_SIZES: Converters = {"width": length, "height": length}
+_WAVELENGTH: Converters = {"frequency": _untouched, "wavelength": _untouched}
+_STEERING: Converters = {"direction": numbers, "theta": angle, "phi": angle, **_WAVELENGTH}
+
+_FIELDS: dict[str, _Kind] = {
+    "uniform": _Kind(lambda v, on: tapers.uniform(on.dimension), {}, {}),
+    "steering": _Kind(
+        lambda v, on: tapers.steering(_direction(v, on.dimension), _wavelength(v, on)),
+        {},
+        _STEERING,
+    ),
+    "cosine_taper": _Kind(
+        lambda v, on: tapers.cosine_taper(**{"width": None, **v}, dimension=on.dimension),
+        {},
+        {**_SIZES, "power": whole},
+    ),
+    "taylor_taper": _Kind(
+        lambda v, on: tapers.taylor_taper(**{"width": None, **v}, dimension=on.dimension),
+        {},
+        {**_SIZES, "sll": number, "nbar": whole},
+    ),
+    "te_mode": _Kind(_guided, _SIZES, {"m": whole, "n": whole, "component": text}),
+    "fourier_taper": _Kind(
+        _series, {"width": length, "coefficients": _untouched}, {"height": length}
+    ),
+    "waves": _Kind(
+        lambda v, on: Illumination(v["amplitudes"], v["frequencies"]),
+        {"amplitudes": complex_numbers, "frequencies": numbers},
+        {},
+    ),
+}
+
+_LATTICE: Converters = {"nx": whole, "ny": whole, "pitch_x": length}
+_LAYOUTS: dict[str, _Kind] = {
+    "row": _Kind(
+        lambda v, on: Positions(
+            layouts.grid_positions(v["count"], 1, v["pitch"])[:, :1], (v["count"],)
+        ),
+        {"count": whole, "pitch": length},
+        {},
+    ),
+    "grid": _Kind(
+        lambda v, on: Positions(layouts.grid_positions(**v), (v["nx"], v["ny"])),
+        _LATTICE,
+        {"pitch_y": length},
+    ),
+    "triangular": _Kind(
+        lambda v, on: Positions(layouts.triangular_positions(**v), (v["nx"], v["ny"])),
+        _LATTICE,
+        {"pitch_y": length},
+    ),
+    "rings": _Kind(
+        lambda v, on: Positions(layouts.ring_positions(**v)),
+        {"radii": coordinates, "counts": _untouched},
+        {},
+    ),
+}
+
+_WEIGHTS: dict[str, _Kind] = {
+    "window": _Kind(_window, {"window": _names}, {"sll": number, "nbar": whole}),
+    "steering": _Kind(
+        lambda v, on: weights.steering_weights(
+            _places(on), _direction(v, on.dimension), _wavelength(v, on)
+        ),
+        {},
+        _STEERING,
+    ),
+    "focusing": _Kind(
+        lambda v, on: weights.focusing_weights(_places(on), v["point"], _wavelength(v, on)),
+        {"point": coordinates},
+        _WAVELENGTH,
+    ),
+}
+
+
+def illumination_of(value: Any, dimension: int, wavelength: float | None) -> Illumination:
+    """The field of a table, or the product of those in a list of tables."""
+    return _product(value, _FIELDS, _Surroundings(dimension, wavelength))
+
+
+def positions_of(value: Any, dimension: int) -> Positions:
+    """Positions (n, d) from a list, or from a table that names a layout."""
+    if isinstance(value, dict):
+        return _one(value, _LAYOUTS, _Surroundings(dimension, None))
+    return Positions(layouts.checked_positions(coordinates(value), (dimension,)))
+
+
+def weights_of(value: Any, positions: Positions, wavelength: float | None) -> Any:
+    """Complex weights (n,) from a list of numbers, or the product of a table or several."""
+    if isinstance(value, list) and not any(isinstance(item, dict) for item in value):
+        return complex_numbers(value)
+    around = _Surroundings(positions.places.shape[1], wavelength, positions)
+    return _product(value, _WEIGHTS, around)
+
+
+def _product(value: Any, kinds: Mapping[str, _Kind], around: _Surroundings) -> Any:
+    if not isinstance(value, list):
+        return _one(value, kinds, around)
+    if not value:
+        raise FileFormatError("expected a table or a list of tables, got an empty list")
+    factors = []
+    for k, item in enumerate(value):
+        with at(f"number {k}"):
+            factors.append(_one(item, kinds, around))
+    return functools.reduce(operator.mul, factors)
+
+
+def _one(table: Any, kinds: Mapping[str, _Kind], around: _Surroundings) -> Any:
+    name = table.get("kind") if isinstance(table, dict) else None
+    if not isinstance(name, str) or name not in kinds:
+        got = shown(name) if name is not None else f"{shown(table)} without a kind"
+        raise FileFormatError(f"expected a table of kind {', '.join(kinds)}, got {got}")
+    with at(name):
+        return kinds[name](table, around)

@@ -1,0 +1,101 @@
+"""Reading source files."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from pathlib import Path
+from typing import Any, NoReturn
+
+from polywigner.errors import FileFormatError
+from polywigner.illumination.files.tables import Source, source_of
+from polywigner.illumination.files.values import at
+
+__all__ = ["Source", "parsed", "read_source"]
+
+# As of aperture files: about 10^6 vertices, or 10^6 elements with their weights.
+_LARGEST_FILE = 64 * 2**20
+
+
+def read_source(path: str | os.PathLike[str]) -> Source:
+    """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
+
+    The format is described in docs/illumination.md. Whatever :func:`write_source` wrote comes back
+    equal to what it was. In files written by hand, lengths, angles and frequencies may be texts
+    ("10 mm", "20 deg", "77 GHz"; plain numbers are metres, radians and hertz), fields, layouts and
+    weights may be named, and outlines may be taken from other files, relative to this one.
+
+    Returns
+    -------
+    Aperture, placed aperture, Slits, Polyhedron or Array.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, empty, too large (64 MiB), not of its format, or has a key or a value
+        that is not understood; the message says where, and what is.
+    GeometryError, IlluminationError, ArgumentError, QuantityError
+        What it describes is no source: see the functions and classes it names.
+    MissingExtraError
+        A library is not installed that a window or an outline needs.
+    """
+    file = Path(path)
+    with at(str(file)):
+        return source_of(parsed(_text_of(file), file.suffix), file.parent)
+
+
+def parsed(text: str, suffix: str) -> Any:
+    """The tables of a text in TOML or JSON, which the suffix tells."""
+    try:
+        if suffix.lower() == ".toml":
+            return tomllib.loads(text)
+        if suffix.lower() == ".json":
+            return json.loads(text, parse_constant=_refused, object_pairs_hook=_each_key_once)
+    except RecursionError:
+        raise FileFormatError("expected tables and lists, got some nested too deeply") from None
+    except FileFormatError:
+        raise
+    except ValueError as error:
+        kind = suffix[1:].upper()
+        raise FileFormatError(f"expected {kind}, got text that does not parse: {error}") from None
+    raise FileFormatError(
+        f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
+        "outlines alone are read by polywigner.read_aperture"
+    )
+
+
+def _text_of(path: Path) -> str:
+    try:
+        if not path.exists():
+            raise FileFormatError("expected a source file, got a path that does not exist")
+        if not path.is_file():
+            raise FileFormatError("expected a source file, got a folder, device or pipe")
+        size = path.stat().st_size
+        if size > _LARGEST_FILE:
+            raise FileFormatError(
+                f"expected at most {_LARGEST_FILE >> 20} MiB, got {size / 2**20:.0f} MiB"
+            )
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FileFormatError("expected text in UTF-8, got binary data") from None
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        if isinstance(error, FileFormatError):
+            raise
+        raise FileFormatError(f"expected a readable file, got: {error}") from None
+    if not text.strip():
+        raise FileFormatError("expected a source, got an empty file")
+    return text
+
+
+def _refused(name: str) -> NoReturn:
+    raise FileFormatError(f"expected finite numbers, got {name}")
+
+
+def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in table:
+            raise FileFormatError(f"expected each key once, got {key!r} twice")
+        table[key] = value
+    return table

@@ -1,0 +1,297 @@
+"""From the tables of a source file to sources."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import FileFormatError, GeometryError
+from polywigner.geometry import (
+    Aperture,
+    PlacedAperture,
+    Polyhedron,
+    Slits,
+    read_aperture,
+    rigid_pose,
+    shapes,
+)
+from polywigner.geometry.parts import merge_parts, part_of_rings
+from polywigner.geometry.rings import Part, oriented, polygon_of_part
+from polywigner.illumination.array import Array, Element, phased_array
+from polywigner.illumination.files.fields import (
+    illumination_of,
+    positions_of,
+    wavelength_in,
+    weights_of,
+)
+from polywigner.illumination.files.values import (
+    Table,
+    at,
+    checked_table,
+    complex_numbers,
+    coordinates,
+    flag,
+    shown,
+    text,
+    whole,
+)
+
+__all__ = ["VERSION", "Source", "aperture_of_polygons", "source_of"]
+
+Source = Element | Array
+
+VERSION = 1
+"""Of the format; files of another are refused."""
+
+_HEAD = ("version", "frequency", "wavelength")
+
+# A rotation that is the nearest one to within rounding is taken as it is.
+_ROUNDING = 1e-15
+
+# Of vertices, segments and so on of a shape by name: a slip of the keyboard must not fill memory.
+_LARGEST_COUNT = 4096
+
+
+@dataclass(frozen=True)
+class _File:
+    """What is the same for all tables of a file."""
+
+    folder: Path
+    wavelength: float | None
+    apertures: dict[tuple[str, str], Aperture] = field(default_factory=dict)
+    """Aperture files that were read, by name and unit."""
+
+
+def source_of(table: Any, folder: Path) -> Source:
+    """The source that a file's whole table describes; `folder` is where its aperture files are."""
+    if not isinstance(table, dict):
+        raise FileFormatError(f"expected a table with the key 'kind', got {shown(table)}")
+    if "version" in table:
+        with at("version"):
+            if whole(table["version"]) != VERSION:
+                raise FileFormatError(f"expected {VERSION}, got {shown(table['version'])}")
+    body = {key: value for key, value in table.items() if key not in _HEAD}
+    kinds = {**_ELEMENTS, "array": _array, "phased-array": _phased_array}
+    return _of_kind(body, kinds, _File(folder, wavelength_in(table)))
+
+
+def _of_kind(table: Any, kinds: Mapping[str, Callable[[Table, _File], Any]], file: _File) -> Any:
+    name = table.get("kind") if isinstance(table, dict) else None
+    if not isinstance(name, str) or name not in kinds:
+        got = shown(name) if name is not None else f"{shown(table)} without a kind"
+        raise FileFormatError(f"expected a kind out of {', '.join(kinds)}, got {got}")
+    return kinds[name](table, file)
+
+
+def _aperture(table: Table, file: _File) -> Aperture | PlacedAperture:
+    origins = ("file", "polygons", "shape")
+    checked_table(table, ("kind",), (*origins, "unit", "verbatim", "illumination", "to_world"))
+    origin = _only_one(table, origins)
+    for key, of in (("unit", "file"), ("verbatim", "polygons")):
+        if key in table and origin != of:
+            raise FileFormatError(f"expected {key!r} with {of!r} only, got it with {origin!r}")
+    with at(origin):
+        if origin == "file":
+            aperture = _from_file(table, file)
+        elif origin == "shape":
+            aperture = _shape(table["shape"], Aperture)
+        else:
+            aperture = _from_polygons(table["polygons"], flag(table.get("verbatim", False)))
+    lit = _illuminated(aperture, table, file)
+    return lit if "to_world" not in table else _placed(lit, table["to_world"])
+
+
+def _slits(table: Table, file: _File) -> Slits:
+    checked_table(table, ("kind",), ("intervals", "shape", "verbatim", "illumination"))
+    origin = _only_one(table, ("intervals", "shape"))
+    with at(origin):
+        if origin == "shape":
+            slits = _shape(table["shape"], Slits)
+        else:
+            intervals = coordinates(table["intervals"])
+            verbatim = flag(table.get("verbatim", False))
+            slits = _slits_as_they_are(intervals) if verbatim else Slits(intervals)
+    return _illuminated(slits, table, file)
+
+
+def _polyhedron(table: Table, file: _File) -> Polyhedron:
+    checked_table(table, ("kind", "vertices", "faces"))
+    with at("vertices"):
+        vertices = coordinates(table["vertices"])
+    with at("faces"):
+        faces = table["faces"]
+        if not isinstance(faces, list) or not all(isinstance(face, list) for face in faces):
+            raise FileFormatError(f"expected lists of vertex numbers, got {shown(faces)}")
+        numbered = [[whole(k) for k in face] for face in faces]
+    return Polyhedron(vertices, numbered)
+
+
+_ELEMENTS: dict[str, Callable[[Table, _File], Element]] = {
+    "aperture": _aperture,
+    "slits": _slits,
+    "polyhedron": _polyhedron,
+}
+"""Kinds of sources that may be elements of arrays."""
+
+
+def _array(table: Table, file: _File) -> Array:
+    checked_table(table, ("kind", "elements"), ("weights",))
+    given = table["elements"]
+    if not isinstance(given, list):
+        raise FileFormatError(f"elements: expected a list of tables, got {shown(given)}")
+    elements = []
+    for k, element in enumerate(given):
+        with at(f"element {k}"):
+            elements.append(_of_kind(element, _ELEMENTS, file))
+    with at("weights"):
+        weights = complex_numbers(table["weights"]) if "weights" in table else None
+    return Array(elements, weights)
+
+
+def _phased_array(table: Table, file: _File) -> Array:
+    checked_table(table, ("kind", "element", "positions"), ("weights",))
+    with at("element"):
+        element = _of_kind(table["element"], _ELEMENTS, file)
+        if not isinstance(element, Aperture | Slits):
+            raise FileFormatError("expected an aperture without a pose, or slits, to repeat")
+    with at("positions"):
+        positions = positions_of(table["positions"], 1 if isinstance(element, Slits) else 2)
+    with at("weights"):
+        given = table.get("weights")
+        weights = None if given is None else weights_of(given, positions, file.wavelength)
+    return phased_array(element, positions.places, weights)
+
+
+def _only_one(table: Table, keys: tuple[str, ...]) -> str:
+    found = [key for key in keys if key in table]
+    if len(found) != 1:
+        got = " and ".join(found) or "none"
+        raise FileFormatError(f"expected one of the keys {', '.join(keys)}, got {got}")
+    return found[0]
+
+
+def _illuminated(source: Any, table: Table, file: _File) -> Any:
+    if "illumination" not in table:
+        return source
+    with at("illumination"):
+        dimension = 1 if isinstance(source, Slits) else 2
+        return source.with_illumination(
+            illumination_of(table["illumination"], dimension, file.wavelength)
+        )
+
+
+def _placed(aperture: Aperture, to_world: Any) -> PlacedAperture:
+    with at("to_world"):
+        given = coordinates(to_world)
+        pose = rigid_pose(given)
+        exact = np.array(given)
+        if float(np.abs(exact - pose).max()) <= _ROUNDING:
+            exact.setflags(write=False)
+            pose = exact  # as it was written: the nearest rotation is rounded elsewhere
+        return PlacedAperture(aperture, pose)
+
+
+def _from_file(table: Table, file: _File) -> Aperture:
+    name, unit = text(table["file"]), text(table.get("unit", "mm"))
+    if (name, unit) not in file.apertures:
+        file.apertures[name, unit] = read_aperture(file.folder / name, unit)
+    return file.apertures[name, unit]
+
+
+def _shape(table: Any, expected: type) -> Any:
+    """A shape of the catalogue; its keys are the parameters of the function of that name."""
+    plain = {name: getattr(shapes, name) for name in shapes.__all__}
+    name = table.get("name") if isinstance(table, dict) else None
+    if not isinstance(name, str) or name not in plain:
+        got = shown(name) if name is not None else f"{shown(table)} without a name"
+        raise FileFormatError(f"expected the name of a shape out of {', '.join(plain)}, got {got}")
+    parameters = inspect.signature(plain[name]).parameters
+    required = [p.name for p in parameters.values() if p.default is p.empty]
+    checked_table(table, ("name", *required), [key for key in parameters if key not in required])
+    convert = {"int": _count, "bool": flag}
+    values = {}
+    for key in parameters:
+        if key in table:
+            with at(key):
+                values[key] = convert.get(parameters[key].annotation, coordinates)(table[key])
+    with at(name):
+        shape = plain[name](**values)
+    if not isinstance(shape, expected):
+        raise FileFormatError(f"expected a shape that is an {expected.__name__}, got {name}")
+    return shape
+
+
+def _count(value: Any) -> int:
+    if whole(value) > _LARGEST_COUNT:
+        raise FileFormatError(f"expected at most {_LARGEST_COUNT}, got {shown(value)}")
+    return int(value)
+
+
+def _from_polygons(value: Any, verbatim: bool) -> Aperture:
+    polygons = coordinates(value)
+    listed = isinstance(polygons, list) and all(
+        isinstance(rings, list) and rings and all(isinstance(ring, list) for ring in rings)
+        for rings in polygons
+    )
+    if not listed or not polygons:
+        raise FileFormatError(
+            "expected a list of polygons, each a list of rings, each a list of vertices [x, y]"
+        )
+    return _aperture_as_it_is(polygons) if verbatim else aperture_of_polygons(polygons)
+
+
+def aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
+    """The aperture of polygons, each a list of rings with the exterior first."""
+    parts = [part_of_rings(rings, f"polygon {k}") for k, rings in enumerate(polygons)]
+    return Aperture._of_parts(merge_parts(parts))
+
+
+def _aperture_as_it_is(polygons: list[list[Any]]) -> Aperture:
+    """Outlines exactly as they were written, without a vertex dropped or moved.
+
+    Apertures that were shifted far, say, have vertices that rounding has put on a line, which the
+    constructor would drop.
+    """
+    parts: list[Part] = []
+    for rings in polygons:
+        part = tuple(_array_of(ring) for ring in rings)
+        for n, ring in enumerate(part):
+            if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3:
+                raise FileFormatError(f"expected rings of vertices [x, y], got shape {ring.shape}")
+            if oriented(ring, counter_clockwise=n == 0) is not ring:
+                raise GeometryError(
+                    "expected exteriors counter-clockwise and holes clockwise where verbatim is "
+                    "true; leave verbatim out"
+                )
+        parts.append(part)
+    reason = shapely.is_valid_reason(shapely.MultiPolygon([polygon_of_part(p) for p in parts]))
+    if reason != "Valid Geometry":
+        raise GeometryError(
+            f"expected valid polygons where verbatim is true, got {reason}; leave verbatim out"
+        )
+    return Aperture._of_parts(parts)
+
+
+def _slits_as_they_are(intervals: Any) -> Slits:
+    """Intervals exactly as they were written; see :func:`_aperture_as_it_is`."""
+    array = _array_of(intervals)
+    fits = array.ndim == 2 and array.shape[1] == 2 and len(array)
+    if not fits or not (np.diff(array.ravel()) >= 0).all() or not (np.diff(array) > 0).all():
+        raise GeometryError(
+            "expected ascending slits wider than zero where verbatim is true; leave verbatim out"
+        )
+    return Slits._of_intervals(array)
+
+
+def _array_of(numbers: Any) -> NDArray[np.float64]:
+    try:
+        return np.array(numbers, dtype=np.float64)
+    except ValueError:  # lists of different lengths
+        return np.empty(0)
