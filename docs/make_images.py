@@ -12,6 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+import matplotlib.pyplot as plt
+import numpy as np
 from PIL import Image
 
 import polywigner as pw
@@ -34,11 +36,13 @@ COMMANDS = {
 def main(names: list[str]) -> None:
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        for name in names or ["first_picture", "projections", *COMMANDS]:
+        for name in names or ["first_picture", "projections", "tapers", *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
             elif name == "projections":
                 made = projections(Path(folder))
+            elif name == "tapers":
+                made = tapers(Path(folder))
             else:
                 made = Path(folder) / f"{name}.png"
                 if polywigner([*COMMANDS[name], "--out", str(made)]) != 0:
@@ -58,6 +62,45 @@ def projections(folder: Path) -> Path:
     figure = draw_projections(pw.projections(chevrons, "wigner", samples=257))
     figure.savefig(folder / "projections.png")
     return folder / "projections.png"
+
+
+def tapers(folder: Path) -> Path:
+    """Fields over an aperture, their far fields, and those of an array."""
+    wavelength = 299_792_458 / 77e9
+    width = 10 * wavelength
+    fields = {
+        "uniform": pw.uniform(1),
+        "cosine, TE10": pw.cosine_taper(width, dimension=1),
+        "Taylor, 30 dB": pw.taylor_taper(width, dimension=1),
+    }
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    x, sine = np.linspace(-width / 2, width / 2, 401), np.linspace(-1, 1, 4001)
+    slit = pw.Slits([-width / 2, width / 2])
+    for name, field in fields.items():
+        left.plot(x / wavelength, field(x[:, None]).real, label=name)
+        lit = slit.with_illumination(field)
+        middle.plot(sine, decibels(pw.fourier(lit, sine[:, None] / wavelength)), label=name)
+    places = pw.arrays.grid_positions(12, 16, 1.9e-3)
+    steered = pw.arrays.steering_weights(places, (0, np.sin(np.radians(20))), wavelength)
+    angle = np.linspace(-90, 90, 4001)
+    nu = np.stack([0 * angle, np.sin(np.radians(angle)) / wavelength], axis=-1)
+    for name in ("uniform", "Taylor"):
+        weights = steered * pw.arrays.window_weights((12, 16), name.lower(), sll=25)
+        array = pw.phased_array(pw.shapes.rectangle(1.2e-3, 1.0e-3), places, weights)
+        right.plot(angle, decibels(pw.fourier(array, nu)), label=f"{name} weights")
+    left.set(xlabel="x / wavelength", ylabel="field u", ylim=(0, 1.05))
+    middle.set(xlabel="sine of the angle", ylabel="power (dB)", ylim=(-60, 3), xlim=(-1, 1))
+    right.set(xlabel="angle (degrees)", ylabel="power (dB)", ylim=(-60, 3), xlim=(-90, 90))
+    for axes in (left, middle, right):
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize="small", loc="lower center" if axes is left else "upper left")
+    figure.savefig(folder / "tapers.png", dpi=150)
+    return folder / "tapers.png"
+
+
+def decibels(amplitudes: np.ndarray) -> np.ndarray:
+    power = np.abs(amplitudes) ** 2
+    return 10 * np.log10(np.maximum(power / power.max(), 1e-12))
 
 
 def reduce(source: Path, target: Path) -> None:

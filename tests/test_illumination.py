@@ -26,9 +26,7 @@ def points(dimension: int = 2, count: int = 200) -> np.ndarray:
 
 
 def far_field(aperture: Any, field: pw.Illumination, nu: np.ndarray) -> np.ndarray:
-    """The Fourier transform of the illuminated aperture: shifted copies of its own."""
-    waves = zip(field.amplitudes, field.frequencies, strict=True)
-    return sum(c * pw.fourier(aperture, nu - kappa) for c, kappa in waves)
+    return pw.fourier(aperture.with_illumination(field), nu)
 
 
 def sidelobe_levels(pattern: np.ndarray) -> np.ndarray:

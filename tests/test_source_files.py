@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,23 @@ FIELDS = [
       {"kind": "steering", "direction": [0.1, -0.2], "frequency": "77 GHz"}],
      pw.te_mode(0.01, 6e-3) * pw.steering((0.1, -0.2), WAVELENGTH)),
 ]  # fmt: skip
+
+
+def test_the_examples_of_the_documents_are_sources(tmp_path: Path) -> None:
+    page = Path(__file__).parent.parent / "docs" / "illumination.md"
+    blocks = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert len(blocks) == 2
+    for number, block in enumerate(blocks):
+        (tmp_path / f"{number}.toml").write_text(block)
+    array, horn = (pw.read_source(tmp_path / f"{number}.toml") for number in range(2))
+    assert isinstance(array, pw.Array)
+    assert len(array) == 192
+    field = pw.te_mode(12e-3, 9e-3)
+    steered = pw.steering((np.sin(np.radians(10)), 0.0), SPEED_OF_LIGHT / 94e9)
+    expected = pw.shapes.rectangle(12e-3, 9e-3).with_illumination(field * steered)
+    x = np.random.default_rng(1).uniform(-4e-3, 4e-3, (20, 2))
+    np.testing.assert_allclose(horn.illumination(x), expected.illumination(x), rtol=1e-12)
+    assert horn.with_illumination(None) == expected.with_illumination(None)
 
 
 def read_table(table: dict[str, Any], folder: Path) -> Any:
