@@ -268,7 +268,7 @@ def test_tapers_out_of_range_are_refused(make: Any, complaint: str) -> None:
         make()
 
 
-@pytest.mark.parametrize("coefficients", [[1, 2], [[1], [2], [3]], [0, 0, 0], ["a"], 1.0])
+@pytest.mark.parametrize("coefficients", [[1, 2], [[1], [2], [3]], [0, 0, 0], ["a"], 1.0, [[1], 2]])
 def test_series_that_are_none_are_refused(coefficients: Any) -> None:
     with pytest.raises(IlluminationError):
         pw.fourier_taper(A, coefficients=coefficients)
@@ -372,6 +372,7 @@ def test_a_bad_fit_is_refused_if_asked_for() -> None:
         (([[0, 0], [1, 1]], [1]), {}, ArgumentError),
         (([[0, 0, 0]], [1]), {}, ArgumentError),
         (([], []), {}, ArgumentError),
+        (([[0], [1, 2]], [1, 2]), {}, ArgumentError),
         (([[0, np.inf]], [1]), {}, ArgumentError),
         (([[0, 0]], [np.nan]), {}, ArgumentError),
         (([[0, 0]], ["a"]), {}, ArgumentError),

@@ -376,10 +376,10 @@ BAD = [
     ({"kind": "slits", "intervals": [[0, 1], [0.5, 2]], "verbatim": True}, "ascending"),
     ({"kind": "slits", "intervals": [[0], [0.5, 2]], "verbatim": True}, "ascending"),
     ({"kind": "slits", "shape": {"name": "square", "a": 1.0}}, "a shape that is an? Slits"),
-    ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": 1}, "faces: .*vertex numbers"),
+    ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": 1}, "faces: expected a list, got 1"),
     ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": [[0.0]]}, "faces: .*whole"),
     ({"kind": "polyhedron", "vertices": [[0, 0]], "faces": [[0, 1, 2]]}, r"\(n, 3\)"),
-    ({"kind": "array", "elements": APERTURE}, "elements: expected a list"),
+    ({"kind": "array", "elements": APERTURE}, "elements: expected a list, got a table"),
     ({"kind": "array", "elements": []}, "got none"),
     ({"kind": "array", "elements": [APERTURE, 3]}, "element 1: .*without a kind"),
     ({"kind": "array", "elements": [APERTURE, PHASED]}, "element 1: .*'phased-array'"),
@@ -413,7 +413,17 @@ BAD = [
     (lit(kind="steering", direction=[0, 0, 2], wavelength=1), "length 1"),
     (lit(kind="steering", theta="91 deg", wavelength=1), "z > 0"),
     (lit(kind="waves", amplitudes=[1], frequencies=[[1]]), "components"),
-    (lit(kind="waves", amplitudes=1, frequencies=[[1, 2]]), "list of numbers"),
+    (lit(kind="waves", amplitudes=1, frequencies=[[1, 2]]), "expected a list, got 1"),
+    (lit(kind="waves", amplitudes=[1, 2], frequencies=[[1], [1, 2]]), "complex amplitudes"),
+    (lit(kind="fourier_taper", width=1, height=1, coefficients=[[1], [1, 2]]), "different lengths"),
+    (lit(kind="cosine_taper", width=[1] * 99999), "width: "),
+    ({**APERTURE, "a\nb\x1b[31m": 1}, r"got 'a\\nb\\x1b"),
+    ({"kind": "aperture", "file": "a\nb\x1b.wkt"}, "a\N{REPLACEMENT CHARACTER}b"),
+    ({**PHASED, "positions": [[0, 0], [0]]}, "different lengths"),
+    ({**PHASED, "positions": {"kind": "rings", "radii": [[1], [1, 2]], "counts": [1, 1]}}, "radii"),
+    ({**PHASED, "positions": {"kind": "rings", "radii": [1], "counts": [[1]]}}, "counts"),
+    ({**PHASED, "weights": {"kind": "focusing", "point": [[0], [1, 2]], "wavelength": 1}},
+     "point"),
     (lit(kind="waves", amplitudes=[0], frequencies=[[1, 2]]), "other than zero"),
     ({**APERTURE, "illumination": []}, "empty list"),
     ({**SLIT, "illumination": {"kind": "te_mode", "width": 1, "height": 1}}, "got slits"),
@@ -431,7 +441,7 @@ def test_what_is_not_understood_is_refused_with_its_place(
     message = str(caught.value)
     assert message.startswith(str(tmp_path / "source.json"))
     assert "\n" not in message
-    assert len(message) - len(str(tmp_path)) < 400
+    assert len(message) < 1100
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,15 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["checked_count", "checked_length", "checked_number"]
+__all__ = ["checked_count", "checked_length", "checked_number", "shape_of"]
+
+
+def shape_of(value: Any) -> str:
+    """The shape of an array or of nested lists, for messages."""
+    try:
+        return str(np.shape(value))
+    except ValueError:
+        return "of lists of different lengths"
 
 # As many vertices as a file may have; a slip of a few zeros would fill the memory.
 _MOST = 1_000_000

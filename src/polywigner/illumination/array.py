@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.arguments import shape_of
 from polywigner.geometry.grid import union_on_grid
 from polywigner.geometry.pose import rigid_pose
 
@@ -179,7 +180,7 @@ def phased_array(element: Aperture | Slits, positions: Any, weights: Any = None)
         places = places[:, None]
     if places.ndim != 2 or places.shape[1] != dimension or not len(places):
         raise ArgumentError(
-            f"expected positions of shape (n, {dimension}), got {np.shape(positions)}"
+            f"expected positions of shape (n, {dimension}), got {shape_of(positions)}"
         )
     if not np.isfinite(places).all():
         raise ArgumentError("expected finite positions, got inf or nan")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import checked_count, checked_number
+from polywigner.geometry.arguments import checked_count, checked_number, shape_of
 from polywigner.illumination.waves import Illumination
 
 __all__ = ["FittedIllumination", "fit_illumination"]
@@ -115,8 +115,8 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
         field = np.array(values, dtype=np.complex128)
     except (TypeError, ValueError):
         raise ArgumentError(
-            f"expected points (n, 2) and complex values (n,), got {type(points).__name__} and "
-            f"{type(values).__name__}"
+            "expected points (n, 2) and complex values (n,) that are numbers, got shapes "
+            f"{shape_of(points)} and {shape_of(values)}"
         ) from None
     if places.ndim == 1:
         places = places[:, None]
@@ -124,7 +124,7 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
     if not shapes or not len(field):
         raise ArgumentError(
             f"expected points (n, 2), or (n, 1) for slits, and a value for each, got shapes "
-            f"{np.shape(points)} and {np.shape(values)}"
+            f"{shape_of(points)} and {shape_of(values)}"
         )
     if not (np.isfinite(places).all() and np.isfinite(field).all()):
         raise ArgumentError("expected finite points and values, got inf or nan")
@@ -135,7 +135,7 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
 
 def _given(frequencies: Any, dimension: int) -> NDArray[np.float64]:
     """Frequencies (m, d), each once, as an Illumination has them."""
-    count = np.shape(frequencies)[:1]
+    count = len(frequencies) if hasattr(frequencies, "__len__") else 1
     kappa = Illumination(np.ones(count), frequencies).frequencies
     if kappa.shape[1] != dimension:
         raise IlluminationError(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_count, checked_length, checked_number
+from polywigner.geometry.arguments import checked_count, checked_length, checked_number, shape_of
 
 __all__ = [
     "MOST_ELEMENTS",
@@ -96,10 +96,8 @@ def ring_positions(radii: Any, counts: Any) -> Positions:
     ArgumentError for radii below zero, counts below 1, several elements at the centre, another
     number of counts than of radii, and more than 2^20 elements.
     """
-    sizes = [checked_length(r, "each of the radii", zero=True) for r in np.atleast_1d(radii)]
-    numbers = [
-        checked_count(n, "each of the counts", 1, MOST_ELEMENTS) for n in np.atleast_1d(counts)
-    ]
+    sizes = [checked_length(r, "each of the radii", zero=True) for r in _listed(radii)]
+    numbers = [checked_count(n, "each of the counts", 1, MOST_ELEMENTS) for n in _listed(counts)]
     if len(sizes) != len(numbers) or not sizes:
         raise ArgumentError(
             f"expected as many radii as counts, got {len(sizes)} radii and {len(numbers)} counts"
@@ -178,9 +176,13 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> Positions:
     if not fits or not np.isfinite(places).all():
         shapes = " or ".join(f"(n, {c})" for c in components)
         raise ArgumentError(
-            f"expected finite positions of shape {shapes}, got {np.shape(positions)}"
+            f"expected finite positions of shape {shapes}, got {shape_of(positions)}"
         )
     return places
+
+
+def _listed(values: Any) -> list[Any]:
+    return list(values) if np.iterable(values) else [values]
 
 
 def _counts(nx: Any, ny: Any) -> tuple[int, int]:

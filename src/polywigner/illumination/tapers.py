@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import checked_count, checked_length, checked_number
+from polywigner.geometry.arguments import checked_count, checked_length, checked_number, shape_of
 from polywigner.illumination.directions import transverse
 from polywigner.illumination.waves import Illumination
 
@@ -222,7 +222,7 @@ def fourier_taper(
     if series.ndim != axes or not all(n % 2 for n in series.shape):
         shape = "(2 K + 1,)" if axes == 1 else "(2 K + 1, 2 L + 1)"
         raise IlluminationError(
-            f"expected complex coefficients of shape {shape}, got {np.shape(series)}"
+            f"expected complex coefficients of shape {shape}, got {shape_of(coefficients)}"
         )
     orders = [np.arange(n) - n // 2 for n in series.shape]
     lengths = [size for size in across if size is not None]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, MissingExtraError
-from polywigner.geometry.arguments import checked_count, checked_length, checked_number
+from polywigner.geometry.arguments import checked_count, checked_length
 from polywigner.illumination.directions import transverse, unit_vector
 from polywigner.illumination.layouts import MOST_ELEMENTS, checked_positions
 from polywigner.illumination.tapers import checked_sidelobes
@@ -79,8 +79,11 @@ def focusing_weights(positions: Any, point: Any, wavelength: float) -> NDArray[n
     wavelengths that are not above zero.
     """
     places = checked_positions(positions, (2,))
-    focus = np.array([checked_number(c, "point", "(x, y, z) in metres") for c in np.ravel(point)])
-    if focus.shape != (3,) or not focus[2] > 0:
+    try:
+        focus = np.array(point, dtype=np.float64)
+    except (TypeError, ValueError):
+        focus = np.empty(0)
+    if focus.shape != (3,) or not np.isfinite(focus).all() or not focus[2] > 0:
         raise ArgumentError(f"expected a point (x, y, z) with z above zero, got {point!r}")
     distance = np.linalg.norm(
         np.column_stack([focus[:2] - places, np.full(len(places), focus[2])]), axis=1

@@ -23,6 +23,7 @@ from polywigner.illumination.files.values import (
     Table,
     angle,
     at,
+    checked_list,
     checked_table,
     complex_numbers,
     coordinates,
@@ -145,12 +146,16 @@ def _window(values: dict[str, Any], around: _Surroundings) -> NDArray[np.float64
 
 
 def _names(value: Any) -> Any:
-    return [text(item) for item in value] if isinstance(value, list) else text(value)
+    return _listed(text)(value) if isinstance(value, list) else text(value)
 
 
 def _places(around: _Surroundings) -> NDArray[np.float64]:
     assert around.positions is not None  # weights are read with positions only
     return around.positions.places
+
+
+def _listed(convert: Callable[[Any], Any]) -> Callable[[Any], list[Any]]:
+    return lambda value: [convert(item) for item in checked_list(value)]
 
 
 def _untouched(value: Any) -> Any:
@@ -210,7 +215,7 @@ _LAYOUTS: dict[str, _Kind] = {
     ),
     "rings": _Kind(
         lambda v, on: Positions(layouts.ring_positions(**v)),
-        {"radii": coordinates, "counts": _untouched},
+        {"radii": _listed(coordinates), "counts": _listed(whole)},
         {},
     ),
 }

@@ -8,14 +8,14 @@ import tomllib
 from pathlib import Path
 from typing import Any, NoReturn
 
-from polywigner.errors import FileFormatError
+from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.illumination.files.tables import Source, source_of
-from polywigner.illumination.files.values import at
 
 __all__ = ["Source", "parsed", "read_source"]
 
 # As of aperture files: about 10^6 vertices, or 10^6 elements with their weights.
 _LARGEST_FILE = 64 * 2**20
+_LONGEST_MESSAGE = 1000
 
 
 def read_source(path: str | os.PathLike[str]) -> Source:
@@ -41,8 +41,15 @@ def read_source(path: str | os.PathLike[str]) -> Source:
         A library is not installed that a window or an outline needs.
     """
     file = Path(path)
-    with at(str(file)):
+    try:
         return source_of(parsed(_text_of(file), file.suffix), file.parent)
+    except PolywignerError as error:
+        whole = f"{file}: {error}"
+        short = whole if len(whole) <= _LONGEST_MESSAGE else whole[:_LONGEST_MESSAGE] + "..."
+        # without what a terminal would obey
+        raise type(error)(
+            "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
+        ) from None
 
 
 def parsed(text: str, suffix: str) -> Any:

@@ -34,6 +34,7 @@ from polywigner.illumination.files.fields import (
 from polywigner.illumination.files.values import (
     Table,
     at,
+    checked_list,
     checked_table,
     complex_numbers,
     coordinates,
@@ -126,11 +127,8 @@ def _polyhedron(table: Table, file: _File) -> Polyhedron:
     with at("vertices"):
         vertices = coordinates(table["vertices"])
     with at("faces"):
-        faces = table["faces"]
-        if not isinstance(faces, list) or not all(isinstance(face, list) for face in faces):
-            raise FileFormatError(f"expected lists of vertex numbers, got {shown(faces)}")
-        numbered = [[whole(k) for k in face] for face in faces]
-    return Polyhedron(vertices, numbered)
+        faces = [[whole(k) for k in checked_list(face)] for face in checked_list(table["faces"])]
+    return Polyhedron(vertices, faces)
 
 
 _ELEMENTS: dict[str, Callable[[Table, _File], Element]] = {
@@ -143,9 +141,8 @@ _ELEMENTS: dict[str, Callable[[Table, _File], Element]] = {
 
 def _array(table: Table, file: _File) -> Array:
     checked_table(table, ("kind", "elements"), ("weights",))
-    given = table["elements"]
-    if not isinstance(given, list):
-        raise FileFormatError(f"elements: expected a list of tables, got {shown(given)}")
+    with at("elements"):
+        given = checked_list(table["elements"])
     elements = []
     for k, element in enumerate(given):
         with at(f"element {k}"):

@@ -17,6 +17,7 @@ __all__ = [
     "Table",
     "angle",
     "at",
+    "checked_list",
     "checked_table",
     "complex_numbers",
     "coordinates",
@@ -55,7 +56,14 @@ def checked_table(value: Any, required: Collection[str], optional: Collection[st
             raise FileFormatError(f"expected the keys {', '.join(accepted)}, got {shown(key)}")
     for key in required:
         if key not in value:
-            raise FileFormatError(f"expected the key {key!r}, got {', '.join(value) or 'none'}")
+            raise FileFormatError(f"expected the key {key!r}, got a table without it")
+    return value
+
+
+def checked_list(value: Any) -> list[Any]:
+    """A list."""
+    if not isinstance(value, list):
+        raise FileFormatError(f"expected a list, got {shown(value)}")
     return value
 
 
@@ -145,9 +153,7 @@ def coordinates(value: Any) -> Any:
 def complex_numbers(value: Any, depth: int = 1) -> Any:
     """Lists, nested `depth` deep, of complex numbers: real ones, or pairs [real, imaginary]."""
     if depth:
-        if not isinstance(value, list):
-            raise FileFormatError(f"expected a list of numbers, got {shown(value)}")
-        return [complex_numbers(item, depth - 1) for item in value]
+        return [complex_numbers(item, depth - 1) for item in checked_list(value)]
     if not isinstance(value, list):
         return complex(number(value))
     if len(value) != 2:
