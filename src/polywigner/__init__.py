@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from polywigner.transforms import (
         ambiguity,
+        array_factor,
         autocorrelation,
         fourier,
         lag_marginal,
@@ -74,6 +75,7 @@ _HOMES = {
     "read_source": "polywigner.illumination",
     "write_source": "polywigner.illumination",
     "ambiguity": "polywigner.transforms",
+    "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
     "fourier": "polywigner.transforms",
     "lag_marginal": "polywigner.transforms",
@@ -92,6 +94,7 @@ __all__ = [
     "Slits",
     "__version__",
     "ambiguity",
+    "array_factor",
     "arrays",
     "autocorrelation",
     "automean",

@@ -17,6 +17,7 @@ from polywigner.engines.drjit_arrays import (
     evaluate_traced,
     in_plane,
     is_drjit,
+    product_of_complex,
     shifted_points,
     times_complex,
 )
@@ -43,6 +44,7 @@ __all__ = [
     "in_plane",
     "is_drjit",
     "ops_for",
+    "product_of_complex",
     "shifted_points",
     "times_complex",
 ]

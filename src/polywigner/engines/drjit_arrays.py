@@ -19,7 +19,14 @@ from polywigner.engines.operations import DrjitOperations
 from polywigner.errors import ArgumentError
 from polywigner.kernels import Kernel
 
-__all__ = ["evaluate_traced", "in_plane", "is_drjit", "shifted_points", "times_complex"]
+__all__ = [
+    "evaluate_traced",
+    "in_plane",
+    "is_drjit",
+    "product_of_complex",
+    "shifted_points",
+    "times_complex",
+]
 
 
 def is_drjit(value: Any) -> bool:
@@ -116,6 +123,23 @@ def times_complex(value: Any, factor: complex) -> Any:
     other = drjit.gather(type(flat), flat, index ^ 1)  # the imaginary part's place is odd
     signed = drjit.select(index & 1 == 1, factor.imag, -factor.imag) * other
     return type(value)(flat * factor.real + signed, value.shape)
+
+
+def product_of_complex(a: Any, b: Any) -> Any:
+    """The product of two complex results of one kind, shape and type."""
+    if not _is_tensor(a):
+        return a * b
+    import drjit
+
+    kind = type(a.array)
+    even = 2 * drjit.arange(drjit.uint32_array_t(kind), len(a.array) // 2)
+    a_real, a_imag, b_real, b_imag = (
+        drjit.gather(kind, value.array, even + odd) for value in (a, b) for odd in (0, 1)
+    )
+    flat = drjit.empty(kind, len(a.array))
+    drjit.scatter(flat, a_real * b_real - a_imag * b_imag, even)
+    drjit.scatter(flat, a_real * b_imag + a_imag * b_real, even + 1)
+    return type(a)(flat, a.shape)
 
 
 def _is_tensor(value: Any) -> bool:

@@ -15,6 +15,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.arguments import shape_of
 from polywigner.geometry.grid import union_on_grid
 from polywigner.geometry.pose import rigid_pose
+from polywigner.illumination.sites import Sites
 
 __all__ = ["Array", "Element"]
 
@@ -71,6 +72,12 @@ class Array:
         assert self.repeated is not None  # else __init__ has set them
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
+
+    @cached_property
+    def sites(self) -> Sites:
+        """Where the copies of a `phased_array` are, with their weights."""
+        assert self.repeated is not None
+        return Sites(self.repeated[1], self.weights)
 
     @property
     def dimension(self) -> int:
@@ -172,24 +179,36 @@ def phased_array(element: Aperture | Slits, positions: Any, weights: Any = None)
             "polywigner.Array for other elements"
         )
     dimension = 1 if isinstance(element, Slits) else 2
+    places, amplitudes = checked_sites(positions, weights, dimension)
+    array = object.__new__(Array)
+    array.__dict__["repeated"] = (element, places)
+    array.__dict__["weights"] = amplitudes
+    return array
+
+
+def checked_sites(
+    positions: Any, weights: Any, dimension: int | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """Positions (n, d) and weights (n,), read-only; of one dimension, or of any up to three.
+
+    Raises ArgumentError and IlluminationError as :func:`phased_array` does.
+    """
     try:
         places = np.array(positions, dtype=np.float64)
     except (TypeError, ValueError):
         places = np.empty(0)
-    if dimension == 1 and places.ndim == 1:
+    if dimension in (1, None) and places.ndim == 1:
         places = places[:, None]
-    if places.ndim != 2 or places.shape[1] != dimension or not len(places):
+    allowed = (1, 2, 3) if dimension is None else (dimension,)
+    if places.ndim != 2 or places.shape[1] not in allowed or not len(places):
         raise ArgumentError(
-            f"expected positions of shape (n, {dimension}), got {shape_of(positions)}"
+            f"expected positions of shape (n, {dimension or 'd'}), got {shape_of(positions)}"
         )
     if not np.isfinite(places).all():
         raise ArgumentError("expected finite positions, got inf or nan")
     places += 0.0
     places.setflags(write=False)
-    array = object.__new__(Array)
-    array.__dict__["repeated"] = (element, places)
-    array.__dict__["weights"] = _checked_weights(weights, len(places))
-    return array
+    return places, _checked_weights(weights, len(places))
 
 
 def _checked_elements(elements: Any) -> tuple[Element, ...]:

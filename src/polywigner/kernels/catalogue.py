@@ -7,7 +7,9 @@ from typing import Any
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
+from polywigner.illumination.sites import Sites
 from polywigner.kernels import lattice_arrays, line, plane, simplices, space
+from polywigner.kernels.array_factor import array_factor_kernel
 from polywigner.kernels.kernel import Kernel
 
 __all__ = ["kernel_for"]
@@ -79,6 +81,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     functions of polyhedra (six dimensions) and of placed apertures, whose plane is not that of x.
     GeometryError for those of arrays that do not lie in the plane z = 0.
     """
+    if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
+        return array_factor_kernel(source.dimension, transform.startswith("complex"))
     kind = type(source)
     elements: tuple[Any, ...] = (source,)
     name = transform

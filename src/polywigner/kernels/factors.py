@@ -36,6 +36,8 @@ class ProfileFactor:
     """For index sums 0 .. 2n - 2; None if uniform."""
     differences: _Series | None
     """For differences -(n - 1) .. n - 1, counted from 0; None if uniform."""
+    amplitudes: _Series | None
+    """One row: the amplitudes themselves; None if uniform."""
 
     def at_mean(self, ops: Any, index_sum: Any, turns: Any) -> Any:
         """sum over i + j = index_sum of a_i a_j* exp(-2 pi i turns (i - j)), which is real."""
@@ -55,6 +57,13 @@ class ProfileFactor:
         index = difference + (self.count - 1.0)
         return self.differences.value(ops, index, last, pairs, turns)
 
+    def total(self, ops: Any, turns: Any) -> Pair:
+        """sum over i of a_i exp(-2 pi i turns (i - (n - 1)/2)); ``turns`` modulo 2."""
+        count = float(self.count) + 0.0 * turns
+        if self.amplitudes is None:
+            return Pair(_dirichlet(ops, count, turns), 0.0)
+        return self.amplitudes.value(ops, 0.0 * turns, 0.0, count, turns)
+
 
 @lru_cache(maxsize=64)
 def profile_factor(profile: Profile) -> ProfileFactor:
@@ -62,7 +71,7 @@ def profile_factor(profile: Profile) -> ProfileFactor:
     a = [complex(amplitude) for amplitude in profile.amplitudes]
     n = len(a)
     if profile.is_uniform:
-        return ProfileFactor(n, True, None, None)
+        return ProfileFactor(n, True, None, None, None)
     # in the order of growing i - j for means, of growing i + j for differences
     means = [
         [a[i] * a[h - i].conjugate() for i in range(max(0, h - n + 1), min(n, h + 1))]
@@ -72,7 +81,7 @@ def profile_factor(profile: Profile) -> ProfileFactor:
         [a[j + d] * a[j].conjugate() for j in range(max(0, -d), min(n, n - d))]
         for d in range(1 - n, n)
     ]
-    return ProfileFactor(n, False, _series(means), _series(differences))
+    return ProfileFactor(n, False, _series(means), _series(differences), _series([a]))
 
 
 def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:

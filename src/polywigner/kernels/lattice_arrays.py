@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, automean
 from polywigner.illumination import Array
-from polywigner.illumination.lattices import Lattice, Profile, lattice_of, separated
+from polywigner.illumination.lattices import Lattice, Profile, separated
 from polywigner.kernels import ambiguity, phases
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.factors import ProfileFactor, profile_factor
@@ -167,13 +167,10 @@ class Weights:
         return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0)), exists
 
 
-@lru_cache(maxsize=64)
 def _lattice(array: Array) -> Lattice | None:
     if array.repeated is None or not isinstance(array.repeated[0], Aperture):
         return None
-    if len(array) < _LEAST_ELEMENTS:
-        return None
-    return lattice_of(array.repeated[1], array.weights)
+    return array.sites.lattice if len(array) >= _LEAST_ELEMENTS else None
 
 
 def is_on_lattice(array: Array) -> bool:

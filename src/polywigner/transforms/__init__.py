@@ -24,7 +24,7 @@ from polywigner.transforms.phase_space import (
 from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import otf
 from polywigner.transforms.sampling import Weights, sample_automean
-from polywigner.transforms.spectrum import fourier
+from polywigner.transforms.spectrum import array_factor, fourier
 
 __all__ = [
     "PhaseSpaceFunction",
@@ -32,6 +32,7 @@ __all__ = [
     "Source",
     "Weights",
     "ambiguity",
+    "array_factor",
     "autocorrelation",
     "fourier",
     "lag_marginal",

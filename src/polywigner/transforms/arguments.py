@@ -11,6 +11,7 @@ from polywigner import engines, kernels
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
+from polywigner.illumination.sites import Sites
 
 __all__ = [
     "PhaseSpaceSource",
@@ -24,6 +25,7 @@ __all__ = [
 
 PhaseSpaceSource = Aperture | Slits | Array
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
+_COMPLEX = ("fourier", "array factor")  # of real and complex nu
 
 
 def is_uniform(source: Any) -> bool:
@@ -44,7 +46,7 @@ def in_plane(nu: Any) -> Any:
 
 def transform(
     name: str,
-    source: Source,
+    source: Source | Sites,
     points: Sequence[tuple[str, Any]],
     precision: str | None,
     engine: str,
@@ -65,7 +67,7 @@ def transform(
             complex_result=outputs == 2,
         )
     arrays = [
-        checked_points(*point, kernel.dimension, complex_allowed=name == "fourier")
+        checked_points(*point, kernel.dimension, complex_allowed=name in _COMPLEX)
         for point in points
     ]
     components = [a[..., k] for a in arrays for k in range(kernel.dimension)]

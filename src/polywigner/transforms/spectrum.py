@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
 from typing import Any, Literal
@@ -13,6 +14,8 @@ from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron
 from polywigner.illumination import Array
+from polywigner.illumination.array import checked_sites
+from polywigner.illumination.sites import Sites
 from polywigner.transforms.arguments import (
     Source,
     array_on_grid,
@@ -21,7 +24,7 @@ from polywigner.transforms.arguments import (
     transform,
 )
 
-__all__ = ["fourier"]
+__all__ = ["array_factor", "fourier"]
 
 
 def fourier(
@@ -73,7 +76,9 @@ def fourier(
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     if isinstance(source, Array):
         by_elements = partial(_coherent_sum, source, how=how)
-        found = None if obliquity else array_on_grid(source, nu, precision, engine, by_elements)
+        found = None
+        if obliquity is None and source.repeated is None and not _has_fields(source):
+            found = array_on_grid(source, nu, precision, engine, by_elements)
         return by_elements(nu) if found is None else found
     if obliquity is not None:
         return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
@@ -88,6 +93,10 @@ def _field_of(source: Any) -> Any:
     if isinstance(source, PlacedAperture):
         return source.aperture.illumination
     return getattr(source, "illumination", None)
+
+
+def _has_fields(array: Array) -> bool:
+    return any(_field_of(element) is not None for element in array.elements)
 
 
 def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Any:
@@ -132,12 +141,85 @@ def _less(nu: Any, kappa: Any) -> tuple[Any, Any]:
 
 
 def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Any:
-    """sum_k w_k F_k(nu), (C1): each element in its own frame, with its own error-free phase."""
+    """sum_k w_k F_k(nu), (C1): each element in its own frame, with its own error-free phase.
+
+    Elements that are shifted copies of one another are that one times an array factor, (L3).
+    """
     total: Any = None
-    for element, weight in zip(array.elements, array.weights.tolist(), strict=True):
-        term = engines.times_complex(fourier(element, nu, **how), weight)
+    for element, shifts, weights in _copies(array):
+        term = fourier(element, nu, **how)
+        if shifts is None:
+            term = engines.times_complex(term, complex(weights[0]))
+        else:
+            plane = nu if shifts.shape[1] != 2 else in_plane(nu)
+            factor = array_factor(
+                shifts, weights, plane, precision=how["precision"], engine=how["engine"]
+            )
+            term = engines.product_of_complex(term, factor)
         total = term if total is None else total + term
     return total
+
+
+def _copies(array: Array) -> Iterator[tuple[Any, Any, Any]]:
+    """Elements, shifts (n, d) of their copies and weights (n,); shifts None for a single one."""
+    if array.repeated is not None:
+        element, positions = array.repeated
+        yield element, positions, array.weights
+        return
+    groups: dict[Any, list[int]] = {}
+    for k, element in enumerate(array.elements):
+        if isinstance(element, PlacedAperture):
+            key: Any = (element.aperture, element.pose[:3, :3].tobytes())
+        else:
+            key = k
+        groups.setdefault(key, []).append(k)
+    for members in groups.values():
+        placed = [e for e in (array.elements[k] for k in members) if isinstance(e, PlacedAperture)]
+        if len(placed) < 2:
+            yield array.elements[members[0]], None, array.weights[members]
+            continue
+        pose = placed[0].pose.copy()
+        pose[:3, 3] = 0.0
+        shifts = np.array([element.pose[:3, 3] for element in placed])
+        yield placed[0].aperture.placed(pose), shifts, array.weights[members]
+
+
+def array_factor(
+    positions: Any,
+    weights: Any,
+    nu: Any,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Array factor sum_k w_k exp(-2 pi i nu.p_k) of isotropic sources at the positions.
+
+    The Fourier transform of a `phased_array` is its element's times this (docs/theory.md, (L3)).
+    Lattices and weights that are a product of two profiles are found out, and summed along
+    their directions one after the other.
+
+    Parameters
+    ----------
+    positions : (n, d) in m, d = 1, 2 or 3; or (n,) on a line.
+    weights : (n,) complex, or None: all 1.
+    nu : (..., d) spatial frequencies in 1/m, real or complex.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) complex, in the unit of the weights; types as in :func:`fourier`.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type or shape; IlluminationError for weights that are
+    not n finite complex numbers; EngineError without the engine.
+    """
+    sites = Sites(*checked_sites(positions, weights))
+    if precision != "single" or engines.is_drjit(nu):
+        return transform("array factor", sites, [("nu", nu)], precision, engine, outputs=2)
+    # phases of sites far apart are worth float64 also where the result is not
+    factor = transform("array factor", sites, [("nu", nu)], None, engine, outputs=2)
+    return factor.astype(np.complex64)
 
 
 def _towards_normal(source: Any, nu: Any) -> Any:
