@@ -25,6 +25,8 @@ _ROWS_ABOVE_NUMPY, _FEW_SAMPLES = 64, 256
 _BLOCK = 1 << 14
 # Unrolled, a term of the Fourier transform takes some 20 ms to compile.
 _UNROLLED_ROWS = 12
+# Terms that are whole transforms are unrolled up to here: half a second to compile.
+_UNROLLED_CLIPS = 256
 
 # Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
 _SPLIT_DOUBLE, _SPLIT_SINGLE = 134217729.0, 4097.0
@@ -109,6 +111,10 @@ class NumpyOperations(_Unfused):
             ]
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
+    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
+        """The same for terms of much code, that of so many clips: one after the other."""
+        return _unrolled_sum(rows, term)
+
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole floats that are in range."""
         return np.asarray(table, self.dtype)[np.asarray(index).astype(np.intp)]
@@ -160,6 +166,10 @@ class ScalarOperations(_Unfused):
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
         return _unrolled_sum(rows, term)
 
+    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
+        """The same for terms of much code, that of so many clips."""
+        return _unrolled_sum(rows, term)
+
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for a whole float that is in range."""
         return table[int(index)]
@@ -192,6 +202,12 @@ class DrjitOperations:
         self._dr = drjit
         self.float_type = float_type
         self.double = drjit.itemsize_v(float_type) == 8
+
+    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
+        """The same for terms of much code, that of so many clips: a loop if that is too much."""
+        if len(rows) * clips <= _UNROLLED_CLIPS:
+            return _unrolled_sum(rows, term)
+        return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole floats that are in range."""

@@ -9,6 +9,7 @@ within an element's size of x (or xi) count, however many elements there are.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
@@ -89,6 +90,15 @@ class ArrayFrame:
     @property
     def carrier(self) -> tuple[float, ...]:
         return self.element.carrier
+
+    @property
+    def slope(self) -> Pair2:
+        """The turns less those of the carrier, which is counted with all of a lag or position."""
+        one, two = (
+            own - float(np.dot(self.carrier, b))
+            for own, b in zip(self.turns, self.basis, strict=True)
+        )
+        return one, two
 
     def coordinates(self, x: Any, y: Any) -> tuple[Any, Any]:
         """A vector in steps of the lattice."""
@@ -268,20 +278,43 @@ def _wigner_sum(
     nu_y: Any,
 ) -> Values:
     frame, part = tables.frame, tables.part
-    counts = [range(window.count) for window in frame.means]
-    if tables.factors is not None:
-        one = [tables.factors[0].at_mean(ops, first + float(k), turns_1) for k in counts[0]]
-        two = [tables.factors[1].at_mean(ops, second + float(k), turns_2) for k in counts[1]]
-    total: Any = 0.0
-    for k, m in product(*counts):
-        if tables.factors is not None:
-            factor = one[k] * two[m]
-        else:
-            sums = (first + float(k), second + float(m))
+
+    def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
+        sums = (first + k, second + m)
+        if tables.factors is None:
             factor = _mean_factor(ops, tables.weights, sums, (turns_1, turns_2))
-        dx, dy = frame.step(0.5 * k, 0.5 * m)
-        total = total + factor * wigner(ops, part, x - dx, y - dy, nu_x, nu_y)
-    return (total,)
+        else:
+            factor = along_1(k, sums[0]) * along_2(m, sums[1])
+        return (factor * wigner(ops, part, x - dx, y - dy, nu_x, nu_y),)
+
+    if tables.factors is not None:
+        one, two = tables.factors
+        along_1 = _remembered(lambda index: one.at_mean(ops, index, turns_1))
+        along_2 = _remembered(lambda index: two.at_mean(ops, index, turns_2))
+    total: Values = ops.sum_of_long(_steps(frame, frame.means, 0.5), term, part.clips)
+    return total
+
+
+def _steps(
+    frame: ArrayFrame, windows: tuple[Window, Window], scale: float
+) -> list[tuple[float, float, float, float]]:
+    """Numbers of steps from the first that counts, and the vector that they are in the frame."""
+    counts = (range(window.count) for window in windows)
+    return [(float(k), float(m), *frame.step(scale * k, scale * m)) for k, m in product(*counts)]
+
+
+def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
+    """``compute`` of the second argument, once for every constant that comes first."""
+    known: dict[float, Any] = {}
+
+    def of(step: Any, argument: Any) -> Any:
+        if not isinstance(step, float):  # a row of an engine's table
+            return compute(argument)
+        if step not in known:
+            known[step] = compute(argument)
+        return known[step]
+
+    return of
 
 
 def _mean_factor(ops: Any, weights: Weights, sums: Any, turns: Any) -> Any:
@@ -332,29 +365,28 @@ def _ambiguity_sum(
     upsilon_y: Any,
 ) -> Values:
     frame, part = tables.frame, tables.part
-    counts = [range(window.count) for window in frame.differences]
-    total = Pair(0.0, 0.0)
-    # the phase of the weights, and of the carrier that is counted with all of xi
-    slope = [
-        own - float(np.dot(frame.carrier, b))
-        for own, b in zip(frame.turns, frame.basis, strict=True)
-    ]
-    if tables.factors is not None:
-        one = [tables.factors[0].at_difference(ops, first + float(k), turns_1) for k in counts[0]]
-        two = [tables.factors[1].at_difference(ops, second + float(k), turns_2) for k in counts[1]]
-    for k, m in product(*counts):
-        steps = (first + float(k), second + float(m))
-        if tables.factors is not None:
-            factor = one[k] * two[m]
-        else:
+    slope = frame.slope
+
+    def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
+        steps = (first + k, second + m)
+        if tables.factors is None:
             factor = _difference_factor(ops, tables.weights, steps, (turns_1, turns_2))
+        else:
+            factor = along_1(k, steps[0]) * along_2(m, steps[1])
         if any(slope):
             phase = steps[0] * slope[0] + steps[1] * slope[1]
             factor = factor * Pair(*cos_sin_turns(ops, phase))
-        dx, dy = frame.step(float(k), float(m))
         cosine, sine = ambiguity.ambiguity(ops, part, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
-        total = total + factor * Pair(cosine, -sine)
-    return total.real, -total.imag
+        part_here = factor * Pair(cosine, -sine)
+        return part_here.real, -part_here.imag
+
+    if tables.factors is not None:
+        one, two = tables.factors
+        along_1 = _remembered(lambda index: one.at_difference(ops, index, turns_1))
+        along_2 = _remembered(lambda index: two.at_difference(ops, index, turns_2))
+    rows = _steps(frame, frame.differences, 1.0)
+    total: Values = ops.sum_of_long(rows, term, 4 * part.clips)
+    return total
 
 
 def _difference_factor(ops: Any, weights: Weights, steps: Any, turns: Any) -> Pair:
@@ -398,16 +430,11 @@ def _fields(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Values:
 def _field(ops: Any, tables: ArrayTables, first: Any, second: Any, x: Any, y: Any) -> Values:
     """u at one place, less the carrier: that of the elements around it, which may overlap."""
     frame, part = tables.frame, tables.part
-    slope = [
-        own - float(np.dot(frame.carrier, b))
-        for own, b in zip(frame.turns, frame.basis, strict=True)
-    ]
     total = Pair(0.0, 0.0)
-    for k, m in product(*(range(window.count) for window in frame.sites)):
-        i, j = first + float(k), second + float(m)
+    for k, m, dx, dy in _steps(frame, frame.sites, 1.0):
+        i, j = first + k, second + m
         weight, exists = tables.weights.at(ops, i, j)
-        phase = ops.select(exists, i * slope[0] + j * slope[1], 0.0)
-        dx, dy = frame.step(float(k), float(m))
+        phase = ops.select(exists, i * frame.slope[0] + j * frame.slope[1], 0.0)
         own = Pair(*field(ops, part, x - dx, y - dy))
         total = total + own * weight * Pair(*cos_sin_turns(ops, phase))
     return total.real, total.imag

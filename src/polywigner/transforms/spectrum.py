@@ -163,8 +163,7 @@ def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Any:
 def _copies(array: Array) -> Iterator[tuple[Any, Any, Any]]:
     """Elements, shifts (n, d) of their copies and weights (n,); shifts None for a single one."""
     if array.repeated is not None:
-        element, positions = array.repeated
-        yield element, positions, array.weights
+        yield *array.repeated, array.weights
         return
     groups: dict[Any, list[int]] = {}
     for k, element in enumerate(array.elements):
