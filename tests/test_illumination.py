@@ -336,6 +336,16 @@ def test_many_samples_are_fitted_as_few_are() -> None:
     assert large.residual < 1e-12
 
 
+def test_the_residual_counts_every_sample() -> None:
+    rng = np.random.default_rng(3)
+    at = grid(150, 90)
+    values = 1 + 0.1 * rng.normal(size=len(at))
+    values[4095] += 40  # the last of the first block of rows
+    fit = pw.fit_illumination(at, values, order=1)
+    actual = np.linalg.norm(fit.illumination(at) - values) / np.linalg.norm(values)
+    assert fit.residual == pytest.approx(actual, rel=1e-9)
+
+
 def test_samples_on_a_line_and_of_slits_are_fitted() -> None:
     x = np.linspace(-A / 2, A / 2, 40)
     values = np.cos(np.pi * x / A)

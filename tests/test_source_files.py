@@ -282,6 +282,12 @@ def test_layouts_may_be_named(table: Any, expected: np.ndarray, tmp_path: Path) 
     assert source == pw.phased_array(pw.shapes.square(1e-4), expected, focused)
 
 
+def test_a_field_may_have_a_frequency_other_than_that_of_the_file(tmp_path: Path) -> None:
+    table = {**lit(kind="steering", direction=[0.1, 0.2], wavelength="4 mm"), "frequency": "1 GHz"}
+    expected = pw.shapes.square(1.0).with_illumination(pw.steering((0.1, 0.2), 4e-3))
+    assert read_table(table, tmp_path) == expected
+
+
 def test_a_row_of_slits_has_a_window_and_is_steered(tmp_path: Path) -> None:
     source = read_table(
         {
