@@ -322,6 +322,16 @@ def test_outlines_may_be_in_other_files_and_placed(tmp_path: Path) -> None:
     assert both == pw.Array([triangle, triangle])
 
 
+def test_bodies_may_be_in_other_files(tmp_path: Path) -> None:
+    corners = "".join(
+        f"v {x} {y} {z}\n" for x, y, z in [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)]
+    )
+    (tmp_path / "body.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    body = read_table({"kind": "polyhedron", "file": "body.obj", "unit": "cm"}, tmp_path)
+    assert isinstance(body, pw.Polyhedron)
+    assert body.volume == pytest.approx(1e-6, rel=1e-12)
+
+
 def test_tiles_written_by_hand_are_merged_as_in_an_aperture(tmp_path: Path) -> None:
     tiles = [[[[0, 0], [1, 0], [1, 1], [0, 1]]], [[[1, 1], [1, 0], [2, 0], [2, 1]]]]
     source = read_table({"kind": "aperture", "polygons": tiles}, tmp_path)
@@ -382,6 +392,7 @@ BAD = [
     ({"kind": "slits", "intervals": [[0, 1], [0.5, 2]], "verbatim": True}, "ascending"),
     ({"kind": "slits", "intervals": [[0], [0.5, 2]], "verbatim": True}, "ascending"),
     ({"kind": "slits", "shape": {"name": "square", "a": 1.0}}, "a shape that is an? Slits"),
+    ({"kind": "polyhedron", "file": "a.obj", "faces": []}, "kind, file, unit, got 'faces'"),
     ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": 1}, "faces: expected a list, got 1"),
     ({"kind": "polyhedron", "vertices": [[0, 0, 0]], "faces": [[0.0]]}, "faces: .*whole"),
     ({"kind": "polyhedron", "vertices": [[0, 0]], "faces": [[0, 1, 2]]}, r"\(n, 3\)"),
@@ -486,7 +497,7 @@ def test_what_is_no_file_of_sensible_size_is_refused(tmp_path: Path) -> None:
         file.truncate(65 * 2**20)
     for name, complaint in (
         ("none.toml", "does not exist"),
-        ("folder.toml", "folder"),
+        ("folder.toml", "directory"),
         ("pipe.toml", "pipe"),
         ("large.toml", "64 MiB, got 65 MiB"),
         ("null\0.toml", "readable|exist"),

@@ -29,7 +29,7 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
         if size > largest:
             raise FileFormatError(
                 f"expected at most {largest >> 20} MiB, got {size / 2**20:.0f} MiB; "
-                "simplify the outline"
+                "simplify what it describes"
             )
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
@@ -37,7 +37,7 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
             raise
         raise FileFormatError(f"expected a readable file, got: {error}") from None
     if not content.strip():
-        raise FileFormatError("expected an outline, got an empty file")
+        raise FileFormatError("expected content, got an empty file")
     return content
 
 
@@ -48,7 +48,7 @@ def text_of(content: bytes) -> str:
     except UnicodeDecodeError:
         text = "\0"
     if "\0" in text:
-        raise FileFormatError("expected text in UTF-8, got binary data; export as GeoJSON or WKT")
+        raise FileFormatError("expected text in UTF-8, got binary data; save it as text")
     if not text.strip():
-        raise FileFormatError("expected an outline, got an empty file")
+        raise FileFormatError("expected content, got an empty file")
     return text

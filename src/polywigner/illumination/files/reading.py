@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.geometry.formats.content import bytes_of, text_of
 from polywigner.illumination.files.tables import Source, source_of
 
 __all__ = ["Source", "parsed", "read_source"]
 
-# As of aperture files: about 10^6 vertices, or 10^6 elements with their weights.
-_LARGEST_FILE = 64 * 2**20
 _LONGEST_MESSAGE = 1000
 
 
@@ -42,7 +41,7 @@ def read_source(path: str | os.PathLike[str]) -> Source:
     """
     file = Path(path)
     try:
-        return source_of(parsed(_text_of(file), file.suffix), file.parent)
+        return source_of(parsed(text_of(bytes_of(file)), file.suffix), file.parent)
     except PolywignerError as error:
         whole = f"{file}: {error}"
         short = whole if len(whole) <= _LONGEST_MESSAGE else whole[:_LONGEST_MESSAGE] + "..."
@@ -70,29 +69,6 @@ def parsed(text: str, suffix: str) -> Any:
         f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
         "outlines alone are read by polywigner.read_aperture"
     )
-
-
-def _text_of(path: Path) -> str:
-    try:
-        if not path.exists():
-            raise FileFormatError("expected a source file, got a path that does not exist")
-        if not path.is_file():
-            raise FileFormatError("expected a source file, got a folder, device or pipe")
-        size = path.stat().st_size
-        if size > _LARGEST_FILE:
-            raise FileFormatError(
-                f"expected at most {_LARGEST_FILE >> 20} MiB, got {size / 2**20:.0f} MiB"
-            )
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise FileFormatError("expected text in UTF-8, got binary data") from None
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        if isinstance(error, FileFormatError):
-            raise
-        raise FileFormatError(f"expected a readable file, got: {error}") from None
-    if not text.strip():
-        raise FileFormatError("expected a source, got an empty file")
-    return text
 
 
 def _refused(name: str) -> NoReturn:

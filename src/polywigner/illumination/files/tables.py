@@ -19,6 +19,7 @@ from polywigner.geometry import (
     Polyhedron,
     Slits,
     read_aperture,
+    read_polyhedron,
     rigid_pose,
     shapes,
 )
@@ -66,8 +67,8 @@ class _File:
 
     folder: Path
     wavelength: float | None
-    apertures: dict[tuple[str, str], Aperture] = field(default_factory=dict)
-    """Aperture files that were read, by name and unit."""
+    read: dict[tuple[str, str], Aperture | Polyhedron] = field(default_factory=dict)
+    """Other files that were read, by name and unit."""
 
 
 def source_of(table: Any, folder: Path) -> Source:
@@ -100,7 +101,7 @@ def _aperture(table: Table, file: _File) -> Aperture | PlacedAperture:
             raise FileFormatError(f"expected {key!r} with {of!r} only, got it with {origin!r}")
     with at(origin):
         if origin == "file":
-            aperture = _from_file(table, file)
+            aperture = _from_file(table, file, read_aperture)
         elif origin == "shape":
             aperture = _shape(table["shape"], Aperture)
         else:
@@ -123,6 +124,10 @@ def _slits(table: Table, file: _File) -> Slits:
 
 
 def _polyhedron(table: Table, file: _File) -> Polyhedron:
+    if "file" in table:
+        checked_table(table, ("kind", "file"), ("unit",))
+        with at("file"):
+            return _from_file(table, file, read_polyhedron)
     checked_table(table, ("kind", "vertices", "faces"))
     with at("vertices"):
         vertices = coordinates(table["vertices"])
@@ -195,11 +200,11 @@ def _placed(aperture: Aperture, to_world: Any) -> PlacedAperture:
         return PlacedAperture(aperture, pose)
 
 
-def _from_file(table: Table, file: _File) -> Aperture:
+def _from_file(table: Table, file: _File, read: Callable[[Path, str], Any]) -> Any:
     name, unit = text(table["file"]), text(table.get("unit", "mm"))
-    if (name, unit) not in file.apertures:
-        file.apertures[name, unit] = read_aperture(file.folder / name, unit)
-    return file.apertures[name, unit]
+    if (name, unit) not in file.read:
+        file.read[name, unit] = read(file.folder / name, unit)
+    return file.read[name, unit]
 
 
 def _shape(table: Any, expected: type) -> Any:
