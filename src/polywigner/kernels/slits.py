@@ -96,8 +96,8 @@ class PairTables:
     """Pairs of intervals; ``edges`` are what a sum runs over, numbers only.
 
     The centres' distance at x = 0 or xi = 0, as two floats; the half-lengths; the mean of the
-    centres, which does not move, as two floats; and the mutual field, real and imaginary part. Where
-    fields have waves there is a row for every pair of waves, with what to subtract from the
+    centres, which does not move, as two floats; and the mutual field, real and imaginary part.
+    Where fields have waves there is a row for every pair of waves, with what to subtract from the
     frequency, and the turns of the mutual field along 4x or xi.
     """
 
@@ -141,8 +141,8 @@ def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
             for wave in waves_in_frame(slits.illumination, frame)
         )
         for begin, end in slits.intervals.tolist():
-            ends = ((Fraction(value) - centre) / scale for value in (begin, end))
-            intervals.append(_Exact(*ends, waves))
+            low_end, high_end = ((Fraction(value) - centre) / scale for value in (begin, end))
+            intervals.append(_Exact(low_end, high_end, waves))
     return frame, tuple(intervals)
 
 
