@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.engines.ranges import DrjitRanges, NumpyRanges, ScalarRanges
+
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 
 # A kernel with each edge as constants is two to six times as fast as one that loops over a table of
@@ -75,7 +77,7 @@ class _Unfused:
         return self.round(a * (1 / step)) * step
 
 
-class NumpyOperations(_Unfused):
+class NumpyOperations(_Unfused, NumpyRanges):
     """NumPy arrays of float64 (``double``) or float32."""
 
     def __init__(self, double: bool) -> None:
@@ -100,10 +102,11 @@ class NumpyOperations(_Unfused):
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
         table = np.array(rows, self.dtype)
+        axes = (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, np.size(like)))
         totals: list[Any] = [0.0] * values
         for start in range(0, len(table), block):
-            terms = term(*table[start : start + block].T[:, :, None])
+            terms = term(*table[start : start + block].T.reshape(table.shape[1], -1, *axes))
             # in float64: of many rows, one after the other, float32 would lose a digit
             totals = [
                 total + part.sum(axis=0, dtype=np.float64)
@@ -145,7 +148,7 @@ class NumpyOperations(_Unfused):
         return super().cross(*map(self._typed, (ax, ay, bx, by)))
 
 
-class ScalarOperations(_Unfused):
+class ScalarOperations(_Unfused, ScalarRanges):
     """Python floats: the scalar variants of Mitsuba."""
 
     double = True
@@ -193,14 +196,14 @@ class ScalarOperations(_Unfused):
         return math.sqrt(a)
 
 
-class DrjitOperations:
+class DrjitOperations(DrjitRanges):
     """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
 
     def __init__(self, float_type: Any) -> None:
         import drjit
 
+        super().__init__(float_type)
         self._dr = drjit
-        self.float_type = float_type
         self.double = drjit.itemsize_v(float_type) == 8
 
     def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:

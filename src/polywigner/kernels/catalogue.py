@@ -8,7 +8,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites
-from polywigner.kernels import lattice_arrays, line, plane, simplices, space
+from polywigner.kernels import lattice_arrays, line, plane, scattered_arrays, simplices, space
 from polywigner.kernels.array_factor import array_factor_kernel
 from polywigner.kernels.kernel import Kernel
 
@@ -67,6 +67,15 @@ _ON_LATTICE: dict[str, Kernel] = {
 }
 
 
+_SCATTERED: dict[str, Kernel] = {
+    "autocorrelation": scattered_arrays.AUTOCORRELATION,
+    "wigner": scattered_arrays.WIGNER,
+    "ambiguity": scattered_arrays.AMBIGUITY,
+    "position_marginal": scattered_arrays.POSITION_MARGINAL,
+    "lag_marginal": scattered_arrays.LAG_MARGINAL,
+}
+
+
 def _is_illuminated(source: Any) -> bool:
     return getattr(source, "illumination", None) is not None
 
@@ -89,6 +98,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     if isinstance(source, Array):
         if transform in _ON_LATTICE and lattice_arrays.is_on_lattice(source):
             return _ON_LATTICE[transform]
+        if transform in _SCATTERED and scattered_arrays.is_scattered(source):
+            return _SCATTERED[transform]
         elements = source.coplanar
         kind = type(elements[0])
         name = "lag_marginal of weights" if transform == "lag_marginal" else transform

@@ -13,6 +13,7 @@ from oracles.references import ENGINES
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.illumination.lattices import lattice_of, separated
 from polywigner.kernels.lattice_arrays import is_on_lattice
+from polywigner.kernels.scattered_arrays import is_scattered
 
 # Relative to (sum |w|)^2 area, which bounds the sum over pairs in absolute values.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}
@@ -65,6 +66,19 @@ ARRAYS = {
     "an oblique row": pw.phased_array(SQUARE, np.outer(np.arange(5), [1.1, 0.3])),
 }
 
+SCATTERED = {
+    "scattered": pw.phased_array(SQUARE, np.random.default_rng(1).uniform(0, 4, (10, 2))),
+    "scattered far off, any weights": pw.phased_array(
+        ELL, np.random.default_rng(2).uniform(0, 6, (7, 2)) + np.array([50.0, -20.0]), _random(7)
+    ),
+    "scattered, own waves": pw.phased_array(
+        SQUARE.with_illumination(WAVES * pw.Illumination([1], [[3.0, 4.0]])),
+        np.random.default_rng(3).uniform(0, 4, (8, 2)),
+        _random(8),
+    ),
+}
+ALL = {**ARRAYS, **SCATTERED}
+
 
 def _points(array: pw.Array, count: int, seed: int) -> tuple[np.ndarray, ...]:
     """x, xi and nu; half of x and xi where edges or corners of copies coincide."""
@@ -86,16 +100,17 @@ def _points(array: pw.Array, count: int, seed: int) -> tuple[np.ndarray, ...]:
 
 @engines
 @pytest.mark.parametrize("precision", TOLERANCE)
-@pytest.mark.parametrize("name", ARRAYS)
-def test_functions_of_a_lattice_are_sums_over_pairs_of_elements(
+@pytest.mark.parametrize("name", ALL)
+def test_functions_of_an_array_are_sums_over_pairs_of_elements(
     name: str, precision: str, engine: str
 ) -> None:
-    array = ARRAYS[name]
-    assert is_on_lattice(array)
+    array = ALL[name]
+    assert is_on_lattice(array) == (name in ARRAYS)
+    assert is_on_lattice(array) or is_scattered(array)
     one_by_one = pw.Array(array.elements, array.weights)
     x, xi, nu = _points(array, 60, 1)
     scale = float(np.abs(array.weights).sum()) ** 2 * array.repeated[0].area
-    if name == "half pitch":
+    if name in ("half pitch", "scattered far off, any weights"):
         scale *= 10  # the vertices of moved copies are rounded
     how = {"precision": precision, "engine": engine}
     for transform, points in (
@@ -111,15 +126,18 @@ def test_functions_of_a_lattice_are_sums_over_pairs_of_elements(
 
 
 @engines
-@pytest.mark.parametrize("name", ARRAYS)
+@pytest.mark.parametrize("name", ALL)
 def test_pattern_of_an_array_is_element_pattern_times_array_factor(name: str, engine: str) -> None:
-    array = ARRAYS[name]
+    array = ALL[name]
     element, positions = array.repeated
     nu = np.random.default_rng(2).normal(size=(80, 2)) * 3
     factor = pw.array_factor(positions, array.weights, nu, engine=engine)
     scale = np.abs(array.weights).sum()
     by_hand = np.exp(-2j * np.pi * (nu @ positions.T)) @ array.weights
-    assert np.abs(factor - by_hand).max() < (1e-11 if name == "half pitch" else 1e-13) * scale
+    assert (
+        np.abs(factor - by_hand).max()
+        < (1e-11 if "half" in name or "far" in name else 1e-13) * scale
+    )
     whole = pw.fourier(array, nu, engine=engine)
     product = pw.fourier(element, nu, engine=engine) * factor
     assert np.abs(np.abs(whole) ** 2 - np.abs(product) ** 2).max() < 1e-13 * scale**2

@@ -1,0 +1,433 @@
+"""Phased arrays off any lattice: pairs of elements from lists for the cell of a sample.
+
+The pair (k, l) contributes to W(x, nu) what the element alone has at x less the pair's midpoint,
+and to A(upsilon, xi) what it has at xi less its difference (docs/theory.md, (L1), (L2)). Of the n^2
+pairs those within the element's size of x (or xi) matter. Cells of about that size list them: what
+a sample costs grows linearly with the number of elements, if their density stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture, automean
+from polywigner.illumination import Array
+from polywigner.kernels import ambiguity, phases
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.frame import Frame
+from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
+from polywigner.kernels.membership import field as field_inside
+from polywigner.kernels.plane import product_of_both, tables_of
+from polywigner.kernels.tables import Edge, Piece, Tables
+from polywigner.kernels.trigonometry import cos_sin_turns
+from polywigner.kernels.wigner import wigner
+
+__all__ = [
+    "AMBIGUITY",
+    "AUTOCORRELATION",
+    "LAG_MARGINAL",
+    "POSITION_MARGINAL",
+    "WIGNER",
+    "is_scattered",
+]
+
+# Fewer elements are cut by one another's pieces.
+_LEAST_ELEMENTS = 6
+# Cells are of the element's size, or larger where the lists would otherwise take more entries.
+_MOST_ENTRIES = 1 << 23
+_MOST_CELLS = 1 << 20
+
+Vector = tuple[float, float]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PairLists:
+    """For each cell of a grid, the pairs that may contribute to samples in it.
+
+    ``records``: midpoint or difference in the frame, as two floats a component; the other of the
+    two, in the user's unit; the mutual weight as real and imaginary part.
+    """
+
+    low: Vector
+    scale: Vector
+    counts: tuple[int, int]
+    first: NDArray[np.int64]
+    """(cells + 1,) where each cell's entries begin."""
+    entries: NDArray[np.int64]
+    """Numbers of records."""
+    records: Floats
+    held: dict[Hashable, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ScatterFrame:
+    """The element's frame, moved to the middle of the array."""
+
+    element: Frame
+    middle: Vector
+    """Of the elements' frames."""
+    exact_middle: tuple[phases.Doubled, ...]
+
+    @property
+    def content(self) -> float:
+        return self.element.content
+
+    @property
+    def carrier(self) -> tuple[float, ...]:
+        return self.element.carrier
+
+
+@dataclass(frozen=True)
+class ScatterTables:
+    frame: ScatterFrame
+    element: Tables
+    edges: tuple[Edge, ...]
+    lists: PairLists
+    sites: tuple[tuple[float, ...], ...]
+    """Place in the frame, as two floats a component, and weight, of each element."""
+
+    @property
+    def part(self) -> Tables:
+        return replace(self.element, edges=self.edges)
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        return self.element.pieces
+
+    @property
+    def clips(self) -> int:
+        return self.part.clips
+
+    @property
+    def waves_per_cut(self) -> int:
+        return self.element.waves_per_cut
+
+
+def is_scattered(array: Array) -> bool:
+    """Whether an array is one element, repeated at enough places."""
+    if array.repeated is None or not isinstance(array.repeated[0], Aperture):
+        return False
+    return len(array) >= _LEAST_ELEMENTS
+
+
+@dataclass(frozen=True, eq=False)
+class _Sites:
+    """The elements in the frame, relative to the middle, and their weights less the carrier."""
+
+    frame: ScatterFrame
+    tables: Tables
+    places: Floats
+    offsets: Floats
+    """In the user's unit, from the middle."""
+    weights: NDArray[np.complex128]
+
+
+@lru_cache(maxsize=32)
+def _sites_of(array: Array, double: bool) -> _Sites:
+    assert array.repeated is not None
+    element, positions = array.repeated
+    assert isinstance(element, Aperture)
+    tables = tables_of(element, double)
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    centre = np.array(tables.frame.centre)
+    shift = low + (high - low) / 2
+    offsets = positions - shift
+    # fields are held relative to the element's carrier, which is counted with all of x or xi
+    turns = positions @ np.array(tables.frame.carrier)
+    weights = array.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
+    middle = shift + centre
+    frame = ScatterFrame(
+        tables.frame,
+        (float(middle[0]), float(middle[1])),
+        tuple(phases.doubled(float(c), double) for c in middle),
+    )
+    places = tables.frame.vertices(offsets + centre)
+    return _Sites(frame, tables, places, offsets, weights)
+
+
+@lru_cache(maxsize=32)
+def _by_mean(array: Array, double: bool) -> ScatterTables:
+    """Pairs by their midpoints, each pair once: the other order is conjugate."""
+    sites = _sites_of(array, double)
+    k, m = np.triu_indices(len(sites.places))
+    means = (sites.places[k] + sites.places[m]) / 2
+    apart = sites.offsets[k] - sites.offsets[m]
+    mutual = sites.weights[k] * sites.weights[m].conj() * np.where(k == m, 1.0, 2.0)
+    element = array.repeated[0] if array.repeated else None
+    assert isinstance(element, Aperture)
+    support = np.concatenate([_in(sites, ring) for ring in automean(element).rings])
+    return _tables(sites, means, apart, mutual, support, double)
+
+
+@lru_cache(maxsize=32)
+def _by_difference(array: Array, double: bool) -> ScatterTables:
+    """Pairs by their differences, in both orders."""
+    sites = _sites_of(array, double)
+    k, m = (index.ravel() for index in np.indices((len(sites.places),) * 2))
+    apart = sites.places[k] - sites.places[m]
+    means = (sites.offsets[k] + sites.offsets[m]) / 2
+    mutual = sites.weights[k] * sites.weights[m].conj()
+    element = array.repeated[0] if array.repeated else None
+    assert isinstance(element, Aperture)
+    outline = np.concatenate([_in(sites, ring) for ring in element.rings])
+    spread = np.ptp(outline, axis=0)
+    return _tables(sites, apart, means, mutual, np.stack([-spread, spread]), double)
+
+
+def _in(sites: _Sites, ring: Floats) -> Floats:
+    return sites.tables.frame.vertices(ring)
+
+
+def _tables(
+    sites: _Sites,
+    centres: Floats,
+    others: Floats,
+    mutual: NDArray[np.complex128],
+    support: Floats,
+    double: bool,
+) -> ScatterTables:
+    high, rest = _split(centres, double)
+    records = np.column_stack(
+        [high[:, 0], rest[:, 0], high[:, 1], rest[:, 1], others, mutual.real, mutual.imag]
+    )
+    lists = _listed(centres, support, records)
+    place, below = _split(sites.places, double)
+    rows = np.column_stack(
+        [place[:, 0], below[:, 0], place[:, 1], below[:, 1], sites.weights.real, sites.weights.imag]
+    )
+    table = tuple(tuple(row) for row in rows.tolist())
+    return ScatterTables(sites.frame, sites.tables, sites.tables.edges, lists, table)
+
+
+def _split(values: Floats, double: bool) -> tuple[Floats, Floats]:
+    """Numbers as the sum of a float of the kernel's and the rest."""
+    if double:
+        return values, np.zeros_like(values)
+    high = values.astype(np.float32).astype(np.float64)
+    return high, values - high
+
+
+def _listed(centres: Floats, support: Floats, records: Floats) -> PairLists:
+    """The lists of a grid of cells over the region in which anything contributes."""
+    reach_low, reach_high = support.min(axis=0), support.max(axis=0)
+    low, high = centres.min(axis=0) + reach_low, centres.max(axis=0) + reach_high
+    reach = reach_high - reach_low
+    size = reach.copy()
+    while True:
+        counts = np.maximum(1, np.ceil((high - low) / size)).astype(int)
+        entries = len(centres) * float(np.prod(reach / size + 1))
+        if entries <= _MOST_ENTRIES and int(np.prod(counts)) <= _MOST_CELLS:
+            break
+        size = size * 1.25
+    first_cell = np.floor((centres + reach_low - low) / size).astype(np.int64)
+    last_cell = np.floor((centres + reach_high - low) / size).astype(np.int64)
+    first_cell, last_cell = (np.clip(c, 0, counts - 1) for c in (first_cell, last_cell))
+    cells, numbers = _entries(first_cell, last_cell, counts)
+    order = np.argsort(cells, kind="stable")
+    begins = np.searchsorted(cells[order], np.arange(int(np.prod(counts)) + 1))
+    return PairLists(
+        (float(low[0]), float(low[1])),
+        (float(1 / size[0]), float(1 / size[1])),
+        (int(counts[0]), int(counts[1])),
+        begins.astype(np.int64),
+        numbers[order],
+        records,
+    )
+
+
+def _entries(
+    first: NDArray[np.int64], last: NDArray[np.int64], counts: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cell and number of every entry: a record is in all cells from its first to its last."""
+    spans = last - first + 1
+    cells, numbers = [], []
+    for i in range(int(spans[:, 0].max())):
+        for j in range(int(spans[:, 1].max())):
+            found = np.flatnonzero((i < spans[:, 0]) & (j < spans[:, 1]))
+            cells.append((first[found, 0] + i) * counts[1] + first[found, 1] + j)
+            numbers.append(found)
+    return np.concatenate(cells), np.concatenate(numbers)
+
+
+class _Held:
+    """The lists in an engine's memory."""
+
+    def __init__(self, ops: Any, lists: PairLists) -> None:
+        bounds = np.stack([lists.first[:-1], lists.first[1:]], axis=1)
+        self.bounds = ops.held(bounds)
+        self.entries = ops.held(lists.entries[:, None])
+        self.records = ops.held(lists.records)
+
+
+def _sum_over_pairs(ops: Any, lists: PairLists, place: Any, term: Any, values: int) -> Any:
+    """The sums of ``term`` of the records listed for the cell of a place."""
+    if ops.key not in lists.held:
+        lists.held[ops.key] = _Held(ops, lists)
+    held: _Held = lists.held[ops.key]
+    u, v = ((p - low) * s for p, low, s in zip(place, lists.low, lists.scale, strict=True))
+    rows, columns = lists.counts
+    inside = (u >= 0.0) & (u < float(rows)) & (v >= 0.0) & (v < float(columns))
+    i, j = (ops.truncated(ops.select(inside, value, 0.0)) for value in (u, v))
+    begin, end = ops.gather(held.bounds, i * columns + j)
+    end = ops.select_number(inside, end, begin)
+
+    def of_entry(row: Any) -> Any:
+        (number,) = ops.gather(held.entries, row)
+        return term(*ops.gather(held.records, number))
+
+    return ops.sum_over_range(begin, end, of_entry, values)
+
+
+def _doubled_place(ops: Any, frame: ScatterFrame, x: Any, y: Any) -> Values:
+    """A place in the frame relative to the middle; in single precision as two floats."""
+    return frame.element.vector(ops, x - frame.middle[0], y - frame.middle[1])
+
+
+def _enter_wigner(ops: Any, frame: ScatterFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+    place = _doubled_place(ops, frame, x, y)
+    carrier = frame.carrier
+    own = (nu_x - carrier[0], nu_y - carrier[1]) if any(carrier) else (nu_x, nu_y)
+    return (*_halves(ops, place), *own, *frame.element.frequency(ops, *own))
+
+
+def _halves(ops: Any, place: Values) -> Values:
+    """Each component as two floats that single precision holds."""
+    halves: list[Any] = []
+    for component in place:
+        halves += phases.halves(ops, (component, 0.0))
+    return tuple(halves)
+
+
+def _wigner_sum(
+    ops: Any,
+    tables: ScatterTables,
+    x: Any,
+    x_rest: Any,
+    y: Any,
+    y_rest: Any,
+    nu_x: Any,
+    nu_y: Any,
+    own_x: Any,
+    own_y: Any,
+) -> Values:
+    part = tables.part
+
+    def term(px: Any, qx: Any, py: Any, qy: Any, dx: Any, dy: Any, re: Any, im: Any) -> Any:
+        cosine, sine = cos_sin_turns(ops, nu_x * dx + nu_y * dy)
+        factor = re * cosine + im * sine
+        left = ((x - px) + (x_rest - qx), (y - py) + (y_rest - qy))
+        return (factor * wigner(ops, part, *left, own_x, own_y),)
+
+    total: Values = tuple(_sum_over_pairs(ops, tables.lists, (x, y), term, 1))
+    return total
+
+
+def _enter_ambiguity(
+    ops: Any, frame: ScatterFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
+) -> Values:
+    turns = phases.turns_to_centre(ops, frame.exact_middle, upsilon_x, upsilon_y)
+    if any(frame.carrier):
+        turns = turns - phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    lag = _halves(ops, frame.element.vector(ops, xi_x, xi_y))
+    own = frame.element.frequency(ops, upsilon_x, upsilon_y)
+    return (turns, *lag, upsilon_x, upsilon_y, *own)
+
+
+def _ambiguity_sum(
+    ops: Any,
+    tables: ScatterTables,
+    turns: Any,
+    xi_x: Any,
+    x_rest: Any,
+    xi_y: Any,
+    y_rest: Any,
+    upsilon_x: Any,
+    upsilon_y: Any,
+    own_x: Any,
+    own_y: Any,
+) -> Values:
+    part = tables.part
+
+    def term(px: Any, qx: Any, py: Any, qy: Any, mx: Any, my: Any, re: Any, im: Any) -> Any:
+        cosine, sine = cos_sin_turns(ops, upsilon_x * mx + upsilon_y * my)
+        factor = Pair(re, im) * Pair(cosine, -sine)
+        left = ((xi_x - px) + (x_rest - qx), (xi_y - py) + (y_rest - qy))
+        one, two = ambiguity.ambiguity(ops, part, own_x, own_y, *left)
+        whole = factor * Pair(one, -two)
+        return whole.real, -whole.imag
+
+    total: Values = tuple(_sum_over_pairs(ops, tables.lists, (xi_x, xi_y), term, 2))
+    return total
+
+
+def _enter_both_ends(ops: Any, frame: ScatterFrame, *arguments: Any) -> Values:
+    x, y, xi_x, xi_y = arguments
+    turns = 0.0 * xi_x
+    if any(frame.carrier):
+        turns = phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    inner: list[Any] = []
+    for side in (0.5, -0.5):
+        inner += _halves(ops, _doubled_place(ops, frame, x + side * xi_x, y + side * xi_y))
+    return (turns, *inner)
+
+
+def _fields(ops: Any, tables: ScatterTables, turns: Any, *inner: Any) -> Values:
+    return (*_field(ops, tables, *inner[:4]), *_field(ops, tables, *inner[4:]))
+
+
+def _field(ops: Any, tables: ScatterTables, x: Any, x_rest: Any, y: Any, y_rest: Any) -> Values:
+    """u at one place, less the carrier, from all elements."""
+    total = Pair(0.0, 0.0)
+    for px, qx, py, qy, re, im in tables.sites:
+        left = ((x - px) + (x_rest - qx), (y - py) + (y_rest - qy))
+        total = total + Pair(*field_inside(ops, tables.part, *left)) * Pair(re, im)
+    return total.real, total.imag
+
+
+def _position_frame(ops: Any, frame: ScatterFrame, x: Any, y: Any) -> Values:
+    return _enter_wigner(ops, frame, x, y, 0.0 * x, 0.0 * y)
+
+
+def _lag_frame(ops: Any, frame: ScatterFrame, xi_x: Any, xi_y: Any) -> Values:
+    return _enter_ambiguity(ops, frame, 0.0 * xi_x, 0.0 * xi_y, xi_x, xi_y)
+
+
+WIGNER = Kernel(
+    "wigner of scattered elements",
+    2,
+    _by_mean,
+    _enter_wigner,
+    _wigner_sum,
+    leave_real,
+    copies=1,
+    clips_per_term=4,
+)
+POSITION_MARGINAL = replace(
+    WIGNER, name="position marginal of scattered elements", enter=_position_frame
+)
+AMBIGUITY = Kernel(
+    "ambiguity of scattered elements",
+    2,
+    _by_difference,
+    _enter_ambiguity,
+    _ambiguity_sum,
+    leave_wave,
+    copies=2,
+    clips_per_term=16,
+)
+LAG_MARGINAL = replace(AMBIGUITY, name="lag marginal of scattered elements", enter=_lag_frame)
+AUTOCORRELATION = Kernel(
+    "autocorrelation of scattered elements",
+    2,
+    _by_mean,
+    _enter_both_ends,
+    _fields,
+    product_of_both,
+)
