@@ -12,8 +12,10 @@ import pytest
 import shapely
 
 import polywigner as pw
+import polywigner.testing
 from oracles.quadrature import position_nodes, triangle_nodes
 from oracles.references import ENGINES
+from polywigner.errors import ArgumentError
 
 # Relative to the integral of |u|^2, as promised; quadrature of 40 x 40 nodes a triangle is good to
 # 1e-14 for waves of up to ten cycles across.
@@ -354,3 +356,47 @@ def test_drjit_arrays_and_gradients() -> None:
             down[which][:, k] -= step
             slope = (pw.wigner(source, *up) - pw.wigner(source, *down)) / (2 * step)
             assert np.abs(got[:, k] - slope).max() < 1e-6 * np.abs(slope).max()
+
+
+def test_waves_turn_and_shift_with_elements_posed_in_the_plane() -> None:
+    angle = 0.5
+    rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    pose = np.eye(4)
+    pose[:2, :2], pose[:2, 3] = rotation, (1.0, -2.0)
+    source = TRIANGLE.with_illumination(WILD)
+    posed = pw.Array([source.placed(pose)])
+    x, nu = np.random.default_rng(14).uniform(0, 1, (2, 40, 2))
+    there = x @ rotation.T + pose[:2, 3]
+    expected = pw.wigner(source, x, nu)
+    assert np.abs(pw.wigner(posed, there, nu @ rotation.T) - expected).max() < 1e-13
+
+
+def test_samples_of_the_automean_bound_the_wigner_function() -> None:
+    source = SOURCES["elements with fields of their own"]
+    points, density = pw.sample_automean(source, 4000, "marginal", seed=1)
+    largest = float(
+        sum(
+            abs(weight)
+            * element.area
+            * (1 if element.illumination is None else abs(element.illumination.amplitudes).sum())
+            for weight, element in zip(source.weights, source.elements, strict=True)
+        )
+    )
+    nu = np.array([0.3, 0.2])
+    ratio = pw.wigner(source, points, nu) / density
+    assert np.abs(ratio).max() <= largest**2 * (1 + 1e-9)
+    expected = abs(pw.fourier(source, nu)) ** 2
+    assert abs(ratio.mean() - expected) < 5 * ratio.std() / math.sqrt(len(ratio))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: pw.projections(SOURCES["convex, cosine"]),
+        lambda: polywigner.testing.assert_wigner_identities(SOURCES["convex, cosine"]),
+        lambda: polywigner.testing.assert_fourier_stable(SOURCES["convex, cosine"]),
+    ],
+)
+def test_what_is_for_uniform_sources_says_so(call: Callable[[], Any]) -> None:
+    with pytest.raises(ArgumentError, match="Illumination"):
+        call()

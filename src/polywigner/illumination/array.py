@@ -16,6 +16,7 @@ from polywigner.geometry.arguments import shape_of
 from polywigner.geometry.grid import union_on_grid
 from polywigner.geometry.pose import rigid_pose
 from polywigner.illumination.sites import Sites
+from polywigner.illumination.waves import Illumination
 
 __all__ = ["Array", "Element"]
 
@@ -304,4 +305,9 @@ def _in_plane(number: int, element: Element) -> Aperture:
             f"expected elements of one plane, got one at z = {shift[2]:.6g} at {number}; {advice}"
         )
     plane = rotation[:2, :2]
-    return Aperture(shapely.transform(element.aperture.polygons, lambda p: p @ plane.T + shift[:2]))
+    outline = shapely.transform(element.aperture.polygons, lambda p: p @ plane.T + shift[:2])
+    field = element.aperture.illumination
+    if field is None:
+        return Aperture(outline)
+    turned = Illumination(field.amplitudes, field.frequencies @ plane.T)
+    return Aperture(outline).with_illumination(turned.moved(shift[:2]))

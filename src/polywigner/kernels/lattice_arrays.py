@@ -30,6 +30,7 @@ from polywigner.kernels.membership import field
 from polywigner.kernels.plane import product_of_both, tables_of
 from polywigner.kernels.tables import Edge, Piece, Tables
 from polywigner.kernels.trigonometry import cos_sin_turns
+from polywigner.kernels.weight_tables import MeanTable, mean_table
 from polywigner.kernels.wigner import wigner
 
 __all__ = [
@@ -43,6 +44,8 @@ __all__ = [
 
 # Fewer elements are summed pair by pair.
 _LEAST_ELEMENTS = 4
+# With fewer sites of any weights, the pairs of a midpoint are summed one by one.
+_LEAST_TABULATED = 64
 # What lies within this of the edge of a region contributes less than rounding.
 _EDGE = 4e-15
 
@@ -168,6 +171,18 @@ class Weights:
     def imag(self) -> tuple[float, ...]:
         return tuple(self.values.imag.ravel().tolist())
 
+    @cached_property
+    def _tables(self) -> dict[bool, MeanTable | None]:
+        return {}
+
+    def table(self, double: bool) -> MeanTable | None:
+        """The factors of midpoints as a table, where it is worth making and not too large."""
+        if self.values.size < _LEAST_TABULATED:
+            return None
+        if double not in self._tables:
+            self._tables[double] = mean_table(self.values, double)
+        return self._tables[double]
+
     def at(self, ops: Any, i: Any, j: Any) -> tuple[Pair, Any]:
         """The weight of a site, and whether there is one; 0 if not."""
         rows, columns = self.shape
@@ -281,12 +296,17 @@ def _wigner_sum(
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
         sums = (first + k, second + m)
-        if tables.factors is None:
-            factor = _mean_factor(ops, tables.weights, sums, (turns_1, turns_2))
-        else:
+        if tables.factors is not None:
             factor = along_1(k, sums[0]) * along_2(m, sums[1])
+        elif table is not None:
+            factor = table.at(ops, sums, taps)
+        else:
+            factor = _mean_factor(ops, tables.weights, sums, (turns_1, turns_2))
         return (factor * wigner(ops, part, x - dx, y - dy, nu_x, nu_y),)
 
+    table = None if tables.factors is not None else tables.weights.table(ops.double)
+    if table is not None:
+        taps = table.taps(ops, (turns_1, turns_2))
     if tables.factors is not None:
         one, two = tables.factors
         along_1 = _remembered(lambda index: one.at_mean(ops, index, turns_1))

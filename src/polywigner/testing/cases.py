@@ -57,6 +57,15 @@ class Case:
         return getattr(transforms, transform)(self.source, *points, **self.keywords)
 
 
+def refuse_illumination(source: Any) -> None:
+    """Raises ArgumentError for a source with waves on it, whose laws are those of its outline."""
+    if getattr(source, "illumination", None) is not None:
+        raise ArgumentError(
+            "expected a uniform source, got one with an Illumination; check "
+            "source.with_illumination(None)"
+        )
+
+
 def case_of(
     source: Any,
     points: int,
@@ -71,6 +80,7 @@ def case_of(
             f"expected an Aperture or Slits, got {type(source).__name__}; check the elements of an "
             "array, and the .aperture of a placed one, by themselves"
         )
+    refuse_illumination(source)
     rng = np.random.default_rng(seed)
     corner, sides = box_of(source)
     dimension = len(corner)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.testing.cases import Precision, require
+from polywigner.testing.cases import Precision, refuse_illumination, require
 from polywigner.testing.pieces import split_in_three
 from polywigner.testing.simplices import (
     Simplex,
@@ -99,6 +99,7 @@ def assert_fourier_stable(
             "expected Slits, an Aperture, a placed aperture or a Polyhedron, got "
             f"{type(source).__name__}; check the elements of an array by themselves"
         )
+    refuse_illumination(source.aperture if isinstance(source, PlacedAperture) else source)
     simplices = simplices_of(source)
     nu, decade = _frequencies(corners_of(source), points, np.random.default_rng(seed))
     if tolerance is None:

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 
@@ -59,10 +60,19 @@ class Field:
 
 
 def field_of(source: Aperture | Array) -> Field:
-    """The outlines and weights of an aperture or an array of one plane."""
+    """The outlines and weights of an aperture or an array of one plane.
+
+    Raises ArgumentError for fields that are not constant on an element.
+    """
+    elements = (source,) if isinstance(source, Aperture) else source.coplanar
+    if any(element.illumination is not None for element in elements):
+        raise ArgumentError(
+            "expected a source without illumination for projections, got one with an "
+            "Illumination; project it without, or evaluate the transforms at points"
+        )
     if isinstance(source, Aperture):
         return Field((source,), np.ones(1))
-    outlines = tuple(element for element in source.coplanar if isinstance(element, Aperture))
+    outlines = tuple(element for element in elements if isinstance(element, Aperture))
     return Field(outlines, source.weights)
 
 

@@ -46,13 +46,14 @@ def sample_automean(
       so nothing is rejected or tabulated. Then W/density is ``content^2`` W/R_x, bounded by
       ``content^2``, and constant at nu = 0: far less noisy near the main lobe. Of an Array: R_x of
       the array with the moduli of its weights (its own may be negative), and its content, with
-      the same bound.
+      the same bound. Where there is an illumination, its largest possible modulus, the sum of
+      those of its amplitudes, stands for it.
 
     Source: docs/projections.md, (P14) and (P15).
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), |u| = 1 on it, or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either.
     samples : how many, or the numbers to map, each in [0, 1): (n, d) for ``"uniform"``, (n, 2 d)
         for ``"marginal"`` (the first d numbers make a, the others b).
     weights : the density.
@@ -77,13 +78,26 @@ def sample_automean(
         points, content = _uniform_map([(_support(source), 1.0)])(numbers)
         return points, np.full(len(points), 1.0 / content)
     numbers = _numbers(samples, 2 * dimension, seed)
-    in_phase = source
-    if isinstance(source, Array):
-        in_phase = Array(source.elements, abs(source.weights))
+    in_phase = _in_phase(source)
     place = _uniform_map(_elements(in_phase))
     (first, content), (second, _) = place(numbers[:, :dimension]), place(numbers[:, dimension:])
     points = first / 2 + second / 2
     return points, position_marginal(in_phase, points, engine=engine) / content**2
+
+
+def _in_phase(source: PhaseSpaceSource) -> PhaseSpaceSource:
+    """The source with a constant field on each element, no smaller than its own and in phase."""
+    if not isinstance(source, Array):
+        return source.with_illumination(None)
+    elements = [element.with_illumination(None) for element in source.coplanar]
+    largest = [_largest(element) for element in source.coplanar]
+    return Array(elements, abs(source.weights) * largest)
+
+
+def _largest(element: Element) -> float:
+    """A bound on the modulus of the field on an element."""
+    field = element.illumination
+    return 1.0 if field is None else float(abs(field.amplitudes).sum())
 
 
 def _numbers(samples: Any, columns: int, seed: Any) -> Values:

@@ -254,7 +254,8 @@ _APERTURE: dict[str, list[Tile]] = {
 def _on_line(transform: Callable[..., Any]) -> Values:
     def compute(source: Any, first: Array, second: Array, engine: Engine) -> Any:
         values = transform(source, first[:, None, None], second[None, :, None], engine=engine)
-        real = transform is autocorrelation and isinstance(source, Slits)
+        uniform = isinstance(source, Slits) and source.illumination is None
+        real = transform is autocorrelation and uniform
         return values.real if real else values
 
     return compute
