@@ -39,8 +39,7 @@ __all__ = [
 
 # Fewer elements are cut by one another's pieces.
 _LEAST_ELEMENTS = 6
-# Cells are of the element's size, or larger where the lists would otherwise take more entries.
-_MOST_ENTRIES = 1 << 23
+# Cells are of the element's size, or larger where there would be more of them.
 _MOST_CELLS = 1 << 20
 
 Vector = tuple[float, float]
@@ -49,19 +48,20 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PairLists:
-    """For each cell of a grid, the pairs that may contribute to samples in it.
+    """Pairs sorted by the cell of a grid in which the region begins where they contribute.
 
-    ``records``: midpoint or difference in the frame, as two floats a component; the other of the
-    two, in the user's unit; the mutual weight as real and imaginary part.
+    A region is no larger than a cell, so that what contributes to a sample begins in its cell or
+    in one of three neighbours: two runs of records. ``records``: midpoint or difference in the
+    frame, as two floats a component; the other, in the user's unit; the mutual weight as real
+    and imaginary part.
     """
 
     low: Vector
     scale: Vector
     counts: tuple[int, int]
+    """Cells that samples may be in; before them in both directions one more for records."""
     first: NDArray[np.int64]
-    """(cells + 1,) where each cell's entries begin."""
-    entries: NDArray[np.int64]
-    """Numbers of records."""
+    """Where the records of each cell begin, row by row."""
     records: Floats
     held: dict[Hashable, Any] = field(default_factory=dict)
 
@@ -215,59 +215,38 @@ def _split(values: Floats, double: bool) -> tuple[Floats, Floats]:
 
 
 def _listed(centres: Floats, support: Floats, records: Floats) -> PairLists:
-    """The lists of a grid of cells over the region in which anything contributes."""
+    """The records sorted into the cells of a grid over the region in which anything contributes."""
     reach_low, reach_high = support.min(axis=0), support.max(axis=0)
     low, high = centres.min(axis=0) + reach_low, centres.max(axis=0) + reach_high
-    reach = reach_high - reach_low
-    size = reach.copy()
+    size = (reach_high - reach_low) * (1 + 1e-9)  # rounding must not make a region span three cells
     while True:
-        counts = np.maximum(1, np.ceil((high - low) / size)).astype(int)
-        entries = len(centres) * float(np.prod(reach / size + 1))
-        if entries <= _MOST_ENTRIES and int(np.prod(counts)) <= _MOST_CELLS:
+        counts = np.floor((high - low) / size).astype(np.int64) + 1
+        if int(np.prod(counts + 1)) <= _MOST_CELLS:
             break
         size = size * 1.25
-    first_cell = np.floor((centres + reach_low - low) / size).astype(np.int64)
-    last_cell = np.floor((centres + reach_high - low) / size).astype(np.int64)
-    first_cell, last_cell = (np.clip(c, 0, counts - 1) for c in (first_cell, last_cell))
-    cells, numbers = _entries(first_cell, last_cell, counts)
+    begin = np.clip(np.floor((centres + reach_low - low) / size).astype(np.int64), 0, counts - 1)
+    cells = (begin[:, 0] + 1) * (counts[1] + 1) + begin[:, 1] + 1
     order = np.argsort(cells, kind="stable")
-    begins = np.searchsorted(cells[order], np.arange(int(np.prod(counts)) + 1))
+    first = np.searchsorted(cells[order], np.arange(int(np.prod(counts + 1)) + 1))
     return PairLists(
         (float(low[0]), float(low[1])),
         (float(1 / size[0]), float(1 / size[1])),
         (int(counts[0]), int(counts[1])),
-        begins.astype(np.int64),
-        numbers[order],
-        records,
+        first.astype(np.int64),
+        records[order],
     )
-
-
-def _entries(
-    first: NDArray[np.int64], last: NDArray[np.int64], counts: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Cell and number of every entry: a record is in all cells from its first to its last."""
-    spans = last - first + 1
-    cells, numbers = [], []
-    for i in range(int(spans[:, 0].max())):
-        for j in range(int(spans[:, 1].max())):
-            found = np.flatnonzero((i < spans[:, 0]) & (j < spans[:, 1]))
-            cells.append((first[found, 0] + i) * counts[1] + first[found, 1] + j)
-            numbers.append(found)
-    return np.concatenate(cells), np.concatenate(numbers)
 
 
 class _Held:
     """The lists in an engine's memory."""
 
     def __init__(self, ops: Any, lists: PairLists) -> None:
-        bounds = np.stack([lists.first[:-1], lists.first[1:]], axis=1)
-        self.bounds = ops.held(bounds)
-        self.entries = ops.held(lists.entries[:, None])
+        self.first = ops.held(lists.first[:, None])
         self.records = ops.held(lists.records)
 
 
 def _sum_over_pairs(ops: Any, lists: PairLists, place: Any, term: Any, values: int) -> Any:
-    """The sums of ``term`` of the records listed for the cell of a place."""
+    """The sums of ``term`` of the records that may contribute at a place."""
     if ops.key not in lists.held:
         lists.held[ops.key] = _Held(ops, lists)
     held: _Held = lists.held[ops.key]
@@ -275,14 +254,18 @@ def _sum_over_pairs(ops: Any, lists: PairLists, place: Any, term: Any, values: i
     rows, columns = lists.counts
     inside = (u >= 0.0) & (u < float(rows)) & (v >= 0.0) & (v < float(columns))
     i, j = (ops.truncated(ops.select(inside, value, 0.0)) for value in (u, v))
-    begin, end = ops.gather(held.bounds, i * columns + j)
-    end = ops.select_number(inside, end, begin)
 
-    def of_entry(row: Any) -> Any:
-        (number,) = ops.gather(held.entries, row)
-        return term(*ops.gather(held.records, number))
+    def of_record(row: Any) -> Any:
+        return term(*ops.gather(held.records, row))
 
-    return ops.sum_over_range(begin, end, of_entry, values)
+    totals: list[Any] = [0.0] * values
+    for step in (0, 1):
+        cell = (i + step) * (columns + 1) + j
+        (begin,), (end,) = ops.gather(held.first, cell), ops.gather(held.first, cell + 2)
+        end = ops.select_number(inside, end, begin)
+        sums = ops.sum_over_range(begin, end, of_record, values)
+        totals = [total + part for total, part in zip(totals, sums, strict=True)]
+    return totals
 
 
 def _doubled_place(ops: Any, frame: ScatterFrame, x: Any, y: Any) -> Values:
