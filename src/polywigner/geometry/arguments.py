@@ -19,6 +19,7 @@ def shape_of(value: Any) -> str:
     except ValueError:
         return "of lists of different lengths"
 
+
 # As many vertices as a file may have; a slip of a few zeros would fill the memory.
 _MOST = 1_000_000
 

@@ -45,6 +45,7 @@ __all__ = [
     "vee",
 ]
 
+
 def _numbers(values: Any, name: str, meaning: str, dimensions: int) -> Ring:
     """Pairs of finite numbers: one, shape (2,), or several, shape (m, 2)."""
     try:

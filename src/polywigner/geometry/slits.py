@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.field import Field, checked_field, checked_shift
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["Slits"]
 

@@ -10,6 +10,7 @@ from polywigner import engines, kernels
 from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, Slits
+from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
 
