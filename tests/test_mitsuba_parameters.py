@@ -38,7 +38,7 @@ def load(folder: Path, inside: str) -> Any:
 
 def test_a_file_is_found_beside_the_scene_and_read_in_its_unit(tmp_path: Path) -> None:
     spec = load(tmp_path, GOOD)
-    assert spec.aperture == SQUARE
+    assert spec.source == SQUARE
     assert spec.wavelength == pytest.approx(WAVELENGTH, rel=1e-15)
     assert spec.power == pytest.approx(SQUARE.area)
 
@@ -53,8 +53,8 @@ def test_a_drawing_is_read_as_finely_as_asked(
 ) -> None:
     (tmp_path / "disc.svg").write_text('<svg viewBox="0 0 10 10"><circle r="5"/></svg>')
     spec = load(tmp_path, GOOD.replace("patch.wkt", "disc.svg") + tolerance)
-    assert len(spec.aperture.rings[0]) == vertices
-    assert spec.aperture.area == pytest.approx(np.pi * 25e-6, rel=1e-12)
+    assert len(spec.source.rings[0]) == vertices
+    assert spec.source.area == pytest.approx(np.pi * 25e-6, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: A
             GOOD.replace("patch.wkt", "memory:0123"). replace(
                 '<string name="unit" value="mm"/>', ""
             ),
-            ["key of an aperture", "polywigner.mitsuba.aperture"],
+            ["key of a source", "polywigner.mitsuba.aperture"],
         ),
     ],
 )  # fmt: skip
@@ -209,7 +209,7 @@ def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
     )
     scene = mi.load_dict({"type": "scene", "aperture": entry})
     spec = scene.emitters()[0].spec
-    assert (spec.aperture, spec.wavelength, spec.obliquity) == (SQUARE, WAVELENGTH, "paper")
+    assert (spec.source, spec.wavelength, spec.obliquity) == (SQUARE, WAVELENGTH, "paper")
     assert spec.power == 2.0
     assert np.allclose(spec.pose, placed, atol=1e-7)
     assert "Diffuse" in str(scene.shapes()[0].bsdf())
@@ -264,7 +264,7 @@ def test_waves_from_x_rays_to_kilohertz_are_within_range(
 def test_only_apertures_are_kept_in_memory() -> None:
     import polywigner.mitsuba as pwm
 
-    with pytest.raises(SceneError, match="expected an Aperture, got list"):
+    with pytest.raises(SceneError, match="expected an Aperture or an Array, got list"):
         pwm.register_source([[0, 0], [1, 0], [0, 1]])  # type: ignore[arg-type]
 
 

@@ -125,7 +125,7 @@ def _check_scene(scene: Any, name: str) -> None:
             "it with mitsuba itself"
         )
     for spec in specs:
-        check_wavelength(spec.wavelength, spec.aperture.diameter)
+        check_wavelength(spec.wavelength, spec.radiator.support.diameter)
 
 
 def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:

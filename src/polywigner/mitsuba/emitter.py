@@ -1,14 +1,16 @@
-"""The emitter inside a ``wigner`` shape: the Wigner radiance of an aperture, for Mitsuba.
+"""The emitter inside a ``wigner`` shape: the Wigner radiance of a source, for Mitsuba.
 
-    L(x, s) = (power / area) W(x, s_par / lambda) / lambda^2 h(theta)
+    L(x, s) = (power / int |u|^2) W(x, s_par / lambda) / lambda^2 h(theta)
 
-in the aperture's own frame, for directions s on its +z side and zero on the other. W comes from
-the same kernel as :func:`polywigner.wigner`, traced into Mitsuba's render kernel.
+in the source's own frame, for directions s on its +z side and zero on the other. W comes from the
+same kernel as :func:`polywigner.wigner`, traced into Mitsuba's render kernel: that of apertures
+with any field, of arrays of any elements, or of equal elements on a lattice.
 
-Positions are drawn, and directions formed, in the aperture's frame: the reference point is brought
-there first. An aperture of some millimetres may then stand a hundred metres from the origin of the
-world, where single precision resolves hundredths of a millimetre, without losing its pattern. Rays
-that hit the mesh by chance carry their position as texture coordinates, for the same reason.
+Positions are relative to the middle of the source. They are drawn, and directions formed, in the
+source's frame: the reference point is brought there first. An aperture of some millimetres may then
+stand a hundred metres from the origin of the world, where single precision resolves hundredths of a
+millimetre, without losing its pattern. Rays that hit the mesh by chance carry their position as
+texture coordinates, for the same reason.
 """
 
 from __future__ import annotations
@@ -23,8 +25,7 @@ import numpy.typing as npt
 
 from polywigner.engines import ops_for
 from polywigner.errors import SceneError
-from polywigner.geometry import automean
-from polywigner.kernels import tables_of, wigner
+from polywigner.kernels import kernel_for
 from polywigner.mitsuba.obliquity import emission_factor
 from polywigner.mitsuba.parameters import EmitterSpec, check_range, rigid_pose
 from polywigner.mitsuba.sampling import cells_of
@@ -37,10 +38,12 @@ _PLACE_ERROR = 5e-7
 
 
 def world_positions(
-    points: npt.NDArray[np.float64], pose: npt.NDArray[np.float64]
+    points: npt.NDArray[np.float64],
+    pose: npt.NDArray[np.float64],
+    centre: npt.NDArray[np.float64],
 ) -> npt.NDArray[np.float32]:
-    """Points (n, 2) of the aperture's plane, in the scene (n, 3)."""
-    return (points @ pose[:3, :2].T + pose[:3, 3]).astype(np.float32)
+    """Points (n, 2) of the source's plane relative to its centre (2,), in the scene (n, 3)."""
+    return ((points + centre) @ pose[:3, :2].T + pose[:3, 3]).astype(np.float32)
 
 
 @cache
@@ -66,13 +69,15 @@ def emitter_class(variant: str) -> Any:
             self.wavelength = _adjustable(m, spec.wavelength)
             self.power = _adjustable(m, spec.power)
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-            support = automean(spec.aperture)
+            radiator = spec.radiator
             self._unit = spec.scene_unit
-            self._area = float(support.area) / self._unit**2
-            self._aperture_area = float(spec.aperture.area)
-            self._cells = cells_of(m, [ring / self._unit for ring in support.rings])
+            self._area = float(radiator.support.area) / self._unit**2
+            self._centre = radiator.centre / self._unit
+            self._cells = cells_of(m, [ring / self._unit for ring in radiator.support.rings])
             self._ops = ops_for(m.Float)
-            self._tables = tables_of(spec.aperture, double=self._ops.double)
+            source = radiator.centred
+            self._kernel = kernel_for("wigner", source)
+            self._tables = self._kernel.tables(source, self._ops.double)
             self._take_over()
 
         # ---- what a user may change ----------------------------------------------------------
@@ -92,9 +97,9 @@ def emitter_class(variant: str) -> Any:
             self._take_over()
             shape = self.get_shape()
             if "to_world" in keys and shape is not None:
-                _move(shape, rigid_pose(_matrix(self.to_world)))
+                _move(shape, rigid_pose(_matrix(self.to_world)), self._centre)
             elif "parent" in keys and shape is not None:
-                _check_place(shape, _matrix(self.to_world))
+                _check_place(shape, _matrix(self.to_world), self._centre)
 
         def _check_numbers(self) -> None:
             wavelength = _single(self.wavelength, "wavelength")
@@ -103,7 +108,7 @@ def emitter_class(variant: str) -> Any:
                 raise SceneError(f"expected a wavelength above zero, got {wavelength:.6g} m")
             if not power >= 0:
                 raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
-            check_range(self.spec.aperture, wavelength, power, self._unit)
+            check_range(self.spec.radiator, wavelength, power, self._unit)
 
         def _take_over(self) -> None:
             # Opaque: as literals, every new value would compile the render kernel again.
@@ -111,7 +116,9 @@ def emitter_class(variant: str) -> Any:
                 dr.make_opaque(self.wavelength, self.power)
             matrix = self.to_world.matrix
             columns = [m.Vector3f(*(matrix[row, col] for row in range(3))) for col in range(4)]
-            self._axes, self._origin = columns[:3], m.Point3f(columns[3])
+            self._axes = columns[:3]
+            cx, cy = self._centre.tolist()
+            self._origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
             if jit:
                 dr.make_opaque(self._axes, self._origin)
 
@@ -123,7 +130,7 @@ def emitter_class(variant: str) -> Any:
             Positions are in scene units, as everything that Mitsuba sees.
             """
             inverse = 1.0 / _value(self.wavelength, jit)
-            density = wigner(
+            (density,) = self._kernel(
                 self._ops,
                 self._tables,
                 x.x * self._unit,
@@ -133,7 +140,7 @@ def emitter_class(variant: str) -> Any:
             )
             front = direction.z > 0.0
             cosine = dr.select(front, direction.z, 1.0)
-            scale = _value(self.power, jit) * (inverse * inverse / self._aperture_area)
+            scale = _value(self.power, jit) * (inverse * inverse / self.spec.radiator.energy)
             value = scale * density * emission_factor(self.spec.obliquity, cosine)
             return dr.select(front, value, 0.0)
 
@@ -229,7 +236,7 @@ def emitter_class(variant: str) -> Any:
         def to_string(self) -> str:
             return (
                 f"WignerEmitter[\n  wavelength = {self.wavelength},\n  power = {self.power},\n"
-                f"  obliquity = {self.spec.obliquity},\n  area = {self._aperture_area}\n]"
+                f"  obliquity = {self.spec.obliquity},\n  source = {self.spec.source!r}\n]"
             )
 
     return WignerEmitter
@@ -262,22 +269,22 @@ def _matrix(transform: Any) -> list[list[float]]:
     ]
 
 
-def _move(shape: Any, pose: Any) -> None:
-    """Put the mesh where the emitter is; its texture coordinates are its own coordinates."""
+def _move(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
+    """Put the mesh where the emitter is; its texture coordinates are relative to the centre."""
     params = mi.traverse(shape)
     local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
-    params["vertex_positions"] = world_positions(local, pose).ravel().tolist()
+    params["vertex_positions"] = world_positions(local, pose, centre).ravel().tolist()
     params.update()
 
 
-def _check_place(shape: Any, pose: Any) -> None:
+def _check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
     """Raise SceneError where somebody has moved the mesh but not the emitter."""
     params = mi.traverse(shape)
     local, seen = (
         np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
         for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
     )
-    expected = world_positions(local, np.asarray(pose))
+    expected = world_positions(local, np.asarray(pose), centre)
     allowed = _PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
     if not np.abs(seen - expected).max() <= allowed:
         raise SceneError(

@@ -19,7 +19,10 @@ import numpy.typing as npt
 from polywigner import geometry
 from polywigner.errors import GeometryError, SceneError
 from polywigner.geometry import Aperture, read_aperture
+from polywigner.illumination import Array, read_source
+from polywigner.illumination.texts import FEEDING, fed
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
+from polywigner.mitsuba.radiator import Radiator, radiator_of
 from polywigner.mitsuba.sources import is_key, registered_source
 from polywigner.quantities import parse_frequency, parse_length, parse_power, wavelength_of
 
@@ -36,8 +39,10 @@ PARAMETERS = (
     "aperture",
     "unit",
     "tolerance",
+    "source",
     "frequency",
     "wavelength",
+    *FEEDING,
     "to_world",
     "power",
     "obliquity",
@@ -54,7 +59,7 @@ _LARGEST = math.log10(np.finfo(np.float32).max)
 class EmitterSpec:
     """What the emitter of one ``wigner`` shape needs, in SI units."""
 
-    aperture: Aperture
+    radiator: Radiator
     wavelength: float
     power: float
     pose: npt.NDArray[np.float64]
@@ -64,6 +69,11 @@ class EmitterSpec:
     """Metres."""
     sampling_weight: float = 1.0
 
+    @property
+    def source(self) -> Aperture | Array:
+        """What the scene asked for."""
+        return self.radiator.source
+
 
 def read_parameters(props: Any) -> EmitterSpec:
     """The checked parameters of a ``wigner`` shape from Mitsuba's ``Properties``.
@@ -71,21 +81,25 @@ def read_parameters(props: Any) -> EmitterSpec:
     Raises
     ------
     SceneError for an unknown, missing, doubled or unusable parameter; the errors of
-    :func:`polywigner.read_aperture` for a file.
+    :func:`polywigner.read_aperture` and :func:`polywigner.read_source` for a file, and those of
+    tapers, steering and layouts for their texts.
     """
     values = {name: props[name] for name in props.keys()}  # noqa: SIM118 (not a dict)
     _reject_unknown(values)
-    aperture = _aperture(values)
-    power = _number(values, "power", parse_power) if "power" in values else aperture.area
+    obliquity = check_obliquity(_text(values, "obliquity", OBLIQUITIES[0]))
+    given = _number(values, "power", parse_power) if "power" in values else None
     wavelength = _wavelength(values)
     scene_unit = _scene_unit(values.get("scene_unit", 1.0))
-    check_range(aperture, wavelength, power, scene_unit)
+    texts = {name: _text(values, name, None) for name in FEEDING if name in values}
+    radiator = radiator_of(fed(_source(values), texts, wavelength), obliquity)
+    power = radiator.energy if given is None else given
+    check_range(radiator, wavelength, power, scene_unit)
     return EmitterSpec(
-        aperture=aperture,
+        radiator=radiator,
         wavelength=wavelength,
         power=power,
         pose=rigid_pose(values["to_world"].matrix if "to_world" in values else np.eye(4)),
-        obliquity=check_obliquity(_text(values, "obliquity", OBLIQUITIES[0])),
+        obliquity=obliquity,
         scene_unit=scene_unit,
         sampling_weight=check_sampling_weight(values.get("sampling_weight", 1.0)),
     )
@@ -116,21 +130,21 @@ def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
 
 
 def check_range(
-    aperture: Aperture, wavelength: float, power: float, scene_unit: float = 1.0
+    radiator: Radiator, wavelength: float, power: float, scene_unit: float = 1.0
 ) -> None:
     """Raise SceneError where single precision cannot hold what the emitter computes.
 
     `wavelength` and `scene_unit` in metres, `power` in watts; none below zero.
     """
     # Logarithms, because the numbers themselves may leave double precision as well.
-    area, inverse_square = _exponent(aperture.area), -2 * _exponent(wavelength)
-    area_in_scene = area - 2 * _exponent(scene_unit)
+    energy, inverse_square = _exponent(radiator.energy), -2 * _exponent(wavelength)
+    area_in_scene = _exponent(radiator.support.area) - 2 * _exponent(scene_unit)
     radiance = _exponent(power) + inverse_square
     _fits("wavelength", f"{wavelength:.6g} m", -inverse_square / 2, inverse_square)
-    _fits("wavelength", f"{wavelength:.6g} m", inverse_square - area)
+    _fits("wavelength", f"{wavelength:.6g} m", inverse_square - energy)
     _fits("scene_unit", f"{scene_unit:.6g} m", area_in_scene)
     if power > 0:
-        steps = (radiance, radiance - area, radiance + area_in_scene)
+        steps = (radiance, radiance - energy, radiance + area_in_scene)
         _fits("power", f"{power:.6g} W", _exponent(power), *steps)
 
 
@@ -171,19 +185,29 @@ def _reject_unknown(values: dict[str, Any]) -> None:
             )
 
 
-def _aperture(values: dict[str, Any]) -> Aperture:
-    name = _text(values, "aperture", None)
+def _source(values: dict[str, Any]) -> Any:
+    """The source from its file, or from memory, before its taper and copies."""
+    given = [name for name in ("aperture", "source") if name in values]
+    if len(given) == 2:
+        raise SceneError(
+            "expected an aperture or a source of the wigner shape, got both; a source file can "
+            "take its outline from an aperture file"
+        )
+    name = _text(values, (given or ["aperture"])[0], None)
+    in_file = given == ["aperture"] and not is_key(name)
+    for key in ("unit", "tolerance"):
+        if key in values and not in_file:
+            kind = "an aperture from memory" if is_key(name) else "a source file"
+            raise SceneError(
+                f"expected no {key} with {kind}, got {values[key]!r}; its coordinates are in "
+                "metres already"
+            )
     if is_key(name):
-        for key in ("unit", "tolerance"):
-            if key in values:
-                raise SceneError(
-                    f"expected no {key} with an aperture from memory, got {values[key]!r}; its "
-                    "coordinates are in metres already"
-                )
         return registered_source(name)
     path = Path(str(mi.file_resolver().resolve(name)))
-    given = "tolerance" in values
-    tolerance = _number(values, "tolerance", parse_length) if given else None
+    if not in_file:
+        return read_source(path)
+    tolerance = _number(values, "tolerance", parse_length) if "tolerance" in values else None
     return read_aperture(path, unit=_text(values, "unit", "mm"), tolerance=tolerance)
 
 
@@ -221,7 +245,7 @@ def _text(values: dict[str, Any], name: str, default: str | None) -> str:
     if value is None:
         raise SceneError(
             f"expected the parameter {name!r} of a wigner shape, got none; give the file of an "
-            "aperture (GeoJSON, WKT, CSV, SVG or DXF)"
+            "aperture (GeoJSON, WKT, CSV, SVG or DXF), or a source file (TOML or JSON) as source"
         )
     if not isinstance(value, str):
         raise SceneError(

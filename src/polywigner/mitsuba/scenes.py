@@ -14,9 +14,11 @@ import numpy.typing as npt
 
 from polywigner.engines import llvm
 from polywigner.errors import EngineError, PolywignerError, SceneError
-from polywigner.geometry import Aperture
-from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.illumination import Array
+from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_range, check_sampling_weight, rigid_pose
+from polywigner.mitsuba.radiator import radiator_of
 from polywigner.mitsuba.shape import PLUGIN_NAME, original_error, register
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
@@ -29,7 +31,7 @@ _PLAIN_VARIANT = "scalar_rgb"
 
 
 def aperture(
-    source: Aperture | npt.ArrayLike,
+    source: Aperture | Array | npt.ArrayLike,
     wavelength: float,
     to_world: Any = None,
     obliquity: str = OBLIQUITIES[0],
@@ -38,17 +40,20 @@ def aperture(
     scene_unit: float = 1.0,
     sampling_weight: float = 1.0,
 ) -> dict[str, Any]:
-    """A coherent, uniformly lit aperture as an entry of a dictionary for ``mi.load_dict``.
+    """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
     Parameters
     ----------
-    source: an Aperture, or what makes one; coordinates in metres.
+    source: an Aperture with its field, or what makes one; or an Array of apertures in the plane
+        z = 0. Coordinates in metres.
     wavelength: metres.
     to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
         z = 0 of its own frame and radiates to +z. Default: none.
     obliquity: the diffraction integral that a floor parallel to the aperture receives:
-        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``.
-    power: watts, the integral of |u|^2 over the aperture. Default: |u| = 1, so the area in m^2.
+        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``; the
+        second and third not for apertures with a field of their own.
+    power: watts, the integral of |u|^2 over the source. Default: that of the field as it is, in
+        W/m^2: of a uniform aperture the area in m^2.
     bsdf: entry of the surface that radiates. Default: ``null``, which casts no shadow.
     scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation. Use
         1e-3 and a scene in millimetres when receivers stand within centimetres of the aperture.
@@ -60,18 +65,19 @@ def aperture(
     ------
     GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture):
+    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
         source = Aperture(source)
+    radiator = radiator_of(source, obliquity)
     entry: dict[str, Any] = {
         "type": PLUGIN_NAME,
-        "aperture": register_source(source),
+        "source": register_source(radiator.source),
         "wavelength": parse_length(wavelength),
-        "obliquity": check_obliquity(obliquity),
+        "obliquity": obliquity,
         "scene_unit": parse_length(scene_unit),
         "sampling_weight": check_sampling_weight(sampling_weight),
     }
-    watts = source.area if power is None else parse_power(power)
-    check_range(source, entry["wavelength"], watts, entry["scene_unit"])
+    watts = radiator.energy if power is None else parse_power(power)
+    check_range(radiator, entry["wavelength"], watts, entry["scene_unit"])
     if to_world is not None:
         pose = rigid_pose(getattr(to_world, "matrix", to_world))
         entry["to_world"] = mi.scalar_rgb.ScalarTransform4f(pose)

@@ -1,8 +1,9 @@
-"""The ``wigner`` shape: the automean of an aperture as a mesh that carries the emitter.
+"""The ``wigner`` shape: the mutual support of a source as a mesh that carries the emitter.
 
 A shape rather than an emitter, because in Mitsuba an emitter cannot make the surface it radiates
-from. The radiance lives on the automean, the mutual support {(a + b)/2 : a, b in the aperture}:
+from. The radiance lives on the automean, the mutual support {(a + b)/2 : a, b in the source}:
 for a convex aperture that is the aperture, for two slits it reaches into the gap between them.
+Where it would be costly the mesh is the convex hull around it, on the rest of which W is zero.
 
 The surface is there to be hit by rays, not to be seen: its BSDF is ``null`` unless the scene gives
 one. What Mitsuba's integrators make of that:
@@ -27,7 +28,7 @@ from typing import Any
 import mitsuba as mi
 
 from polywigner.errors import PolywignerError
-from polywigner.geometry import automean, triangulate
+from polywigner.geometry import triangulate
 from polywigner.mitsuba.emitter import emitter_class, world_positions
 from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
 
@@ -74,7 +75,7 @@ def _build(variant: str, props: Any) -> Any:
 
 def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
     m = getattr(mi, variant)
-    vertices, triangles = triangulate(automean(spec.aperture))
+    vertices, triangles = triangulate(spec.radiator.support)
     vertices = vertices / spec.scene_unit
     inner = mi.Properties(PLUGIN_NAME)
     inner.set_id(props.id())
@@ -93,7 +94,11 @@ def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
     )
     params = mi.traverse(mesh)
     # Lists: Dr.Jit would go on using NumPy's memory, whose alignment enters the kernels.
-    params["vertex_positions"] = world_positions(vertices, spec.pose).ravel().tolist()
+    params["vertex_positions"] = (
+        world_positions(vertices, spec.pose, spec.radiator.centre / spec.scene_unit)
+        .ravel()
+        .tolist()
+    )
     params["vertex_texcoords"] = vertices.ravel().tolist()
     params["faces"] = triangles.ravel().tolist()
     params.update()

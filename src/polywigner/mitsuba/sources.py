@@ -1,7 +1,7 @@
-"""Apertures handed to scenes from memory.
+"""Apertures and arrays handed to scenes from memory.
 
-Mitsuba's scene dictionaries and files carry numbers and strings, no Python objects. An aperture
-is therefore kept here under a key made of its content, and the scene carries the key.
+Mitsuba's scene dictionaries and files carry numbers and strings, no Python objects. A source is
+therefore kept here under a key made of its content, and the scene carries the key.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from collections import OrderedDict
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.illumination.files.encoding import json_of, table_of
 
 __all__ = ["CAPACITY", "KEY_PREFIX", "is_key", "register_source", "registered_source"]
 
@@ -21,32 +23,29 @@ KEY_PREFIX = "memory:"
 # needs its key only while it is being loaded.
 CAPACITY = 1024
 
-_sources: OrderedDict[str, Aperture] = OrderedDict()
+_sources: OrderedDict[str, Aperture | Array] = OrderedDict()
 _lock = threading.Lock()
 
 
-def register_source(aperture: Aperture) -> str:
-    """The key under which scenes find this aperture; equal apertures share one.
+def register_source(source: Aperture | Array) -> str:
+    """The key under which scenes find this aperture or array; equal ones share one.
 
-    The last 1024 apertures are kept. Use the key as the parameter ``aperture`` of a ``wigner``
-    shape, in a dictionary or in XML.
+    The last 1024 sources are kept. Use the key as the parameter ``source`` (or ``aperture``) of a
+    ``wigner`` shape, in a dictionary or in XML.
 
     Raises
     ------
-    SceneError for anything but an Aperture.
+    SceneError for anything but an Aperture or an Array.
     """
-    if not isinstance(aperture, Aperture):
+    if not isinstance(source, Aperture | Array):
         raise SceneError(
-            f"expected an Aperture, got {type(aperture).__name__}; make one with "
+            f"expected an Aperture or an Array, got {type(source).__name__}; make one with "
             "polywigner.Aperture(vertices)"
         )
-    digest = hashlib.sha256()
-    for ring in aperture.rings:
-        digest.update(ring.tobytes())
-        digest.update(b"|")
-    key = KEY_PREFIX + digest.hexdigest()[:24]
+    content = json_of(table_of(source))  # all that makes it up, to the last digit
+    key = KEY_PREFIX + hashlib.sha256(content.encode()).hexdigest()[:24]
     with _lock:
-        _sources[key] = aperture
+        _sources[key] = source
         _sources.move_to_end(key)
         while len(_sources) > CAPACITY:
             _sources.popitem(last=False)
@@ -54,17 +53,17 @@ def register_source(aperture: Aperture) -> str:
 
 
 def is_key(name: str) -> bool:
-    """Whether the parameter ``aperture`` is a key rather than a file."""
+    """Whether the parameter ``aperture`` or ``source`` is a key rather than a file."""
     return name.startswith(KEY_PREFIX)
 
 
-def registered_source(key: str) -> Aperture:
-    """The aperture of a key, or a SceneError."""
+def registered_source(key: str) -> Aperture | Array:
+    """The source of a key, or a SceneError."""
     with _lock:
-        aperture = _sources.get(key)
-    if aperture is None:
+        source = _sources.get(key)
+    if source is None:
         raise SceneError(
-            f"expected the key of an aperture in this process, got {key!r}; make the scene entry "
+            f"expected the key of a source in this process, got {key!r}; make the scene entry "
             "with polywigner.mitsuba.aperture(...) shortly before loading the scene"
         )
-    return aperture
+    return source

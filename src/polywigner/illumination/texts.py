@@ -1,0 +1,204 @@
+"""Tapers, steering and layouts as scenes and the command line write them: in a few words.
+
+What a source file says in tables, for the commonest cases: ``taper = "taylor 30 dB"``,
+``array = "12 x 16, 2 mm"``, ``window = "taylor 25 dB"``, ``steering = "20 deg, 90 deg"`` and
+``focus = "0 mm, 0 mm, 80 mm"``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, QuantityError
+from polywigner.geometry import Aperture
+from polywigner.illumination import layouts, tapers
+from polywigner.illumination.array import Array, phased_array
+from polywigner.illumination.directions import unit_vector
+from polywigner.illumination.files.values import at, shown
+from polywigner.illumination.waves import Illumination
+from polywigner.illumination.weights import focusing_weights, steering_weights, window_weights
+from polywigner.quantities import parse_angle, parse_coordinate, parse_length
+
+__all__ = ["FEEDING", "fed"]
+
+FEEDING = ("taper", "array", "window", "steering", "focus")
+"""What :func:`fed` knows."""
+
+_LONGEST = 100
+_DECIBELS = r"(?:\s+(?P<sll>\d+(?:\.\d*)?)\s*dB(?:\s+(?P<nbar>\d{1,3}))?)?"
+_TAPER = re.compile(
+    r"(?:(?P<cosine>cosine)(?:\s*(?P<power>\d{1,2}))?|te(?P<m>\d)(?P<n>\d)|(?P<taylor>taylor)"
+    rf"{_DECIBELS})(?:\s+(?P<axis>[xy]))?",
+    re.IGNORECASE,
+)
+_LAYOUT = re.compile(r"(triangular\s+)?(\d{1,7})\s*[x×]\s*(\d{1,7})", re.IGNORECASE)
+_WINDOW = re.compile(rf"(?P<name>[a-z]+){_DECIBELS}", re.IGNORECASE)
+
+
+def fed(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
+    """A source with the field, the copies and the weights that texts describe.
+
+    Parameters
+    ----------
+    source
+        An Aperture; for `steering` and `focus` alone also a phased array.
+    texts
+        Any of these:
+
+        - `taper`: the field of an aperture, over its bounds: "cosine", "cosine 2" (squared),
+          "te10" (TE_mn by its digits, E_y if it has one), "taylor 30 dB", "taylor 40 dB 7" (with
+          n-bar); the first and the last may end in " x" or " y": along this axis only
+        - `array`: so many copies: "12 x 16, 2 mm", "12 x 16, 2 mm, 1.9 mm" (pitch along y),
+          "triangular 12 x 16, 2 mm"; centred where the aperture is
+        - `window`: amplitudes of the copies: "taylor 25 dB", "chebyshev 30 dB", "hamming"
+        - `steering`: a beam towards (theta, phi): "20 deg", "20 deg, 90 deg"; of an array by the
+          weights of its elements, of an aperture by its field
+        - `focus`: a point (x, y, z) at which the waves of all elements are in phase
+    wavelength
+        In metres, for steering and focus.
+
+    Raises
+    ------
+    QuantityError for a text that does not say such a thing; ArgumentError where the source is none
+    for it, and for numbers out of range; MissingExtraError for a window without scipy. The message
+    begins with the key.
+    """
+    aperture_only = [name for name in ("taper", "array") if name in texts]
+    if aperture_only and not isinstance(source, Aperture):
+        raise ArgumentError(
+            f"{aperture_only[0]}: expected an aperture for it, got {type(source).__name__}; write "
+            "it into the source file"
+        )
+    if "window" in texts and "array" not in texts:
+        raise ArgumentError("window: expected an array for it, got none; give array as well")
+    if "taper" in texts:
+        with at("taper"):
+            source = _times(source, _taper(texts["taper"], source))
+    if "array" in texts:
+        source = _array(source, texts)
+    for name in ("steering", "focus"):
+        if name in texts:
+            with at(name):
+                source = _turned(source, name, texts[name], wavelength)
+    return source
+
+
+def _taper(text: str, aperture: Aperture) -> Illumination:
+    match = _matched(_TAPER, text, "a taper", "cosine", "cosine 2", "te10", "taylor 30 dB")
+    xmin, ymin, xmax, ymax = aperture.bounds
+    width: float | None = xmax - xmin
+    height: float | None = ymax - ymin
+    if match["m"]:
+        if match["axis"]:
+            raise QuantityError(f"expected a mode without an axis, got {shown(text)}")
+        m, n = int(match["m"]), int(match["n"])
+        field = tapers.te_mode(xmax - xmin, ymax - ymin, m, n, "y" if m else "x")
+        return field.moved(aperture.centre)
+    axis = (match["axis"] or "").lower()
+    width, height = (None if axis == "y" else width), (None if axis == "x" else height)
+    if match["cosine"]:
+        power = int(match["power"] or 1)
+        return tapers.cosine_taper(width, height, power).moved(aperture.centre)
+    return tapers.taylor_taper(width, height, **_sidelobes(match)).moved(aperture.centre)
+
+
+def _sidelobes(match: re.Match[str]) -> dict[str, Any]:
+    given: dict[str, Any] = {}
+    if match["sll"]:
+        given["sll"] = float(match["sll"])
+    if match["nbar"]:
+        given["nbar"] = int(match["nbar"])
+    return given
+
+
+def _array(aperture: Aperture, texts: Mapping[str, str]) -> Array:
+    with at("array"):
+        positions, shape = _layout(texts["array"])
+    weights = None
+    if "window" in texts:
+        with at("window"):
+            match = _matched(_WINDOW, texts["window"], "a window", "taylor 25 dB", "hamming")
+            weights = window_weights(shape, match["name"].lower(), **_sidelobes(match))
+    return phased_array(aperture, positions, weights)
+
+
+def _layout(text: str) -> tuple[NDArray[np.float64], tuple[int, int]]:
+    count, *pitches = _parts(text)
+    match = _LAYOUT.fullmatch(count)
+    if match is None or len(pitches) not in (1, 2):
+        raise QuantityError(
+            f'expected an array such as "12 x 16, 2 mm" or "12 x 16, 2 mm, 1.9 mm", got '
+            f"{shown(text)}; give the elements along x and y, and their distances"
+        )
+    layout = layouts.triangular_positions if match[1] else layouts.grid_positions
+    shape = int(match[2]), int(match[3])
+    return layout(*shape, *(parse_length(pitch) for pitch in pitches)), shape
+
+
+def _turned(source: Any, name: str, text: str, wavelength: float | None) -> Any:
+    if wavelength is None:
+        raise ArgumentError("expected a frequency or a wavelength with it, got none")
+    array = isinstance(source, Array)
+    if array and source.repeated is None:
+        raise ArgumentError(
+            "expected an aperture or a phased array of equal elements, got an array of any "
+            "elements; give their weights in the source file"
+        )
+    if not array and name == "focus":
+        raise ArgumentError("expected an array to focus, got an aperture; give array as well")
+    if name == "focus":
+        return _times(source, focusing_weights(source.repeated[1], _point(text), wavelength))
+    direction = _direction(text)
+    if array:
+        return _times(source, steering_weights(source.repeated[1], direction, wavelength))
+    return _times(source, tapers.steering(direction, wavelength))
+
+
+def _times(source: Any, factor: Any) -> Any:
+    """The source with its field times an Illumination, or its weights times others."""
+    if isinstance(source, Array):
+        assert source.repeated is not None
+        return phased_array(*source.repeated, source.weights * factor)
+    own = source.illumination
+    return source.with_illumination(factor if own is None else own * factor)
+
+
+def _direction(text: str) -> NDArray[np.float64]:
+    angles = _parts(text)
+    if len(angles) not in (1, 2):
+        raise QuantityError(
+            'expected a direction such as "20 deg" or "20 deg, 90 deg" (from the normal, and '
+            f"around it from x), got {shown(text)}"
+        )
+    theta, phi = (parse_angle(angle) for angle in (*angles, "0 deg")[:2])
+    sine = math.sin(theta)
+    return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
+
+
+def _point(text: str) -> list[float]:
+    lengths = _parts(text)
+    if len(lengths) != 3:
+        raise QuantityError(
+            f'expected three lengths such as "0 mm, 0 mm, 80 mm", got {shown(text)}'
+        )
+    return [parse_coordinate(length) for length in lengths]
+
+
+def _parts(text: str) -> list[str]:
+    if len(text) > _LONGEST:
+        raise QuantityError(f"expected up to {_LONGEST} characters, got {shown(text)}")
+    return [part.strip() for part in text.split(",")]
+
+
+def _matched(pattern: re.Pattern[str], text: str, what: str, *examples: str) -> re.Match[str]:
+    match = pattern.fullmatch(text.strip()) if len(text) <= _LONGEST else None
+    if match is None:
+        listed = ", ".join(f'"{example}"' for example in examples)
+        raise QuantityError(f"expected {what} such as {listed}, got {shown(text)}")
+    return match

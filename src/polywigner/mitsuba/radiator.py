@@ -1,0 +1,98 @@
+"""A source as the emitter sees it: centred, with its energy and the region that radiates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import PolywignerError, SceneError
+from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.illumination import Array
+from polywigner.illumination.support import moved_source, mutual_support
+from polywigner.mitsuba.obliquity import check_obliquity
+from polywigner.transforms import lag_marginal
+
+__all__ = ["Radiator", "radiator_of"]
+
+_OF_ANY_FIELD = ("rayleigh-sommerfeld-1", "paper")
+"""Obliquities that do not depend on the directions of the waves on an aperture."""
+
+
+@dataclass(frozen=True, eq=False)
+class Radiator:
+    """A source in the plane and what an emitter has to know of it, in SI units."""
+
+    source: Aperture | Array
+    centre: npt.NDArray[np.float64]
+    """(2,), of the region that radiates, read-only."""
+    support: Aperture
+    """A region relative to the centre outside of which W is zero."""
+    energy: float
+    """int |u|^2 dx, in m^2 for fields of unit 1."""
+
+    @property
+    def centred(self) -> Aperture | Array:
+        """The source relative to the centre.
+
+        Single precision resolves positions by 6e-8 of their distance from the origin, which should
+        not be more than the size of the source.
+        """
+        return moved_source(self.source, -self.centre)
+
+
+def radiator_of(source: Any, obliquity: str) -> Radiator:
+    """An aperture, or an array of apertures in the plane z = 0, prepared for an emitter.
+
+    Raises SceneError for other sources, for those whose field is zero, and for an obliquity that is
+    not known for their fields.
+    """
+    if not isinstance(source, Aperture | Array):
+        raise SceneError(
+            "expected an aperture, or an array of apertures in one plane, to radiate in a scene, "
+            f"got {type(source).__name__}; {_advice(source)}"
+        )
+    check_obliquity(obliquity)
+    try:
+        radiator = _prepared(source)
+    except PolywignerError as error:
+        raise SceneError(str(error)) from None
+    if _is_illuminated(source) and obliquity not in _OF_ANY_FIELD:
+        raise SceneError(
+            f"expected the obliquity {' or '.join(_OF_ANY_FIELD)} for an aperture with a taper or "
+            f"steering of its own, got {obliquity!r}, which differs from wave to wave; arrays that "
+            "weights steer take any"
+        )
+    return radiator
+
+
+# A scene entry is checked when it is made, and read when the scene is loaded.
+@lru_cache(maxsize=16)
+def _prepared(source: Aperture | Array) -> Radiator:
+    support = mutual_support(source)
+    return Radiator(source, support.centre, support.moved(-support.centre), _energy(source))
+
+
+def _advice(source: Any) -> str:
+    if isinstance(source, PlacedAperture):
+        return "leave its pose out, and give it as the to_world of the shape"
+    return "make rectangles of slits" if type(source).__name__ == "Slits" else "use an aperture"
+
+
+def _is_illuminated(source: Aperture | Array) -> bool:
+    elements = (source,) if isinstance(source, Aperture) else source.coplanar
+    return any(element.illumination is not None for element in elements)
+
+
+def _energy(source: Aperture | Array) -> float:
+    if isinstance(source, Aperture) and source.illumination is None:
+        return source.area
+    energy = float(lag_marginal(source, (0.0, 0.0), engine="numpy").real)
+    if not energy > 0:
+        raise SceneError(
+            "expected a source with a field, got elements that cancel each other everywhere"
+        )
+    return energy
