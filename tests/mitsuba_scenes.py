@@ -24,6 +24,10 @@ MONO = pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)
 RGB = pytest.param("llvm_ad_rgb", marks=pytest.mark.llvm)
 SPECTRAL = pytest.param("llvm_ad_spectral", marks=pytest.mark.llvm)
 CUDA = pytest.param("cuda_ad_mono", marks=pytest.mark.cuda)
+# |W| is at most 4 areas; float32 kernels are good to 5e-6 areas, and frequencies formed in float32
+# turn the phase by 1e-7 of some tens of turns.
+RADIANCE_ERROR = 2e-5
+
 VARIANTS = ["scalar_rgb", MONO, RGB, SPECTRAL, CUDA]
 
 
@@ -90,7 +94,9 @@ def floor_scene(
     )
 
 
-def light(source: pw.Aperture = SQUARE, wavelength: float = WAVELENGTH, **more: Any) -> Any:
+def light(
+    source: pw.Aperture | pw.Array = SQUARE, wavelength: float = WAVELENGTH, **more: Any
+) -> Any:
     """A scene entry; the scene is in millimetres."""
     import polywigner.mitsuba as pwm
 
@@ -105,3 +111,53 @@ def emitter_of(entry: dict[str, Any]) -> Any:
     emitter = scene.emitters()[0]
     emitter.kept_scene = scene
     return emitter
+
+
+def draws(count: int, within: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 2) in a square, and directions (n, 3) on the +z side down to 80 degrees."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-within, within, (count, 2))
+    cosine, azimuth = rng.uniform(0.17, 1.0, count), rng.uniform(0, 2 * np.pi, count)
+    sine = np.sqrt(1 - cosine**2)
+    return x, np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
+
+
+def vectors(mi: Any, kind: str, values: np.ndarray) -> Any:
+    """Points or vectors (n, d) as one array of the variant; (d,) in scalar variants."""
+    make = getattr(mi, f"{kind}{values.shape[-1]}f")
+    if mi.variant().startswith("scalar"):
+        return make(*values.tolist())
+    return make(*(mi.Float(column.tolist()) for column in values.T))
+
+
+def evaluated(mi: Any, emitter: Any, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Radiance (n, channels) at positions (mm) for directions in the frame of the scene."""
+    if mi.variant().startswith("scalar") and x.ndim == 2:
+        rows = [evaluated(mi, emitter, a, b) for a, b in zip(x, direction, strict=True)]
+        return np.concatenate(rows)
+    si = mi.SurfaceInteraction3f() if x.ndim == 1 else _zeros(mi)
+    si.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
+    si.uv = vectors(mi, "Point", x)
+    si.wi = si.sh_frame.to_local(vectors(mi, "Vector", direction))
+    value = np.array(emitter.eval(si, True), dtype=float)
+    return value.reshape(1, -1) if x.ndim == 1 else value.T
+
+
+def _zeros(mi: Any) -> Any:
+    import drjit as dr
+
+    return dr.zeros(mi.SurfaceInteraction3f)
+
+
+def uniform(mi: Any, count: int, dimensions: int, seed: int) -> Any:
+    return vectors(mi, "Point", np.random.default_rng(seed).uniform(size=(count, dimensions)))
+
+
+def propagating_part(source: pw.Aperture | pw.Array) -> float:
+    """int |F|^2 over |nu| < 1/lambda, by Gauss-Legendre in polar coordinates."""
+    t, w = np.polynomial.legendre.leggauss(200)
+    radius, weight = (t + 1) / 2 / WAVELENGTH, w / 2 / WAVELENGTH
+    angle = np.arange(400) * (2 * np.pi / 400)  # periodic: the rectangle rule converges fast
+    nu = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    density = np.abs(pw.fourier(source, nu)) ** 2
+    return float((density.mean(axis=1) * 2 * np.pi * radius * weight).sum())

@@ -12,22 +12,24 @@ from mitsuba_scenes import (
     CHEVRON,
     MILLIMETRE,
     MONO,
+    RADIANCE_ERROR,
     RGB,
     SPECTRAL,
     SQUARE,
     VARIANTS,
     WAVELENGTH,
+    draws,
     emitter_of,
+    evaluated,
     light,
     pose,
+    propagating_part,
+    uniform,
     use,
+    vectors,
 )
 
 pytestmark = pytest.mark.drjit
-
-# |W| is at most 4 areas; float32 kernels are good to 5e-6 areas, and frequencies formed in float32
-# turn the phase by 1e-7 of some tens of turns.
-RADIANCE_ERROR = 2e-5
 
 # What h(theta) is for each name, written out.
 FACTORS = {
@@ -36,46 +38,6 @@ FACTORS = {
     "rayleigh-sommerfeld-2": lambda c: 1 / c**2,
     "paper": lambda c: 1 / c,
 }
-
-
-def draws(count: int, within: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n, 2) in a square, and directions (n, 3) on the +z side down to 80 degrees."""
-    rng = np.random.default_rng(seed)
-    x = rng.uniform(-within, within, (count, 2))
-    cosine, azimuth = rng.uniform(0.17, 1.0, count), rng.uniform(0, 2 * np.pi, count)
-    sine = np.sqrt(1 - cosine**2)
-    return x, np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=-1)
-
-
-def vectors(mi: Any, kind: str, values: np.ndarray) -> Any:
-    """Points or vectors (n, d) as one array of the variant; (d,) in scalar variants."""
-    make = getattr(mi, f"{kind}{values.shape[-1]}f")
-    if mi.variant().startswith("scalar"):
-        return make(*values.tolist())
-    return make(*(mi.Float(column.tolist()) for column in values.T))
-
-
-def evaluated(mi: Any, emitter: Any, x: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Radiance (n, channels) at positions (mm) for directions in the frame of the scene."""
-    if mi.variant().startswith("scalar") and x.ndim == 2:
-        rows = [evaluated(mi, emitter, a, b) for a, b in zip(x, direction, strict=True)]
-        return np.concatenate(rows)
-    si = mi.SurfaceInteraction3f() if x.ndim == 1 else _zeros(mi)
-    si.sh_frame = mi.Frame3f(mi.Vector3f(0, 0, 1))
-    si.uv = vectors(mi, "Point", x)
-    si.wi = si.sh_frame.to_local(vectors(mi, "Vector", direction))
-    value = np.array(emitter.eval(si, True), dtype=float)
-    return value.reshape(1, -1) if x.ndim == 1 else value.T
-
-
-def _zeros(mi: Any) -> Any:
-    import drjit as dr
-
-    return dr.zeros(mi.SurfaceInteraction3f)
-
-
-def uniform(mi: Any, count: int, dimensions: int, seed: int) -> Any:
-    return vectors(mi, "Point", np.random.default_rng(seed).uniform(size=(count, dimensions)))
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -186,16 +148,6 @@ def test_positions_have_the_density_of_the_automean(variant: str) -> None:
     assert np.array(emitter.get_shape().surface_area(), dtype=float).item() == pytest.approx(
         area, rel=1e-5
     )
-
-
-def propagating_part(source: pw.Aperture) -> float:
-    """int |F|^2 over |nu| < 1/lambda, by Gauss-Legendre in polar coordinates."""
-    t, w = np.polynomial.legendre.leggauss(200)
-    radius, weight = (t + 1) / 2 / WAVELENGTH, w / 2 / WAVELENGTH
-    angle = np.arange(400) * (2 * np.pi / 400)  # periodic: the rectangle rule converges fast
-    nu = radius[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    density = np.abs(pw.fourier(source, nu)) ** 2
-    return float((density.mean(axis=1) * 2 * np.pi * radius * weight).sum())
 
 
 def test_the_square_of_ten_millimetres_keeps_6_62_percent_to_itself() -> None:

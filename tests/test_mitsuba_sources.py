@@ -1,0 +1,208 @@
+"""Tapered, steered and arrayed sources in scenes: radiance, power, and the floor they light."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import (
+    MILLIMETRE,
+    MONO,
+    RADIANCE_ERROR,
+    WAVELENGTH,
+    draws,
+    emitter_of,
+    evaluated,
+    floor_scene,
+    light,
+    pose,
+    propagating_part,
+    uniform,
+    use,
+)
+from polywigner.errors import SceneError
+from polywigner.illumination.support import mutual_support
+
+pytestmark = pytest.mark.drjit
+
+BEAM = np.array([np.sin(np.radians(20)), 0.0, np.cos(np.radians(20))])
+PATCH = pw.shapes.rectangle(1.2e-3, 1.0e-3)
+HORN = pw.shapes.rectangle(10e-3, 8e-3).with_illumination(pw.te_mode(10e-3, 8e-3))
+
+
+def lattice(nx: int, ny: int, at: float = 0.0, element: pw.Aperture = PATCH) -> pw.Array:
+    """Patches at 1.9 mm with Taylor weights, steered to 20 degrees; at a place in the plane."""
+    places = pw.arrays.grid_positions(nx, ny, 1.9e-3)
+    weights = pw.arrays.window_weights((nx, ny), "taylor", sll=25)
+    weights = weights * pw.arrays.steering_weights(places, BEAM, WAVELENGTH)
+    return pw.phased_array(element, places + at, weights)
+
+
+def any_elements() -> pw.Array:
+    """Different elements at different places, one turned, one with a field of its own."""
+    turned = pw.shapes.triangle(3e-3, 2e-3).placed(
+        [[0.6, -0.8, 0, 3e-3], [0.8, 0.6, 0, 1e-3], [0, 0, 1, 0], [0, 0, 0, 1]]
+    )
+    tapered = pw.shapes.square(2e-3).with_illumination(pw.cosine_taper(2e-3)).moved([-2e-3, 0])
+    return pw.Array([turned, tapered, pw.shapes.square(1e-3).moved([0, -3e-3])], [1, 1j, -0.5])
+
+
+SOURCES = {
+    "TE10": HORN,
+    "steered": pw.shapes.chevron(10e-3, 10e-3, 4e-3).with_illumination(
+        pw.steering(BEAM, WAVELENGTH)
+    ),
+    "tapered and steered": pw.shapes.rectangle(10e-3, 4e-3).with_illumination(
+        pw.taylor_taper(10e-3) * pw.steering(BEAM, WAVELENGTH)
+    ),
+    "lattice": lattice(12, 16),
+    "lattice of 1024 half a metre away": lattice(32, 32, at=0.5),
+    "lattice of TE10": lattice(4, 3, element=PATCH.with_illumination(pw.te_mode(1.2e-3, 1e-3))),
+    "focused": pw.phased_array(
+        PATCH,
+        pw.arrays.grid_positions(5, 4, 1.9e-3),
+        pw.arrays.focusing_weights(
+            pw.arrays.grid_positions(5, 4, 1.9e-3), (0, 0, 0.02), WAVELENGTH
+        ),
+    ),
+    "any elements": any_elements(),
+}
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+@pytest.mark.parametrize("name", SOURCES)
+def test_the_radiance_is_that_of_the_wigner_function_with_complex_fields(
+    name: str, variant: str
+) -> None:
+    mi = use(variant)
+    source = SOURCES[name]
+    emitter = emitter_of(light(source, power=3.0))
+    radiator = emitter.spec.radiator
+    within, direction = draws(20 if variant == "scalar_rgb" else 1000, 1.0)
+    x = within * np.array(radiator.support.bounds[2:])
+    seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
+    energy = pw.lag_marginal(source, (0.0, 0.0)).real
+    nu = direction[:, :2] / WAVELENGTH
+    expected = pw.wigner(source, x + radiator.centre, nu, engine="numpy")
+    expected *= 3.0 / energy / WAVELENGTH**2
+    assert np.abs(seen - expected[:, None]).max() < RADIANCE_ERROR * 4 * 3.0 / WAVELENGTH**2
+    assert expected.min() < 0 < expected.max()
+
+
+@pytest.mark.parametrize(
+    "source",
+    [HORN, lattice(4, 3), any_elements(), SOURCES["tapered and steered"]],
+    ids=["TE10", "lattice", "any elements", "tapered and steered"],
+)
+def test_the_emitted_power_is_that_of_the_far_field(
+    source: pw.Aperture | pw.Array, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    count = 2**20
+    emitter = emitter_of(light(source, to_world=pose(about_x=0.7)))
+    _, weight = emitter.sample_ray(
+        0.0, 0.5, uniform(mi, count, 2, seed=1), uniform(mi, count, 2, seed=2), True
+    )
+    samples = np.array(weight, dtype=float).ravel() * MILLIMETRE**2
+    error = samples.std() / np.sqrt(count)
+    if isinstance(source, pw.Array):  # for nu of two components
+        source = pw.Array(source.coplanar, source.weights)
+    expected = propagating_part(source)
+    assert error < 0.03 * expected
+    assert abs(samples.mean() - expected) < 4 * error
+
+
+def test_a_steered_array_throws_its_beam_where_theory_says(llvm: object) -> None:
+    """On the floor at a distance d, 20 degrees off the axis: at x = d tan 20."""
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    distance, columns = 100 * WAVELENGTH / MILLIMETRE, 101
+    scene = floor_scene(
+        {"array": light(lattice(12, 16))}, distance=distance, columns=columns, rows=1
+    )
+    image = pwm.render(scene, spp=1024)[0, ::-1, 0].astype(float)
+    x = ((np.arange(columns) + 0.5) / columns - 0.5) * 4 * distance
+    lit = image > 0.5 * image.max()
+    centroid = (image * x)[lit].sum() / image[lit].sum()
+    assert centroid == pytest.approx(distance * np.tan(np.radians(20)), abs=0.02 * distance)
+
+
+def test_the_floor_under_a_te10_horn_shows_the_integral_of_its_wigner_function(
+    llvm: object,
+) -> None:
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+    import render_reference as reference
+
+    columns, z = 41, 5 * WAVELENGTH
+    scene = floor_scene({"horn": light(HORN)}, distance=z / MILLIMETRE, columns=columns, rows=1)
+    points = reference.pixel_points(columns, 2 * z, z, per_side=2)
+    expected = reference.mean_over_pixels(reference.wigner_floor(HORN, points, WAVELENGTH))
+    runs = np.array(
+        [np.pi * pwm.render(scene, spp=512, seed=k)[0, ::-1, 0].astype(float) for k in range(8)]
+    )
+    mean, error = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    # with 8 runs the squared ratio has mean 7/5; its average over 41 pixels stays below this
+    assert np.mean(((mean - expected) / error) ** 2) < 2.5
+    assert np.abs(mean - expected).mean() < 0.01 * expected.max()
+
+
+@pytest.mark.parametrize("obliquity", ["kirchhoff", "rayleigh-sommerfeld-2"])
+def test_an_obliquity_that_differs_from_wave_to_wave_is_refused(obliquity: str) -> None:
+    import polywigner.mitsuba as pwm
+
+    for source in (HORN, SOURCES["lattice of TE10"], any_elements()):
+        with pytest.raises(SceneError, match=f"rayleigh-sommerfeld-1 or paper.*{obliquity}"):
+            pwm.aperture(source, WAVELENGTH, obliquity=obliquity)
+        assert pwm.aperture(source, WAVELENGTH, obliquity="paper")
+    assert pwm.aperture(lattice(3, 3), WAVELENGTH, obliquity=obliquity)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        (pw.Slits([[0, 1e-3]]), "Slits; make rectangles"),
+        (pw.Array([pw.Slits([[0, 1e-3]])]), "apertures.*Slits"),
+        (PATCH.placed(np.eye(4)), "PlacedAperture; leave its pose out"),
+        (pw.Array([PATCH.placed(pose((0, 0, 1.0))), PATCH]), "one plane, got one at z = 1"),
+        (pw.Array([PATCH, PATCH], [1, -1]), "cancel each other everywhere"),
+    ],
+)
+def test_a_source_that_cannot_radiate_in_a_scene_is_refused(source: object, words: str) -> None:
+    import polywigner.mitsuba as pwm
+
+    with pytest.raises(SceneError, match=words):
+        pwm.aperture(source, WAVELENGTH)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("source", "exact"),
+    [
+        (lattice(4, 5), True),
+        (pw.phased_array(pw.shapes.square(5e-4), pw.arrays.grid_positions(5, 6, 1.9e-3)), True),
+        (pw.phased_array(PATCH, pw.arrays.triangular_positions(4, 5, 2e-3)), True),
+        (any_elements(), True),
+        (pw.phased_array(pw.shapes.square(5e-4), pw.arrays.grid_positions(32, 32, 2e-3)), False),
+        (
+            pw.phased_array(
+                PATCH, np.random.default_rng(0).uniform(-0.03, 0.03, (50, 2))
+            ),
+            False,
+        ),
+        (pw.phased_array(PATCH, pw.arrays.ring_positions([3e-3], [9])), True),
+    ],
+    ids=["dense", "sparse", "triangular", "any", "1024", "irregular", "ring"],
+)  # fmt: skip
+def test_a_source_radiates_from_its_mutual_support_or_from_the_hull_around_it(
+    source: pw.Array, exact: bool
+) -> None:
+    region = mutual_support(source).polygons
+    hull = source.support.polygons.convex_hull
+    assert hull.buffer(1e-12).contains(region)
+    if not exact:
+        assert region.area == pytest.approx(hull.area, rel=1e-12)
+        return
+    whole = pw.automean(source.support).polygons
+    assert region.symmetric_difference(whole).area < 1e-9 * whole.area
