@@ -122,6 +122,13 @@ def test_a_bad_aperture_file_is_refused(
         (["--unit", "-1 mm"], ["unit", "-1 mm"]),
         (["--tolerance", "0 mm"], ["above zero", "0 mm"]),
         (["--tolerance", "coarse"], ["length", "coarse"]),
+        (["--taper", "gauss"], ["taper: expected a taper", "gauss"]),
+        (["--array", "12 by 16"], ["array: expected an array", "12 by 16"]),
+        (["--array", "2 x 2, 12 mm", "--window", "boxcar"], ["window: expected one", "boxcar"]),
+        (["--window", "hamming"], ["window: expected an array"]),
+        (["--steering", "20 deg"], ["steering: expected a frequency or a wavelength"]),
+        (["--steering", "20", "--frequency", "94 GHz"], ["steering: expected a direction", "90"]),
+        (["--focus", "0, 0, 1", "--frequency", "94 GHz"], ["focus: expected an array"]),
         (["--frequency", "94 GHy"], ["94 GHy", "GHz"]),
         (["--frequency", "0 GHz"], ["above zero", "0 GHz"]),
         (["--frequency", "-94 GHz"], ["above zero", "-94 GHz"]),
@@ -146,6 +153,28 @@ def test_a_bad_option_of_transform_is_refused(
     options: list[str], words: list[str], square: Path, tmp_path: Path, capfd: Captured
 ) -> None:
     line = refusal(["transform", str(square), *options], tmp_path / "out", capfd.readouterr)
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "options", "words"),
+    [
+        ("a.toml", "kind = 'apertur'", [], ["a.toml", "kind"]),
+        ("a.toml", "kind = ", [], ["a.toml", "TOML"]),
+        ("a.json", '{"kind": "aperture"}', [], ["a.json", "polygons"]),
+        ("a.toml", "kind = 'slits'\nintervals = [[0, 1]]", [], ["an aperture", "Slits"]),
+        ("a.toml", "kind = 'slits'\nintervals = [[0, 1]]", ["--taper", "cosine"], ["Slits"]),
+        ("a.toml", "kind = 'aperture'\nshape = {name = 'square', a = 1}", ["--unit", "mm"],
+         ["no --unit with a source file"]),
+    ],
+)  # fmt: skip
+def test_a_bad_source_file_is_refused(
+    name: str, text: str, options: list[str], words: list[str], tmp_path: Path, capfd: Captured
+) -> None:
+    (tmp_path / name).write_text(text)
+    arguments = ["transform", str(tmp_path / name), *options]
+    line = refusal(arguments, tmp_path / "out", capfd.readouterr)
     for word in words:
         assert word in line
 

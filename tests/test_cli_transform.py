@@ -139,3 +139,36 @@ def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(
     assert err.startswith("polywigner: warning: ")
     assert err.count("\n") == 1
     assert "did you mean GHz" in err
+
+
+def test_a_source_file_and_options_say_the_same_array(rectangle: Path) -> None:
+    weights = pw.arrays.window_weights((3, 4), "hamming")
+    element = pw.read_aperture(rectangle).with_illumination(pw.cosine_taper(6e-3, 4e-3))
+    array = pw.phased_array(element, pw.arrays.grid_positions(3, 4, 7e-3, 5e-3), weights)
+    written = rectangle.with_suffix(".json")
+    pw.write_source(array, written)
+    options = ("--samples", "9", "--x", "1 mm,2 mm", "--xi", "1 mm,1 mm")
+    told = transformed(
+        rectangle, "--taper", "cosine", "--array", "3 x 4, 7 mm, 5 mm", "--window", "hamming",
+        *options,
+    )  # fmt: skip
+    read = transformed(written, *options)
+    for name, values in read.items():
+        np.testing.assert_array_equal(values, told[name])
+    axis = read["frequency"]
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1)
+    energy = pw.lag_marginal(array, (0.0, 0.0)).real
+    for name, expected in (
+        ("fourier", pw.fourier(array, grid)),
+        ("wigner", pw.wigner(array, read["x"], grid)),
+    ):
+        np.testing.assert_allclose(read[name], expected, rtol=0, atol=1e-9 * energy)
+
+
+def test_a_steered_aperture_has_its_peak_at_the_direction(rectangle: Path) -> None:
+    values = transformed(
+        rectangle, "--steering", "30 deg, 90 deg", "--wavelength", "1 mm", "--samples", "65"
+    )
+    j, i = np.unravel_index(np.abs(values["fourier"]).argmax(), (65, 65))
+    peak = values["frequency"][[i, j]]
+    np.testing.assert_allclose(peak, [0.0, 500.0], atol=1e-9)  # sin(30 deg)/mm is on the grid

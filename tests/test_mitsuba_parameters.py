@@ -198,6 +198,205 @@ def test_a_sampler_given_at_loading_replaces_those_of_the_scene(tmp_path: Path) 
     assert scene.sensors()[1].sampler().sample_count() == 25
 
 
+SPACING, SIDE = 12e-3, 10e-3
+GRID = pw.arrays.grid_positions(3, 4, SPACING)
+THETA, PHI = np.radians([20, 90])
+TILTED = np.array([np.sin(THETA) * np.cos(PHI), np.sin(THETA) * np.sin(PHI), np.cos(THETA)])
+COSINE = SQUARE.with_illumination(pw.cosine_taper(SIDE, SIDE))
+
+
+@pytest.mark.parametrize(
+    ("texts", "expected"),
+    [
+        ({"taper": "cosine"}, COSINE),
+        (
+            {"taper": "Cosine 2 y"},
+            SQUARE.with_illumination(pw.cosine_taper(None, SIDE, power=2)),
+        ),
+        ({"taper": "te10"}, SQUARE.with_illumination(pw.te_mode(SIDE, SIDE))),
+        (
+            {"taper": "te02"},
+            SQUARE.with_illumination(pw.te_mode(SIDE, SIDE, 0, 2, component="x")),
+        ),
+        ({"taper": "taylor"}, SQUARE.with_illumination(pw.taylor_taper(SIDE, SIDE))),
+        (
+            {"taper": "taylor 40 dB 7 x"},
+            SQUARE.with_illumination(pw.taylor_taper(SIDE, sll=40, nbar=7)),
+        ),
+        (
+            {"steering": "20 deg, 90 deg"},
+            SQUARE.with_illumination(pw.steering(TILTED, WAVELENGTH)),
+        ),
+        (
+            {"taper": "cosine", "steering": "20 deg, 90 deg"},
+            SQUARE.with_illumination(pw.cosine_taper(SIDE, SIDE) * pw.steering(TILTED, WAVELENGTH)),
+        ),
+        ({"array": "3 x 4, 12 mm"}, pw.phased_array(SQUARE, GRID)),
+        (
+            {"array": "3x4,12 mm,13 mm", "taper": "cosine"},
+            pw.phased_array(COSINE, pw.arrays.grid_positions(3, 4, SPACING, 13e-3)),
+        ),
+        (
+            {"array": "triangular 3 x 4, 12 mm"},
+            pw.phased_array(SQUARE, pw.arrays.triangular_positions(3, 4, SPACING)),
+        ),
+        (
+            {"array": "3 x 4, 12 mm", "window": "hamming"},
+            pw.phased_array(SQUARE, GRID, pw.arrays.window_weights((3, 4), "hamming")),
+        ),
+        (
+            {"array": "3 x 4, 12 mm", "window": "taylor 25 dB 3", "steering": "20 deg, 90 deg"},
+            pw.phased_array(
+                SQUARE,
+                GRID,
+                pw.arrays.window_weights((3, 4), "taylor", sll=25, nbar=3)
+                * pw.arrays.steering_weights(GRID, TILTED, WAVELENGTH),
+            ),
+        ),
+        (
+            {"array": "3 x 4, 12 mm", "focus": "1 mm, -2 mm, 8 cm"},
+            pw.phased_array(
+                SQUARE,
+                GRID,
+                pw.arrays.focusing_weights(GRID, (1e-3, -2e-3, 0.08), WAVELENGTH),
+            ),
+        ),
+    ],
+    ids=str,
+)
+def test_texts_say_what_the_functions_of_python_do(
+    tmp_path: Path, texts: dict[str, str], expected: pw.Aperture | pw.Array
+) -> None:
+    inside = "".join(f'<string name="{key}" value="{text}"/>' for key, text in texts.items())
+    assert load(tmp_path, GOOD + inside).source == expected
+
+
+@pytest.mark.parametrize(
+    ("texts", "fragments"),
+    [
+        ({"taper": "gauss"}, ["taper: expected a taper such as", '"te10"', "'gauss'"]),
+        ({"taper": "cosine 2 z"}, ["taper: expected a taper", "'cosine 2 z'"]),
+        ({"taper": "cosine 99"}, ["taper: expected", "99"]),
+        ({"taper": "te00"}, ["taper: expected", "TE_00"]),
+        ({"taper": "te10 x"}, ["taper: expected a mode without an axis"]),
+        ({"taper": "taylor 30"}, ["taper: expected a taper", "'taylor 30'"]),
+        ({"taper": "taylor 300 dB"}, ["taper: expected sll", "300"]),
+        ({"taper": "cosine" + " " * 200}, ["taper: expected a taper"]),
+        ({"array": "12"}, ['array: expected an array such as "12 x 16, 2 mm"', "'12'"]),
+        ({"array": "3 x 4"}, ["array: expected an array", "'3 x 4'"]),
+        ({"array": "3 x 4, 1 mm, 1 mm, 1 mm"}, ["array: expected an array"]),
+        ({"array": "3 x 4, 2 furlong"}, ["array: expected a length", "furlong"]),
+        ({"array": "3 x 4, -2 mm"}, ["array: expected a length above zero"]),
+        ({"array": "0 x 4, 2 mm"}, ["array: expected", "0"]),
+        ({"array": "9999 x 9999, 2 mm"}, ["array: expected at most 1048576 elements"]),
+        ({"array": "3 x 4, 2 mm", "window": "boxcar"}, ["window: expected one of", "'boxcar'"]),
+        ({"array": "3 x 4, 2 mm", "window": "taylor 25"}, ["window: expected a window"]),
+        ({"window": "hamming"}, ["window: expected an array for it, got none"]),
+        ({"steering": "20 GHz"}, ["steering: expected a", "20 GHz"]),
+        ({"steering": "20"}, ["within 90 deg of the normal", "with their unit"]),
+        ({"steering": "1 deg, 2 deg, 3 deg"}, ["steering: expected a direction such as"]),
+        ({"steering": "120 deg"}, ["steering: expected a direction within 90 deg", "120"]),
+        ({"focus": "0 mm, 0 mm, 8 cm"}, ["focus: expected an array to focus"]),
+        ({"array": "3 x 4, 2 mm", "focus": "8 cm"}, ["focus: expected three lengths"]),
+        ({"array": "3 x 4, 2 mm", "focus": "0, 0, 0"}, ["focus: expected a point", "above zero"]),
+        ({"taper": "cosine", "obliquity": "kirchhoff"}, ["rayleigh-sommerfeld-1 or paper"]),
+        ({"source": "array.toml"}, ["got both"]),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_a_text_that_says_nothing_is_one_line_that_names_it(
+    tmp_path: Path, texts: dict[str, str], fragments: list[str]
+) -> None:
+    inside = "".join(f'<string name="{key}" value="{text}"/>' for key, text in texts.items())
+    with pytest.raises(PolywignerError) as caught:
+        load(tmp_path, GOOD + inside)
+    message = str(caught.value)
+    assert "\n" not in message and "Traceback" not in message
+    for fragment in fragments:
+        assert fragment in message
+
+
+def test_a_source_file_is_what_was_written(tmp_path: Path) -> None:
+    array = pw.phased_array(COSINE, GRID, pw.arrays.steering_weights(GRID, TILTED, WAVELENGTH))
+    for name in ("array.toml", "array.json"):
+        pw.write_source(array, tmp_path / name)
+        inside = f'<string name="source" value="{name}"/><string name="frequency" value="94 GHz"/>'
+        spec = load(tmp_path, inside)
+        assert spec.source == array
+        assert spec.power == pytest.approx(12 * SQUARE.area / 4, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("inside", "fragments"),
+    [
+        ('<string name="unit" value="mm"/>', ["no unit with a source file"]),
+        ('<string name="taper" value="cosine"/>', ["taper: expected an aperture", "Array"]),
+        ('<string name="array" value="2 x 2, 1 mm"/>', ["array: expected an aperture", "Array"]),
+        ('<string name="window" value="hamming"/>', ["window: expected an array for it"]),
+    ],
+)
+def test_what_a_source_file_says_itself_is_not_said_again(
+    tmp_path: Path, inside: str, fragments: list[str]
+) -> None:
+    pw.write_source(pw.phased_array(SQUARE, GRID), tmp_path / "array.toml")
+    given = '<string name="source" value="array.toml"/><string name="frequency" value="94 GHz"/>'
+    with pytest.raises(PolywignerError) as caught:
+        load(tmp_path, given + inside)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+def test_a_phased_array_of_a_file_is_steered_by_the_scene(tmp_path: Path) -> None:
+    pw.write_source(pw.phased_array(SQUARE, GRID), tmp_path / "array.toml")
+    inside = (
+        '<string name="source" value="array.toml"/><string name="frequency" value="94 GHz"/>'
+        '<string name="steering" value="20 deg, 90 deg"/>'
+    )
+    weights = pw.arrays.steering_weights(GRID, TILTED, WAVELENGTH)
+    assert load(tmp_path, inside).source == pw.phased_array(SQUARE, GRID, weights)
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("kind = 'apertur'", ["source.toml", "kind"]),
+        ("kind = ", ["source.toml", "TOML"]),
+        ("kind = 'slits'\nintervals = [[0, 1]]", ["got Slits", "rectangles"]),
+        (None, ["source.toml", "does not exist"]),
+    ],
+)
+def test_a_bad_source_file_is_one_line(
+    tmp_path: Path, text: str | None, fragments: list[str]
+) -> None:
+    if text is not None:
+        (tmp_path / "source.toml").write_text(text)
+    given = '<string name="source" value="source.toml"/><string name="frequency" value="94 GHz"/>'
+    with pytest.raises(PolywignerError) as caught:
+        load(tmp_path, given)
+    assert "\n" not in str(caught.value)
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_an_array_moves_with_its_mesh_and_keeps_its_place(variant: str) -> None:
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    array = pw.phased_array(SQUARE, GRID + np.array([0.5, -0.3]))
+    entry = pwm.aperture(array, WAVELENGTH, to_world=pose((1.0, 2.0, 3.0)))
+    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    params = mi.traverse(scene)
+    for place in ((1.0, 2.0, 3.0), (-4.0, 0.0, 2.0)):
+        params["aperture.emitter.to_world"] = mi.Transform4f(mi.ScalarTransform4f(pose(place)))
+        params.update()
+        corners = np.array(params["aperture.vertex_positions"], dtype=float).reshape(-1, 3)
+        assert np.allclose(corners.mean(axis=0), np.add(place, (0.5, -0.3, 0.0)), atol=1e-6)
+        ps, _ = scene.emitters()[0].sample_position(0.0, mi.Point2f(0.5, 0.5), True)
+        middle = np.array(ps.p, dtype=float).ravel()
+        assert np.allclose(middle, np.add(place, (0.5, -0.3, 0.0)), atol=1e-6)
+
+
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
     mi = use(variant)
@@ -384,7 +583,7 @@ def test_apertures_in_memory_are_shared_by_content_and_bounded() -> None:
     for k in range(sources.CAPACITY):
         sources.register_source(pw.shapes.square(0.02 + k))
     gc.collect()
-    with pytest.raises(SceneError, match="key of an aperture"):
+    with pytest.raises(SceneError, match="key of a source"):
         sources.registered_source(first)
 
 

@@ -82,14 +82,36 @@ def render(
 @app.command()
 def transform(
     aperture: Annotated[
-        str, typer.Argument(help="Aperture file: GeoJSON, WKT, SVG, DXF, or CSV with one ring.")
+        str,
+        typer.Argument(
+            help="Aperture file: GeoJSON, WKT, SVG, DXF, or CSV with one ring; or a source file: "
+            "TOML or JSON."
+        ),
     ],
     unit: Annotated[
-        str, typer.Option(help="Unit of the file's coordinates, where the file does not say.")
-    ] = "mm",
+        str | None,
+        typer.Option(help="Unit of an aperture file, where it does not say (default: mm)."),
+    ] = None,
     tolerance: Annotated[
         str | None,
         typer.Option(help="Such as '1 um': how far chords may lie from curves (SVG, DXF)."),
+    ] = None,
+    taper: Annotated[
+        str | None,
+        typer.Option(help="Of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."),
+    ] = None,
+    array: Annotated[
+        str | None, typer.Option(help="Copies of the aperture, such as '12 x 16, 2 mm'.")
+    ] = None,
+    window: Annotated[
+        str | None,
+        typer.Option(help="Of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."),
+    ] = None,
+    steering: Annotated[
+        str | None, typer.Option(help="A beam towards theta, phi, such as '20 deg, 90 deg'.")
+    ] = None,
+    focus: Annotated[
+        str | None, typer.Option(help="Of the array: a point, such as '0 mm, 0 mm, 80 mm'.")
     ] = None,
     frequency: Annotated[
         str | None, typer.Option(help="Such as '94 GHz': shows |nu| up to 1/wavelength.")
@@ -114,7 +136,7 @@ def transform(
     ] = -40.0,
     out: Annotated[str | None, typer.Option(help=_OUT_HELP)] = None,
 ) -> None:
-    """Draw and save the transforms of an aperture file.
+    """Draw and save the transforms of an aperture or an array.
 
     Writes a figure NAME.png (Fourier transform, automean, a Wigner and an ambiguity slice) and
     the values NAME.npz.
@@ -125,6 +147,13 @@ def transform(
         aperture,
         unit=unit,
         tolerance=tolerance,
+        feeding={
+            "taper": taper,
+            "array": array,
+            "window": window,
+            "steering": steering,
+            "focus": focus,
+        },
         frequency=frequency,
         wavelength=wavelength,
         x=x,

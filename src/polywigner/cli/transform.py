@@ -1,10 +1,11 @@
-"""``polywigner transform``: one figure and one file of values for an aperture file."""
+"""``polywigner transform``: one figure and one file of values for an aperture or source file."""
 
 from __future__ import annotations
 
 import json
 import os
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,9 @@ _MOST_UNASKED = 513  # some ten seconds for an aperture of a hundred edges
 def run_transform(
     aperture: str,
     *,
-    unit: str,
+    unit: str | None,
     tolerance: str | None,
+    feeding: Mapping[str, str | None],
     frequency: str | None,
     wavelength: str | None,
     x: str | None,
@@ -36,10 +38,11 @@ def run_transform(
     floor_db: float,
     out: str | None,
 ) -> None:
-    """Write NAME.png and NAME.npz for an aperture file and print their paths.
+    """Write NAME.png and NAME.npz for an aperture or source file and print their paths.
 
-    Quantities are texts with units, such as ``"94 GHz"`` and ``"0 mm,2 mm"``. ``samples`` None:
-    257, or as many as the lobes of the transform need, up to 513.
+    Quantities are texts with units, such as ``"94 GHz"`` and ``"0 mm,2 mm"``; ``feeding`` holds
+    those of tapers, layouts and steering. ``samples`` None: 257, or as many as the lobes of the
+    transform need, up to 513.
 
     Raises
     ------
@@ -55,14 +58,26 @@ def run_transform(
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
-    from polywigner.figures import draw_transforms, transform_slices
+    from polywigner.figures import draw_transforms, outline_of, transform_slices
     from polywigner.figures.levels import check_floor
+    from polywigner.illumination.texts import fed
 
     check_floor(floor_db)
-    shape = pw.read_aperture(aperture, unit=unit, tolerance=reach)
+    if _is_source_file(aperture):
+        for name, given in (("--unit", unit), ("--tolerance", tolerance)):
+            if given is not None:
+                raise ArgumentError(
+                    f"expected no {name} with a source file, got {given!r}; the file says its own"
+                )
+        source = pw.read_source(aperture)
+    else:
+        source = pw.read_aperture(aperture, unit=unit or "mm", tolerance=reach)
+    texts = {name: text for name, text in feeding.items() if text is not None}
+    source = fed(source, texts, length)
+    outline = outline_of(source)
     if length is not None:
-        check_wavelength(length, shape.diameter)
-    slices = transform_slices(shape, position, lag, length, _samples(samples, shape, length))
+        check_wavelength(length, outline.diameter)
+    slices = transform_slices(source, position, lag, length, _samples(samples, outline, length))
     figure = draw_transforms(slices, floor_db, title=Path(aperture).name)
     with writing(files) as (picture, values):
         figure.savefig(picture, format="png")
@@ -70,6 +85,19 @@ def run_transform(
             _save_values(file, slices)
     for path in files:
         print(path)
+
+
+def _is_source_file(path: str) -> bool:
+    """TOML; or JSON whose outermost table has a kind, which GeoJSON has not."""
+    suffix = Path(path).suffix.lower()
+    if suffix != ".json":
+        return suffix == ".toml"
+    try:
+        with open(path, encoding="utf-8-sig") as file:  # noqa: PTH123
+            content = json.load(file)
+    except (ValueError, RecursionError, OSError):
+        return False  # the reader of apertures says what is wrong with it
+    return isinstance(content, dict) and "kind" in content and "type" not in content
 
 
 def _check_file(aperture: str) -> None:
@@ -142,7 +170,7 @@ def _save_values(file: Any, slices: TransformSlices) -> None:
         xi=np.asarray(slices.xi),
         wavelength=np.asarray(np.nan if slices.wavelength is None else slices.wavelength),
         aperture_geojson=np.asarray(_geojson(slices.aperture)),
-        automean_geojson=np.asarray(_geojson(pw.automean(slices.aperture))),
+        automean_geojson=np.asarray(_geojson(slices.support)),
         metadata=np.asarray(json.dumps(metadata)),
     )
 

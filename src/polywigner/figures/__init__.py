@@ -14,6 +14,7 @@ from polywigner.figures.scene import draw_scene
 from polywigner.figures.slices import (
     LARGEST_SAMPLES,
     TransformSlices,
+    outline_of,
     samples_needed,
     transform_slices,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "draw_scene",
     "draw_transforms",
     "level_db",
+    "outline_of",
     "picture_peak",
     "samples_needed",
     "transform_slices",

@@ -11,8 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 import polywigner as pw
 from polywigner.errors import ArgumentError
+from polywigner.illumination.support import mutual_support
 
-__all__ = ["LARGEST_SAMPLES", "TransformSlices", "samples_needed", "transform_slices"]
+__all__ = [
+    "LARGEST_SAMPLES",
+    "TransformSlices",
+    "outline_of",
+    "samples_needed",
+    "transform_slices",
+]
 
 LARGEST_SAMPLES = 4096
 """Along each axis: an array of as many complex squares holds 256 MiB."""
@@ -25,14 +32,18 @@ _SAMPLES_PER_LOBE = 4
 
 @dataclass(frozen=True)
 class TransformSlices:
-    """Values of the transforms of one aperture; arrays are read-only, lengths in metres.
+    """Values of the transforms of one source; arrays are read-only, lengths in metres.
 
     ``fourier`` (n, n) complex, ``wigner`` (n, n) real and ``ambiguity`` (n, n) complex, all in
     m^2, with the second frequency component along the first axis: ``fourier[j, i]`` belongs to
     (frequency[i], frequency[j]). ``frequency`` (n,) in 1/m is the axis of nu and of upsilon.
     """
 
+    source: pw.Aperture | pw.Array
     aperture: pw.Aperture
+    """The outline of the source: of an array, that of all elements."""
+    support: pw.Aperture
+    """The automean, or a region around it: where W may differ from zero."""
     x: tuple[float, float]
     xi: tuple[float, float]
     wavelength: float | None
@@ -43,7 +54,7 @@ class TransformSlices:
 
 
 def transform_slices(
-    aperture: pw.Aperture,
+    source: pw.Aperture | pw.Array,
     x: ArrayLike | None = None,
     xi: ArrayLike | None = None,
     wavelength: float | None = None,
@@ -53,7 +64,7 @@ def transform_slices(
 
     Parameters
     ----------
-    aperture : uniformly illuminated, metres.
+    source : an aperture with its field, or an array of apertures in the plane z = 0; metres.
     x : (2,) m, inside the automean; None: the middle of the bounds where that is inside, else a
         point inside.
     xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width, or of
@@ -63,8 +74,9 @@ def transform_slices(
 
     Raises
     ------
-    ArgumentError : W vanishes at this x, or A at this xi, for every frequency; too few or
-    too many samples.
+    ArgumentError : anything but such a source; W vanishes at this x, or A at this xi, for every
+    frequency; too few or too many samples.
+    GeometryError : elements of an array that do not lie in the plane z = 0.
     """
     if samples < 2:
         raise ArgumentError(f"expected at least 2 samples along an axis, got {samples}")
@@ -72,22 +84,42 @@ def transform_slices(
         raise ArgumentError(
             f"expected at most {LARGEST_SAMPLES} samples along an axis, got {samples}; use fewer"
         )
-    position = _default_position(aperture) if x is None else _point(x)
+    aperture, support = outline_of(source), mutual_support(source)
+    position = _default_position(support, aperture.centre) if x is None else _point(x)
     lag = _default_lag(aperture) if xi is None else _point(xi)
-    _check_supports(aperture, position, lag)
+    _check_supports(aperture, support, position, lag)
     half = _half_width(aperture, wavelength)
     frequency = np.linspace(-half, half, samples)
     grid = np.stack(np.meshgrid(frequency, frequency), axis=-1)
     return TransformSlices(
+        source,
         aperture,
+        support,
         position,
         lag,
         wavelength,
         _frozen(frequency),
-        _frozen(pw.fourier(aperture, grid)),
-        _frozen(pw.wigner(aperture, position, grid)),
-        _frozen(pw.ambiguity(aperture, grid, lag)),
+        _frozen(pw.fourier(_in_plane(source), grid)),
+        _frozen(pw.wigner(source, position, grid)),
+        _frozen(pw.ambiguity(source, grid, lag)),
     )
+
+
+def outline_of(source: pw.Aperture | pw.Array) -> pw.Aperture:
+    """The aperture itself, or the union of an array's elements; ArgumentError for others."""
+    if isinstance(source, pw.Aperture):
+        return source
+    if not isinstance(source, pw.Array) or source.dimension == 1:
+        got = "slits" if isinstance(source, pw.Array) else type(source).__name__
+        raise ArgumentError(f"expected an aperture, or an array of apertures, got {got}")
+    return source.support
+
+
+def _in_plane(source: pw.Aperture | pw.Array) -> pw.Aperture | pw.Array:
+    """A source whose Fourier transform takes two-component nu."""
+    if isinstance(source, pw.Array) and source.dimension == 3:
+        return pw.Array(source.coplanar, source.weights)
+    return source
 
 
 def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
@@ -95,7 +127,8 @@ def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
 
     Parameters
     ----------
-    aperture, wavelength : as for :func:`transform_slices`.
+    aperture : the outline of the source.
+    wavelength : as for :func:`transform_slices`.
     """
     lobes = 2 * _half_width(aperture, wavelength) * aperture.diameter
     return 2 * math.ceil(_SAMPLES_PER_LOBE * lobes / 2) + 1
@@ -118,13 +151,13 @@ def _frozen(values: Any) -> NDArray[Any]:
     return array
 
 
-def _default_position(aperture: pw.Aperture) -> tuple[float, float]:
+def _default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
     import shapely
 
-    support = pw.automean(aperture).polygons
-    centre = shapely.Point(aperture.centre)
+    centre = shapely.Point(middle)
     # A representative point keeps its distance from the boundary, where W vanishes.
-    inside = centre if support.contains(centre) else support.representative_point()
+    region = support.polygons
+    inside = centre if region.contains(centre) else region.representative_point()
     return inside.x, inside.y
 
 
@@ -138,9 +171,14 @@ def _default_lag(aperture: pw.Aperture) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _check_supports(aperture: pw.Aperture, x: tuple[float, float], xi: tuple[float, float]) -> None:
+def _check_supports(
+    aperture: pw.Aperture,
+    support: pw.Aperture,
+    x: tuple[float, float],
+    xi: tuple[float, float],
+) -> None:
     if not pw.lag_slice(aperture, x).area > 0:
-        bounds = ", ".join(f"{b:.4g}" for b in pw.automean(aperture).bounds)
+        bounds = ", ".join(f"{b:.4g}" for b in support.bounds)
         raise ArgumentError(
             f"expected a position x inside the automean (bounds {bounds} m), where W is not zero, "
             f"got ({x[0]:.4g}, {x[1]:.4g}) m; give another, with its unit"

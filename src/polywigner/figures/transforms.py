@@ -40,7 +40,7 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
     ----------
     slices : from :func:`polywigner.figures.transform_slices`.
     floor_db : lowest level of |F|^2, dB relative to |F(0)|^2, the largest value that the
-        transform of a uniform aperture has.
+        transform of a uniform aperture has; of other sources, to the largest value shown.
     title : above the panels, before the wavelength.
     """
     import matplotlib as mpl
@@ -62,15 +62,17 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
 
 
 def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
-    support = pw.automean(slices.aperture).polygons
+    support = slices.support.polygons
+    array = isinstance(slices.source, pw.Array)
+    names = ("W is 0 outside", "elements") if array else ("automean", "aperture")
     overlap = pw.position_slice(slices.aperture, slices.xi)
-    _fill(axes, support, unit, facecolor=_TINT, edgecolor="none", label="automean")
-    _fill(axes, slices.aperture.polygons, unit, facecolor=_INK, edgecolor="none", label="aperture")
+    _fill(axes, support, unit, facecolor=_TINT, edgecolor="none", label=names[0])
+    _fill(axes, slices.aperture.polygons, unit, facecolor=_INK, edgecolor="none", label=names[1])
     _fill(axes, overlap, unit, facecolor="none", edgecolor=_ACCENT, label="position slice at ξ")
     x = np.asarray(slices.x) / unit.metres
     axes.plot(*x, "+", color=_ACCENT, markersize=8, markeredgewidth=1.4, label="x")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, **_LEGEND)
-    axes.set_title(f"aperture; ξ = {_point_text(slices.xi, unit)}")
+    axes.set_title(f"{names[1]}; ξ = {_point_text(slices.xi, unit)}")
     _length_axes(axes, "x", unit)
 
 
@@ -92,9 +94,12 @@ def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> No
 
 def _draw_levels(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db: float) -> None:
     power = np.abs(slices.fourier) ** 2
-    levels = level_db(power, slices.aperture.area**2, floor_db)
+    uniform = isinstance(slices.source, pw.Aperture) and slices.source.illumination is None
+    reference = slices.aperture.area**2 if uniform else float(power.max())
+    levels = level_db(power, reference, floor_db)
     shown = _show(axes, slices, levels, unit, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0)
-    colour_bar(axes, shown, f"dB relative to |F(0)|², floor {floor_db:g} dB")
+    zero = "|F(0)|²" if uniform else "the peak shown"
+    colour_bar(axes, shown, f"dB relative to {zero}, floor {floor_db:g} dB")
     axes.set_title("|F(ν)|²")
     _frequency_axes(axes, r"\nu", unit, slices.wavelength, "white")
 

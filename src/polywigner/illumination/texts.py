@@ -177,6 +177,11 @@ def _direction(text: str) -> NDArray[np.float64]:
             f"around it from x), got {shown(text)}"
         )
     theta, phi = (parse_angle(angle) for angle in (*angles, "0 deg")[:2])
+    if not abs(theta) < math.pi / 2:  # a number of degrees, perhaps, without its unit
+        raise QuantityError(
+            f"expected a direction within 90 deg of the normal, got {shown(text)}; write degrees "
+            'with their unit, such as "20 deg"'
+        )
     sine = math.sin(theta)
     return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
 
