@@ -10,6 +10,7 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import polywigner as pw
@@ -38,10 +39,10 @@ def test_the_python_of_a_page_runs(
     run_script(script, tmp_path)
 
 
-def run_script(script: Path, folder: Path) -> None:
+def run_script(script: Path, folder: Path, *arguments: str) -> None:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     run = subprocess.run(
-        [sys.executable, str(script)],
+        [sys.executable, str(script), *arguments],
         cwd=folder,
         env=environment,
         capture_output=True,
@@ -73,8 +74,12 @@ def test_an_example_explains_itself_and_brings_its_files(scene: Path) -> None:
     assert shapes
     for shape in shapes:
         given = {child.get("name"): child.get("value") for child in shape.findall("string")}
-        aperture = pw.read_aperture(scene.parent / given["aperture"], unit=given["unit"])
-        assert 1e-6 < aperture.area < 1e-3  # between 1 mm^2 and 10 cm^2
+        if "source" in given:
+            source = pw.read_source(scene.parent / given["source"])
+        else:
+            source = pw.read_aperture(scene.parent / given["aperture"], given.get("unit", "mm"))
+        energy = pw.lag_marginal(source, (0.0, 0.0)).real
+        assert 1e-6 < energy < 1e-3  # between 1 mm^2 and 10 cm^2
     for mesh in root.findall("shape[@type='obj']/string[@name='filename']"):
         assert (scene.parent / mesh.get("value", "")).is_file()
 
@@ -86,6 +91,26 @@ def test_an_example_renders(scene: Path, tmp_path: Path) -> None:
     record = json.loads((tmp_path / "a.json").read_text())
     assert record["picture"]["zero_db"] > 0
     assert record["radiance"]["fraction_not_positive"] < 0.9
+
+
+@pytest.mark.llvm
+def test_the_beam_of_the_sweep_goes_from_left_to_right(tmp_path: Path) -> None:
+    from PIL import Image
+
+    out = tmp_path / "sweep.gif"
+    script = EXAMPLES / "beam_sweep" / "beam_sweep.py"
+    arguments = ["--frames", "2", "--spp", "36", "--width", "64", "--out", str(out)]
+    run_script(script, tmp_path, *arguments)
+    with Image.open(out) as animation:
+        assert animation.n_frames == 2
+        seen = []
+        for number in range(2):
+            animation.seek(number)
+            seen.append(np.asarray(animation.convert("L"), dtype=float)[8:, :62])
+    left, right = seen[0] - seen[1], seen[1] - seen[0]
+    # the facade is at the left, and the road past the car at the right edge
+    assert left[:, :31].mean() > 0 > left[:, 50:].mean()
+    assert right[20:, 50:].mean() > 0
 
 
 def test_the_meshes_of_the_street_are_what_their_script_writes(

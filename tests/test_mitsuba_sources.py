@@ -149,6 +149,35 @@ def test_the_floor_under_a_te10_horn_shows_the_integral_of_its_wigner_function(
     assert np.abs(mean - expected).mean() < 0.01 * expected.max()
 
 
+def test_a_focused_array_lights_what_the_waves_of_its_elements_add_up_to(llvm: object) -> None:
+    """|sum of z/R exp(ikR)/(i lambda R)|^2 over the patches, which knows no Wigner function."""
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    patch, count, z, columns = 2e-3, 6, 0.05, 41
+    places = pw.arrays.grid_positions(count, count, 2.4e-3)
+    weights = pw.arrays.focusing_weights(places, (0, 0, z), WAVELENGTH)
+    array = pw.phased_array(pw.shapes.square(patch), places, weights)
+    scene = floor_scene({"array": light(array)}, distance=z * 1e3, columns=columns, rows=1)
+    image = np.mean(
+        [pwm.render(scene, spp=2048, seed=k)[0, ::-1, 0].astype(float) for k in range(2)], axis=0
+    )
+    inner = ((np.arange(4) + 0.5) / 4 - 0.5) * patch
+    nodes = (places[:, None, None] + np.stack(np.meshgrid(inner, inner), -1)).reshape(-1, 2)
+    strengths = np.repeat(weights, inner.size**2) * (patch / inner.size) ** 2
+    width = 4 * z / columns
+    x = (np.arange(4 * columns) + 0.5) * width / 4 - 2 * z  # four points across a pixel
+    y = ((np.arange(4) + 0.5) / 4 - 0.5) * width
+    r = np.hypot(np.hypot(x[:, None, None] - nodes[:, 0], y[:, None] - nodes[:, 1]), z)
+    waves = z / r**2 * np.exp(2j * np.pi * r / WAVELENGTH) / WAVELENGTH
+    expected = (np.abs(waves @ strengths) ** 2).mean(axis=1).reshape(columns, 4).mean(axis=1)
+    lit = expected > 0.05 * expected.max()
+    # noise of a percent, and what the leading order leaves at 16 wavelengths
+    assert np.abs(np.pi * image - expected)[lit].max() < 0.03 * expected.max()
+    in_phase = np.abs(waves @ np.abs(strengths)) ** 2
+    assert expected.max() > 1.1 * in_phase.mean(axis=1).reshape(columns, 4).mean(axis=1).max()
+
+
 @pytest.mark.parametrize("obliquity", ["kirchhoff", "rayleigh-sommerfeld-2"])
 def test_an_obliquity_that_differs_from_wave_to_wave_is_refused(obliquity: str) -> None:
     import polywigner.mitsuba as pwm
