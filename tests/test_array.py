@@ -342,6 +342,7 @@ def test_obliquity_is_the_cosine_at_which_a_wave_leaves() -> None:
     plain = pw.fourier(SQUARE, nu)
     assert pw.fourier(SQUARE, nu, obliquity="paper") == pytest.approx(plain * [1, 0, -1, 0.8])
     assert np.isnan(pw.fourier(SQUARE, [0.0, 0.0, 0.0], obliquity="paper"))
+    assert pw.fourier(SQUARE, [0.0, 0.0, 1e-200], obliquity="paper") == pytest.approx(1.0)
 
 
 def test_elements_posed_within_the_plane_are_coplanar() -> None:
@@ -392,7 +393,9 @@ def test_many_elements_take_the_way_of_tables() -> None:
 
     rng = np.random.default_rng(16)
     places = [(float(i), float(j)) for i in range(5) for j in range(5)]
-    tiles = [pw.Aperture(shapely.box(i, j, i + 0.75, j + 0.75)) for i, j in places]
+    tiles = [
+        pw.Aperture(shapely.box(i, j, i + 0.75, j + 0.7 + i / 64 + j / 512)) for i, j in places
+    ]
     array = pw.Array(tiles, rng.normal(size=25) + 1j * rng.normal(size=25))
     assert tables_of(array, True).clips > _ROWS_ABOVE_DRJIT
     x, nu = rng.uniform(0, 5, (2, 300, 2))
@@ -467,6 +470,7 @@ RAISED = SQUARE.placed(_turned((1, 0, 0), 0, (0, 0, 0.25)))
         (lambda: pw.fourier(MIXED, ZERO), ArgumentError, "shape"),
         (lambda: pw.fourier(SQUARE, ZERO, obliquity="paper"), ArgumentError, "shape"),
         (lambda: pw.fourier(SQUARE, ZERO, obliquity="cos"), ArgumentError, "'paper'"),
+        (lambda: pw.fourier(SQUARE, ZERO, obliquity=np.ones(2)), ArgumentError, "'paper'"),
         (
             lambda: pw.fourier(MIXED, np.ones(3), obliquity="paper"),
             ArgumentError,

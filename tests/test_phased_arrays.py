@@ -252,6 +252,23 @@ def test_beam_points_where_it_is_steered_and_grating_lobes_where_theory_has_them
     assert axis[lobe][np.argmax(cut[lobe])] == pytest.approx(beam[0] - 1 / pitch, abs=5e-3)
 
 
+def test_many_copies_in_a_plain_array_are_recognised() -> None:
+    field = pw.Illumination([0.5, 0.5j], [[0.5, 0.25], [-0.5, 0.75]])
+    for element in (SQUARE, SQUARE.with_illumination(field)):
+        array = pw.phased_array(element, grid(6, 5, 1.3), _random(30))
+        plain = pw.Array(list(array.elements), array.weights)
+        assert plain.repeated is None and plain.phased is not None
+        x, xi, nu = _points(array, 40, 9)
+        scale = float(np.abs(array.weights).sum()) ** 2
+        assert np.abs(pw.wigner(plain, x, nu) - pw.wigner(array, x, nu)).max() < 1e-13 * scale
+        a = pw.ambiguity(plain, nu, xi)
+        assert np.abs(a - pw.ambiguity(array, nu, xi)).max() < 1e-13 * scale
+    other = [*array.elements[:-1], ELL]
+    assert pw.Array(other, array.weights).phased is None
+    bent = pw.Aperture(array.elements[-1].rings[0] + [[0, 0], [0, 1e-9], [0, 0], [0, 0]])
+    assert pw.Array([*array.elements[:-1], bent], array.weights).phased is None
+
+
 def test_lattices_are_recognised() -> None:
     rng = np.random.default_rng(6)
     places = rng.permutation(grid(7, 5, 0.3e-3, 0.7e-3) + np.array([1.0, -2.0]))

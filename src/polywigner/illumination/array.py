@@ -25,6 +25,11 @@ Element = Aperture | PlacedAperture | Polyhedron | Slits
 # How far an element may lie off the plane z = 0, as a fraction of its diameter, and lean, in
 # radians, and still be in it: what rounding does to a pose multiplied from several.
 _IN_PLANE = 1e-12
+# From so many elements on it is looked for whether they are shifted copies of one, ...
+_LEAST_COPIES = 24
+# ... which they are if their vertices miss those by this fraction of the largest coordinate: a few
+# roundings; and if their fields do so by more, which come from a sine.
+_COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 # Products of two weights and an area must neither overflow nor vanish.
 _LARGEST_WEIGHT = 1e100
@@ -73,6 +78,16 @@ class Array:
         assert self.repeated is not None  # else __init__ has set them
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
+
+    @cached_property
+    def phased(self) -> Array | None:
+        """The array as a `phased_array`: itself, or what its apertures are if many copies of one.
+
+        None for other arrays, and for few copies, where it is not worth it.
+        """
+        if self.repeated is not None:
+            return self
+        return _as_phased(self) if len(self) >= _LEAST_COPIES else None
 
     @cached_property
     def sites(self) -> Sites:
@@ -155,6 +170,43 @@ class Array:
         counts = ", ".join(f"{kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds))
         uniform = "weights all 1" if (self.weights == 1).all() else "weighted"
         return f"Array({counts}, {uniform})"
+
+
+def _as_phased(array: Array) -> Array | None:
+    try:
+        elements = array.coplanar
+    except GeometryError:
+        return None
+    first = elements[0]
+    if not isinstance(first, Aperture):
+        return None
+    corners = np.concatenate(first.rings)
+    positions, weights = [], []
+    for element, weight in zip(elements, array.weights, strict=True):
+        assert isinstance(element, Aperture)  # elements of one plane are of one kind
+        if [len(ring) for ring in element.rings] != [len(ring) for ring in first.rings]:
+            return None
+        own = np.concatenate(element.rings)
+        shift = (own - corners).mean(axis=0)
+        allowed = _COPIES * max(float(np.abs(own).max()), float(np.abs(corners).max()))
+        factor = _factor_of_copy(first.illumination, element.illumination, shift)
+        if factor is None or float(np.abs(own - corners - shift).max()) > allowed:
+            return None
+        positions.append(shift)
+        weights.append(weight * factor)
+    return phased_array(first, positions, weights)
+
+
+def _factor_of_copy(first: Any, other: Any, shift: NDArray[np.float64]) -> complex | None:
+    """What a field is times another one shifted, or None."""
+    if first is None or other is None:
+        return 1.0 if first is other else None
+    moved = first.moved(shift)
+    if not np.array_equal(moved.frequencies, other.frequencies):
+        return None
+    factor = complex(other.amplitudes[0] / moved.amplitudes[0])
+    error = float(np.abs(other.amplitudes - factor * moved.amplitudes).max())
+    return factor if error <= _COPIED_FIELDS * float(np.abs(other.amplitudes).max()) else None
 
 
 def phased_array(element: Aperture | Slits, positions: Any, weights: Any = None) -> Array:

@@ -193,9 +193,16 @@ class Weights:
 
 
 def _lattice(array: Array) -> Lattice | None:
-    if array.repeated is None or not isinstance(array.repeated[0], Aperture):
+    phased = array.phased
+    if phased is None or not isinstance(_element(phased), Aperture):
         return None
-    return array.sites.lattice if len(array) >= _LEAST_ELEMENTS else None
+    return phased.sites.lattice if len(array) >= _LEAST_ELEMENTS else None
+
+
+def _element(array: Array) -> Any:
+    """The one element of a phased array."""
+    assert array.repeated is not None
+    return array.repeated[0]
 
 
 def is_on_lattice(array: Array) -> bool:
@@ -206,9 +213,8 @@ def is_on_lattice(array: Array) -> bool:
 @lru_cache(maxsize=64)
 def _tables(array: Array, double: bool) -> ArrayTables:
     lattice = _lattice(array)
-    assert lattice is not None and array.repeated is not None
-    element = array.repeated[0]
-    assert isinstance(element, Aperture)
+    assert lattice is not None and array.phased is not None
+    element = _element(array.phased)
     tables = tables_of(element, double)
     profiles = separated(lattice.weights)
     turns = (0.0, 0.0) if profiles is None else (profiles[0].turns, profiles[1].turns)

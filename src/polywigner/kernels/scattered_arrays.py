@@ -112,9 +112,19 @@ class ScatterTables:
 
 def is_scattered(array: Array) -> bool:
     """Whether an array is one element, repeated at enough places."""
-    if array.repeated is None or not isinstance(array.repeated[0], Aperture):
+    phased = array.phased
+    if phased is None or phased.repeated is None:
         return False
-    return len(array) >= _LEAST_ELEMENTS
+    return isinstance(phased.repeated[0], Aperture) and len(array) >= _LEAST_ELEMENTS
+
+
+def _parts_of(array: Array) -> tuple[Aperture, Floats, NDArray[np.complex128]]:
+    """The element, positions and weights of a scattered array."""
+    phased = array.phased
+    assert phased is not None and phased.repeated is not None
+    element, positions = phased.repeated
+    assert isinstance(element, Aperture)
+    return element, positions, phased.weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +141,7 @@ class _Sites:
 
 @lru_cache(maxsize=32)
 def _sites_of(array: Array, double: bool) -> _Sites:
-    assert array.repeated is not None
-    element, positions = array.repeated
-    assert isinstance(element, Aperture)
+    element, positions, weights = _parts_of(array)
     tables = tables_of(element, double)
     low, high = positions.min(axis=0), positions.max(axis=0)
     centre = np.array(tables.frame.centre)
@@ -141,7 +149,7 @@ def _sites_of(array: Array, double: bool) -> _Sites:
     offsets = positions - shift
     # fields are held relative to the element's carrier, which is counted with all of x or xi
     turns = positions @ np.array(tables.frame.carrier)
-    weights = array.weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
+    weights = weights * np.exp(-2j * np.pi * (turns - np.rint(turns)))
     middle = shift + centre
     frame = ScatterFrame(
         tables.frame,
@@ -160,8 +168,7 @@ def _by_mean(array: Array, double: bool) -> ScatterTables:
     means = (sites.places[k] + sites.places[m]) / 2
     apart = sites.offsets[k] - sites.offsets[m]
     mutual = sites.weights[k] * sites.weights[m].conj() * np.where(k == m, 1.0, 2.0)
-    element = array.repeated[0] if array.repeated else None
-    assert isinstance(element, Aperture)
+    element, _, _ = _parts_of(array)
     support = np.concatenate([_in(sites, ring) for ring in automean(element).rings])
     return _tables(sites, means, apart, mutual, support, double)
 
@@ -174,8 +181,7 @@ def _by_difference(array: Array, double: bool) -> ScatterTables:
     apart = sites.places[k] - sites.places[m]
     means = (sites.offsets[k] + sites.offsets[m]) / 2
     mutual = sites.weights[k] * sites.weights[m].conj()
-    element = array.repeated[0] if array.repeated else None
-    assert isinstance(element, Aperture)
+    element, _, _ = _parts_of(array)
     outline = np.concatenate([_in(sites, ring) for ring in element.rings])
     spread = np.ptp(outline, axis=0)
     return _tables(sites, apart, means, mutual, np.stack([-spread, spread]), double)

@@ -71,7 +71,7 @@ def fourier(
     ArgumentError for arguments of the wrong type or shape, and an obliquity of slits or bodies,
     which have no normal; EngineError without the engine.
     """
-    if obliquity not in (None, "paper"):
+    if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     if isinstance(source, Array):
@@ -237,6 +237,9 @@ def _towards_normal(source: Any, nu: Any) -> Any:
             "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
         )
     array = checked_points("nu", nu, 3, complex_allowed=True)
-    length = np.sqrt((array * array.conj()).real.sum(axis=-1))
-    with np.errstate(invalid="ignore"):
-        return (array.conj() @ normal) / length
+    # scaled first, so that no square underflows or overflows
+    largest = np.maximum(np.abs(array.real), np.abs(array.imag)).max(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scaled = array / largest
+        length = np.sqrt((scaled * scaled.conj()).real.sum(axis=-1))
+        return (scaled.conj() @ normal) / length
