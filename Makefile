@@ -36,6 +36,7 @@ pictures:
 	$(RENDER) examples/patch_above_floor/scene.xml $(SAMPLES) --out out/patch_above_floor
 	$(RENDER) examples/two_chevrons/scene.xml $(SAMPLES) --out out/two_chevrons
 	$(RENDER) examples/street_77ghz/scene.xml $(SAMPLES) --out out/street_77ghz
+	$(RENDER) examples/phased_array_77ghz/scene.xml $(SAMPLES) --db-floor -30 --out out/phased_array_77ghz
 	@echo; echo "Pictures:"; find out -name '*.png' | sort | sed 's/^/  /'
 
 test: ## run the tests

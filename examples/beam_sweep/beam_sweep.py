@@ -21,7 +21,7 @@ import numpy as np
 from polywigner.figures import level_db, picture_peak
 
 SCENE = Path(__file__).resolve().parents[1] / "phased_array_77ghz" / "scene.xml"
-FIRST, LAST = -25.0, 30.0
+FIRST, LAST = -25.0, 25.0
 """Degrees to the right of the array's normal."""
 FLOOR_DB = -25.0
 LEVELS, GREYS = 48, 12
@@ -74,7 +74,7 @@ def reduced(image: np.ndarray) -> Any:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", default="beam_sweep.gif", help="animated GIF")
-    parser.add_argument("--frames", type=int, default=12, help="from left to right")
+    parser.add_argument("--frames", type=int, default=11, help="from left to right")
     parser.add_argument("--spp", type=int, default=144)
     parser.add_argument("--width", type=int, default=320)
     options = parser.parse_args()

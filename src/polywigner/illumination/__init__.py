@@ -4,7 +4,8 @@
 - ``tapers``, ``directions``: steering, tapers and modes; ``fitting``: to sampled fields
 - ``array``: :class:`Array` and :func:`phased_array`
 - ``arrays``: where elements go (``layouts``) and what weights they have (``weights``)
-- ``files``: sources in TOML and JSON
+- ``files``: sources in TOML and JSON; ``texts``: tapers and layouts in a few words
+- ``support``: the region outside of which W is zero
 """
 
 from polywigner.illumination import arrays
