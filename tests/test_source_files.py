@@ -124,7 +124,7 @@ any_float = st.floats(-1e6, 1e6, allow_nan=False)
     shift=st.tuples(any_float, any_float),
     waves=st.dictionaries(
         st.tuples(any_float, any_float),
-        st.complex_numbers(min_magnitude=1e-300, max_magnitude=1e300),
+        st.complex_numbers(min_magnitude=1e-99, max_magnitude=1e99),  # the range of weights
         min_size=1,
         max_size=4,
     ),
