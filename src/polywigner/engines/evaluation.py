@@ -14,6 +14,7 @@ import numpy.typing as npt
 from polywigner.engines.choice import drjit_float, resolved
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
+from polywigner.engines.ranges import aligned
 from polywigner.kernels import Kernel, parts_of
 
 __all__ = ["evaluate"]
@@ -62,9 +63,24 @@ def evaluate(
     else:
         compute, chunk = _Drjit(kernel, tables, double, engine), _DRJIT_CHUNK
     for arguments, targets in _chunks(components, results, chunk):
-        for target, values in zip(targets, compute(arguments), strict=True):
-            target[...] = values
+        order = _order(kernel, tables, compute.ops, arguments)
+        values = compute([argument[order] for argument in arguments])
+        for target, value in zip(targets, values, strict=True):
+            target[order] = value
     return results
+
+
+def _order(kernel: Kernel, tables: Any, ops: Any, arguments: Sequence[Array]) -> Any:
+    """The order in which to take the samples: all, or by the cell in which each has its edges."""
+    if kernel.order is None or not ops.prefers_cells(tables.clips_for_cells, arguments[0]):
+        return ...
+    host = NumpyOperations(double=True)
+    with np.errstate(invalid="ignore", over="ignore"):
+        inner = kernel.enter(host, tables.frame, *arguments)
+        cell = kernel.order(host, tables, *inner)
+        # NumPy sorts numbers of 16 bits in linear time
+        small = cell.max(initial=0) < 1 << 16
+        return np.argsort(cell.astype(np.uint16) if small else cell, kind="stable")
 
 
 def _chunks(
@@ -105,11 +121,13 @@ class _Numpy:
 class _Drjit:
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
-        self.ops = DrjitOperations(drjit_float(engine, double))
+        self.ops = DrjitOperations(drjit_float(engine, double), sorted_by_cell=True)
         self.entry = DrjitOperations(drjit_float(engine, double=True))
         self.memory: dict[int, Array] = {}
-        in_rows = kernel.copies and self.ops.prefers_rows(tables.clips, None)
-        self.parts = [tables] if in_rows else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
+        in_a_loop = kernel.copies and self.ops.prefers_rows(tables.clips, None)
+        if kernel.order is not None and self.ops.prefers_cells(tables.clips_for_cells, None):
+            in_a_loop = True
+        self.parts = [tables] if in_a_loop else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
 
     def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         import drjit
@@ -141,15 +159,7 @@ class _Drjit:
         results fetched, before the next one is sent.
         """
         if slot not in self.memory:
-            self.memory[slot] = _aligned(array.size)
+            self.memory[slot] = aligned(array.size, np.float64)
         memory = self.memory[slot][: array.size]
         memory[...] = array
         return self.entry.float_type(memory)
-
-
-def _aligned(size: int) -> Array:
-    """An uninitialised array that starts on a 64-byte boundary."""
-    dtype = np.dtype(np.float64)
-    memory = np.empty(size * dtype.itemsize + 64, np.uint8)
-    start = -memory.ctypes.data % 64
-    return memory[start : start + size * dtype.itemsize].view(dtype)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.engines.ranges import DrjitRanges, NumpyRanges, ScalarRanges
+from polywigner.kernels.lattice import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross
 
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 
@@ -29,20 +30,6 @@ _BLOCK = 1 << 14
 _UNROLLED_ROWS = 12
 # Terms that are whole transforms are unrolled up to here: half a second to compile.
 _UNROLLED_CLIPS = 256
-
-# Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
-_SPLIT_DOUBLE, _SPLIT_SINGLE = 134217729.0, 4097.0
-
-
-def _product_error(a: Any, b: Any, product: Any, split: float) -> Any:
-    """a b minus its rounded value, exactly (Dekker)."""
-    a_high = a * split
-    a_high = a_high - (a_high - a)
-    b_high = b * split
-    b_high = b_high - (b_high - b)
-    a_low, b_low = a - a_high, b - b_high
-    return ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
-
 
 Row = tuple[float, ...]
 Values = tuple[Any, ...]
@@ -67,10 +54,7 @@ class _Unfused:
 
     def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
         """ax by - ay bx to about one ulp of the result."""
-        split = _SPLIT_DOUBLE if self.double else _SPLIT_SINGLE
-        first, second = ax * by, ay * bx
-        lost = _product_error(ax, by, first, split) - _product_error(ay, bx, second, split)
-        return (first - second) + lost
+        return accurate_cross(ax, ay, bx, by, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
 
     def snapped(self, a: Any, step: float) -> Any:
         """The nearest multiple of ``step``, a power of two."""
@@ -199,10 +183,11 @@ class ScalarOperations(_Unfused, ScalarRanges):
 class DrjitOperations(DrjitRanges):
     """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
 
-    def __init__(self, float_type: Any) -> None:
+    def __init__(self, float_type: Any, sorted_by_cell: bool = False) -> None:
+        """``sorted_by_cell``: neighbouring samples mostly lie in the same cell."""
         import drjit
 
-        super().__init__(float_type)
+        super().__init__(float_type, sorted_by_cell)
         self._dr = drjit
         self.double = drjit.itemsize_v(float_type) == 8
 

@@ -21,11 +21,15 @@ Table = npt.NDArray[Any]
 
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
-# A kernel on LLVM by constants costs so many cuts that cells, which loop, are faster beyond.
-_CELLS_ABOVE_DRJIT = 300
+# To find the cells takes some 3 us per cut and 60 bytes, so that there is an upper end as well: the
+# regular polygon of 2900 vertices, with 8 million cuts.
+_MOST_CUTS = 8_000_000
+# Cuts beyond which cells are faster than constants compiled into a kernel: where samples are sorted
+# by cell (the 32-gon), and where they are not (the 67-gon, which takes seconds to compile).
+_CELLS_ABOVE_SORTED, _CELLS_ABOVE_UNSORTED = 1000, 4500
+# NumPy: with fewer samples, to find the cells takes longer than all the cuts.
+_CELLS_ABOVE_NUMPY, _MANY_SAMPLES = 4000, 1024
 _CELLS_ABOVE_SCALAR = 300
-# NumPy: beyond so many cuts; with fewer samples the cells take longer than all the cuts do.
-_CELLS_ABOVE_NUMPY, _FEW_SAMPLES = 1000, 512
 
 
 class NumpyRanges:
@@ -40,7 +44,7 @@ class NumpyRanges:
 
     def prefers_cells(self, clips: int, like: Any) -> bool:
         """Whether to look up in cells what matters at a place."""
-        return clips > _CELLS_ABOVE_NUMPY and np.size(like) > _FEW_SAMPLES
+        return _CELLS_ABOVE_NUMPY < clips <= _MOST_CUTS and np.size(like) >= _MANY_SAMPLES
 
     def held(self, table: Table) -> Any:
         """A table (rows, columns) of numbers or floats as :meth:`gather` wants it."""
@@ -123,7 +127,7 @@ class ScalarRanges:
 
     def prefers_cells(self, clips: int, like: Any) -> bool:
         """Whether to look up in cells what matters at a place."""
-        return clips > _CELLS_ABOVE_SCALAR
+        return _CELLS_ABOVE_SCALAR < clips <= _MOST_CUTS
 
     def held(self, table: Table) -> Any:
         return table.tolist()
@@ -170,10 +174,11 @@ class ScalarRanges:
 class DrjitRanges:
     """Ranges for Dr.Jit arrays: loops of the kernel that is being traced."""
 
-    def __init__(self, float_type: Any) -> None:
+    def __init__(self, float_type: Any, sorted_by_cell: bool) -> None:
         import drjit
 
         self._drjit = drjit
+        self._cells_above = _CELLS_ABOVE_SORTED if sorted_by_cell else _CELLS_ABOVE_UNSORTED
         self.float_type = float_type
         self._numbers = drjit.uint32_array_t(float_type)
 
@@ -184,7 +189,7 @@ class DrjitRanges:
 
     def prefers_cells(self, clips: int, like: Any) -> bool:
         """Whether to look up in cells what matters at a place."""
-        return clips > _CELLS_ABOVE_DRJIT
+        return self._cells_above < clips <= _MOST_CUTS
 
     def held(self, table: Table) -> Any:
         """(entries in a row, the entries of all rows one after the other)."""

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from polywigner.kernels.cells import clipper_for
 from polywigner.kernels.clipping import (
     AHEAD,
     BEHIND,
     Clipper,
     RowClipper,
     View,
-    clipper_for,
     times,
     total_extent,
 )
@@ -38,7 +38,7 @@ def ambiguity(
     triangles, and cut edges are many; the frame has no slivers that would make it less accurate.)
     Source: docs/theory.md, (A1), (I3).
     """
-    clipper = clipper_for(ops, tables, xi_x, xi_y)
+    clipper = clipper_for(ops, tables, xi_x, xi_y, BEHIND, AHEAD)
     total = Pair(0.0, 0.0)
     groups = [k for k in range(len(tables.groups)) if clipper.edges_of(k)]
     if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
@@ -155,7 +155,7 @@ def position_slice_area(ops: Any, tables: Tables, xi_x: Any, xi_y: Any) -> tuple
 
     As real and imaginary part; the latter is there only for complex fields.
     """
-    clipper = clipper_for(ops, tables, xi_x, xi_y)
+    clipper = clipper_for(ops, tables, xi_x, xi_y, BEHIND, AHEAD)
 
     def term(edge: Edge) -> tuple[Any, ...]:
         lever = ops.fma(clipper.tx, edge.ey, clipper.ty * -edge.ex)

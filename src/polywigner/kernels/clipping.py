@@ -25,9 +25,19 @@ from typing import Any
 from polywigner.kernels.lattice import exact_cross
 from polywigner.kernels.tables import Edge, Line, Piece, Tables
 
-__all__ = ["AHEAD", "BEHIND", "MIRRORED", "Clipper", "View", "clipper_for", "times", "total_extent"]
+__all__ = [
+    "AHEAD",
+    "BEHIND",
+    "MIRRORED",
+    "NEARLY_PARALLEL",
+    "Clipper",
+    "RowClipper",
+    "View",
+    "times",
+    "total_extent",
+]
 
-_NEARLY_PARALLEL = 0.03  # see tables._TRANSVERSAL
+NEARLY_PARALLEL = 0.03  # see tables._TRANSVERSAL
 
 
 @dataclass(frozen=True)
@@ -133,7 +143,7 @@ class Clipper:
         """t where the edge meets the line of the other copy."""
         if line.exact and edge.cluster == line.cluster:
             size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
-            if slope**2 < _NEARLY_PARALLEL**2 * size:
+            if slope**2 < NEARLY_PARALLEL**2 * size:
                 return self._exact_distance(edge, line, view) * (-view.point / slope)
         start = view.point * (line.dx * edge.ay - line.dy * edge.ax) - line.offset
         scale = -view.point / slope
@@ -234,12 +244,6 @@ class RowClipper(Clipper):
         cut = distance * -view.point / ops.select(parallel, 1.0, slope)
         cut = ops.select(parallel, ops.select(left, -self._FAR, self._FAR), cut)
         return cut, parallel | (slope * view.point > 0.0)
-
-
-def clipper_for(ops: Any, tables: Tables, tx: Any, ty: Any) -> Clipper:
-    """The clipper that suits the number of edges, of samples, and the engine."""
-    rows = ops.prefers_rows(tables.clips, tx)
-    return (RowClipper if rows else Clipper)(ops, tables, tx, ty)
 
 
 def total_extent(clipper: Clipper, edge: Edge, view: View) -> tuple[Any, Any]:

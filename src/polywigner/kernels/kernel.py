@@ -44,6 +44,9 @@ class Kernel:
     """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
     clips_per_term: int = 1
     """Code for a whole edge, or for what is left of one in a piece, in units of one cut's code."""
+    order: Callable[..., Any] | None = None
+    """(ops, tables, *arguments in the frame) -> numbers by which samples are best sorted where
+    edges are looked up in cells."""
     on_grid: Callable[[Any], Any] | None = None
     """source -> constants for grids of arguments, or None where it has none; cached."""
 

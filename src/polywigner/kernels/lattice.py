@@ -12,11 +12,23 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Lattice", "exact_cross", "signed_convex_pieces", "with_vertices_on_sides"]
+__all__ = [
+    "SPLIT_DOUBLE",
+    "SPLIT_SINGLE",
+    "Lattice",
+    "accurate_cross",
+    "exact_cross",
+    "signed_convex_pieces",
+    "with_vertices_on_sides",
+]
+
+# Veltkamp's splitting constants, 2^ceil(p/2) + 1 for p = 53 and 24 bits
+SPLIT_DOUBLE, SPLIT_SINGLE = 134217729.0, 4097.0
 
 
 @dataclass(frozen=True)
@@ -44,6 +56,26 @@ class Lattice:
 def exact_cross(ax: float, ay: float, bx: float, by: float) -> float:
     """cross(a, b), correctly rounded: no digits are lost where a and b are nearly parallel."""
     return float(Fraction(ax) * Fraction(by) - Fraction(ay) * Fraction(bx))
+
+
+def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any, split: float = SPLIT_DOUBLE) -> Any:
+    """cross(a, b) of floats or arrays to about one ulp; 0 only if it is (Dekker).
+
+    ``split``: SPLIT_DOUBLE, or for float32 SPLIT_SINGLE.
+    """
+    first, second = ax * by, ay * bx
+    lost = _product_error(ax, by, first, split) - _product_error(ay, bx, second, split)
+    return (first - second) + lost
+
+
+def _product_error(a: Any, b: Any, product: Any, split: float) -> Any:
+    """a b minus its rounded value, exactly."""
+    a_high = a * split
+    a_high = a_high - (a_high - a)
+    b_high = b * split
+    b_high = b_high - (b_high - b)
+    a_low, b_low = a - a_high, b - b_high
+    return ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
 
 
 def _is_convex(polygon: npt.NDArray[np.float64]) -> bool:

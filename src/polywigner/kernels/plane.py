@@ -11,8 +11,9 @@ import numpy as np
 
 from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.illumination import Array
-from polywigner.kernels import ambiguity, fourier, phases
+from polywigner.kernels import ambiguity, cells, fourier, phases
 from polywigner.kernels import wigner as wigner_sums
+from polywigner.kernels.clipping import BEHIND, MIRRORED
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.fourier import OutlineTables, outline_tables
 from polywigner.kernels.frame import Frame, Matrix, frame_of, times
@@ -165,6 +166,15 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
     return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
 
 
+def _mirrored_order(ops: Any, tables: Tables, x: Any, y: Any, *nu: Any) -> Any:
+    return cells.order(ops, tables, 2.0 * x, 2.0 * y, MIRRORED)
+
+
+def _shifted_order(ops: Any, tables: Tables, *inner: Any) -> Any:
+    xi_x, xi_y = inner[-2:]
+    return cells.order(ops, tables, xi_x, xi_y, BEHIND)
+
+
 def _fourier_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
     return fourier.fourier(ops, tables, *nu)
 
@@ -203,6 +213,7 @@ WIGNER = Kernel(
     leave_real,
     copies=1,
     clips_per_term=4,
+    order=_mirrored_order,
 )
 POSITION_MARGINAL = Kernel(
     "position marginal",
@@ -212,6 +223,7 @@ POSITION_MARGINAL = Kernel(
     lambda ops, tables, *inner: (wigner_sums.lag_slice_area(ops, tables, *inner),),
     leave_real,
     copies=1,
+    order=_mirrored_order,
 )
 FOURIER = Kernel(
     "fourier", 2, _outline_of, enter_frequency, _fourier_sum, leave_wave, on_grid=_grid_tables_of
@@ -239,6 +251,7 @@ AMBIGUITY = Kernel(
     leave_wave,
     copies=2,
     clips_per_term=16,
+    order=_shifted_order,
 )
 LAG_MARGINAL = Kernel(
     "lag marginal",
@@ -248,6 +261,7 @@ LAG_MARGINAL = Kernel(
     lambda ops, tables, *inner: ambiguity.position_slice_area(ops, tables, *inner),
     leave_real,
     copies=2,
+    order=_shifted_order,
 )
 LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)
 POSITION_MARGINAL_OF_WAVES = replace(

@@ -56,6 +56,8 @@ _TRANSVERSAL = 0.03
 _PARALLEL = {True: 1e-14, False: 1e-7}  # by double precision or not
 _SEPARATE = {True: 1e-12, False: 1e-5}
 _SAME_OFFSET = 1e-14
+# Pairs of waves that are code, of some 20 ms to compile each, where edges are looked up in cells
+_WAVES_IN_CELLS = 16
 # What a further wave over what is left of an edge counts as, in cuts: 5 to 20 ms to compile.
 _CLIPS_PER_WAVE = 24
 
@@ -102,6 +104,9 @@ class Edge:
     imag: Any = 0.0
     group: Any = 0
     """Which of the fields in ``Tables.groups`` the weight is for."""
+    line: Any = 0
+    """The number of the edge's line, and the side of it on which the polygon lies."""
+    side: Any = 1
 
 
 @dataclass(frozen=True)
@@ -112,9 +117,10 @@ class Piece:
     real: float  # the element's weight; its negative for a triangle turned over by rounding
     imag: float = 0.0
     group: int = 0
+    corners: tuple[tuple[float, float], ...] = ()  # counter-clockwise
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long
 class Tables:
     """Everything the kernels need to know of a polygon, in its frame."""
 
@@ -142,6 +148,15 @@ class Tables:
         return max(
             sum(len(difference_beats(one, other)) for other in self.groups) for one in self.groups
         )
+
+    @property
+    def clips_for_cells(self) -> int:
+        """``clips``, if lists by cells can stand for all pieces; 0 for several, or crowded, fields.
+
+        A kernel that works by cells takes one field, and has code for each pair of its waves.
+        """
+        simple = len(self.groups) == 1 and self.waves_per_cut <= _WAVES_IN_CELLS
+        return self.clips if simple else 0
 
     def mutual(self, edge: Edge, piece: Piece) -> tuple[Any, Any]:
         """Weight of the edge's element times the conjugate of the piece's: (real, imag)."""
@@ -282,8 +297,10 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
         for ring in outline.rings:
             edges += _edges(ring, numbers, book, waves, member)
         for piece, sign in outline.pieces:
-            sides = dict.fromkeys((n, int(s)) for n, s in islice(numbers, len(piece)))
-            pieces.append(Piece(tuple(sides), sign * weight.real, sign * weight.imag, group))
+            sides = [(n, int(s)) for n, s in islice(numbers, len(piece))]
+            corners = tuple((x, y) for x, y in piece.tolist())
+            field = sign * weight.real, sign * weight.imag
+            pieces.append(Piece(tuple(dict.fromkeys(sides)), *field, group, corners))
     weights = [weight for weight, _ in members]
     return Tables(
         frame,
@@ -359,4 +376,5 @@ def _edges(
         yield Edge(
             ax, ay, bx, by, ex, ey, area, ux, uy,
             sign * length, line.offset, float(line.cluster), weight.real, weight.imag, group,
+            number, int(sign),
         )  # fmt: skip

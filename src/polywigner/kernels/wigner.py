@@ -14,14 +14,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from polywigner.kernels.clipping import (
-    MIRRORED,
-    Clipper,
-    RowClipper,
-    clipper_for,
-    times,
-    total_extent,
-)
+from polywigner.kernels.cells import clipper_for
+from polywigner.kernels.clipping import MIRRORED, Clipper, RowClipper, times, total_extent
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.trigonometry import sin_turns
@@ -34,7 +28,7 @@ Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
 def wigner(ops: Any, tables: Tables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
     """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2), (I2)."""
-    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
+    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y, MIRRORED)
     groups = [k for k in range(len(tables.groups)) if clipper.edges_of(k)]
     if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
         return _sum_over_rows(tables, clipper, groups, (x, y), (nu_x, nu_y))
@@ -175,7 +169,7 @@ def _ratio(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
 
 def lag_slice_area(ops: Any, tables: Tables, x: Any, y: Any) -> Any:
     """R_x(x) of elements without illumination: the area of the lag slice, in the frame."""
-    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y)
+    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y, MIRRORED)
 
     def term(edge: Edge) -> tuple[Any]:
         lever = ops.fma(
