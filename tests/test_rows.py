@@ -23,6 +23,7 @@ precisions = pytest.mark.parametrize("precision", list(TOLERANCE))
 def rows_only(monkeypatch: pytest.MonkeyPatch) -> None:
     for kind in (operations.NumpyOperations, operations.DrjitOperations):
         monkeypatch.setattr(kind, "prefers_rows", lambda self, clips, like: True)
+        monkeypatch.setattr(kind, "prefers_cells", lambda self, clips, like: False)
 
 
 @pytest.mark.usefixtures("rows_only")
@@ -45,6 +46,7 @@ def test_no_value_jumps_where_edges_are_rows(name: str, engine: str, precision: 
 
 
 @pytest.mark.llvm
+@pytest.mark.usefixtures("rows_only")
 def test_an_outline_of_many_edges_compiles_in_rows() -> None:
     ring = pw.shapes.ring(1.0, 0.6)
     assert (

@@ -23,6 +23,8 @@ __all__ = ["evaluate"]
 # little against computing, and the arguments of a chunk take some 10 MB.
 _NUMPY_CHUNK = 1 << 13
 _DRJIT_CHUNK = 1 << 18
+# Where samples are sorted by cell: enough for some in each of the many cells.
+_SORTED_CHUNK = 1 << 20
 # Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
 # than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
 _CLIPS_PER_KERNEL = 1000
@@ -60,8 +62,11 @@ def evaluate(
     compute: _Numpy | _Drjit
     if engine == "numpy":
         compute, chunk = _Numpy(kernel, tables, double), _NUMPY_CHUNK
+        compute.ops.samples = int(np.prod(shape))
     else:
         compute, chunk = _Drjit(kernel, tables, double, engine), _DRJIT_CHUNK
+        if kernel.order and compute.ops.prefers_cells(tables.clips_for_cells, None):
+            chunk = _SORTED_CHUNK
     for arguments, targets in _chunks(components, results, chunk):
         order = _order(kernel, tables, compute.ops, arguments)
         values = compute([argument[order] for argument in arguments])

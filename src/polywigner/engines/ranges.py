@@ -36,6 +36,8 @@ class NumpyRanges:
     """Ranges for NumPy arrays: one axis before that of the samples for all rows of a range."""
 
     dtype: np.dtype[Any]
+    samples = 0
+    """Of the whole that comes in chunks, where it is known."""
 
     @property
     def key(self) -> Hashable:
@@ -44,7 +46,8 @@ class NumpyRanges:
 
     def prefers_cells(self, clips: int, like: Any) -> bool:
         """Whether to look up in cells what matters at a place."""
-        return _CELLS_ABOVE_NUMPY < clips <= _MOST_CUTS and np.size(like) >= _MANY_SAMPLES
+        many = max(self.samples, np.size(like)) >= _MANY_SAMPLES
+        return many and _CELLS_ABOVE_NUMPY < clips <= _MOST_CUTS
 
     def held(self, table: Table) -> Any:
         """A table (rows, columns) of numbers or floats as :meth:`gather` wants it."""

@@ -130,7 +130,7 @@ def divided(
         counts = np.bincount(level.cell, minlength=len(level.bits))
         worth_it &= counts > enough
         splits = np.where(worth_it[:, None], finder.splits(level, finest), 0)
-        open_cells: npt.NDArray[np.bool_] = (splits > 0).any(axis=1)
+        open_cells = splits.sum(axis=1) > 0
         rest = _chosen(level, ~open_cells)
         active = _chosen(level, open_cells)
         kept += len(rest.cell)

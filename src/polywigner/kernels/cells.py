@@ -83,7 +83,7 @@ class CellClipper(Clipper):
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
     ) -> Any:
         # what lies at infinity or is not a number is so in the result
-        totals = [0.0 * (self.tx + self.ty)] * values
+        totals = [(self.tx - self.tx) + (self.ty - self.ty)] * values
         for view in self.views:
             for part in _Pass(self, view, term, values).sums():
                 totals = [a + b for a, b in zip(totals, part, strict=True)]

@@ -1,0 +1,155 @@
+"""How does the cost of a sample of W grow with the number of vertices, and its error?
+
+Outlines of 8 to 1024 vertices: regular polygons; stars whose points are as deep as they are wide;
+random outlines, smooth but not convex; and random ones that jump in and out from vertex to vertex,
+whose lag slices themselves have more and more edges ("parts": what is summed up per sample).
+"before" is the same library with its lists by cells switched off. Arrays from and to NumPy, CPU
+seconds on one thread; errors are against float64 without cells, in units of the area.
+
+    python benchmarks/wigner_cost.py [--samples 262144] [--vertices 8 16 32 ...] [--ambiguity]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+import polywigner as pw
+from polywigner.engines import NumpyOperations, ranges
+from polywigner.engines.llvm import prepare
+from polywigner.kernels import tables_of
+from polywigner.kernels.cell_lists import cell_lists
+
+VERTICES = (8, 16, 32, 64, 128, 256, 512, 1024)
+CHECKED = 48  # samples at which errors are measured
+CYCLES = 10.0  # |nu| times the diameter, at most
+CUTS_BEFORE = 2e9  # of cuts to time without cells
+
+
+def polar(radii: np.ndarray) -> pw.Aperture:
+    angle = 2 * np.pi * np.arange(len(radii)) / len(radii)
+    return pw.Aperture(radii[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def random_outline(count: int) -> pw.Aperture:
+    rng, angle = np.random.default_rng(7), 2 * np.pi * np.arange(count) / count
+    waves = [rng.normal() / k * np.cos(k * angle + 6.3 * rng.random()) for k in range(1, 9)]
+    return polar(np.exp(0.4 * np.sum(waves, axis=0)))
+
+
+def jagged_outline(count: int) -> pw.Aperture:
+    return polar(0.5 + 0.5 * np.random.default_rng(count).random(count))
+
+
+OUTLINES: dict[str, Callable[[int], pw.Aperture]] = {
+    "regular": lambda n: pw.shapes.regular_polygon(n, 1.0),
+    "star": lambda n: pw.shapes.star(n // 2, 1.0, 1 - 4 / n),
+    "random": random_outline,
+    "jagged": jagged_outline,
+}
+
+
+@contextmanager
+def without_cells() -> Iterator[None]:
+    """All edges cut by all pieces, as constants of the kernel or in a loop over a table."""
+    kinds: Any = (ranges.NumpyRanges, ranges.DrjitRanges)
+    kept = [kind.prefers_cells for kind in kinds]
+    for kind in kinds:
+        kind.prefers_cells = lambda self, clips, like: False
+    try:
+        yield
+    finally:
+        for kind, own in zip(kinds, kept, strict=True):
+            kind.prefers_cells = own
+
+
+def points(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions all over the aperture's box, and frequencies."""
+    rng = np.random.default_rng(count)
+    low, high = np.reshape(source.bounds, (2, 2))
+    nu = rng.uniform(-1, 1, (count, 2)) * CYCLES / source.diameter
+    return rng.uniform(low, high, (count, 2)), nu
+
+
+def per_sample(call: Callable[..., Any], a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """CPU seconds per sample, best of three, and of the first call."""
+    times = []
+    for _ in range(4):
+        start = time.process_time()
+        call(a, b)
+        times.append(time.process_time() - start)
+    return min(times[1:]) / len(a), times[0]
+
+
+def parts(source: pw.Aperture, x: np.ndarray) -> float:
+    """How many parts of edges a lag slice has on average, as the cells leave them."""
+    tables = tables_of(source, True)
+    lists = cell_lists(tables, -1)
+    from polywigner.kernels.cells import order
+    from polywigner.kernels.clipping import MIRRORED
+
+    ops = NumpyOperations(True)
+    cell = order(ops, tables, *(2 * p for p in tables.frame.position(ops, *x.T)), MIRRORED)
+    runs = np.append(0, np.cumsum(lists.runs[:, 1].astype(int) - lists.runs[:, 0]))
+    whole = runs[lists.first_run[cell + 1]] - runs[lists.first_run[cell]]
+    cut = sum(c.first[cell + 1].astype(int) - c.first[cell] for c in (lists.plain, lists.special))
+    return float((whole + cut).mean())
+
+
+def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) -> list[float]:
+    """Seconds per sample after and before, of the first call, and the error."""
+    transform = pw.ambiguity if ambiguity else pw.wigner
+
+    def call(x: np.ndarray, nu: np.ndarray, how: str = precision) -> Any:
+        a, b = (nu, 2 * (x - x.mean(axis=0))) if ambiguity else (x, nu)
+        return transform(source, a, b, engine="llvm", precision=how)
+
+    x, nu = points(source, samples)
+    after, first = per_sample(call, x, nu)
+    clips = tables_of(source, True).clips
+    few = int(min(samples, max(256, CUTS_BEFORE / clips)))
+    with without_cells():
+        before, _ = per_sample(call, x[:few], nu[:few])
+        expected = call(x[:CHECKED], nu[:CHECKED], "double")
+    chosen = call(x, nu)[:CHECKED]
+    return [after, before, first, float(np.abs(chosen - expected).max() / source.area)]
+
+
+def main() -> None:
+    """Measure and print a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--samples", type=int, default=1 << 18)
+    parser.add_argument("--vertices", type=int, nargs="+", default=VERTICES)
+    parser.add_argument("--outlines", nargs="+", choices=OUTLINES, default=list(OUTLINES))
+    parser.add_argument("--ambiguity", action="store_true", help="A instead of W")
+    options = parser.parse_args()
+    prepare()
+    import drjit
+
+    drjit.set_thread_count(1)
+    print("| outline | n | precision | ns/sample | ratio | before, ns | ratio | first call, s |"
+          " parts | MB | error |\n|" + "---|" * 11)  # fmt: skip
+    for name in options.outlines:
+        for precision in ("single", "double"):
+            base: list[float] = []
+            for count in options.vertices:
+                source = OUTLINES[name](count)
+                row = measure(source, precision, options.samples, options.ambiguity)
+                base = base or row
+                lists = cell_lists(tables_of(source, precision == "double"), -1)
+                print(
+                    f"| {name} | {count} | {precision} | {1e9 * row[0]:.0f} | "
+                    f"{row[0] / base[0]:.1f} | {1e9 * row[1]:.0f} | {row[1] / base[1]:.1f} | "
+                    f"{row[2]:.2f} | {parts(source, points(source, 4096)[0]):.0f} | "
+                    f"{lists.nbytes / 1e6:.1f} | {row[3]:.1e} |",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,283 @@
+"""Lists by cells of what matters at a place give what cutting every edge by every piece gives.
+
+Which way is taken depends on the number of edges and samples; here cells are forced upon all, and
+are compared with exact clipping, or with the other ways forced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles.references import ENGINES, awkward, awkward_names
+from polywigner.engines import NumpyOperations, ranges
+from polywigner.kernels import tables_of, wigner
+from polywigner.kernels.cell_lists import cell_lists
+from polywigner.kernels.cell_tree import _PAIRS_PER_EDGE
+
+# Relative to the area: what the package promises.
+TOLERANCE = {"double": 1e-12, "single": 5e-6}
+# Many teeth meet one edge, in the sum of as many half-planes: float32 loses half a digit.
+COMB = 3
+# docs/theory.md: bytes for each pair of an edge and a side in a cell
+BYTES_PER_PAIR = 64
+KINDS = (ranges.NumpyRanges, ranges.ScalarRanges, ranges.DrjitRanges)
+
+engines = pytest.mark.parametrize("engine", ENGINES)
+precisions = pytest.mark.parametrize("precision", list(TOLERANCE))
+
+
+@contextmanager
+def by_cells(always: bool) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        for kind in KINDS:
+            patch.setattr(kind, "prefers_cells", lambda self, clips, like: always and clips > 0)
+        yield
+
+
+@pytest.fixture
+def cells_only() -> Iterator[None]:
+    with by_cells(True):
+        yield
+
+
+def polar(radii: np.ndarray) -> np.ndarray:
+    angle = 2 * np.pi * np.arange(len(radii)) / len(radii)
+    return np.asarray(radii)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def random_outline(count: int, roughness: float) -> pw.Aperture:
+    """A smooth random outline, its vertices moved in and out besides."""
+    rng = np.random.default_rng(count)
+    angle = 2 * np.pi * np.arange(count) / count
+    waves = sum(rng.normal() / k * np.cos(k * angle + 6 * rng.random()) for k in range(1, 9))
+    return pw.Aperture(polar(np.exp(0.4 * waves + roughness * rng.random(count))))
+
+
+def comb(teeth: int, angle: float = 0.0) -> pw.Aperture:
+    """Teeth of one width, as far apart as wide: many edges coincide at many places."""
+    left = np.arange(0.0, 2 * teeth, 2)
+    gap = [[[x, 1.0], [x, 3.0], [x + 1, 3.0], [x + 1, 1.0]] for x in left]
+    ring = np.vstack([[[2.0 * teeth - 1, 0.0], [0.0, 0.0]], *gap])
+    ring = np.delete(ring, [2, len(ring) - 1], axis=0)  # on the sides of the back
+    c, s = np.cos(angle), np.sin(angle)
+    return pw.Aperture(ring / teeth @ np.array([[c, s], [-s, c]]))
+
+
+OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
+    "regular polygon": lambda: pw.shapes.regular_polygon(96, 1.0),
+    "star": lambda: pw.shapes.star(40, 1.0, 0.8),
+    "spiky star": lambda: pw.shapes.star(32, 1.0, 0.4),
+    "random": lambda: random_outline(96, 0.0),
+    "random and rough": lambda: random_outline(64, 0.2),
+    "holed ring": lambda: pw.shapes.ring(1.0, 0.6, 48),
+    "ring with a small hole": lambda: pw.shapes.ring(1.0, 0.02, 40),
+    "comb": lambda: comb(16),
+    "turned comb": lambda: comb(16, 0.3),
+    "hexagons": lambda: pw.shapes.hexagonal_segments(1.0, gap=0.05),
+    "touching hexagons": lambda: pw.shapes.hexagonal_segments(1.0),
+    "256-gon": lambda: pw.shapes.regular_polygon(256, 1.0),
+}
+
+
+def places(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and frequencies: a third anywhere, others where vertices meet, jittered by ulps."""
+    rng = np.random.default_rng(count)
+    low, high = np.reshape(source.bounds, (2, 2))
+    x = rng.uniform(low, high, (count, 2))
+    corners = np.concatenate(source.rings)
+    pairs = corners[rng.integers(len(corners), size=(count // 3, 2))].mean(axis=1)
+    x[: len(pairs)] = pairs * (1 + 2**-52 * rng.integers(-2, 3, pairs.shape))
+    exact = corners[rng.integers(len(corners), size=(count // 3, 2))].mean(axis=1)
+    x[len(pairs) : len(pairs) + len(exact)] = exact
+    x[-1] = (low + high) / 2
+    nu = rng.uniform(-1, 1, (count, 2)) * 10 ** rng.uniform(-2, 1.5, (count, 1)) / source.diameter
+    return x, nu
+
+
+@pytest.mark.usefixtures("cells_only")
+@pytest.mark.parametrize("name", awkward_names())
+@precisions
+@engines
+def test_no_value_jumps_where_edges_are_looked_up(name: str, engine: str, precision: str) -> None:
+    case, how = awkward(name), {"engine": engine, "precision": precision}
+    allowed = TOLERANCE[precision] * case.area
+    got = pw.wigner(case.aperture, case.x, case.x_nu, **how)
+    assert np.abs(got - case.wigner).max() < allowed
+    if engine == "numpy" or precision == "double":  # seconds of compilation on LLVM
+        got = pw.ambiguity(case.aperture, case.upsilon, case.xi, **how)
+        assert np.abs(got - case.ambiguity).max() < allowed
+
+
+@pytest.mark.parametrize("name", OUTLINES)
+@engines
+def test_cells_change_no_transform(name: str, engine: str) -> None:
+    source = OUTLINES[name]()
+    x, nu = places(source, 240)
+    corners = np.concatenate(source.rings)
+    lag = 2 * (x - corners.mean(axis=0))
+    lag[:80] = corners[np.arange(80) % len(corners)] - corners[np.arange(80) * 7 % len(corners)]
+    calls: list[tuple[Any, ...]] = [(pw.wigner, x, nu), (pw.ambiguity, nu, lag)]
+    if engine == "numpy":
+        calls += [(pw.position_marginal, x), (pw.lag_marginal, lag)]
+    for transform, *points in calls:
+        with by_cells(False):
+            expected = transform(source, *points, engine="numpy")
+        with by_cells(True):
+            for precision, tolerance in TOLERANCE.items():
+                got = transform(source, *points, engine=engine, precision=precision)
+                allowed = tolerance * (COMB if "comb" in name else 1)
+                assert np.abs(got - expected).max() < allowed * source.area
+
+
+def test_a_thousand_vertices_are_as_accurate_as_few() -> None:
+    source = pw.shapes.regular_polygon(1024, 1.0)
+    x, nu = places(source, 30)
+    with by_cells(False):
+        expected = pw.wigner(source, x, nu, engine="numpy")
+    with by_cells(True):
+        got = pw.wigner(source, x, nu, engine="numpy")
+    assert np.abs(got - expected).max() < TOLERANCE["double"] * source.area
+
+
+@pytest.mark.usefixtures("cells_only")
+def test_a_regular_polygon_of_many_vertices_has_the_lag_slices_of_a_disc() -> None:
+    radius = 1.0
+    source = pw.shapes.disc(radius, 512)
+    x = np.column_stack([np.linspace(0, 0.999, 64), np.zeros(64)]) * radius
+    # two discs of radius 2 r at a distance of 4 |x|
+    half = np.arccos(np.minimum(x[:, 0] / radius, 1))
+    lens = 4 * radius**2 * (2 * half - np.sin(2 * half))
+    got = pw.position_marginal(source, x, engine="numpy")
+    assert np.abs(got - lens).max() < 1e-4 * source.area  # the polygon's deviation, 1/n^2
+
+
+@engines
+def test_fields_count_as_in_pieces(engine: str) -> None:
+    disc = pw.shapes.disc(1.0, 48)
+    tile = pw.Aperture(shapely.box(-0.5, -0.5, 0.75, 0.5))
+    touching = pw.Aperture(shapely.box(0.75, -0.5, 1.5, 0.5))
+    tilted = disc.with_illumination(pw.Illumination([1.0, 0.5j], [[0.3, 0.1], [-0.4, 0.2]]))
+    weights = np.array([1.0, 0.5 - 0.8j, 0.5 - 0.8j])
+    sources = {
+        "overlapping": pw.Array([disc, tile, touching], weights),
+        "real": pw.Array([disc, tile, touching], weights.real),
+        "illuminated": tilted,
+        "two fields": pw.Array([tilted, tile], weights[:2]),
+    }
+    x, nu = places(disc, 150)
+    for name, source in sources.items():
+        for transform, points in ((pw.wigner, (x, nu)), (pw.ambiguity, (nu, 2 * x))):
+            with by_cells(False):
+                expected = transform(source, *points, engine="numpy")
+            with by_cells(True):
+                got = transform(source, *points, engine=engine)
+            assert np.abs(got - expected).max() < 10 * TOLERANCE["double"] * disc.area, name
+
+
+@pytest.mark.usefixtures("cells_only")
+@engines
+def test_outside_is_zero_and_what_is_not_a_number_stays_so(engine: str) -> None:
+    source = pw.shapes.regular_polygon(40, 1.0)
+    x = np.array([[2.0, 0.0], [1e30, -1e30], [np.nan, 0.0], [0.1, np.inf], [0.1, 0.2]])
+    for precision in TOLERANCE:
+        got = pw.wigner(source, x, [0.3, 0.4], engine=engine, precision=precision)
+        assert (got[:2] == 0).all()
+        assert np.isnan(got[2:4]).all()
+        assert got[4] != 0
+
+
+@pytest.mark.usefixtures("cells_only")
+@engines
+def test_any_shape_and_order_of_samples_is_kept(engine: str) -> None:
+    source = pw.shapes.star(20, 1.0, 0.6)
+    x, nu = places(source, 60)
+    whole = pw.wigner(source, x[:, None], nu[:7], engine=engine)
+    assert whole.shape == (60, 7)
+    one_by_one = pw.wigner(source, np.repeat(x, 7, axis=0), np.tile(nu[:7], (60, 1)), engine=engine)
+    assert np.abs(whole.ravel() - one_by_one).max() < TOLERANCE["double"] * source.area
+    single = pw.wigner(source, x[5], nu[3], engine=engine)
+    assert abs(single - whole[5, 3]) < TOLERANCE["double"] * source.area
+
+
+@pytest.mark.llvm
+@pytest.mark.usefixtures("cells_only")
+@pytest.mark.parametrize("mode", ["forward", "backward"])
+@pytest.mark.parametrize("which", [0, 1], ids=["x", "nu"])
+def test_derivatives_pass_through_the_cells(which: int, mode: str) -> None:
+    import drjit
+    import drjit.llvm.ad as backend
+
+    source, step = pw.shapes.star(20, 1.0, 0.7), 1e-6
+    points = [p[80:119] for p in places(source, 120)]  # where nothing coincides
+    points[1] = np.clip(points[1], -2, 2)
+    arrays = [backend.Array2f64(np.array(p.T)) for p in points]
+    drjit.enable_grad(arrays[which])
+    value = pw.wigner(source, *arrays)
+    shifts = step * np.eye(2)
+    around = [
+        [pw.wigner(source, *(p + s * (k == which) for k, p in enumerate(points))) for s in pair]
+        for pair in ((shift, -shift) for shift in shifts)
+    ]
+    expected = np.array([(up - down) / (2 * step) for up, down in around])
+    if mode == "backward":
+        drjit.backward(value)
+        assert np.abs(np.array(drjit.grad(arrays[which])) - expected).max() < 1e-6
+    else:
+        drjit.set_grad(arrays[which], 1.0)
+        forward = np.array(drjit.forward_to(value))
+        assert np.abs(forward - expected.sum(axis=0)).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["256-gon", "random", "spiky star", "holed ring"])
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_memory_is_what_the_documents_say(name: str, sign: int) -> None:
+    tables = tables_of(OUTLINES[name](), True)
+    lists = cell_lists(tables, sign)
+    pairs = max(_PAIRS_PER_EDGE * len(tables.edges), tables.clips)
+    assert lists.nbytes < BYTES_PER_PAIR * pairs + 5e6  # and the map of the cells
+
+
+def test_a_sample_sees_few_cuts_and_no_more_edges_than_there_are() -> None:
+    tables = tables_of(pw.shapes.regular_polygon(256, 1.0), True)
+    lists = cell_lists(tables, -1)
+    cells = len(lists.first_run) - 2
+    runs = lists.runs[:, 1].astype(int) - lists.runs[:, 0]
+    of_run = np.repeat(np.arange(cells + 1), np.diff(lists.first_run.astype(int)))
+    assert np.bincount(of_run, runs).max() <= 256
+    cuts = (lists.plain.records[:, 2].astype(int) - lists.plain.records[:, 1]).sum()
+    assert cuts / cells < 256 / 4  # each edge by each side would be 65536
+
+
+def test_scalar_kernels_look_up_the_same_cells() -> None:
+    from polywigner.engines import ScalarOperations
+
+    source = pw.shapes.star(24, 1.0, 0.7)
+    tables = tables_of(source, True)
+    inner = [places(source, 30)[k].T[c] * 0.4 for k in (0, 1) for c in (0, 1)]
+    with by_cells(False):
+        expected = wigner(NumpyOperations(True), tables, *inner)
+    with by_cells(True):
+        got = [wigner(ScalarOperations(), tables, *sample) for sample in zip(*inner, strict=True)]
+    assert np.abs(np.array(got) - expected).max() < TOLERANCE["double"]
+
+
+@pytest.mark.llvm
+def test_a_rendered_ring_of_256_edges_is_the_same_by_cells() -> None:
+    from mitsuba_scenes import MONO, floor_scene, light, use
+
+    mi = use(MONO.values[0])
+    ring = pw.shapes.ring(0.01, 0.006, 128)
+    images = []
+    for always in (True, False):
+        with by_cells(always):
+            scene = floor_scene({"ring": light(ring)}, columns=6)
+            images.append(np.array(mi.render(scene, spp=64, seed=3))[..., 0])
+    assert images[1].max() > 0
+    assert np.abs(images[0] - images[1]).max() < 1e-4 * np.abs(images[1]).max()
