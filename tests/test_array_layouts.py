@@ -226,6 +226,7 @@ def test_the_mean_pattern_of_thinned_arrays_is_the_tapered_one_plus_a_floor() ->
         (lambda: arrays.thinned([[0, 0]], 0.0, 1), "fill"),
         (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, 0.1]), "up to 0.55"),
         (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, -1]), "negative"),
+        (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, 1, [1, 1j]), "real numbers"),
         (lambda: arrays.thinned([[0, 0], [1, 1]], 0.6, -1), "seed"),
         (lambda: arrays.thinned([[0, 0]], 1e-9, 1), "another seed"),
         (lambda: arrays.thinned([], 0.5, 1), "positions"),

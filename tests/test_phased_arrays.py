@@ -63,6 +63,8 @@ ARRAYS = {
     "own waves, any weights": pw.phased_array(
         ELL.with_illumination(WAVES), grid(2, 2, 2.5, 3.0), _random(4)
     ),
+    # walking every half pitch under an element would never end
+    "far smaller than an element": pw.phased_array(SQUARE, grid(3, 2, 1e-6), _random(6)),
     "an oblique row": pw.phased_array(SQUARE, np.outer(np.arange(5), [1.1, 0.3])),
 }
 

@@ -143,7 +143,13 @@ def thinned(positions: Any, fill: float, seed: int, taper: Any = None) -> Positi
     """
     places = checked_positions(positions, (1, 2, 3))
     share = checked_number(fill, "fill", "a fraction above 0 and up to 1")
-    likely = np.ones(len(places)) if taper is None else np.array(taper, dtype=np.float64)
+    try:
+        likely = np.ones(len(places)) if taper is None else np.array(taper, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ArgumentError(
+            f"expected a taper of real numbers, got {type(taper).__name__}; give the moduli of "
+            "complex weights"
+        ) from None
     if likely.shape != places.shape[:1] or not (likely >= 0).all() or not likely.any():
         raise ArgumentError(
             f"expected a taper of {len(places)} weights of zero or more, got shape {likely.shape}"

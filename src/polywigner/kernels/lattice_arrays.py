@@ -58,13 +58,26 @@ class Window:
 
     low: float
     high: float
+    start: int
+    """The first of those that the lattice has, ..."""
+    steps: int
+    """... and how many it has."""
+
+    @property
+    def _is_all(self) -> bool:
+        """Whether the interval holds no fewer: elements much larger than the lattice."""
+        return self.high - self.low >= self.steps
 
     @property
     def count(self) -> int:
         """The most that there can be."""
+        if self._is_all:
+            return self.steps
         return max(1, math.ceil(self.high - self.low - _EDGE))
 
     def first(self, ops: Any, t: Any) -> Any:
+        if self._is_all:
+            return 0.0 * t + float(self.start)
         return ops.round(t - self.high + 0.5)
 
 
@@ -258,14 +271,17 @@ def _frame(
         ((i1[0], i1[1]), (i2[0], i2[1])),
         turns,
         tuple(phases.doubled(float(c), double) for c in middle),
-        _windows((2 * mean).min(axis=0), (2 * mean).max(axis=0)),
-        _windows([-s for s in spread], spread),
-        _windows(low, high),
+        _windows((2 * mean).min(axis=0), (2 * mean).max(axis=0), 0 * count, 2 * count + 1),
+        _windows([-s for s in spread], spread, -count, 2 * count + 1),
+        _windows(low, high, 0 * count, count + 1),
     )
 
 
-def _windows(low: Any, high: Any) -> tuple[Window, Window]:
-    first, second = (Window(float(a), float(b)) for a, b in zip(low, high, strict=True))
+def _windows(low: Any, high: Any, start: Any, steps: Any) -> tuple[Window, Window]:
+    first, second = (
+        Window(float(a), float(b), int(k), int(n))
+        for a, b, k, n in zip(low, high, start, steps, strict=True)
+    )
     return first, second
 
 
