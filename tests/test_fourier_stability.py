@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import polywigner as pw
 from oracles import simplices
 from oracles.drawn import polygons as drawn_polygons
+from oracles.generate_fourier import exact
 from oracles.references import DATA, ENGINES, aperture
 from oracles.shapes import Polygons
 from oracles.sources import SOURCES, box_bound, content, cube, frequencies, points_of, prism
@@ -42,15 +43,26 @@ def _data() -> dict[str, np.ndarray]:
         return dict(archive)
 
 
+# Of the stored frequencies, those used where the values have to be made anew.
+_EVERY = 7
+
+
+@lru_cache
 def _cases(kind: str, complex_nu: bool) -> list[tuple[str, Any, np.ndarray, np.ndarray]]:
     data, prefix = _data(), "complex_" if complex_nu else ""
     found = []
     for name, source in SOURCES[kind].items():
         key = f"{kind}/{name}/"
-        # the values belong to these very floats
-        same = np.abs(data[key + "vertices"] - points_of(source)).max()
-        assert same == 0.0, f"{kind}, {name}: run python -m oracles.generate_fourier"
-        found.append((name, source, data[f"{key}{prefix}nu"], data[f"{key}{prefix}F"]))
+        nu, expected = data[f"{key}{prefix}nu"], data[f"{key}{prefix}F"]
+        stored, own = data[key + "vertices"], points_of(source)
+        off = np.abs(stored - own).max() / np.abs(stored).max()
+        assert off < 1e-12, f"{kind}, {name}: run python -m oracles.generate_fourier"
+        if off > 0.0:
+            # The values belong to the very floats stored; other versions of the linear algebra
+            # round a rotation differently.
+            nu = nu[::_EVERY]
+            expected = exact(source, nu)
+        found.append((name, source, nu, expected))
     return found
 
 
