@@ -19,7 +19,7 @@ from oracles.references import ENGINES, awkward, awkward_names
 from polywigner.engines import NumpyOperations, ranges
 from polywigner.kernels import tables_of, wigner
 from polywigner.kernels.cell_lists import cell_lists
-from polywigner.kernels.cell_tree import _PAIRS_PER_EDGE
+from polywigner.kernels.cell_tree import _PAIRS_PER_EDGE, Segments, divided
 
 # Relative to the area: what the package promises.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
@@ -76,6 +76,7 @@ OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
     "spiky star": lambda: pw.shapes.star(32, 1.0, 0.4),
     "random": lambda: random_outline(96, 0.0),
     "random and rough": lambda: random_outline(64, 0.2),
+    "jagged": lambda: pw.Aperture(polar(0.5 + 0.5 * np.random.default_rng(1).random(128))),
     "holed ring": lambda: pw.shapes.ring(1.0, 0.6, 48),
     "ring with a small hole": lambda: pw.shapes.ring(1.0, 0.02, 40),
     "comb": lambda: comb(16),
@@ -253,6 +254,30 @@ def test_a_sample_sees_few_cuts_and_no_more_edges_than_there_are() -> None:
     assert np.bincount(of_run, runs).max() <= 256
     cuts = (lists.plain.records[:, 2].astype(int) - lists.plain.records[:, 1]).sum()
     assert cuts / cells < 256 / 4  # each edge by each side would be 65536
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_whatever_a_cell_lists_also_meets_it_by_the_wider_test(seed: int) -> None:
+    """Vertices that fail the wider test are taken to lie apart from all sides on the list."""
+    rng = np.random.default_rng(seed)
+    start = rng.uniform(-0.5, 0.5, (200, 2))
+    half = rng.uniform(-1, 1, (200, 2)) * 10 ** rng.uniform(-3, -0.5, (200, 1))
+    # on a grid on which ends often just touch the margin of a cell
+    start, half = np.round(start, 3), np.round(half, 3)
+    segments = Segments(start, half)
+    reach = np.array([1.6, 1.6])
+    cells = divided(segments, segments, -1, (-reach, reach), 25)
+    centre = segments.middle[cells.side] + segments.middle[cells.edge]
+    assert cells.meet(cells.cell, centre, half[cells.edge], half[cells.side]).all()
+    # and each pair that meets in a point anywhere is listed in the cell of that point
+    edge, side = rng.integers(200, size=(2, 5000))
+    t, r = rng.uniform(-1, 1, (2, 5000, 1))
+    offset = start[side] + r * half[side] + start[edge] + t * half[edge]
+    unit = cells.size / np.exp2(cells.bits)
+    column, row = ((offset - cells.low) / unit).astype(int).T
+    listed = set(zip(cells.cell.tolist(), cells.edge.tolist(), cells.side.tolist(), strict=True))
+    found = zip(cells.map()[row, column].tolist(), edge.tolist(), side.tolist(), strict=True)
+    assert all(triple in listed for triple in found)
 
 
 def test_scalar_kernels_look_up_the_same_cells() -> None:

@@ -82,8 +82,12 @@ class Cells:
         return self.low + unit * (self.corner + self.extent * np.array(where))
 
     def meet(self, cell: Numbers, centre: Floats, e: Floats, v: Floats) -> npt.NDArray[np.bool_]:
-        """Whether cells meet parallelograms with half sides e and v: a row for each pair."""
-        box = self.extent[cell] * self.size / np.exp2(np.array(self.bits)) * (0.5 + _MARGIN)
+        """Whether cells meet parallelograms with half sides e and v: a row for each pair.
+
+        Cells count as a little larger than when the pairs were found: what does not meet here lies
+        apart from all that met there.
+        """
+        box = self.extent[cell] * self.size / np.exp2(np.array(self.bits)) * (0.5 + 1.5 * _MARGIN)
         away = self.points((0.5, 0.5))[cell] - centre
         near = (np.abs(away) <= box + np.abs(e) + np.abs(v)).all(axis=1)
         result: npt.NDArray[np.bool_] = near & _meets(away.T, box.T, e.T, v.T)
