@@ -104,9 +104,10 @@ def parts(source: pw.Aperture, x: np.ndarray) -> float:
 def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) -> list[float]:
     """Seconds per sample after and before, of the first call, and the error."""
     transform = pw.ambiguity if ambiguity else pw.wigner
+    centre = np.reshape(source.bounds, (2, 2)).mean(axis=0)
 
     def call(x: np.ndarray, nu: np.ndarray, how: str = precision) -> Any:
-        a, b = (nu, 2 * (x - x.mean(axis=0))) if ambiguity else (x, nu)
+        a, b = (nu, 2 * (x - centre)) if ambiguity else (x, nu)
         return transform(source, a, b, engine="llvm", precision=how)
 
     x, nu = points(source, samples)
