@@ -15,6 +15,7 @@ from polywigner.kernels import phases
 __all__ = [
     "Kernel",
     "Values",
+    "at_zero_frequency",
     "leave_complex",
     "leave_parts",
     "leave_real",
@@ -70,6 +71,17 @@ def parts_of(kernel: Kernel, tables: Any, size: int) -> list[Any]:
     count = max(1, size // per_edge)
     edges = tables.edges
     return [replace(tables, edges=edges[k : k + count]) for k in range(0, len(edges), count)]
+
+
+def at_zero_frequency(kernel: Kernel, name: str, *, leads: bool) -> Kernel:
+    """A marginal: the kernel of W or A with frequency zero; ``leads``: it is the first argument."""
+
+    def enter(ops: Any, frame: Any, *point: Any) -> Values:
+        zero = tuple(0.0 * component for component in point)
+        arguments = (*zero, *point) if leads else (*point, *zero)
+        return kernel.enter(ops, frame, *arguments)
+
+    return replace(kernel, name=name, enter=enter)
 
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:

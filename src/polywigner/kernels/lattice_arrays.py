@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
 from typing import Any
@@ -25,10 +25,16 @@ from polywigner.kernels import ambiguity, phases
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.factors import ProfileFactor, profile_factor
 from polywigner.kernels.frame import Frame
-from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
+from polywigner.kernels.kernel import (
+    Kernel,
+    Values,
+    at_zero_frequency,
+    leave_real,
+    leave_wave,
+)
 from polywigner.kernels.membership import field
 from polywigner.kernels.plane import product_of_both, tables_of
-from polywigner.kernels.tables import Edge, Piece, Tables
+from polywigner.kernels.repeated import RepeatedTables, at_both_ends
 from polywigner.kernels.trigonometry import cos_sin_turns
 from polywigner.kernels.weight_tables import MeanTable, mean_table
 from polywigner.kernels.wigner import wigner
@@ -136,36 +142,6 @@ class ArrayFrame:
         return float(shifted[0]), float(shifted[1])
 
 
-@dataclass(frozen=True)
-class ArrayTables:
-    """The element's tables, and the weights as factors or one by one."""
-
-    frame: ArrayFrame
-    element: Tables
-    edges: tuple[Edge, ...]
-    """Those of the element that this part of a sum is over."""
-    factors: tuple[ProfileFactor, ProfileFactor] | None
-    """Where the weights are a product of two profiles."""
-    weights: Weights
-
-    @property
-    def part(self) -> Tables:
-        """The element with these edges only."""
-        return replace(self.element, edges=self.edges)
-
-    @property
-    def pieces(self) -> tuple[Piece, ...]:
-        return self.element.pieces
-
-    @property
-    def clips(self) -> int:
-        return self.part.clips
-
-    @property
-    def waves_per_cut(self) -> int:
-        return self.element.waves_per_cut * 2
-
-
 @dataclass(frozen=True, eq=False)
 class Weights:
     """The weights at the sites (n1, n2), less their even phase."""
@@ -205,6 +181,20 @@ class Weights:
         return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0)), exists
 
 
+@dataclass(frozen=True)
+class LatticeSites:
+    """The weights as factors or one by one."""
+
+    factors: tuple[ProfileFactor, ProfileFactor] | None
+    """Where the weights are a product of two profiles."""
+    weights: Weights
+
+
+ArrayTables = RepeatedTables[LatticeSites]
+# A kernel unrolls the element's sum over edges for the copies around a place; two stand for them.
+_SUMS_PER_EDGE = 2
+
+
 def _lattice(array: Array) -> Lattice | None:
     phased = array.phased
     if phased is None or not isinstance(_element(phased), Aperture):
@@ -237,7 +227,8 @@ def _tables(array: Array, double: bool) -> ArrayTables:
         i, j = np.indices(values.shape)
         values = values * np.exp(-2j * np.pi * (turns[0] * i + turns[1] * j))
     frame = _frame(lattice, element, tables.frame, turns, double)
-    return ArrayTables(frame, tables, tables.edges, factors, Weights(values))
+    sites = LatticeSites(factors, Weights(values))
+    return RepeatedTables(frame, tables, tables.edges, sites, _SUMS_PER_EDGE)
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
@@ -318,19 +309,19 @@ def _wigner_sum(
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
         sums = (first + k, second + m)
-        if tables.factors is not None:
+        if tables.sites.factors is not None:
             factor = along_1(k, sums[0]) * along_2(m, sums[1])
         elif table is not None:
             factor = table.at(ops, sums, taps)
         else:
-            factor = _mean_factor(ops, tables.weights, sums, (turns_1, turns_2))
+            factor = _mean_factor(ops, tables.sites.weights, sums, (turns_1, turns_2))
         return (factor * wigner(ops, part, x - dx, y - dy, nu_x, nu_y),)
 
-    table = None if tables.factors is not None else tables.weights.table(ops.double)
+    table = None if tables.sites.factors is not None else tables.sites.weights.table(ops.double)
     if table is not None:
         taps = table.taps(ops, (turns_1, turns_2))
-    if tables.factors is not None:
-        one, two = tables.factors
+    if tables.sites.factors is not None:
+        one, two = tables.sites.factors
         along_1 = _remembered(lambda index: one.at_mean(ops, index, turns_1))
         along_2 = _remembered(lambda index: two.at_mean(ops, index, turns_2))
     total: Values = ops.sum_of_long(_steps(frame, frame.means, 0.5), term, part.clips)
@@ -382,8 +373,7 @@ def _enter_ambiguity(
 ) -> Values:
     """Phase of the middle and carrier; first difference, xi from there, turns, upsilon."""
     turns = phases.turns_to_centre(ops, frame.middle, upsilon_x, upsilon_y)
-    if any(frame.carrier):
-        turns = turns - phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
     t = frame.coordinates(xi_x, xi_y)
     first, second = (w.first(ops, c) for w, c in zip(frame.differences, t, strict=True))
     left = frame.element.vector(ops, *frame.less(xi_x, xi_y, first, second, 1.0))
@@ -411,8 +401,8 @@ def _ambiguity_sum(
 
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
         steps = (first + k, second + m)
-        if tables.factors is None:
-            factor = _difference_factor(ops, tables.weights, steps, (turns_1, turns_2))
+        if tables.sites.factors is None:
+            factor = _difference_factor(ops, tables.sites.weights, steps, (turns_1, turns_2))
         else:
             factor = along_1(k, steps[0]) * along_2(m, steps[1])
         if any(slope):
@@ -422,8 +412,8 @@ def _ambiguity_sum(
         part_here = factor * Pair(cosine, -sine)
         return part_here.real, -part_here.imag
 
-    if tables.factors is not None:
-        one, two = tables.factors
+    if tables.sites.factors is not None:
+        one, two = tables.sites.factors
         along_1 = _remembered(lambda index: one.at_difference(ops, index, turns_1))
         along_2 = _remembered(lambda index: two.at_difference(ops, index, turns_2))
     rows = _steps(frame, frame.differences, 1.0)
@@ -449,9 +439,7 @@ def _difference_factor(ops: Any, weights: Weights, steps: Any, turns: Any) -> Pa
 
 def _enter_both_ends(ops: Any, frame: ArrayFrame, x: Any, y: Any, xi_x: Any, xi_y: Any) -> Values:
     """Phase of the carrier; for both ends the first site and the place relative to it."""
-    turns = 0.0 * xi_x
-    if any(frame.carrier):
-        turns = phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    turns = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
     inner: list[Any] = []
     for side in (0.5, -0.5):
         place = (x + side * xi_x - frame.origin[0], y + side * xi_y - frame.origin[1])
@@ -465,29 +453,17 @@ def _enter_both_ends(ops: Any, frame: ArrayFrame, x: Any, y: Any, xi_x: Any, xi_
     return (turns, *inner)
 
 
-def _fields(ops: Any, tables: ArrayTables, turns: Any, *inner: Any) -> Values:
-    return (*_field(ops, tables, *inner[:4]), *_field(ops, tables, *inner[4:]))
-
-
 def _field(ops: Any, tables: ArrayTables, first: Any, second: Any, x: Any, y: Any) -> Values:
     """u at one place, less the carrier: that of the elements around it, which may overlap."""
     frame, part = tables.frame, tables.part
     total = Pair(0.0, 0.0)
     for k, m, dx, dy in _steps(frame, frame.sites, 1.0):
         i, j = first + k, second + m
-        weight, exists = tables.weights.at(ops, i, j)
+        weight, exists = tables.sites.weights.at(ops, i, j)
         phase = ops.select(exists, i * frame.slope[0] + j * frame.slope[1], 0.0)
         own = Pair(*field(ops, part, x - dx, y - dy))
         total = total + own * weight * Pair(*cos_sin_turns(ops, phase))
     return total.real, total.imag
-
-
-def _position_frame(ops: Any, frame: ArrayFrame, x: Any, y: Any) -> Values:
-    return _enter_wigner(ops, frame, x, y, 0.0 * x, 0.0 * y)
-
-
-def _lag_frame(ops: Any, frame: ArrayFrame, xi_x: Any, xi_y: Any) -> Values:
-    return _enter_ambiguity(ops, frame, 0.0 * xi_x, 0.0 * xi_y, xi_x, xi_y)
 
 
 WIGNER = Kernel(
@@ -500,7 +476,7 @@ WIGNER = Kernel(
     copies=1,
     clips_per_term=4,
 )
-POSITION_MARGINAL = replace(WIGNER, name="position marginal of a lattice", enter=_position_frame)
+POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a lattice", leads=False)
 AMBIGUITY = Kernel(
     "ambiguity of a lattice",
     2,
@@ -511,7 +487,12 @@ AMBIGUITY = Kernel(
     copies=2,
     clips_per_term=16,
 )
-LAG_MARGINAL = replace(AMBIGUITY, name="lag marginal of a lattice", enter=_lag_frame)
+LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a lattice", leads=True)
 AUTOCORRELATION = Kernel(
-    "autocorrelation of a lattice", 2, _tables, _enter_both_ends, _fields, product_of_both
+    "autocorrelation of a lattice",
+    2,
+    _tables,
+    _enter_both_ends,
+    at_both_ends(_field),
+    product_of_both,
 )

@@ -9,6 +9,7 @@ from polywigner.kernels import phases, slits
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
+    at_zero_frequency,
     leave_parts,
     leave_real,
     leave_wave,
@@ -38,9 +39,7 @@ def _four_times(ops: Any, frame: Any, x: Any) -> Values:
 def _turns(ops: Any, frame: Any, upsilon: Any, xi: Any) -> Any:
     """The phase of the centre and of the carrier."""
     turns = phases.turns_to_centre(ops, frame.centre, upsilon)
-    if any(frame.carrier):
-        turns = turns - phases.turns_to_centre(ops, frame.carrier, xi)
-    return turns
+    return phases.less_carrier(ops, frame, turns, xi)
 
 
 AUTOCORRELATION = Kernel(
@@ -65,10 +64,8 @@ WIGNER = Kernel(
     lambda ops, tables, x, rest, *nu: (slits.wigner(ops, tables, (x, rest), nu),),
     leave_real,
 )
-POSITION_MARGINAL_OF_WAVES = replace(
-    WIGNER,
-    name="position marginal of waves in slits",
-    enter=lambda ops, frame, x: WIGNER.enter(ops, frame, x, 0.0 * x),
+POSITION_MARGINAL_OF_WAVES = at_zero_frequency(
+    WIGNER, "position marginal of waves in slits", leads=False
 )
 AMBIGUITY = Kernel(
     "ambiguity of slits",
@@ -82,11 +79,7 @@ AMBIGUITY = Kernel(
     lambda ops, tables, turns, upsilon, low, *xi: slits.ambiguity(ops, tables, xi, (upsilon, low)),
     leave_wave,
 )
-LAG_MARGINAL_OF_WAVES = replace(
-    AMBIGUITY,
-    name="lag marginal of waves in slits",
-    enter=lambda ops, frame, xi: AMBIGUITY.enter(ops, frame, 0.0 * xi, xi),
-)
+LAG_MARGINAL_OF_WAVES = at_zero_frequency(AMBIGUITY, "lag marginal of waves in slits", leads=True)
 POSITION_MARGINAL = Kernel(
     "position marginal of slits",
     1,

@@ -21,6 +21,7 @@ __all__ = [
     "exp_turns",
     "growth_of",
     "halves",
+    "less_carrier",
     "level",
     "reduced",
     "rotated",
@@ -108,6 +109,13 @@ def reduced(ops: Any, turns: Doubled) -> Any:
 def turns_to_centre(ops: Any, centre: tuple[Any, ...], *nu: Any) -> Any:
     """nu.centre modulo 1."""
     return reduced(ops, dot(ops, nu, centre))
+
+
+def less_carrier(ops: Any, frame: Any, turns: Any, *xi: Any) -> Any:
+    """Turns minus those of the frame's carrier along a lag, modulo 1."""
+    if not any(frame.carrier):
+        return turns
+    return turns - turns_to_centre(ops, frame.carrier, *xi)
 
 
 def exp_turns(ops: Any, turns: Doubled) -> Any:

@@ -21,6 +21,7 @@ from polywigner.kernels.grids import GridTables, grid_tables
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
+    at_zero_frequency,
     leave_complex,
     leave_parts,
     leave_real,
@@ -151,16 +152,15 @@ def enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
     """(phase of the centre and of the carrier, upsilon and xi in the frame)."""
     upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
     turns, *inner = enter_frequency(ops, frame, *upsilon)
-    if any(frame.carrier):
-        turns = turns - phases.turns_to_centre(ops, frame.carrier, *xi)
+    turns = phases.less_carrier(ops, frame, turns, *xi)
     return (turns, *inner, *frame.vector(ops, *xi))
 
 
 def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
-    """(phase of the carrier or None, x + xi/2 and x - xi/2 in the frame)."""
+    """(phase of the carrier, x + xi/2 and x - xi/2 in the frame)."""
     count = len(arguments) // 2
     x, xi = arguments[:count], arguments[count:]
-    turns = phases.turns_to_centre(ops, frame.carrier, *xi) if any(frame.carrier) else 0.0 * xi[0]
+    turns = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
     ahead = (p + 0.5 * lag for p, lag in zip(x, xi, strict=True))
     behind = (p - 0.5 * lag for p, lag in zip(x, xi, strict=True))
     return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
@@ -190,7 +190,7 @@ def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values
     product = Pair(*sums[:2]) * Pair(sums[2], -sums[3])
     if not any(frame.carrier):
         return product.real, product.imag
-    return phases.rotated(ops, -inner[0], product.real, -product.imag)
+    return phases.rotated(ops, inner[0], product.real, -product.imag)
 
 
 AUTOCORRELATION = Kernel(
@@ -264,13 +264,5 @@ LAG_MARGINAL = Kernel(
     order=_shifted_order,
 )
 LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)
-POSITION_MARGINAL_OF_WAVES = replace(
-    WIGNER,
-    name="position marginal of waves",
-    enter=lambda ops, frame, x, y: _enter_wigner(ops, frame, x, y, 0.0 * x, 0.0 * y),
-)
-LAG_MARGINAL_OF_WAVES = replace(
-    AMBIGUITY,
-    name="lag marginal of waves",
-    enter=lambda ops, frame, x, y: enter_shift(ops, frame, 0.0 * x, 0.0 * y, x, y),
-)
+POSITION_MARGINAL_OF_WAVES = at_zero_frequency(WIGNER, "position marginal of waves", leads=False)
+LAG_MARGINAL_OF_WAVES = at_zero_frequency(AMBIGUITY, "lag marginal of waves", leads=True)

@@ -9,7 +9,7 @@ a sample costs grows linearly with the number of elements, if their density stay
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -21,10 +21,17 @@ from polywigner.illumination import Array
 from polywigner.kernels import ambiguity, phases
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.frame import Frame
-from polywigner.kernels.kernel import Kernel, Values, leave_real, leave_wave
+from polywigner.kernels.kernel import (
+    Kernel,
+    Values,
+    at_zero_frequency,
+    leave_real,
+    leave_wave,
+)
 from polywigner.kernels.membership import field as field_inside
 from polywigner.kernels.plane import product_of_both, tables_of
-from polywigner.kernels.tables import Edge, Piece, Tables
+from polywigner.kernels.repeated import RepeatedTables, at_both_ends
+from polywigner.kernels.tables import Tables
 from polywigner.kernels.trigonometry import cos_sin_turns
 from polywigner.kernels.wigner import wigner
 
@@ -85,29 +92,15 @@ class ScatterFrame:
 
 
 @dataclass(frozen=True)
-class ScatterTables:
-    frame: ScatterFrame
-    element: Tables
-    edges: tuple[Edge, ...]
+class ScatteredSites:
+    """The pairs by cells, and the elements."""
+
     lists: PairLists
-    sites: tuple[tuple[float, ...], ...]
-    """Place in the frame, as two floats a component, and weight, of each element."""
+    elements: tuple[tuple[float, ...], ...]
+    """Place in the frame, as two floats a component, and weight, of each."""
 
-    @property
-    def part(self) -> Tables:
-        return replace(self.element, edges=self.edges)
 
-    @property
-    def pieces(self) -> tuple[Piece, ...]:
-        return self.element.pieces
-
-    @property
-    def clips(self) -> int:
-        return self.part.clips
-
-    @property
-    def waves_per_cut(self) -> int:
-        return self.element.waves_per_cut
+ScatterTables = RepeatedTables[ScatteredSites]
 
 
 def is_scattered(array: Array) -> bool:
@@ -209,7 +202,8 @@ def _tables(
         [place[:, 0], below[:, 0], place[:, 1], below[:, 1], sites.weights.real, sites.weights.imag]
     )
     table = tuple(tuple(row) for row in rows.tolist())
-    return ScatterTables(sites.frame, sites.tables, sites.tables.edges, lists, table)
+    found = ScatteredSites(lists, table)
+    return RepeatedTables(sites.frame, sites.tables, sites.tables.edges, found)
 
 
 def _split(values: Floats, double: bool) -> tuple[Floats, Floats]:
@@ -314,7 +308,7 @@ def _wigner_sum(
         left = ((x - px) + (x_rest - qx), (y - py) + (y_rest - qy))
         return (factor * wigner(ops, part, *left, own_x, own_y),)
 
-    total: Values = tuple(_sum_over_pairs(ops, tables.lists, (x, y), term, 1))
+    total: Values = tuple(_sum_over_pairs(ops, tables.sites.lists, (x, y), term, 1))
     return total
 
 
@@ -322,8 +316,7 @@ def _enter_ambiguity(
     ops: Any, frame: ScatterFrame, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
 ) -> Values:
     turns = phases.turns_to_centre(ops, frame.exact_middle, upsilon_x, upsilon_y)
-    if any(frame.carrier):
-        turns = turns - phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    turns = phases.less_carrier(ops, frame, turns, xi_x, xi_y)
     lag = _halves(ops, frame.element.vector(ops, xi_x, xi_y))
     own = frame.element.frequency(ops, upsilon_x, upsilon_y)
     return (turns, *lag, upsilon_x, upsilon_y, *own)
@@ -352,40 +345,26 @@ def _ambiguity_sum(
         whole = factor * Pair(one, -two)
         return whole.real, -whole.imag
 
-    total: Values = tuple(_sum_over_pairs(ops, tables.lists, (xi_x, xi_y), term, 2))
+    total: Values = tuple(_sum_over_pairs(ops, tables.sites.lists, (xi_x, xi_y), term, 2))
     return total
 
 
 def _enter_both_ends(ops: Any, frame: ScatterFrame, *arguments: Any) -> Values:
     x, y, xi_x, xi_y = arguments
-    turns = 0.0 * xi_x
-    if any(frame.carrier):
-        turns = phases.turns_to_centre(ops, frame.carrier, xi_x, xi_y)
+    turns = phases.less_carrier(ops, frame, 0.0 * xi_x, xi_x, xi_y)
     inner: list[Any] = []
     for side in (0.5, -0.5):
         inner += _halves(ops, _doubled_place(ops, frame, x + side * xi_x, y + side * xi_y))
     return (turns, *inner)
 
 
-def _fields(ops: Any, tables: ScatterTables, turns: Any, *inner: Any) -> Values:
-    return (*_field(ops, tables, *inner[:4]), *_field(ops, tables, *inner[4:]))
-
-
 def _field(ops: Any, tables: ScatterTables, x: Any, x_rest: Any, y: Any, y_rest: Any) -> Values:
     """u at one place, less the carrier, from all elements."""
     total = Pair(0.0, 0.0)
-    for px, qx, py, qy, re, im in tables.sites:
+    for px, qx, py, qy, re, im in tables.sites.elements:
         left = ((x - px) + (x_rest - qx), (y - py) + (y_rest - qy))
         total = total + Pair(*field_inside(ops, tables.part, *left)) * Pair(re, im)
     return total.real, total.imag
-
-
-def _position_frame(ops: Any, frame: ScatterFrame, x: Any, y: Any) -> Values:
-    return _enter_wigner(ops, frame, x, y, 0.0 * x, 0.0 * y)
-
-
-def _lag_frame(ops: Any, frame: ScatterFrame, xi_x: Any, xi_y: Any) -> Values:
-    return _enter_ambiguity(ops, frame, 0.0 * xi_x, 0.0 * xi_y, xi_x, xi_y)
 
 
 WIGNER = Kernel(
@@ -398,8 +377,8 @@ WIGNER = Kernel(
     copies=1,
     clips_per_term=4,
 )
-POSITION_MARGINAL = replace(
-    WIGNER, name="position marginal of scattered elements", enter=_position_frame
+POSITION_MARGINAL = at_zero_frequency(
+    WIGNER, "position marginal of scattered elements", leads=False
 )
 AMBIGUITY = Kernel(
     "ambiguity of scattered elements",
@@ -411,12 +390,12 @@ AMBIGUITY = Kernel(
     copies=2,
     clips_per_term=16,
 )
-LAG_MARGINAL = replace(AMBIGUITY, name="lag marginal of scattered elements", enter=_lag_frame)
+LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of scattered elements", leads=True)
 AUTOCORRELATION = Kernel(
     "autocorrelation of scattered elements",
     2,
     _by_mean,
     _enter_both_ends,
-    _fields,
+    at_both_ends(_field),
     product_of_both,
 )
