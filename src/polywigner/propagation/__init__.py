@@ -1,0 +1,17 @@
+"""The field of a source at points in front of it: exact boundary integrals, rays, far fields.
+
+Sources lie in the plane z = 0 and radiate to z > 0. Points are (..., 3) in metres, wavelengths in
+metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit of the source's.
+
+===================  ==========================================================================
+module               what is in it
+===================  ==========================================================================
+``places``           checked points, wavelengths and names of methods
+===================  ==========================================================================
+"""
+
+from __future__ import annotations
+
+from polywigner.propagation.places import METHODS
+
+__all__ = ["METHODS"]

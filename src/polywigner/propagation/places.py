@@ -1,0 +1,66 @@
+"""Points, wavelengths and methods of propagation, checked once at the public edge."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_length, shape_of
+from polywigner.geometry.numbers import real_numbers
+
+__all__ = ["METHODS", "Method", "checked_method", "checked_points", "checked_wavelength"]
+
+Method = Literal[
+    "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel", "fraunhofer"
+]
+
+METHODS: tuple[str, ...] = get_args(Method)
+"""What a field, an amplitude with a phase, can be computed by."""
+
+
+def checked_points(points: Any) -> NDArray[np.float64]:
+    """Points (..., 3) in metres as float64.
+
+    Raises ArgumentError for anything but finite real numbers (..., 3), and for points that are not
+    in front of the source, at z > 0.
+    """
+    expected = "expected points as real numbers of shape (..., 3)"
+    try:
+        array = real_numbers(points)
+    except ValueError as error:
+        raise ArgumentError(f"{expected}, in metres, got {error}") from None
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ArgumentError(f"{expected}, components x, y, z last, got shape {shape_of(points)}")
+    bad = ~np.isfinite(array).all(axis=-1)
+    if bad.any():
+        raise ArgumentError(
+            f"expected finite points, got {array[bad][0].tolist()}; leave such points out"
+        )
+    behind = array[..., 2] <= 0
+    if behind.any():
+        raise ArgumentError(
+            "expected points in front of the source, z > 0, got "
+            f"{array[behind][0].tolist()}; sources lie in the plane z = 0 and radiate to +z"
+        )
+    return array
+
+
+def checked_wavelength(value: Any) -> float:
+    """A wavelength in metres, and that of which 1/wavelength^2 is finite; ArgumentError if not."""
+    wavelength = checked_length(value, "wavelength")
+    if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
+        raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
+    return wavelength
+
+
+def checked_method(method: Any, allowed: Sequence[str] = METHODS) -> str:
+    """The name of a method; ArgumentError with all names that are allowed for any other."""
+    if not isinstance(method, str) or method not in allowed:
+        names = ", ".join(f'"{name}"' for name in allowed)
+        raise ArgumentError(f"expected method to be one of {names}, got {method!r}")
+    return method
