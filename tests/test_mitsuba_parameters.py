@@ -299,7 +299,6 @@ def test_texts_say_what_the_functions_of_python_do(
         ({"focus": "0 mm, 0 mm, 8 cm"}, ["focus: expected an array to focus"]),
         ({"array": "3 x 4, 2 mm", "focus": "8 cm"}, ["focus: expected three lengths"]),
         ({"array": "3 x 4, 2 mm", "focus": "0, 0, 0"}, ["focus: expected a point", "above zero"]),
-        ({"taper": "cosine", "obliquity": "kirchhoff"}, ["rayleigh-sommerfeld-1 or paper"]),
         ({"source": "array.toml"}, ["got both"]),
     ],
     ids=str,

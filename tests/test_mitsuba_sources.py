@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+import shapely
 
 import polywigner as pw
 from mitsuba_scenes import (
@@ -178,15 +181,144 @@ def test_a_focused_array_lights_what_the_waves_of_its_elements_add_up_to(llvm: o
     assert expected.max() > 1.1 * in_phase.mean(axis=1).reshape(columns, 4).mean(axis=1).max()
 
 
-@pytest.mark.parametrize("obliquity", ["kirchhoff", "rayleigh-sommerfeld-2"])
-def test_an_obliquity_that_differs_from_wave_to_wave_is_refused(obliquity: str) -> None:
+EVANESCENT = pw.shapes.chevron(10e-3, 10e-3, 4e-3).with_illumination(
+    pw.Illumination([1, 0.5j], [(40.0, 10.0), (450.0, 0.0)])
+)
+"""The second wave has 1.4 cycles per wavelength."""
+
+
+def by_pairs_of_waves(
+    source: pw.Aperture, x: np.ndarray, direction: np.ndarray, factor: Callable[..., complex]
+) -> float:
+    """sum of c_m c_n* exp(2 pi i (k_m - k_n).x) F(nu - (k_m + k_n)/2, slice) g(p_m, p_n*, c)."""
+    outline = source.with_illumination(None)
+    lag_slice = pw.Aperture(pw.lag_slice(outline, x))
+    amplitudes, kappa = source.illumination.amplitudes, source.illumination.frequencies
+    p = np.emath.sqrt(1 - WAVELENGTH**2 * (kappa**2).sum(axis=1))
+    total = 0j
+    for m in range(len(amplitudes)):
+        for n in range(len(amplitudes)):
+            nu = direction[:2] / WAVELENGTH - (kappa[m] + kappa[n]) / 2
+            turn = np.exp(2j * np.pi * (kappa[m] - kappa[n]) @ x)
+            pair = amplitudes[m] * amplitudes[n].conj() * turn * pw.fourier(lag_slice, nu)
+            total += pair * factor(p[m], p[n].conj(), direction[2])
+    return float(total.real)
+
+
+OBLIQUE = {
+    "kirchhoff": lambda p, q, c: (p + c) * (q + c) / 4,
+    "rayleigh-sommerfeld-2": lambda p, q, c: p * q,
+}
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+@pytest.mark.parametrize("obliquity", OBLIQUE)
+@pytest.mark.parametrize(
+    "source",
+    [HORN, SOURCES["steered"], SOURCES["tapered and steered"], EVANESCENT],
+    ids=["TE10", "steered", "tapered and steered", "evanescent"],
+)
+def test_the_obliquity_of_several_waves_is_that_of_each_pair_of_them(
+    source: pw.Aperture, obliquity: str, variant: str
+) -> None:
+    mi = use(variant)
+    emitter = emitter_of(light(source, obliquity=obliquity))
+    support = emitter.spec.radiator.support
+    within, direction = draws(30, 1.0)
+    x = within * np.array(support.bounds[2:])
+    centre = emitter.spec.radiator.centre
+    inside = [support.polygons.contains(shapely.Point(place)) for place in x]
+    x, direction = x[inside], direction[inside]
+    seen = evaluated(mi, emitter, x / MILLIMETRE, direction)
+    expected = np.array(
+        [
+            by_pairs_of_waves(source, place, towards, OBLIQUE[obliquity])
+            for place, towards in zip(x + centre, direction, strict=True)
+        ]
+    )
+    expected *= 1 / WAVELENGTH**2 / direction[:, 2] ** 2
+    # u has amplitudes of 2 at most; 1/cos^2 is at most 35, and multiplies the error as well
+    scale = 4 * source.area * 4 / WAVELENGTH**2 / direction[:, 2:] ** 2
+    assert len(x) >= 10
+    assert (np.abs(seen - expected[:, None]) < RADIANCE_ERROR * scale).all()
+
+
+@pytest.mark.parametrize("obliquity", OBLIQUE)
+def test_elements_of_an_array_keep_the_obliquity_of_their_own_waves(
+    obliquity: str, llvm: object
+) -> None:
+    """In a lattice all elements have the pairs of one; and uniform elements the usual factor."""
+    mi = use("llvm_ad_mono")
+    element = PATCH.with_illumination(pw.te_mode(1.2e-3, 1e-3) * pw.steering(BEAM, WAVELENGTH))
+    places = pw.arrays.grid_positions(3, 2, 1.9e-3)
+    weights = np.array([1, 1j, 0.5, 1, -0.3, 0.2])
+    whole = emitter_of(light(pw.phased_array(element, places, weights), obliquity=obliquity))
+    as_any = emitter_of(
+        light(pw.Array([element.moved(p) for p in places], weights), obliquity=obliquity)
+    )
+    x, direction = draws(500, 0.002)
+    found, expected = (evaluated(mi, e, x / MILLIMETRE, direction) for e in (whole, as_any))
+    assert np.abs(found - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
+    plain = evaluated(mi, emitter_of(light(lattice(3, 2))), x / MILLIMETRE, direction)
+    factored = emitter_of(light(lattice(3, 2), obliquity=obliquity))
+    cosine = direction[:, 2:]
+    ratio = OBLIQUE[obliquity](1, 1, cosine) / cosine**2
+    seen = evaluated(mi, factored, x / MILLIMETRE, direction)
+    assert np.abs(seen / ratio - plain).max() < RADIANCE_ERROR * np.abs(plain).max()
+
+
+@pytest.mark.parametrize("obliquity", OBLIQUE)
+def test_the_floor_under_a_steered_aperture_receives_its_obliquity(
+    obliquity: str, llvm: object
+) -> None:
+    use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
-    for source in (HORN, SOURCES["lattice of TE10"], any_elements()):
-        with pytest.raises(SceneError, match=f"rayleigh-sommerfeld-1 or paper.*{obliquity}"):
-            pwm.aperture(source, WAVELENGTH, obliquity=obliquity)
-        assert pwm.aperture(source, WAVELENGTH, obliquity="paper")
-    assert pwm.aperture(lattice(3, 3), WAVELENGTH, obliquity=obliquity)
+    distance, columns = 100 * WAVELENGTH / MILLIMETRE, 61
+    source = SOURCES["steered"]
+    plain, seen = (
+        pwm.render(
+            floor_scene(
+                {"light": light(source, **how)}, distance=distance, columns=columns, rows=1
+            ),
+            spp=256,
+        )[0, ::-1, 0].astype(float)
+        for how in ({}, {"obliquity": obliquity})
+    )
+    x = ((np.arange(columns) + 0.5) / columns - 0.5) * 4 * distance
+    cosine = distance / np.hypot(x, distance)
+    expected = OBLIQUE[obliquity](BEAM[2], BEAM[2], cosine) / cosine**2
+    lit = plain > 0.1 * plain.max()
+    assert lit.sum() > 5
+    # the angle changes by 4 degrees across a pixel, the same samples are drawn
+    assert np.abs(seen / plain / expected - 1)[lit].max() < 0.02
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_another_wavelength_turns_the_waves_whose_obliquity_counts(variant: str) -> None:
+    mi = use(variant)
+    source = SOURCES["tapered and steered"]
+    changed = emitter_of(light(source, obliquity="kirchhoff"))
+    parameters = mi.traverse(changed)
+    parameters["wavelength"] = 0.8 * WAVELENGTH
+    parameters.update()
+    x, direction = draws(30, 0.004)
+    found, expected = (
+        evaluated(mi, emitter, x / MILLIMETRE, direction)
+        for emitter in (changed, emitter_of(light(source, 0.8 * WAVELENGTH, obliquity="kirchhoff")))
+    )
+    # the wavelength set is one of single precision
+    assert np.abs(found - expected).max() < 10 * RADIANCE_ERROR * np.abs(expected).max()
+
+
+def test_waves_that_graze_the_aperture_light_nothing_and_say_so() -> None:
+    use("scalar_rgb")
+    import polywigner.mitsuba as pwm
+
+    grazing = PATCH.with_illumination(pw.Illumination([1], [(1 / WAVELENGTH, 0)]))
+    with pytest.raises(RuntimeError) as caught:
+        emitter_of(light(grazing, obliquity="rayleigh-sommerfeld-2"))
+    assert "graze" in str(pwm.translate_error(caught.value))
 
 
 @pytest.mark.parametrize(

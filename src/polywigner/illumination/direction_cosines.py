@@ -19,7 +19,7 @@ from polywigner.geometry.arguments import checked_length
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.waves import Illumination
 
-__all__ = ["direction_cosines", "has_waves", "times_direction_cosine"]
+__all__ = ["direction_cosines", "fields_of", "times_direction_cosine"]
 
 _Element = Aperture | PlacedAperture | Slits
 _Source = TypeVar("_Source", bound=_Element | Array)
@@ -40,12 +40,12 @@ def direction_cosines(
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
-def has_waves(source: Aperture | PlacedAperture | Slits | Array) -> bool:
-    """Whether an element has a field of its own, that is, waves other than at normal incidence."""
+def fields_of(source: _Element | Array) -> tuple[Illumination | None, ...]:
+    """The fields of the elements of a source, None for those without; equal elements count once."""
     if not isinstance(source, Array):
-        return _field_of(source) is not None
+        return (_field_of(source),)
     elements = source.elements if source.repeated is None else (source.repeated[0],)
-    return any(_field_of(element) is not None for element in elements)
+    return tuple(dict.fromkeys(_field_of(element) for element in elements))
 
 
 def times_direction_cosine(source: _Source, wavelength: float, add_one: bool = False) -> _Source:

@@ -4,7 +4,8 @@
 
 in the source's own frame, for directions s on its +z side and zero on the other. W comes from the
 same kernel as :func:`polywigner.wigner`, traced into Mitsuba's render kernel: that of apertures
-with any field, of arrays of any elements, or of equal elements on a lattice.
+with any field, of arrays of any elements, or of equal elements on a lattice. Where h differs from
+wave to wave, h W is a sum of such terms (module `obliquity`).
 
 Positions are relative to the middle of the source. They are drawn, and directions formed, in the
 source's frame: the reference point is brought there first. An aperture of some millimetres may then
@@ -21,29 +22,16 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
-import numpy.typing as npt
 
 from polywigner.engines import ops_for
 from polywigner.errors import SceneError
 from polywigner.kernels import kernel_for
-from polywigner.mitsuba.obliquity import emission_factor
+from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions
 from polywigner.mitsuba.parameters import EmitterSpec, check_range, rigid_pose
+from polywigner.mitsuba.placement import check_place, matrix_of, move
 from polywigner.mitsuba.sampling import cells_of
 
-__all__ = ["emitter_class", "world_positions"]
-
-# The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
-# coordinate each, the positions once more.
-_PLACE_ERROR = 5e-7
-
-
-def world_positions(
-    points: npt.NDArray[np.float64],
-    pose: npt.NDArray[np.float64],
-    centre: npt.NDArray[np.float64],
-) -> npt.NDArray[np.float32]:
-    """Points (n, 2) of the source's plane relative to its centre (2,), in the scene (n, 3)."""
-    return ((points + centre) @ pose[:3, :2].T + pose[:3, 3]).astype(np.float32)
+__all__ = ["emitter_class"]
 
 
 @cache
@@ -75,16 +63,27 @@ def emitter_class(variant: str) -> Any:
             self._centre = radiator.centre / self._unit
             self._cells = cells_of(m, [ring / self._unit for ring in radiator.support.rings])
             self._ops = ops_for(m.Float)
-            source = radiator.centred
-            self._kernel = kernel_for("wigner", source)
-            self._tables = self._kernel.tables(source, self._ops.double)
+            self._source = radiator.centred
+            self._squints = depends_on_wavelength(self._source, spec.obliquity)
+            self._terms = self._terms_at(spec.wavelength)
             self._take_over()
+
+        def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
+            """(kernel, its constants, coefficients of h) of what adds up to the radiance."""
+            terms = []
+            for term in emissions(self._source, wavelength, self.spec.obliquity):
+                kernel = kernel_for("wigner", term.source)
+                tables = kernel.tables(term.source, self._ops.double)
+                terms.append((kernel, tables, term.coefficients))
+            return terms
 
         # ---- what a user may change ----------------------------------------------------------
 
         def traverse(self, callback: Any) -> None:
             """``wavelength`` (m), ``power`` (W) and ``to_world`` (rigid)."""
-            callback.put("wavelength", self.wavelength, mi.ParamFlags.Differentiable)
+            # Where it turns the directions of waves, these are constants of the kernel.
+            flag = "NonDifferentiable" if self._squints else "Differentiable"
+            callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
             # Not differentiable: Mitsuba's integrators do not move the samples along with the
             # aperture, so the gradient would lack the change of distance and cosines.
@@ -94,12 +93,14 @@ def emitter_class(variant: str) -> Any:
             """Take over new values; a new pose moves the mesh as well."""
             if "wavelength" in keys or "power" in keys:
                 self._check_numbers()
+            if "wavelength" in keys and self._squints:
+                self._terms = self._terms_at(_single(self.wavelength, "wavelength"))
             self._take_over()
             shape = self.get_shape()
             if "to_world" in keys and shape is not None:
-                _move(shape, rigid_pose(_matrix(self.to_world)), self._centre)
+                move(shape, rigid_pose(matrix_of(self.to_world)), self._centre)
             elif "parent" in keys and shape is not None:
-                _check_place(shape, _matrix(self.to_world), self._centre)
+                check_place(shape, matrix_of(self.to_world), self._centre)
 
         def _check_numbers(self) -> None:
             wavelength = _single(self.wavelength, "wavelength")
@@ -130,18 +131,16 @@ def emitter_class(variant: str) -> Any:
             Positions are in scene units, as everything that Mitsuba sees.
             """
             inverse = 1.0 / _value(self.wavelength, jit)
-            (density,) = self._kernel(
-                self._ops,
-                self._tables,
-                x.x * self._unit,
-                x.y * self._unit,
-                direction.x * inverse,
-                direction.y * inverse,
-            )
             front = direction.z > 0.0
             cosine = dr.select(front, direction.z, 1.0)
-            scale = _value(self.power, jit) * (inverse * inverse / self.spec.radiator.energy)
-            value = scale * density * emission_factor(self.spec.obliquity, cosine)
+            place = (x.x * self._unit, x.y * self._unit)
+            frequency = (direction.x * inverse, direction.y * inverse)
+            density = 0.0
+            for kernel, tables, coefficients in self._terms:
+                (wigner,) = kernel(self._ops, tables, *place, *frequency)
+                density = density + wigner * emission_factor(coefficients, cosine)
+            value = _value(self.power, jit) * (inverse * inverse / self.spec.radiator.energy)
+            value = value * density
             return dr.select(front, value, 0.0)
 
         def _spectrum(self, value: Any, active: Any) -> Any:
@@ -259,38 +258,6 @@ def _single(number: Any, name: str) -> float:
     if values.size != 1 or not np.isfinite(values).all():
         raise SceneError(f"expected one finite number as {name}, got {values.tolist()}")
     return float(values[0])
-
-
-def _matrix(transform: Any) -> list[list[float]]:
-    matrix = transform.matrix
-    return [
-        [float(np.asarray(dr.detach(matrix[row, column])).ravel()[0]) for column in range(4)]
-        for row in range(4)
-    ]
-
-
-def _move(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
-    """Put the mesh where the emitter is; its texture coordinates are relative to the centre."""
-    params = mi.traverse(shape)
-    local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
-    params["vertex_positions"] = world_positions(local, pose, centre).ravel().tolist()
-    params.update()
-
-
-def _check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
-    """Raise SceneError where somebody has moved the mesh but not the emitter."""
-    params = mi.traverse(shape)
-    local, seen = (
-        np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
-        for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
-    )
-    expected = world_positions(local, np.asarray(pose), centre)
-    allowed = _PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
-    if not np.abs(seen - expected).max() <= allowed:
-        raise SceneError(
-            "expected the mesh of a wigner shape to stay where its to_world puts it, got other "
-            "vertex_positions; change emitter.to_world, which moves mesh and light"
-        )
 
 
 def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:

@@ -18,9 +18,6 @@ from polywigner.transforms import lag_marginal
 
 __all__ = ["Radiator", "radiator_of"]
 
-_OF_ANY_FIELD = ("rayleigh-sommerfeld-1", "paper")
-"""Obliquities that do not depend on the directions of the waves on an aperture."""
-
 
 @dataclass(frozen=True, eq=False)
 class Radiator:
@@ -48,7 +45,7 @@ def radiator_of(source: Any, obliquity: str) -> Radiator:
     """An aperture, or an array of apertures in the plane z = 0, prepared for an emitter.
 
     Raises SceneError for other sources, for those whose field is zero, and for an obliquity that is
-    not known for their fields.
+    not known.
     """
     if not isinstance(source, Aperture | Array):
         raise SceneError(
@@ -57,16 +54,9 @@ def radiator_of(source: Any, obliquity: str) -> Radiator:
         )
     check_obliquity(obliquity)
     try:
-        radiator = _prepared(source)
+        return _prepared(source)
     except PolywignerError as error:
         raise SceneError(str(error)) from None
-    if _is_illuminated(source) and obliquity not in _OF_ANY_FIELD:
-        raise SceneError(
-            f"expected the obliquity {' or '.join(_OF_ANY_FIELD)} for an aperture with a taper or "
-            f"steering of its own, got {obliquity!r}, which differs from wave to wave; arrays that "
-            "weights steer take any"
-        )
-    return radiator
 
 
 # A scene entry is checked when it is made, and read when the scene is loaded.
@@ -80,11 +70,6 @@ def _advice(source: Any) -> str:
     if isinstance(source, PlacedAperture):
         return "leave its pose out, and give it as the to_world of the shape"
     return "make rectangles of slits" if type(source).__name__ == "Slits" else "use an aperture"
-
-
-def _is_illuminated(source: Aperture | Array) -> bool:
-    elements = (source,) if isinstance(source, Aperture) else source.coplanar
-    return any(element.illumination is not None for element in elements)
 
 
 def _energy(source: Aperture | Array) -> float:

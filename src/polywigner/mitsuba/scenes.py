@@ -50,8 +50,7 @@ def aperture(
     to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
         z = 0 of its own frame and radiates to +z. Default: none.
     obliquity: the diffraction integral that a floor parallel to the aperture receives:
-        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``; the
-        second and third not for apertures with a field of their own.
+        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``.
     power: watts, the integral of |u|^2 over the source. Default: that of the field as it is, in
         W/m^2: of a uniform aperture the area in m^2.
     bsdf: entry of the surface that radiates. Default: ``null``, which casts no shadow.

@@ -29,8 +29,9 @@ import mitsuba as mi
 
 from polywigner.errors import PolywignerError
 from polywigner.geometry import triangulate
-from polywigner.mitsuba.emitter import emitter_class, world_positions
+from polywigner.mitsuba.emitter import emitter_class
 from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
+from polywigner.mitsuba.placement import world_positions
 
 __all__ = ["PLUGIN_NAME", "original_error", "register"]
 

@@ -1,0 +1,59 @@
+"""Where the mesh of a source is: on its plane, in the pose of its emitter."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import SceneError
+
+__all__ = ["check_place", "matrix_of", "move", "world_positions"]
+
+# The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
+# coordinate each, the positions once more.
+_PLACE_ERROR = 5e-7
+
+
+def world_positions(
+    points: npt.NDArray[np.float64],
+    pose: npt.NDArray[np.float64],
+    centre: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float32]:
+    """Points (n, 2) of the source's plane relative to its centre (2,), in the scene (n, 3)."""
+    return ((points + centre) @ pose[:3, :2].T + pose[:3, 3]).astype(np.float32)
+
+
+def matrix_of(transform: Any) -> list[list[float]]:
+    matrix = transform.matrix
+    return [
+        [float(np.asarray(dr.detach(matrix[row, column])).ravel()[0]) for column in range(4)]
+        for row in range(4)
+    ]
+
+
+def move(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
+    """Put the mesh where the emitter is; its texture coordinates are relative to the centre."""
+    params = mi.traverse(shape)
+    local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
+    params["vertex_positions"] = world_positions(local, pose, centre).ravel().tolist()
+    params.update()
+
+
+def check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
+    """Raise SceneError where somebody has moved the mesh but not the emitter."""
+    params = mi.traverse(shape)
+    local, seen = (
+        np.asarray(dr.detach(params[name]), dtype=np.float64).reshape(-1, count)
+        for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
+    )
+    expected = world_positions(local, np.asarray(pose), centre)
+    allowed = _PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
+    if not np.abs(seen - expected).max() <= allowed:
+        raise SceneError(
+            "expected the mesh of a wigner shape to stay where its to_world puts it, got other "
+            "vertex_positions; change emitter.to_world, which moves mesh and light"
+        )
