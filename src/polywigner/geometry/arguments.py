@@ -9,7 +9,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["checked_count", "checked_length", "checked_number", "shape_of"]
+__all__ = ["checked_count", "checked_length", "checked_number", "checked_wavelength", "shape_of"]
 
 
 def shape_of(value: Any) -> str:
@@ -42,6 +42,14 @@ def checked_length(value: Any, name: str, zero: bool = False) -> float:
     if number < 0 or (number == 0 and not zero):
         raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
     return number
+
+
+def checked_wavelength(value: Any) -> float:
+    """A wavelength in metres, and that of which 1/wavelength^2 is finite; ArgumentError if not."""
+    wavelength = checked_length(value, "wavelength")
+    if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
+        raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
+    return wavelength
 
 
 def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:

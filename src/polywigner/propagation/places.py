@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_length, shape_of
+from polywigner.geometry.arguments import checked_wavelength, shape_of
 from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["METHODS", "Method", "checked_method", "checked_points", "checked_wavelength"]
@@ -48,14 +47,6 @@ def checked_points(points: Any) -> NDArray[np.float64]:
             f"{array[behind][0].tolist()}; sources lie in the plane z = 0 and radiate to +z"
         )
     return array
-
-
-def checked_wavelength(value: Any) -> float:
-    """A wavelength in metres, and that of which 1/wavelength^2 is finite; ArgumentError if not."""
-    wavelength = checked_length(value, "wavelength")
-    if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
-        raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
-    return wavelength
 
 
 def checked_method(method: Any, allowed: Sequence[str] = METHODS) -> str:
