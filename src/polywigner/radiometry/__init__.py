@@ -1,0 +1,26 @@
+"""What a source radiates, in watts: radiance, radiant intensity, flux and power.
+
+Sources are apertures, and arrays of them, in the plane z = 0, with |u|^2 the irradiance on them in
+W/m^2; they radiate to z > 0. Wavelengths are in metres, directions unit vectors (..., 3).
+
+===================  ==========================================================================
+module               what is in it
+===================  ==========================================================================
+``directions``       checked sources and directions; directions to spatial frequencies
+``hemisphere``       a quadrature over all directions that is exact to rounding
+``directional``      radiance and radiant intensity: W and F in SI units
+``flux``             flux vector, power, and how much of it is evanescent
+===================  ==========================================================================
+"""
+
+from polywigner.radiometry.directional import radiance, radiant_intensity
+from polywigner.radiometry.flux import EnergyBudget, energy_budget, flux_vector, power
+
+__all__ = [
+    "EnergyBudget",
+    "energy_budget",
+    "flux_vector",
+    "power",
+    "radiance",
+    "radiant_intensity",
+]

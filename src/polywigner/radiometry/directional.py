@@ -1,0 +1,108 @@
+"""Radiance and radiant intensity: W and F in SI units."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from polywigner.engines import Engine, Precision
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import checked_wavelength
+from polywigner.radiometry.directions import (
+    PlaneSource,
+    checked_directions,
+    checked_positions,
+    checked_source,
+)
+from polywigner.transforms import fourier, wigner
+
+__all__ = ["Normalisation", "radiance", "radiant_intensity"]
+
+Normalisation = Literal["si", "paper"]
+
+
+def radiance(
+    source: PlaneSource,
+    x: Any,
+    direction: Any,
+    wavelength: float,
+    normalisation: Normalisation = "si",
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Radiance L(x, s) = W(x, s_par/lambda)/lambda^2 of a source at a place, into a direction.
+
+    Negative in places, as W is: only integrals over position or direction are measurable. Over
+    both, with the projected solid angle, it gives the power (docs/radiometry.md, (E1)). Differs
+    from the paper, whose W/(4 pi A lambda^2) is ``normalisation="paper"``: the 4 pi is spurious,
+    and A makes it a mean over the aperture (docs/corrections.md).
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    x : (..., 2) positions in m, outside of the source too: in its automean.
+    direction : (..., 3) unit vectors with z >= 0; broadcasts against ``x``.
+    wavelength : in m.
+    normalisation : "si"; or "paper", without the power |u|^2 A of the source: per m^4 and sr, A
+        the area of the aperture, or of the union of an array's elements.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) real, in W/(m^2 sr). Accurate to 1e-12 (single precision: 5e-6) int |u|^2/lambda^2.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
+    """
+    radiator = checked_source(source)
+    length = checked_wavelength(wavelength)
+    if not isinstance(normalisation, str) or normalisation not in get_args(Normalisation):
+        raise ArgumentError(f'expected normalisation to be "si" or "paper", got {normalisation!r}')
+    nu = checked_directions(direction)[..., :2] / length
+    found = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
+    scale = 1.0
+    if normalisation == "paper":
+        area = radiator.area if isinstance(radiator, Aperture) else radiator.support.area
+        scale = 1 / (4 * math.pi * area)
+    return found * found.dtype.type(scale / length**2)
+
+
+def radiant_intensity(
+    source: PlaneSource,
+    direction: Any,
+    wavelength: float,
+    *,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Radiant intensity cos(theta) |F(s_par/lambda)|^2/lambda^2: the radiance over the source.
+
+    Its integral over the hemisphere is :func:`power` (docs/radiometry.md, (E2)).
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    direction : (..., 3) unit vectors with z >= 0.
+    wavelength : in m.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) real, not negative, in W/sr.
+
+    Raises
+    ------
+    As :func:`radiance` does.
+    """
+    radiator = checked_source(source)
+    length = checked_wavelength(wavelength)
+    directions = checked_directions(direction)
+    found = fourier(radiator, directions[..., :2] / length, precision=precision, engine=engine)
+    intensity = directions[..., 2] * np.square(np.abs(found) / length)
+    return intensity.astype(found.real.dtype, copy=False)[()]

@@ -1,0 +1,92 @@
+"""Sources that radiate to z > 0, and directions to which they do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import engines
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture, Slits
+from polywigner.geometry.arguments import shape_of
+from polywigner.geometry.numbers import real_numbers
+from polywigner.illumination import Array
+
+__all__ = ["PlaneSource", "checked_directions", "checked_positions", "checked_source"]
+
+PlaneSource = Aperture | Array
+
+# As in illumination.directions: directions that passed through single precision pass.
+_UNIT = 1e-6
+
+
+def checked_source(source: Any) -> PlaneSource:
+    """An aperture, or an array of apertures in the plane z = 0.
+
+    Raises ArgumentError for anything else, GeometryError for an array with elements elsewhere.
+    """
+    if isinstance(source, Aperture):
+        return source
+    if not isinstance(source, Array):
+        advice = {
+            "Slits": "; make rectangles of slits, power needs an area",
+            "PlacedAperture": "; use its .aperture, and directions relative to it",
+        }.get(type(source).__name__, "")
+        raise ArgumentError(
+            "expected an Aperture, or an Array of apertures in the plane z = 0, got "
+            f"{type(source).__name__}{advice}"
+        )
+    flat = source.repeated[0] if source.repeated is not None else source.coplanar[0]
+    if isinstance(flat, Slits):
+        raise ArgumentError(
+            "expected an Array of apertures, got one of Slits; make rectangles of slits, power "
+            "needs an area"
+        )
+    return source
+
+
+def checked_directions(directions: Any) -> NDArray[np.float64]:
+    """Unit vectors (..., 3) into z >= 0, as given.
+
+    Raises ArgumentError for other shapes, lengths other than 1 by more than 1e-6, and z < 0.
+    """
+    array = _real("direction", "unit vectors of shape (..., 3)", directions, 3)
+    length = np.linalg.norm(array, axis=-1)
+    wrong = ~(np.abs(length - 1) <= _UNIT)
+    if wrong.any():
+        raise ArgumentError(
+            f"expected a direction of length 1, got {array[wrong][0].tolist()}, of length "
+            f"{length[wrong][0]:.6g}; divide it by its length"
+        )
+    back = array[..., 2] < 0
+    if back.any():
+        raise ArgumentError(
+            "expected a direction into z >= 0, to which the aperture radiates, got "
+            f"{array[back][0].tolist()}"
+        )
+    return array
+
+
+def checked_positions(x: Any) -> NDArray[np.float64]:
+    """Positions (..., 2) on the aperture, in metres; ArgumentError for anything else."""
+    array = _real("x", "positions on the aperture of shape (..., 2)", x, 2)
+    if not np.isfinite(array).all():
+        raise ArgumentError("expected finite positions x, got inf or nan; leave them out")
+    return array
+
+
+def _real(name: str, meaning: str, values: Any, components: int) -> NDArray[np.float64]:
+    if engines.is_drjit(values):
+        raise ArgumentError(
+            f"expected {name} as a NumPy array, got a Dr.Jit array; use {name}.numpy(), or "
+            "polywigner.wigner and polywigner.fourier, which take both"
+        )
+    try:
+        array = real_numbers(values)
+    except ValueError as error:
+        raise ArgumentError(f"expected {name} as {meaning}, got {error}") from None
+    if array.ndim == 0 or array.shape[-1] != components:
+        raise ArgumentError(f"expected {name} as {meaning}, got shape {shape_of(values)}")
+    return array

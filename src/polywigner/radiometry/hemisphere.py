@@ -1,0 +1,101 @@
+"""Integrals over the far hemisphere of what is band-limited in the direction.
+
+W(x, nu) and |F(nu)|^2 are Fourier transforms over lags xi, none of which is longer than the
+source's diameter D. As functions of direction they are sums of waves exp(i k rho sin(theta)
+cos(phi - phi0)) with rho <= D. Gauss-Legendre points in theta and equidistant ones in phi integrate
+these to rounding as soon as there are some more of them than such a wave has half periods, and
+nothing is gained by fewer: the error falls faster than any exponential.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture
+from polywigner.radiometry.directions import PlaneSource
+
+__all__ = ["directions_and_weights", "largest_lag"]
+
+Array = NDArray[np.float64]
+
+# Directions at a time: some megabytes.
+_BLOCK = 1 << 17
+# Largest phase of a wave on one panel of theta: points of long panels cost their cube to find.
+_PANEL = 400.0
+
+
+def largest_lag(source: PlaneSource) -> float:
+    """Largest distance of two points of the source, in m; of many elements a little more."""
+    if isinstance(source, Aperture):
+        return source.diameter
+    if source.repeated is not None and isinstance(source.repeated[0], Aperture):
+        element, sites = source.repeated
+        return element.diameter + _diameter(sites)
+    corners = [np.concatenate(e.rings) for e in source.coplanar if isinstance(e, Aperture)]
+    return _diameter(np.concatenate(corners))
+
+
+def _diameter(points: Array) -> float:
+    """Of a set of points (n, 2)."""
+    hull = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)
+    return max(float(np.hypot(*(hull - point).T).max()) for point in hull)
+
+
+def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Array, Array]]:
+    """Unit vectors (n, 3) of z > 0 and solid angles (n,), in blocks.
+
+    Integrals over the hemisphere of functions that are band-limited as above by ``lag``, times
+    polynomials of the direction's components, come out with an error of 1e-14 of the largest
+    value. Some 15 (lag/wavelength)^2 points, and a hundred at least.
+    """
+    phase = 2 * math.pi * lag / wavelength
+    theta, weight = _polar(phase)
+    counts = _azimuths(phase * np.sin(theta))
+    ends = np.cumsum(counts)
+    first = 0
+    while first < len(theta):
+        below = int(np.searchsorted(ends, ends[first] - counts[first] + _BLOCK, side="right"))
+        last = max(below, first + 1)
+        yield _rings(theta[first:last], weight[first:last], counts[first:last])
+        first = last
+
+
+def _rings(theta: Array, weight: Array, counts: NDArray[np.intp]) -> tuple[Array, Array]:
+    polar = np.repeat(theta, counts)
+    index = np.arange(len(polar)) - np.repeat(np.cumsum(counts) - counts, counts)
+    phi = 2 * math.pi * index / np.repeat(counts, counts)
+    sine = np.sin(polar)
+    directions = np.stack([sine * np.cos(phi), sine * np.sin(phi), np.cos(polar)], axis=-1)
+    return directions, np.repeat(2 * math.pi * weight * np.sin(theta) / counts, counts)
+
+
+def _azimuths(phase: Array) -> NDArray[np.intp]:
+    """How many azimuths integrate exp(i phase cos(phi)) cos(phi)^m, m = 0, 1, 2, to 3e-15.
+
+    What n of them leave is 2 J_n(phase), negligible from a few phase^(1/3) beyond n = phase on. The
+    numbers were found by trying phases from 0.1 to 3000.
+    """
+    return np.ceil(phase + 11.0 * np.cbrt(phase) + 9.0).astype(np.intp)
+
+
+@lru_cache(maxsize=8)
+def _polar(phase: float) -> tuple[Array, Array]:
+    """Angles (n,) in (0, pi/2) and weights; the numbers were found as those of azimuths were.
+
+    On half a panel the wave turns by at most pi/4 of its phase, and n points integrate what turns
+    by less than 2 n and a few cube roots of it.
+    """
+    panels = max(1, math.ceil(phase / _PANEL))
+    along = phase / panels
+    count = math.ceil(math.pi / 8 * along + 4.0 * math.cbrt(along) + 7.0)
+    node, weight = np.polynomial.legendre.leggauss(count)
+    width = math.pi / 2 / panels
+    starts = width * np.arange(panels)
+    theta = (starts[:, None] + width * (node + 1) / 2).ravel()
+    return theta, np.tile(width * weight / 2, panels)
