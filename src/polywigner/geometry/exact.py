@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ __all__ = [
     "signed_area",
     "total_area",
     "turn",
+    "whole_numbers",
 ]
 
 Ring = NDArray[np.float64]
@@ -62,21 +64,15 @@ def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
     return signs
 
 
-def _integers(rings: Iterable[Ring]) -> tuple[list[list[tuple[int, int]]], int]:
-    """The rings' coordinates as integers n, each of value n * 2^exponent."""
-    split = [np.frexp(ring) for ring in rings]
-    exponent = min(int(exponents.min()) for _, exponents in split) - 53
-    scaled = []
-    for mantissas, exponents in split:
-        whole = np.ldexp(mantissas, 53).astype(np.int64).tolist()
-        shifts = (exponents - 53 - exponent).tolist()
-        scaled.append(
-            [
-                (x << i, y << j)
-                for (x, y), (i, j) in zip(whole, shifts, strict=True)
-            ]
-        )  # fmt: skip
-    return scaled, exponent
+def whole_numbers(values: NDArray[np.float64]) -> tuple[NDArray[Any], int]:
+    """Finite floats as Python's integers n of the same shape, each of value n * 2^exponent.
+
+    Sums and products of them are exact, and tens of times faster than those of fractions.
+    """
+    mantissas, exponents = np.frexp(values)
+    exponent = int(exponents.min()) - 53
+    whole = np.ldexp(mantissas, 53).astype(np.int64).astype(object)
+    return whole << (exponents - 53 - exponent).astype(object), exponent
 
 
 def shoelace(rings: Iterable[Ring]) -> Fraction:
@@ -84,11 +80,11 @@ def shoelace(rings: Iterable[Ring]) -> Fraction:
     rings = list(rings)
     if not rings:
         return Fraction(0)
-    scaled, exponent = _integers(rings)
+    whole, exponent = whole_numbers(np.concatenate(rings))
     twice = 0
-    for points in scaled:
+    for points in np.split(whole, np.cumsum([len(ring) for ring in rings[:-1]])):
         x0, y0 = points[-1]
-        for x1, y1 in points:
+        for x1, y1 in points.tolist():
             twice += x0 * y1 - x1 * y0
             x0, y0 = x1, y1
     return Fraction(twice) * Fraction(2) ** (2 * exponent - 1)

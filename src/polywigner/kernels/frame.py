@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from polywigner.geometry.exact import whole_numbers
 from polywigner.kernels import phases
 
 __all__ = [
@@ -133,25 +134,24 @@ def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Arra
     """The x' with (matrix nu).x' = nu.(x - centre) for all nu; (n, d), correctly rounded."""
     if _diagonal(matrix):
         return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
-    middle = [Fraction(c) for c in centre]
-    inverse = _inverse_transpose([[Fraction(m) for m in row] for row in matrix])
-    rows = []
-    for point in points.tolist():
-        offset = [Fraction(x) - c for x, c in zip(point, middle, strict=True)]
-        rows.append(
-            [float(sum(m * d for m, d in zip(row, offset, strict=True))) for row in inverse]
-        )
-    return np.array(rows)
+    points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
+    rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
+    cofactors, whole = _cofactors(rows.tolist()), determinant(rows.tolist())
+    sums = (points[1:] - points[0]) @ np.array(cofactors, dtype=object).T
+    power = exponent - row_exponent
+    if power < 0:
+        whole <<= -power
+    # A quotient of integers is rounded once.
+    return ((sums << max(power, 0)) / whole).astype(np.float64)
 
 
-def _inverse_transpose(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
-    """By cofactors; for 2 x 2 and 3 x 3."""
+def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
+    """The determinant times the inverse transpose; for 2 x 2 and 3 x 3."""
     n = len(matrix)
-    whole = determinant(matrix)
 
-    def cofactor(i: int, j: int) -> Fraction:
+    def cofactor(i: int, j: int) -> int:
         minor = [[matrix[a][b] for b in range(n) if b != j] for a in range(n) if a != i]
-        return (-1) ** (i + j) * determinant(minor) / whole
+        return (-1) ** (i + j) * int(determinant(minor))
 
     return [[cofactor(i, j) for j in range(n)] for i in range(n)]
 

@@ -15,8 +15,10 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from polywigner.geometry import Polyhedron
+from polywigner.geometry.exact import whole_numbers
 from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair, plane_wave, select
 from polywigner.kernels.frame import (
@@ -69,11 +71,11 @@ def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
     """The tables of a polyhedron; the same for either precision."""
     centre, rows = _axes(body)
     inner = vertices_for(rows, centre, body.vertices)
-    corners = inner[body.triangles].reshape(-1, 9).tolist()
-    tetrahedra = [(*row, _volume(*row)) for row in corners]
+    corners = inner[body.triangles]
+    tetrahedra = np.column_stack([corners.reshape(-1, 9), _volumes(corners)]).tolist()
     content = abs(float(determinant([[Fraction(m) for m in row] for row in rows])))
     frame = SolidFrame(centre, rows, content, reach_of(inner))
-    return SolidTables(frame, tuple(row for row in tetrahedra if row[-1]))
+    return SolidTables(frame, tuple(tuple(row) for row in tetrahedra if row[-1]))
 
 
 def _axes(body: Polyhedron) -> tuple[Point, Matrix]:
@@ -91,17 +93,20 @@ def _axes(body: Polyhedron) -> tuple[Point, Matrix]:
     low, extents = along.min(axis=0), np.ptp(along, axis=0)
     scales = [power_of_two(extent) for extent in extents.tolist()]
     if not extents.max() > NEEDLE_ASPECT * extents.min() > 0.0:
-        axes, scales = np.eye(3), [power_of_two(body.diameter)] * 3
+        axes = np.eye(3)
         low, extents = body.vertices.min(axis=0), np.ptp(body.vertices, axis=0)
+        scales = [power_of_two(float(np.linalg.norm(extents)))] * 3
     x, y, z = (axes.T @ (low + extents / 2)).tolist()
     rows = (axes * np.array(scales)[:, None]).tolist()
     return (x, y, z), tuple(tuple(row) for row in rows)
 
 
-def _volume(*row: float) -> float:
-    """det(a, b, c), correctly rounded."""
-    exact = [Fraction(value) for value in row]
-    return float(determinant([exact[0:3], exact[3:6], exact[6:9]]))
+def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """det(a, b, c) of each row of corners (n, 3, 3), correctly rounded."""
+    whole, exponent = whole_numbers(corners)
+    exact: Any = determinant(list(np.moveaxis(whole, 0, 2)))
+    scale = 1 << abs(3 * exponent)
+    return np.asarray(exact / scale if exponent < 0 else exact * scale, dtype=np.float64)
 
 
 def solid_transform(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) -> Pair:
