@@ -159,6 +159,26 @@ def test_a_regular_polygon_of_many_vertices_has_the_lag_slices_of_a_disc() -> No
     assert np.abs(got - lens).max() < 1e-4 * source.area  # the polygon's deviation, 1/n^2
 
 
+@pytest.mark.usefixtures("cells_only")
+def test_a_side_that_ends_at_the_rim_of_a_cell_does_not_cut_beyond_its_end() -> None:
+    """By symmetry, vertices of a gear lie on the rim of a track up to a rounding in float32."""
+    angle = np.arange(400) * (2 * np.pi / 400)
+    radius = np.where(np.arange(400) % 4 < 2, 1.0, 0.5)
+    gear = pw.Aperture(radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+    x = np.random.default_rng(5).uniform(-0.9, 0.9, (300, 2))
+    outline = gear.polygons
+    doubled = shapely.transform(outline, lambda p: 2 * p)
+    slices = [
+        shapely.intersection(
+            shapely.transform(doubled, lambda p, at=at: p - 2 * at),
+            shapely.transform(doubled, lambda p, at=at: 2 * at - p),
+        ).area
+        for at in x
+    ]
+    got = pw.position_marginal(gear, x, engine="numpy")
+    assert np.abs(got - slices).max() < TOLERANCE["double"] * gear.area
+
+
 @engines
 def test_fields_count_as_in_pieces(engine: str) -> None:
     disc = pw.shapes.disc(1.0, 48)

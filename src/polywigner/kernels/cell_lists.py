@@ -12,8 +12,8 @@ changed in this way; a cell leaves out what cannot matter in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -126,6 +126,7 @@ def cell_lists(tables: Tables, sign: int) -> CellLists:
     enough = max(_FEW_CUTS, len(edges) // _EDGES_PER_CUT)
     segments = edges.segments.turned(turn)
     cells = divided(segments, segments, sign, (low - rim, high + rim), enough)
+    cells = _with_sides_beyond(edges, cells, sign, turn)
     return _Lists(tables, edges, cells, sign, turn).result(angle)
 
 
@@ -176,12 +177,22 @@ class _Edges:
     def segments(self) -> Segments:
         return Segments(self.start + self.vector / 2, self.vector / 2)
 
+    @cached_property
+    def before(self) -> Numbers:
+        """The number of the edge before each."""
+        before = np.arange(-1, len(self) - 1)
+        before[self.rings[:-1]] = self.rings[1:] - 1
+        return before
+
+    @cached_property
+    def next(self) -> Numbers:
+        """The number of the edge after each."""
+        return np.argsort(self.before)
+
     @property
     def turns(self) -> Floats:
         """The angle by which the outline turns to the left where each edge begins."""
-        before = np.arange(-1, len(self) - 1)
-        before[self.rings[:-1]] = self.rings[1:] - 1
-        (ex, ey), (fx, fy) = self.vector[before].T, self.vector.T
+        (ex, ey), (fx, fy) = self.vector[self.before].T, self.vector.T
         cross = accurate_cross(ex, ey, fx, fy)
         longer = np.maximum(np.hypot(ex, ey), np.hypot(fx, fy))
         ahead = ex * fx + ey * fy
@@ -514,6 +525,38 @@ class _Chains:
         begins = np.append(True, ~goes_on)[: len(vertex)]
         ends = np.append(~goes_on, True)[: len(vertex)]
         return vertex[begins] - 1, vertex[ends], right[begins]
+
+
+def _with_sides_beyond(edges: _Edges, cells: Cells, sign: int, turn: Floats) -> Cells:
+    """Cells that list the next side as well wherever a listed one ends on the track.
+
+    A side that ends at the rim of a track may be found there, by rounding, and the next one not.
+    Its prolongation would cut the track where the outline has turned off. Tracks are a little
+    wider here than where sides were found: of those that end beyond, nothing comes back.
+    """
+    n, corner = len(edges), edges.start @ turn.T
+    middle = edges.segments.turned(turn).middle
+    half = edges.segments.turned(turn).half
+    key, side = cells.cell.astype(np.int64) * n + cells.edge, cells.side.astype(np.int64)
+    listed = key * n + side  # ascending
+    new = listed
+    while len(new):
+        found = []
+        for beyond, forward in ((edges.next, True), (edges.before, False)):
+            key, side = new // n, new % n
+            other = beyond[side]
+            wanted = key * n + other
+            missing = listed[np.searchsorted(listed, wanted) % len(listed)] != wanted
+            key, side, wanted = key[missing], side[missing], wanted[missing]
+            vertex = corner[other[missing] if forward else side]
+            cell, edge = key // n, key % n
+            h = half[edge]
+            seen = cells.meet(cell, vertex - sign * middle[edge], h, np.zeros_like(h))
+            found.append(wanted[seen])
+        new = np.unique(np.concatenate(found))
+        listed = np.union1d(listed, new) if len(new) else listed
+    key, side = listed // n, listed % n
+    return replace(cells, cell=key // n, edge=key % n, side=side)
 
 
 def _neighbours(edges: _Edges, cells: Cells) -> tuple[Numbers, Numbers, Numbers, Flags]:
