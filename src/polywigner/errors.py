@@ -14,6 +14,7 @@ __all__ = [
     "PolywignerError",
     "QuantityError",
     "SceneError",
+    "StoreError",
 ]
 
 
@@ -43,6 +44,10 @@ class FileFormatError(PolywignerError, ValueError):
 
 class SceneError(PolywignerError, ValueError):
     """A Mitsuba scene cannot be rendered with the Wigner emitter."""
+
+
+class StoreError(PolywignerError, OSError):
+    """Results cannot be stored at a place, or what is stored there is not of the same run."""
 
 
 class EngineError(PolywignerError, RuntimeError):

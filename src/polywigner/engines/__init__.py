@@ -8,6 +8,7 @@ module               what is in it
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
+``threads``          how many threads compiled kernels run on
 ``llvm``             finds and tries out the LLVM library before Dr.Jit is imported
 ===================  ==========================================================================
 """
@@ -29,6 +30,7 @@ from polywigner.engines.operations import (
     ScalarOperations,
     ops_for,
 )
+from polywigner.engines.threads import kernel_threads
 
 __all__ = [
     "DrjitOperations",
@@ -43,6 +45,7 @@ __all__ = [
     "evaluate_traced",
     "in_plane",
     "is_drjit",
+    "kernel_threads",
     "ops_for",
     "product_of_complex",
     "shifted_points",

@@ -1,0 +1,151 @@
+"""Arrays larger than memory: chunks, computed in any order, each written to disk when it is done.
+
+A run that is killed, at any moment and by any means, is taken up by starting it again: only what
+is missing is computed, and the result is, bit by bit, that of a run that was not disturbed, for the
+same engine and type of processor. (docs/large_runs)
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from polywigner.errors import ArgumentError, StoreError
+from polywigner.geometry.arguments import checked_count
+from polywigner.propagation.progress import progress_bar
+from polywigner.propagation.stores_files import (
+    Block,
+    ChunkWriter,
+    create,
+    missing,
+    recorded,
+    required,
+)
+from polywigner.propagation.stores_layout import Index, Layout, fingerprint_of
+from polywigner.propagation.stores_running import on_cluster, on_this_machine
+
+__all__ = ["write_dataset"]
+
+
+def write_dataset(
+    path: str | os.PathLike[str],
+    layout: Layout,
+    block: Block,
+    settings: Mapping[str, Any],
+    *,
+    exclusive: bool = True,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Any:
+    """Fill a zarr store (format 3) with the values of a block function, chunk by chunk.
+
+    If the store is there already, only the chunks that are missing are computed. Needs the extra
+    ``volume``. One run at a time writes to a store.
+
+    Parameters
+    ----------
+    path : the folder to make, or to go on with.
+    layout : axes, chunks and attributes. Memory: a few chunks, and what ``block`` needs.
+    block : (origin, shape), in samples -> values of that shape and of the layout's dtype; can be
+        pickled if there is a ``scheduler``, and then keeps no caches when it is.
+    settings : all that the values depend on beside the layout, as texts, numbers and lists: a
+        store of other settings is not gone on with.
+    exclusive : the block uses all cores by itself, as the engines "llvm" and "cuda" do; else
+        (NumPy) as many blocks are computed at a time as there are threads.
+    scheduler : address of a dask.distributed scheduler whose workers see the same file system;
+        None computes on this machine.
+    threads : on this machine, or of each worker; None: all cores, or what each worker has.
+    progress : whether to draw a bar; None: on a terminal.
+
+    Returns
+    -------
+    xarray.Dataset, read lazily in the same chunks.
+
+    Raises
+    ------
+    StoreError for a place that cannot be written to or has too little space, for other data there,
+    and for a store of other settings or versions, which the message names; EngineError for a
+    scheduler that does not answer; MissingExtraError without zarr, xarray or dask; and what
+    ``block`` raises.
+    """
+    if threads is not None:
+        threads = checked_count(threads, "threads", 1)
+    for module in ("zarr", "xarray", "dask"):
+        required(module)
+    folder = _checked_path(path)
+    fingerprint, whole = fingerprint_of(layout, settings)
+    if not os.path.lexists(folder):
+        create(folder, layout, fingerprint, whole)
+    _check_same_run(folder, fingerprint, whole)
+    indices = _missing(folder, layout)
+    writer = ChunkWriter(str(folder), fingerprint, layout, block, exclusive, threads)
+    if indices:
+        with progress_bar(folder.name, layout.count, layout.count - len(indices), progress) as bar:
+            if scheduler is None:
+                on_this_machine(writer, indices, threads, bar)
+            else:
+                on_cluster(writer, indices, scheduler, bar)
+    return opened(folder)
+
+
+def opened(path: str | os.PathLike[str]) -> Any:
+    """A store as an xarray.Dataset, lazily."""
+    return required("xarray").open_zarr(path)
+
+
+def _checked_path(path: Any) -> Path:
+    try:
+        text = os.fspath(path)
+    except TypeError:
+        text = None
+    if not isinstance(text, str) or not text or "\0" in text:
+        raise ArgumentError(f"expected a path to write to, got {path!r}")
+    return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")
+
+
+def _check_same_run(path: Path, fingerprint: str, settings: dict[str, Any]) -> None:
+    found = recorded(path)
+    if found is None:
+        raise StoreError(
+            f"expected {path} to be free, or a store of this run, got something else there; choose "
+            "another name"
+        )
+    if found[0] == fingerprint:
+        return
+    names = sorted({*found[1], *settings})
+    differ = [name for name in names if found[1].get(name) != settings.get(name)]
+    told = ", ".join(
+        f"{name} {_short(settings.get(name))} (there: {_short(found[1].get(name))})"
+        for name in differ
+    )
+    raise StoreError(
+        f"expected {path} to be a store of the same settings, got one that differs in {told}; "
+        "choose another name, or delete that store"
+    )
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _missing(path: Path, layout: Layout) -> list[Index]:
+    """The chunks to compute, for which there is space."""
+    try:
+        indices = missing(path, layout)
+        needed, free = len(indices) * layout.chunk_bytes, shutil.disk_usage(path).free
+    except OSError as error:
+        raise StoreError(
+            f"expected to read and write {path}, got {error.strerror or error}; check its "
+            "permissions"
+        ) from error
+    if needed > free:
+        raise StoreError(
+            f"expected {needed / 2**30:.3g} GiB of free space at {path}, got {free / 2**30:.3g} "
+            "GiB; free some, or ask for fewer samples"
+        )
+    return indices

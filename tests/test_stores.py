@@ -1,0 +1,237 @@
+"""Large arrays on disk: a run that is taken up equals one that was not disturbed, nothing half
+written can pass for a result, and what is there already is never overwritten."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import resource
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, EngineError, StoreError
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_layout import Layout, chunks_within
+from polywigner.transforms.labelled import LabelledArray
+
+_EXTRA = "the extra `volume` is not installed"
+xarray = pytest.importorskip("xarray", reason=_EXTRA)
+for _library in ("zarr", "dask", "distributed"):
+    pytest.importorskip(_library, reason=_EXTRA)
+
+X, Y = np.linspace(-1.0, 1.0, 23), np.linspace(0.0, 3.0, 17)
+LAYOUT = Layout(
+    "gaussian",
+    "float64",
+    {"x": LabelledArray(X, ("x",), {"units": "m"}), "y": LabelledArray(Y, ("y",), {"units": "m"})},
+    (8, 5),
+    {"units": "W m-2"},
+    {"title": "a beam"},
+)
+SETTINGS = {"waist": 0.7}
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A Gaussian beam's profile; counts the blocks that it is asked for by files in a folder."""
+
+    counted: Path | None = None
+
+    def __call__(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+        if self.counted is not None:
+            (self.counted / "-".join(map(str, origin))).touch()
+        x, y = (axis[o : o + n] for axis, o, n in zip((X, Y), origin, shape, strict=True))
+        return np.exp(-(x[:, None] ** 2 + y**2) / 0.7**2)
+
+
+def chunk_files(store: Path) -> dict[str, Path]:
+    return {
+        str(file.relative_to(store)): file
+        for file in sorted(store.rglob("*"))
+        if file.is_file() and "c" in file.relative_to(store).parts
+    }
+
+
+def hashes(store: Path) -> dict[str, str]:
+    """Of every chunk's file."""
+    files = chunk_files(store)
+    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
+
+
+def test_a_store_holds_the_values_the_axes_and_their_units(tmp_path: Path) -> None:
+    written = write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+    with xarray.open_zarr(tmp_path / "beam.zarr") as found:
+        assert found.identical(written)
+        np.testing.assert_array_equal(found["gaussian"], Beam()((0, 0), (23, 17)))
+        np.testing.assert_array_equal(found["x"], X)
+        assert found["gaussian"].dims == ("x", "y")
+        assert found["gaussian"].attrs["units"] == "W m-2"
+        assert found["y"].attrs["units"] == "m"
+        assert found.attrs["title"] == "a beam"
+        assert json.loads(found.attrs["polywigner_settings"])["waist"] == 0.7
+        assert found["gaussian"].chunks == ((8, 8, 7), (5, 5, 5, 2))
+
+
+def test_a_run_that_is_taken_up_computes_only_what_is_missing(tmp_path: Path) -> None:
+    store, counted = tmp_path / "beam.zarr", tmp_path / "counted"
+    counted.mkdir()
+    write_dataset(store, LAYOUT, Beam(), SETTINGS)
+    whole = hashes(store)
+    for name in ("gaussian/c/1/2", "gaussian/c/2/0"):
+        (store / name).unlink()
+    write_dataset(store, LAYOUT, Beam(counted), SETTINGS)
+    assert {file.name for file in counted.iterdir()} == {"8-10", "16-0"}
+    assert hashes(store) == whole
+
+
+def test_a_finished_store_is_only_opened(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+
+    def never(origin: Any, shape: Any) -> Any:
+        raise AssertionError("everything was there")
+
+    found = write_dataset(tmp_path / "beam.zarr", LAYOUT, never, SETTINGS)
+    assert float(found["gaussian"][11, 0]) == 1.0
+
+
+def test_chunks_of_nothing_but_nan_are_results_too(tmp_path: Path) -> None:
+    def outside(origin: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+        return np.full(shape, np.nan)
+
+    write_dataset(tmp_path / "nan.zarr", LAYOUT, outside, {})
+    assert len(hashes(tmp_path / "nan.zarr")) == LAYOUT.count + len(LAYOUT.dims)
+
+
+def test_what_a_killed_run_left_half_written_is_swept(tmp_path: Path) -> None:
+    store = tmp_path / "beam.zarr"
+    write_dataset(store, LAYOUT, Beam(), SETTINGS)
+    whole = hashes(store)
+    partial = store / "gaussian/c/0/0.0123.partial"
+    partial.write_bytes(b"half a chu")
+    (store / "gaussian/c/0/1").write_bytes(b"")  # a power cut, on some file systems
+    write_dataset(store, LAYOUT, Beam(), SETTINGS)
+    assert not partial.exists()
+    assert hashes(store) == whole
+
+
+@pytest.mark.parametrize(
+    ("layout", "settings", "named"),
+    [
+        (LAYOUT, {"waist": 0.8}, "waist 0.8 (there: 0.7)"),
+        (replace(LAYOUT, chunks=(8, 6)), SETTINGS, "chunks [8, 6] (there: [8, 5])"),
+        (replace(LAYOUT, dtype="float32"), SETTINGS, "dtype 'float32'"),
+        (
+            replace(LAYOUT, coords={**LAYOUT.coords, "y": LabelledArray(2 * Y, ("y",))}),
+            SETTINGS,
+            "coordinate y",
+        ),
+    ],
+)
+def test_a_store_of_other_settings_is_refused_and_they_are_named(
+    tmp_path: Path, layout: Layout, settings: dict[str, Any], named: str
+) -> None:
+    store = tmp_path / "beam.zarr"
+    write_dataset(store, LAYOUT, Beam(), SETTINGS)
+    whole = hashes(store)
+    with pytest.raises(StoreError, match="same settings") as caught:
+        write_dataset(store, layout, Beam(), settings)
+    assert named in str(caught.value)
+    assert hashes(store) == whole
+
+
+def test_a_store_of_another_version_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+    monkeypatch.setattr(pw, "__version__", "99.0")
+    with pytest.raises(StoreError, match=r"polywigner '99\.0'"):
+        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, lambda path: path.write_text("precious")])
+def test_other_data_at_the_place_stays(tmp_path: Path, make: Callable[[Path], Any]) -> None:
+    place = tmp_path / "precious"
+    make(place)
+    with pytest.raises(StoreError, match="something else there"):
+        write_dataset(place, LAYOUT, Beam(), SETTINGS)
+    assert place.is_dir() or place.read_text() == "precious"
+    assert [path.name for path in tmp_path.iterdir()] == ["precious"]
+
+
+def test_a_place_below_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError, match="expected to make the folder"):
+        write_dataset(tmp_path / "file" / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+
+
+@pytest.mark.parametrize("path", ["", b"x.zarr", 3, "a\0b"])
+def test_what_is_no_path_is_refused(path: Any) -> None:
+    with pytest.raises(ArgumentError, match="expected a path"):
+        write_dataset(path, LAYOUT, Beam(), SETTINGS)
+
+
+def test_more_than_the_disk_has_is_refused_before_the_work(tmp_path: Path) -> None:
+    axis = LabelledArray(np.arange(2.0**20), ("x",))
+    vast = Layout("v", "float64", {"x": axis, "y": axis, "z": axis}, (2**20, 2**20, 2**20))
+    with pytest.raises(StoreError, match="GiB of free space"):
+        write_dataset(tmp_path / "vast.zarr", vast, Beam(), SETTINGS)
+
+
+def test_a_write_that_the_system_refuses_is_one_clear_error(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    def line(samples: int) -> Layout:
+        axis = LabelledArray(np.random.default_rng(0).random(samples), ("x",))
+        return Layout("v", "complex128", {"x": axis}, (samples,))
+
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, limits[1]))
+        with pytest.raises(StoreError, match="expected to make the folder"):
+            write_dataset(tmp_path / "axis.zarr", line(1 << 20), Beam(), {})
+        assert not list(tmp_path.iterdir())
+        store = tmp_path / "chunk.zarr"
+        with pytest.raises(StoreError, match="expected to write to"):
+            write_dataset(store, line(1 << 14), lambda origin, shape: np.ones(shape, complex), {})
+        assert [file.name for file in (store / "v/c").rglob("*")] == []
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_a_block_of_the_wrong_shape_is_not_stored(tmp_path: Path) -> None:
+    store = tmp_path / "beam.zarr"
+    with pytest.raises(ArgumentError, match=r"expected the block at \(0, 0\) to be \(8, 5\)"):
+        write_dataset(store, LAYOUT, lambda origin, shape: np.ones(3), SETTINGS, threads=1)
+    assert not [name for name in chunk_files(store) if name.startswith("gaussian")]
+
+
+def test_the_blocks_own_errors_reach_the_caller(tmp_path: Path) -> None:
+    def refuses(origin: Any, shape: Any) -> Any:
+        raise EngineError("no engine")
+
+    with pytest.raises(EngineError, match="no engine"):
+        write_dataset(tmp_path / "beam.zarr", LAYOUT, refuses, SETTINGS)
+
+
+def test_chunks_are_as_long_along_every_axis_as_their_number_of_samples_allows() -> None:
+    assert chunks_within((512, 512, 512), 2**21) == (128, 128, 128)
+    assert chunks_within((256,) * 4, 2**22) == (32, 32, 64, 64)
+    assert chunks_within((5, 1000), 100) == (5, 16)
+    assert chunks_within((3, 4), 100) == (3, 4)
+
+
+def test_a_scheduler_that_does_not_answer_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("polywigner.propagation.stores_running._PATIENCE", 0.3)
+    for address in ("tcp://127.0.0.1:1", "nonsense://x"):
+        with pytest.raises(EngineError, match=f"scheduler at '{address}'"):
+            write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
