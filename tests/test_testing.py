@@ -75,6 +75,42 @@ def test_pupils_have_the_properties_of_pupils(source: Any) -> None:
     assert_otf_properties(source, engine="numpy")
 
 
+WAVELENGTH = 3.2e-3
+BEAM = (0.48, 0.2, np.sqrt(1 - 0.48**2 - 0.2**2))
+CHEVRON = pw.shapes.chevron(10e-3, 10e-3, 4e-3)
+ILLUMINATED = {
+    "TE10": pw.shapes.rectangle(10e-3, 8e-3).with_illumination(pw.te_mode(10e-3, 8e-3)),
+    "steered": CHEVRON.with_illumination(pw.steering(BEAM, WAVELENGTH)),
+    "steered by 400 cycles, far away": CHEVRON.moved((3.0, -2.0)).with_illumination(
+        pw.steering(BEAM, WAVELENGTH / 250)
+    ),
+    "tapered and steered": pw.shapes.rectangle(10e-3, 4e-3).with_illumination(
+        pw.taylor_taper(10e-3, nbar=3) * pw.steering(BEAM, WAVELENGTH)
+    ),
+    "three waves on a chevron": pw.shapes.chevron(1.0, 0.8, 0.4).with_illumination(
+        pw.Illumination([1, 0.5j, -0.3 + 0.2j], [(0, 0), (1.3, 0.4), (-1, 1)])
+    ),
+    "three waves on slits": PAIR.with_illumination(
+        pw.Illumination([1, 0.5j, 0.2], [0.3, 2.0, -1.2])
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ILLUMINATED)
+def test_sources_with_waves_on_them_obey_all_identities(name: str) -> None:
+    source = ILLUMINATED[name]
+    assert_wigner_identities(source, engine="numpy", points=100)
+    assert_otf_properties(source, engine="numpy", points=100)
+    assert_fourier_stable(source, engine="numpy", points=57)
+
+
+def test_sources_with_waves_on_them_obey_all_identities_in_single_precision() -> None:
+    for name in ("TE10", "steered by 400 cycles, far away"):
+        assert_wigner_identities(ILLUMINATED[name], engine="numpy", precision="single")
+    placed = ILLUMINATED["steered"].placed(np.eye(4)[[1, 2, 0, 3]])
+    assert_fourier_stable(placed, engine="numpy", points=57, precision="single")
+
+
 def _times(factor: complex) -> Wrong:
     return lambda right, *a, **k: right(*a, **k) * factor
 
@@ -125,6 +161,37 @@ def _shifted_in_phase(right: Any, source: Any, upsilon: Any, xi: Any, **keywords
 
 def _at_another_nu(right: Any, source: Any, x: Any, nu: Any, **keywords: Any) -> Any:
     return right(source, x, np.asarray(nu) * 1.01, **keywords)
+
+
+def _of_conjugate_field(right: Any, source: Any, *points: Any, **keywords: Any) -> Any:
+    """The second field where the first belongs."""
+    field = source.illumination
+    if field is not None:
+        conjugate = pw.Illumination(field.amplitudes.conj(), -field.frequencies)
+        source = source.with_illumination(conjugate)
+    return right(source, *points, **keywords)
+
+
+def _first_wave_alone(right: Any, source: Any, *points: Any, **keywords: Any) -> Any:
+    field = source.illumination
+    if field is not None:
+        first = pw.Illumination(field.amplitudes[:1], field.frequencies[:1])
+        source = source.with_illumination(first)
+    return right(source, *points, **keywords)
+
+
+@pytest.mark.parametrize("transform", ["wigner", "ambiguity", "fourier"])
+@pytest.mark.parametrize("wrong", [_of_conjugate_field, _first_wave_alone, _times(1.0001)])
+def test_waves_taken_wrongly_break_an_identity(
+    transform: str, wrong: Wrong, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _broken(monkeypatch, transform, wrong)
+    for name in ("three waves on a chevron", "three waves on slits"):
+        with pytest.raises(AssertionError, match=r"expected .*, got .* at "):
+            assert_wigner_identities(ILLUMINATED[name], engine="numpy", points=20)
+    if transform == "fourier":
+        with pytest.raises(AssertionError, match=r"expected .*, got .* at "):
+            assert_fourier_stable(ILLUMINATED["three waves on slits"], engine="numpy", points=20)
 
 
 @pytest.mark.parametrize(

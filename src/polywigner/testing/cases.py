@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
+from polywigner.testing.simplices import corners_of
+from polywigner.testing.waves import Waves, waves_of
 
 __all__ = ["Case", "Precision", "box_of", "case_of", "require"]
 
@@ -32,8 +35,10 @@ class Case:
     x: Array
     xi: Array
     nu: Array
+    upsilon: Array
     keywords: dict[str, Any]
     tolerance: float
+    waves: Waves
 
     @property
     def dimension(self) -> int:
@@ -44,6 +49,34 @@ class Case:
         """Area, or length."""
         return self.source.length if isinstance(self.source, Slits) else self.source.area
 
+    @cached_property
+    def outline(self) -> Aperture | Slits:
+        """The source without its field."""
+        return self.source.with_illumination(None)
+
+    @property
+    def scale(self) -> float:
+        """Bound on A and, times 2^d, on W; what their rounding errors are proportional to."""
+        return self.waves.strength**2 * self.content
+
+    @property
+    def allowed(self) -> float:
+        """Of W and A."""
+        return self.tolerance * self.scale
+
+    @cached_property
+    def energy(self) -> float:
+        """int |u|^2, by pairs of waves."""
+        return float(self.intensity_spectrum(np.zeros((1, self.dimension)))[0].real)
+
+    def intensity_spectrum(self, upsilon: Array) -> Any:
+        """The Fourier transform of |u|^2 at upsilon (n, d), by pairs of waves."""
+        total: Any = 0.0
+        for factor, _, apart in self.waves.pairs():
+            values = transforms.fourier(self.outline, upsilon - apart, **self.keywords)
+            total = total + factor * values
+        return total
+
     @property
     def rounding(self) -> float:
         """What the content changes by if coordinates are rounded once more."""
@@ -53,17 +86,15 @@ class Case:
         largest = float(np.abs(self.source.bounds).max())
         return float(self.source.polygons.length) * float(np.spacing(largest))
 
+    @property
+    def turned(self) -> float:
+        """What rounding of the waves' phases, here and in what is compared, adds to W and A."""
+        farthest = float(np.abs(corners_of(self.source)).max() + self.source.diameter)
+        turns = farthest * float(np.abs(self.waves.frequencies).max())
+        return 8 * np.pi * float(np.spacing(turns)) * self.scale if turns else 0.0
+
     def evaluate(self, transform: str, *points: Array) -> Any:
         return getattr(transforms, transform)(self.source, *points, **self.keywords)
-
-
-def refuse_illumination(source: Any) -> None:
-    """Raises ArgumentError for a source with waves on it, whose laws are those of its outline."""
-    if getattr(source, "illumination", None) is not None:
-        raise ArgumentError(
-            "expected a uniform source, got one with an Illumination; check "
-            "source.with_illumination(None)"
-        )
 
 
 def case_of(
@@ -80,7 +111,7 @@ def case_of(
             f"expected an Aperture or Slits, got {type(source).__name__}; check the elements of an "
             "array, and the .aperture of a placed one, by themselves"
         )
-    refuse_illumination(source)
+    waves = waves_of(source)
     rng = np.random.default_rng(seed)
     corner, sides = box_of(source)
     dimension = len(corner)
@@ -94,9 +125,11 @@ def case_of(
         source,
         x=corner + unit @ sides,
         xi=(2 * rng.permutation(unit) - 1) @ sides,
-        nu=size[:, None] * direction,
+        nu=waves.middles(rng, points) + size[:, None] * direction,
+        upsilon=waves.distances(rng, points) + size[:, None] * direction,
         keywords={"precision": precision, "engine": engine},
         tolerance=tolerance,
+        waves=waves,
     )
 
 

@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Slits, lag_slice, position_slice, triangulate
+from polywigner.testing.waves import waves_of
 
 __all__ = ["lag_slices", "moved", "position_slices", "split_in_three"]
 
@@ -43,17 +44,27 @@ def _overlaps(first: Array, second: Array) -> list[Any]:
 
 
 def moved(source: Aperture | Slits, matrix: Array, shift: Array) -> Any:
-    """The image under x -> matrix x + shift."""
-    if isinstance(source, Slits):
-        return Slits(source.intervals * matrix[0, 0] + shift[0])
-    return Aperture(shapely.transform(source.polygons, lambda x: x @ matrix.T + shift))
+    """The image under x -> matrix x + shift, its field carried along."""
+    image = (
+        Slits(source.intervals * matrix[0, 0] + shift[0])
+        if isinstance(source, Slits)
+        else Aperture(shapely.transform(source.polygons, lambda x: x @ matrix.T + shift))
+    )
+    if source.illumination is None:
+        return image
+    return image.with_illumination(waves_of(source).mapped(matrix, shift).field())
 
 
 def split_in_three(source: Aperture | Slits) -> tuple[list[Any], list[Any]]:
-    """Three pieces that tile the source, and the three unions of two of them."""
+    """Three pieces that tile the source, and the three unions of two of them; with its field."""
+    kind: Any
     kind, pieces = (Slits, _thirds(source)) if isinstance(source, Slits) else _triangles(source)
-    singles = [kind(piece) for piece in pieces]
-    return singles, [kind([*pieces[k], *pieces[k - 1]]) for k in range(3)]
+
+    def made(piece: Any) -> Any:
+        return kind(piece).with_illumination(source.illumination)
+
+    singles = [made(piece) for piece in pieces]
+    return singles, [made([*pieces[k], *pieces[k - 1]]) for k in range(3)]
 
 
 def _thirds(source: Slits) -> list[list[tuple[float, float]]]:
@@ -66,7 +77,7 @@ def _thirds(source: Slits) -> list[list[tuple[float, float]]]:
     return pieces
 
 
-def _triangles(source: Aperture) -> tuple[type, list[list[Array]]]:
+def _triangles(source: Aperture) -> tuple[Any, list[list[Array]]]:
     """Triangles in three groups from one side to the other."""
     vertices, indices = triangulate(source)
     triangles = vertices[indices]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.testing.cases import Precision, refuse_illumination, require
+from polywigner.testing.cases import Precision, require
 from polywigner.testing.pieces import split_in_three
 from polywigner.testing.simplices import (
     Simplex,
@@ -24,6 +24,7 @@ from polywigner.testing.simplices import (
     simplices_of,
     small_frequency_limit,
 )
+from polywigner.testing.waves import waves_of
 
 __all__ = ["assert_fourier_stable"]
 
@@ -78,16 +79,18 @@ def assert_fourier_stable(
     nowhere larger than F(0), the content; approach its limit at small nu, which exact moments give;
     agree with the vertex formula where that keeps its digits, with the sum over parts of the source
     (triangles, tetrahedra, pieces of slits), and with that of the same source a thousand diameters
-    away, but for an exactly known phase; and it must not change by more than nu does.
+    away, but for an exactly known phase; and it must not change by more than nu does. Of a source
+    with an illumination this is asked of its outline, and F must be the sum over its waves.
 
     Parameters
     ----------
-    source: Slits, Aperture, placed aperture or Polyhedron, uniform.
+    source: Slits, Aperture, placed aperture or Polyhedron.
     points: number of frequencies.
     seed: of the random directions.
     precision, engine: as for :func:`polywigner.fourier`.
-    tolerance: relative to the content; by default 1e-13 in double and 2e-6 in single precision, and
-        more for bodies with thin walls, by how many times their tetrahedra exceed their volume.
+    tolerance: relative to the content (and to sum |c_m| of its waves); by default 1e-13 in double
+        and 2e-6 in single precision, and more for bodies with thin walls, by how many times their
+        tetrahedra exceed their volume.
 
     Raises
     ------
@@ -99,20 +102,45 @@ def assert_fourier_stable(
             "expected Slits, an Aperture, a placed aperture or a Polyhedron, got "
             f"{type(source).__name__}; check the elements of an array by themselves"
         )
-    refuse_illumination(source.aperture if isinstance(source, PlacedAperture) else source)
-    simplices = simplices_of(source)
+    outline = _without_field(source)
+    simplices = simplices_of(outline)
     nu, decade = _frequencies(corners_of(source), points, np.random.default_rng(seed))
     if tolerance is None:
         tolerance = _TOLERANCE[precision or "double"]
         if isinstance(source, Polyhedron):
             tolerance *= max(1.0, _cancellation(simplices) / 10)
-    case = _Case(source, nu, decade, {"precision": precision, "engine": engine}, tolerance)
+    case = _Case(outline, nu, decade, {"precision": precision, "engine": engine}, tolerance)
     _is_bounded_and_hermitian(case)
     _has_its_limit_at_small_frequencies(case, simplices)
     _agrees_with_the_vertex_formula(case, simplices)
     _is_the_sum_over_parts(case, simplices)
     _has_only_another_phase_far_away(case)
     _is_continuous(case)
+    if source != outline:
+        _is_the_sum_over_waves(case, source)
+
+
+def _without_field(source: Any) -> Any:
+    if isinstance(source, PlacedAperture):
+        return PlacedAperture(source.aperture.with_illumination(None), source.pose)
+    return source if isinstance(source, Polyhedron) else source.with_illumination(None)
+
+
+def _is_the_sum_over_waves(case: _Case, source: Any) -> None:
+    """F(nu) = sum c_m F_1(nu - kappa_m), about each of the waves; F_1 that of the outline."""
+    placed = isinstance(source, PlacedAperture)
+    waves = waves_of(source.aperture if placed else source)
+    kappa = waves.frequencies @ source.pose[:3, :2].T if placed else waves.frequencies
+    reach = float(np.abs(corners_of(source)).max())
+    for centre in kappa:
+        nu = case.nu + centre
+        offsets = nu[:, None] - kappa
+        shifted = transforms.fourier(case.source, offsets, **case.keywords)
+        # what rounding of the differences turns the phases by
+        turns = reach * np.spacing(np.abs(nu).max() + np.abs(kappa).max())
+        allowed = waves.strength * (case.allowed + 8 * np.pi * turns * case.content)
+        got = transforms.fourier(source, nu, **case.keywords)
+        require("F is the sum over waves", got, shifted @ waves.amplitudes, allowed, {"nu": nu})
 
 
 def _content(source: Any) -> float:

@@ -24,6 +24,8 @@ _SLICES = 12  # slices and pieces, each a source of its own
 # exp(-pi GAUSSIANS^2) is 1e-15: a Gaussian window of the frequencies loses no more than that
 _GAUSSIANS = 3.3
 _MOST_FREQUENCIES = 400_000
+# Across the source: a lattice of 10^4 points takes a hundred steps along each axis.
+_MOST_CYCLES = 4.0
 # Of its box: a lattice of 10^4 points sees a source that fills less of it too seldom.
 _LEAST_FILLING = 0.02
 
@@ -39,23 +41,25 @@ def assert_wigner_identities(
 ) -> None:
     """Raise an AssertionError unless the transforms of a source obey the laws they must obey.
 
-    In d dimensions: W is real, even in nu and bounded by 2^d contents; A is Hermitian and bounded
-    by A(0, 0); W(x, 0), A(0, xi) and A(upsilon, 0) are the marginals and F; W integrates over x to
-    |F|^2 and over nu to 1 inside; W and A are a Fourier pair, through the correlation of spectra
-    that both integrate to; the marginals integrate to the content squared; slices found another way
-    have the same transforms; and moving, turning, scaling or cutting the source changes nothing but
-    coordinates.
+    In d dimensions: W is real, bounded by 2^d int |u|^2, and that of the conjugate field at -nu; A
+    is Hermitian and bounded by A(0, 0) = int |u|^2; W(x, 0), A(0, xi) and A(upsilon, 0) are the
+    marginals and the transform of |u|^2; W integrates over x to |F|^2 and over nu to |u|^2; W and A
+    are a Fourier pair, through the correlation of spectra that both integrate to; the marginals
+    integrate to |F(0)|^2; sums over pairs of waves on slices found another way are the same; and
+    moving, turning, scaling or cutting the source changes nothing but coordinates.
 
     Parameters
     ----------
-    source: Aperture or Slits, uniformly illuminated.
+    source: Aperture or Slits, uniform or with an illumination.
     points: number of random places for each identity.
     seed: of the random places.
     precision, engine: as for the transforms.
-    tolerance: relative to the content; by default 1e-12 in double and 5e-6 in single precision, and
+    tolerance: relative to the content (times (sum |c_m|)^2, or sum |c_m| for F, of an illumination
+        with amplitudes c_m); by default 1e-12 in double and 5e-6 in single precision, and
         more for slivers, in proportion to perimeter * diameter / area. Integrals over x and xi are
         lattice sums and are held to 5e-4 content^2; they are left out for sources that fill less
-        than 1/50 of their (turned) box, and that over nu where it would take too fine a grid.
+        than 1/50 of their (turned) box and for waves that differ by more than 4 cycles across it,
+        and that over nu where it would take too fine a grid.
 
     Raises
     ------
@@ -88,43 +92,58 @@ def assert_marginals(
         check(case)
 
 
-def _wigner_is_real_even_and_bounded(case: Case) -> None:
+def _wigner_is_real_bounded_and_mirrored(case: Case) -> None:
     here = {"x": case.x, "nu": case.nu}
     value = case.evaluate("wigner", case.x, case.nu)
     if np.iscomplexobj(value):
         raise AssertionError(f"W is real: expected a real array, got {value.dtype}")
-    allowed = case.tolerance * case.content
-    bound = 2**case.dimension * case.content
-    law = f"|W| <= {2**case.dimension} times the content"
-    require(law, value, np.clip(value, -bound, bound), allowed, here)
-    mirrored = case.evaluate("wigner", case.x, -case.nu)
-    require("W(x, -nu) = W(x, nu) for a real field", mirrored, value, allowed, here)
+    bound = 2**case.dimension * case.energy
+    law = f"|W| <= {2**case.dimension} times int |u|^2"
+    require(law, value, np.clip(value, -bound, bound), case.allowed, here)
+    conjugate = case.source
+    law = "W(x, -nu) = W(x, nu) for a real field"
+    if not case.waves.uniform:
+        conjugate = case.outline.with_illumination(case.waves.conjugate().field())
+        law = "W(x, -nu) of the conjugate field = W(x, nu)"
+    mirrored = transforms.wigner(conjugate, case.x, -case.nu, **case.keywords)
+    require(law, mirrored, value, case.allowed, here)
 
 
 def _ambiguity_is_hermitian_and_bounded(case: Case) -> None:
-    here = {"upsilon": case.nu, "xi": case.xi}
-    value = case.evaluate("ambiguity", case.nu, case.xi)
-    mirrored = case.evaluate("ambiguity", -case.nu, -case.xi)
-    allowed = case.tolerance * case.content
-    require("A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, value.conj(), allowed, here)
+    here = {"upsilon": case.upsilon, "xi": case.xi}
+    value = case.evaluate("ambiguity", case.upsilon, case.xi)
+    mirrored = case.evaluate("ambiguity", -case.upsilon, -case.xi)
+    require("A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, value.conj(), case.allowed, here)
     size = np.abs(value)
-    require("|A| <= A(0, 0)", size, np.minimum(size, case.content), allowed, here)
+    require("|A| <= A(0, 0)", size, np.minimum(size, case.energy), case.allowed, here)
     zero = np.zeros((1, case.dimension))
     at_zero = case.evaluate("ambiguity", zero, zero)
-    require("A(0, 0) = content", at_zero, case.content, allowed, {"upsilon": zero, "xi": zero})
+    places = {"upsilon": zero, "xi": zero}
+    require("A(0, 0) = int |u|^2", at_zero, case.energy, case.allowed, places)
+
+
+def _fourier_is_the_sum_over_waves(case: Case) -> None:
+    if case.waves.uniform:
+        return
+    offsets = case.nu[:, None] - case.waves.frequencies
+    by_wave = transforms.fourier(case.outline, offsets, **case.keywords) @ case.waves.amplitudes
+    allowed = (case.allowed + case.turned) / case.waves.strength
+    law = "F is the sum over waves of that of the outline"
+    require(law, case.evaluate("fourier", case.nu), by_wave, allowed, {"nu": case.nu})
 
 
 def _marginals_are_the_values_at_zero(case: Case) -> None:
-    allowed, zero = case.tolerance * case.content, np.zeros(case.dimension)
+    zero = np.zeros(case.dimension)
     by_position = case.evaluate("position_marginal", case.x)
     at_zero = case.evaluate("wigner", case.x, zero)
-    require("W(x, 0) = R_x(x)", at_zero, by_position, allowed, {"x": case.x})
+    require("W(x, 0) = R_x(x)", at_zero, by_position, case.allowed, {"x": case.x})
     by_lag = case.evaluate("lag_marginal", case.xi)
     at_zero = case.evaluate("ambiguity", zero, case.xi)
-    require("A(0, xi) = R_xi(xi)", at_zero, by_lag, allowed, {"xi": case.xi})
-    at_zero = case.evaluate("ambiguity", case.nu, zero)
-    transform = case.evaluate("fourier", case.nu)
-    require("A(upsilon, 0) = F(upsilon)", at_zero, transform, allowed, {"upsilon": case.nu})
+    require("A(0, xi) = R_xi(xi)", at_zero, by_lag, case.allowed, {"xi": case.xi})
+    at_zero = case.evaluate("ambiguity", case.upsilon, zero)
+    transform = case.intensity_spectrum(case.upsilon)
+    law = "A(upsilon, 0) = F(upsilon)" + ("" if case.waves.uniform else " of |u|^2")
+    require(law, at_zero, transform, case.allowed, {"upsilon": case.upsilon})
 
 
 def _lattice(corner: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, float]:
@@ -139,18 +158,23 @@ def _integrals_are_the_other_marginals(case: Case) -> None:
     corner, sides = box_of(case.source)
     x, cell = _lattice(corner, sides)
     xi, xi_cell = _lattice(-sides.sum(axis=0), 2 * sides)
-    square = case.content**2
     if case.content < _LEAST_FILLING * abs(np.linalg.det(sides)):
         return  # two needles far apart, a thin ring: the other identities cover them
-    allowed = _LATTICE_TOLERANCE * square
-    for name, total in (
-        ("int R_x dx", cell * case.evaluate("position_marginal", x).sum(dtype=float)),
-        ("int R_xi dxi", xi_cell * case.evaluate("lag_marginal", xi).sum(dtype=float)),
-    ):
-        require(f"{name} = content^2", total, square, allowed, {"corner": corner})
-    order = np.argsort(np.linalg.norm(case.nu, axis=1))
-    low = case.nu[order][:: max(1, len(order) // 4)][:2]  # what a lattice resolves
-    for nu, upsilon in zip(low, np.roll(low, 1, axis=0), strict=True):
+    if case.waves.spread * case.source.diameter > _MOST_CYCLES:
+        return  # waves that turn against each other too often for the lattice
+    allowed = _LATTICE_TOLERANCE * (case.waves.strength * case.content) ** 2
+    carrier = case.waves.carrier
+    if np.linalg.norm(carrier) * case.source.diameter <= _MOST_CYCLES:
+        square = np.abs(case.evaluate("fourier", np.zeros((1, case.dimension)))) ** 2
+        right = "content^2" if case.waves.uniform else "|F(0)|^2"
+        for name, total in (
+            ("int R_x dx", cell * case.evaluate("position_marginal", x).sum(dtype=float)),
+            ("int R_xi dxi", xi_cell * case.evaluate("lag_marginal", xi).sum()),
+        ):
+            require(f"{name} = {right}", total, square, allowed, {"corner": corner})
+    order = np.argsort(np.linalg.norm(case.nu - carrier, axis=1))
+    low = (case.nu - carrier)[order][:: max(1, len(order) // 4)][:2]  # what a lattice resolves
+    for nu, upsilon in zip(carrier + low, np.roll(low, 1, axis=0), strict=True):
         total = cell * case.evaluate("wigner", x, nu).sum(dtype=float)
         power = np.abs(case.evaluate("fourier", nu)) ** 2
         require("int W dx = |F(nu)|^2", total, power, allowed, {"nu": nu})
@@ -175,13 +199,14 @@ def _deepest_point(source: Aperture | Slits) -> tuple[np.ndarray, float]:
     return np.array(radius.coords[0]), float(radius.length)
 
 
-def _wigner_integrates_over_frequencies_to_one_inside(case: Case) -> None:
-    """The sum over a grid of frequencies under a Gaussian window is u(x) smoothed by a Gaussian.
+def _wigner_integrates_over_frequencies_to_the_intensity(case: Case) -> None:
+    """The sum over a grid of frequencies under a Gaussian window is R(x, xi) smoothed at xi = 0.
 
     The window's image stays inside the lag slice, whose boundary is twice as far from xi = 0 as
-    that of the source from x; the grid is fine enough that periodic images do not meet.
+    that of the source from x, so that R is a sum of waves there; the grid is fine enough that
+    periodic images do not meet. Of a uniform field 1 is left, of others nearly |u|^2.
     """
-    d = case.dimension
+    d, carrier = case.dimension, case.waves.carrier
     centre, depth = _deepest_point(case.source)
     width = 2 * depth / _GAUSSIANS
     period = 4 * case.source.diameter + _GAUSSIANS * width
@@ -191,28 +216,39 @@ def _wigner_integrates_over_frequencies_to_one_inside(case: Case) -> None:
     axis = np.arange(-half, half + 1) / period
     nu = np.stack(np.meshgrid(*d * [axis]), axis=-1).reshape(-1, d)
     window = np.exp(-np.pi * width**2 * (nu**2).sum(axis=1))
-    total = (case.evaluate("wigner", centre, nu) * window).sum(dtype=float) / period**d
-    allowed = case.tolerance * case.content * window.sum() / period**d
-    require("int W dnu = |u(x)|^2", total, 1.0, allowed, {"x": centre})
+    total = (case.evaluate("wigner", centre, carrier + nu) * window).sum(dtype=float) / period**d
+    expected = sum(
+        factor
+        * np.exp(2j * np.pi * apart @ centre - np.pi * width**2 * ((mean - carrier) ** 2).sum())
+        for factor, mean, apart in case.waves.pairs()
+    )
+    allowed = case.allowed * window.sum() / period**d + case.turned / case.content
+    require("int W dnu = |u(x)|^2", total, np.real(expected), allowed, {"x": centre})
 
 
 def _slices_found_otherwise_have_the_same_transforms(case: Case) -> None:
-    x, xi, nu = case.x[:_SLICES], case.xi[:_SLICES], case.nu[:_SLICES]
-    allowed = case.tolerance * case.content + 4 * case.rounding
+    """By pairs of waves on the slices of the outline, as geometry has them."""
+    x, xi = case.x[:_SLICES], case.xi[:_SLICES]
+    nu, upsilon = case.nu[:_SLICES], case.upsilon[:_SLICES]
+    allowed = case.allowed + 4 * case.rounding * case.waves.strength**2 + case.turned
 
-    def by_slices(slices: Any) -> list[complex]:
-        return [
-            sum((complex(transforms.fourier(s, q, engine="numpy")) for s in parts), 0j)
-            for parts, q in zip(slices, nu, strict=True)
-        ]
+    def on(parts: Any, q: Any) -> complex:
+        return sum((complex(transforms.fourier(s, q, engine="numpy")) for s in parts), 0j)
 
+    by_lag, by_position = np.zeros(len(x), complex), np.zeros(len(xi), complex)
+    lag_regions = lag_slices(case.outline, x)
+    position_regions = position_slices(case.outline, xi)
+    for factor, mean, apart in case.waves.pairs():
+        for k in range(len(x)):
+            turn = np.exp(2j * np.pi * apart @ x[k])
+            by_lag[k] += factor * turn * on(lag_regions[k], nu[k] - mean)
+            turn = np.exp(2j * np.pi * mean @ xi[k])
+            by_position[k] += factor * turn * on(position_regions[k], upsilon[k] - apart)
     got = case.evaluate("wigner", x, nu)
-    by_lag = np.real(by_slices(lag_slices(case.source, x)))
-    require("W(x, nu) = F(nu) of the lag slice", got, by_lag, allowed, {"x": x, "nu": nu})
-    got = case.evaluate("ambiguity", nu, xi)
-    by_position = by_slices(position_slices(case.source, xi))
+    require("W(x, nu) = F(nu) of the lag slice", got, by_lag.real, allowed, {"x": x, "nu": nu})
+    got = case.evaluate("ambiguity", upsilon, xi)
     law = "A(upsilon, xi) = F(upsilon) of the position slice"
-    require(law, got, by_position, allowed, {"upsilon": nu, "xi": xi})
+    require(law, got, by_position, allowed, {"upsilon": upsilon, "xi": xi})
 
 
 def _moving_turning_and_scaling_only_change_coordinates(case: Case) -> None:
@@ -222,35 +258,38 @@ def _moving_turning_and_scaling_only_change_coordinates(case: Case) -> None:
     turn = turn[:d, :d]
     shift = np.array([0.37, -0.19])[:d] * case.source.diameter
     there = moved(case.source, scale * turn, shift)
-    x, xi, nu = case.x[:_SLICES], case.xi[:_SLICES], case.nu[:_SLICES]
-    x_there, xi_there, nu_there = (
-        scale * x @ turn.T + shift,
-        scale * xi @ turn.T,
-        nu @ turn.T / scale,
-    )
-    allowed = (10 * case.tolerance * case.content + 4 * case.rounding) * scale**d
+    x, xi = case.x[:_SLICES], case.xi[:_SLICES]
+    nu, upsilon = case.nu[:_SLICES], case.upsilon[:_SLICES]
+    x_there, xi_there = scale * x @ turn.T + shift, scale * xi @ turn.T
+    nu_there, upsilon_there = nu @ turn.T / scale, upsilon @ turn.T / scale
+    rounding = 4 * case.rounding * case.waves.strength**2 + 4 * case.turned
+    allowed = (10 * case.allowed + rounding) * scale**d
     got = transforms.wigner(there, x_there, nu_there, **case.keywords)
     expected = scale**d * case.evaluate("wigner", x, nu)
     law = "W of the source turned, scaled by 3 and shifted"
     require(law, got, expected, allowed, {"x": x, "nu": nu})
-    phase = np.exp(-2j * np.pi * nu_there @ shift)
-    got = transforms.ambiguity(there, nu_there, xi_there, **case.keywords)
-    expected = scale**d * phase * case.evaluate("ambiguity", nu, xi)
+    phase = np.exp(-2j * np.pi * upsilon_there @ shift)
+    got = transforms.ambiguity(there, upsilon_there, xi_there, **case.keywords)
+    expected = scale**d * phase * case.evaluate("ambiguity", upsilon, xi)
     law = "A of the source turned, scaled by 3 and shifted"
-    require(law, got, expected, allowed, {"upsilon": nu, "xi": xi})
+    require(law, got, expected, allowed, {"upsilon": upsilon, "xi": xi})
 
 
 def _cutting_into_pieces_changes_nothing(case: Case) -> None:
     """F is linear in the field; W and A are quadratic forms, fixed by pieces and pairs of them."""
     singles, pairs = split_in_three(case.source)
     numpy = {**case.keywords, "engine": "numpy"}  # many sources, few points: compiling is slower
-    x, xi, nu = case.x[:_SLICES], case.xi[:_SLICES], case.nu[:_SLICES]
-    allowed = 10 * case.tolerance * case.content + case.rounding  # more edges, more roundings
+    x, xi = case.x[:_SLICES], case.xi[:_SLICES]
+    nu, upsilon = case.nu[:_SLICES], case.upsilon[:_SLICES]
+    strength = case.waves.strength
+    # more edges, more roundings
+    allowed = 10 * case.allowed + case.rounding * strength**2 + case.turned
     total = sum(transforms.fourier(piece, nu, **numpy) for piece in singles)
-    require("F is the sum over pieces", total, case.evaluate("fourier", nu), allowed, {"nu": nu})
+    whole = case.evaluate("fourier", nu)
+    require("F is the sum over pieces", total, whole, allowed / strength, {"nu": nu})
     for name, transform, points in (
         ("W", transforms.wigner, {"x": x, "nu": nu}),
-        ("A", transforms.ambiguity, {"upsilon": nu, "xi": xi}),
+        ("A", transforms.ambiguity, {"upsilon": upsilon, "xi": xi}),
     ):
         total = sum(transform(pair, *points.values(), **numpy) for pair in pairs)
         total = total - sum(transform(piece, *points.values(), **numpy) for piece in singles)
@@ -259,11 +298,15 @@ def _cutting_into_pieces_changes_nothing(case: Case) -> None:
         require(law, total, whole, allowed, points)
 
 
-_POINTWISE = (_wigner_is_real_even_and_bounded, _ambiguity_is_hermitian_and_bounded)
+_POINTWISE = (
+    _wigner_is_real_bounded_and_mirrored,
+    _ambiguity_is_hermitian_and_bounded,
+    _fourier_is_the_sum_over_waves,
+)
 _MARGINALS = (
     _marginals_are_the_values_at_zero,
     _integrals_are_the_other_marginals,
-    _wigner_integrates_over_frequencies_to_one_inside,
+    _wigner_integrates_over_frequencies_to_the_intensity,
 )
 _COVARIANCE = (
     _slices_found_otherwise_have_the_same_transforms,
