@@ -36,6 +36,10 @@ if TYPE_CHECKING:
         uniform,
         write_source,
     )
+    from polywigner.propagation import (
+        radiation_pattern,
+        write_pattern,
+    )
     from polywigner.radiometry import (
         EnergyBudget,
         energy_budget,
@@ -88,6 +92,8 @@ _HOMES = {
     "power": "polywigner.radiometry",
     "radiance": "polywigner.radiometry",
     "radiant_intensity": "polywigner.radiometry",
+    "radiation_pattern": "polywigner.propagation",
+    "write_pattern": "polywigner.propagation",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -129,6 +135,7 @@ __all__ = [
     "projections",
     "radiance",
     "radiant_intensity",
+    "radiation_pattern",
     "read_aperture",
     "read_polyhedron",
     "read_source",
@@ -139,6 +146,7 @@ __all__ = [
     "te_mode",
     "uniform",
     "wigner",
+    "write_pattern",
     "write_source",
 ]
 

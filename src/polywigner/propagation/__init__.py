@@ -7,11 +7,14 @@ metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit 
 module               what is in it
 ===================  ==========================================================================
 ``places``           checked points, wavelengths and names of methods
+``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ===================  ==========================================================================
 """
 
 from __future__ import annotations
 
+from polywigner.propagation.pattern_files import write_pattern
+from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
 
-__all__ = ["METHODS"]
+__all__ = ["METHODS", "radiation_pattern", "write_pattern"]

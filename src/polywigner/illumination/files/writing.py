@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
+from polywigner.errors import FileFormatError, GeometryError, PolywignerError
+from polywigner.geometry.text_files import write_lines
 from polywigner.illumination.files.encoding import json_of, table_of, toml_of
 from polywigner.illumination.files.reading import parsed
 from polywigner.illumination.files.tables import Source, source_of
@@ -43,17 +44,9 @@ def write_source(source: Source, path: str | os.PathLike[str]) -> None:
             f"{file}: expected a source file with the suffix .toml or .json, got "
             f"{file.suffix or 'none'!r}"
         )
-    text = writers[file.suffix.lower()](table_of(source)).rstrip("\n") + "\n"
+    text = writers[file.suffix.lower()](table_of(source)).rstrip("\n")
     _check_same(source, text, file)
-    scratch = file.with_name(f"{file.name}.{os.getpid()}.partial")
-    try:
-        try:
-            scratch.write_text(text, encoding="utf-8", newline="\n")
-            scratch.replace(file)
-        finally:
-            scratch.unlink(missing_ok=True)
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        raise ArgumentError(f"expected to write {file}, got: {error}") from None
+    write_lines(file, [text])
 
 
 def _check_same(source: Source, text: str, file: Path) -> None:

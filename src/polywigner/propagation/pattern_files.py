@@ -1,0 +1,167 @@
+"""Radiation patterns as files that antenna people load."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.geometry.text_files import write_lines
+from polywigner.transforms.labelled import Labelled
+
+__all__ = ["Polarisation", "write_pattern"]
+
+Polarisation = Literal["x", "y"]
+
+# Ohm; of the peak value of E, |E|^2/(2 Z0) is power per area.
+_FREE_SPACE = 376.730313412
+# What stands for minus infinity, in dBi.
+_FLOOR = -300.0
+# In dB, where it is infinite, as that of a linear polarisation.
+_AXIAL_RATIO = 40.0
+
+Table = NDArray[np.float64]
+Lines = Iterator[str]
+
+
+@dataclass(frozen=True)
+class _Pattern:
+    """What is written, in the units of the files."""
+
+    theta: Table
+    """(n,) degrees."""
+    phi: Table
+    """(m,) degrees."""
+    directivity: Table
+    """(n, m) dBi, finite."""
+    components: tuple[NDArray[np.complex128], NDArray[np.complex128]]
+    """E_theta and E_phi (n, m) in V, with their phases."""
+    frequency: float
+    """Hz."""
+
+
+def write_pattern(
+    path: str | os.PathLike[str], pattern: Labelled, *, polarisation: Polarisation = "y"
+) -> None:
+    """Write a :func:`radiation_pattern` to a file of angles, directivity and field components.
+
+    =======  =====================================================================================
+    suffix   what
+    =======  =====================================================================================
+    .csv     ``Phi [deg],Theta [deg],dB(DirTotal),re(rETheta) [V],...`` as HFSS exports reports:
+             for spreadsheets, MATLAB (readmatrix and patternCustom), pandas. Theta runs fastest.
+    .txt     the far-field table of CST Studio Suite's ASCII export, two lines of header and eight
+             columns, that scripts and simulators (OSKAR among them) read. Theta runs fastest.
+    .ffd     far-field data of HFSS: for its far-field links, and PyAEDT. Evenly spaced angles,
+             0 <= theta <= 180 degrees.
+    =======  =====================================================================================
+
+    The scalar field becomes the co-polar component by Ludwig's third definition, E_theta = E
+    cos(phi), E_phi = -E sin(phi) for an aperture polarised along x, E sin(phi) and E cos(phi)
+    along y. Phases are those of these programs, exp(+j omega t - j k r): the conjugates of ours. rE
+    is in V, with |rE|^2/(2 Z0) in W/sr. Directions without radiation have -300 dBi.
+
+    Parameters
+    ----------
+    path : the suffix chooses the format. The file appears whole or not at all.
+    pattern : what :func:`radiation_pattern` returned, or a part of it.
+    polarisation : "x" or "y", the direction of the electric field on the aperture.
+
+    Raises
+    ------
+    FileFormatError for another suffix; ArgumentError for anything but a pattern, another
+    polarisation, angles that the format does not take, and a place that cannot be written to.
+    """
+    file = Path(path)
+    writers = {".csv": _csv, ".txt": _cst, ".ffd": _ffd}
+    if file.suffix.lower() not in writers:
+        raise FileFormatError(
+            f"{file}: expected a pattern file with the suffix {', '.join(writers)}, got "
+            f"{file.suffix or 'none'!r}"
+        )
+    if not isinstance(polarisation, str) or polarisation not in ("x", "y"):
+        raise ArgumentError(f'expected polarisation to be "x" or "y", got {polarisation!r}')
+    lines = writers[file.suffix.lower()](_checked(pattern, polarisation))
+    write_lines(file, lines)
+
+
+def _checked(pattern: Any, polarisation: str) -> _Pattern:
+    try:
+        dims = pattern["directivity"].dims
+        theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
+        directivity = np.asarray(pattern["directivity"].values, np.float64)
+        field = np.asarray(pattern["field"].values, np.complex128)
+        frequency = float(pattern.attrs["frequency"])
+    except (TypeError, KeyError, AttributeError, ValueError):
+        dims = ()
+    if dims != ("theta", "phi"):
+        raise ArgumentError(
+            "expected a pattern with directivity and field over theta and phi, got "
+            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
+        )
+    scaled = math.sqrt(2 * _FREE_SPACE) * field.conj()
+    sine, cosine = np.sin(phi), np.cos(phi)
+    along, across = (cosine, -sine) if polarisation == "x" else (sine, cosine)
+    return _Pattern(
+        np.degrees(theta),
+        np.degrees(phi),
+        np.maximum(directivity, _FLOOR),
+        (scaled * along, scaled * across),
+        frequency,
+    )
+
+
+def _csv(pattern: _Pattern) -> Lines:
+    names = [f"{part}(rE{name}) [V]" for name in ("Theta", "Phi") for part in ("re", "im")]
+    yield ",".join(["Phi [deg]", "Theta [deg]", "dB(DirTotal)", *names])
+    for j, phi in enumerate(pattern.phi):
+        for i, theta in enumerate(pattern.theta):
+            a, b = (component[i, j] for component in pattern.components)
+            row = (phi, theta, pattern.directivity[i, j], a.real, a.imag, b.real, b.imag)
+            yield ",".join(f"{value:.9g}" for value in row)
+
+
+def _cst(pattern: _Pattern) -> Lines:
+    heading = (
+        "Theta [deg.]  Phi   [deg.]  Abs(Dir.)[dBi   ]   Abs(Theta)[dBi   ]  Phase(Theta)[deg.]  "
+        "Abs(Phi  )[dBi   ]  Phase(Phi  )[deg.]  Ax.Ratio[dB    ]"
+    )
+    yield heading
+    yield "-" * len(heading)
+    squares = [np.square(np.abs(component)) for component in pattern.components]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        levels = [pattern.directivity + 10 * np.log10(part / sum(squares)) for part in squares]
+    levels = [np.maximum(np.nan_to_num(level, nan=_FLOOR), _FLOOR) for level in levels]
+    phases = [np.degrees(np.angle(component)) % 360 for component in pattern.components]
+    columns = [pattern.directivity, levels[0], phases[0], levels[1], phases[1]]
+    for j, phi in enumerate(pattern.phi):
+        for i, theta in enumerate(pattern.theta):
+            row = [theta, phi, *(column[i, j] for column in columns), _AXIAL_RATIO]
+            yield " ".join(f"{value:14.6f}" for value in row)
+
+
+def _ffd(pattern: _Pattern) -> Lines:
+    if pattern.theta.min() < 0:
+        raise ArgumentError(
+            f"expected theta from 0 to 180 degrees for an .ffd file, got {pattern.theta.min():g}; "
+            "use phi over the whole turn"
+        )
+    for name, angles in (("theta", pattern.theta), ("phi", pattern.phi)):
+        steps = np.diff(angles)
+        if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
+            raise ArgumentError(
+                f"expected evenly spaced {name} for an .ffd file, got steps from {steps.min():g} "
+                f"to {steps.max():g} degrees"
+            )
+        yield f"{angles[0]:.9g} {angles[-1]:.9g} {len(angles)}"
+    yield "Frequencies 1"
+    yield f"Frequency {pattern.frequency:.12g}"
+    for a, b in zip(*(component.ravel() for component in pattern.components), strict=True):
+        yield f"{a.real:.9e} {a.imag:.9e} {b.real:.9e} {b.imag:.9e}"

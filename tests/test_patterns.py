@@ -1,0 +1,269 @@
+"""Radiation patterns: directivity against theory, and files against readers of their formats."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, FileFormatError, IlluminationError, PolywignerError
+
+WAVELENGTH = 299792458 / 94e9
+SQUARE = pw.shapes.square(10e-3)
+OBLIQUITIES = ("paper", "rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
+FREE_SPACE = 376.730313412  # ohm
+
+
+def _pattern(source: Any = SQUARE, theta: Any = 0.0, phi: Any = 0.0, **how: Any) -> Any:
+    return pw.radiation_pattern(source, WAVELENGTH, theta, phi, **how)
+
+
+@pytest.mark.parametrize(
+    ("obliquity", "share"), list(zip(OBLIQUITIES, (0.934, 0.900, 0.938, 0.982), strict=True))
+)
+def test_a_boundary_condition_radiates_its_share_of_the_power(obliquity: Any, share: float) -> None:
+    """int g |F|^2/lambda^2 dOmega over the area, of the 10 mm square at 94 GHz; only g = cos keeps
+    all that propagates. Values: an independent quadrature, to three digits."""
+    power = _pattern(obliquity=obliquity).attrs["radiated_power"]
+    assert power / SQUARE.area == pytest.approx(share, abs=6e-4)
+    if obliquity == "paper":
+        assert power == pytest.approx(pw.power(SQUARE, WAVELENGTH), rel=1e-12)
+
+
+@pytest.mark.parametrize("obliquity", OBLIQUITIES)
+def test_directivity_averages_to_one_over_all_directions(obliquity: Any) -> None:
+    """Gauss-Legendre in cos(theta) and evenly spaced phi, another rule than the library's."""
+    field = pw.steering((math.sin(0.4), 0, math.cos(0.4)), WAVELENGTH) * pw.cosine_taper(9e-3)
+    source = pw.shapes.triangle(9e-3, 7e-3).with_illumination(field)
+    node, weight = np.polynomial.legendre.leggauss(60)
+    phi = 2 * np.pi * np.arange(90) / 90
+    found = _pattern(source, np.arccos((node + 1) / 2), phi, obliquity=obliquity)
+    gain = 10 ** (found["directivity"].values / 10)
+    root = 1e-6  # cos(theta)^(1/2) of "paper" is not smooth at the horizon, nor theta in cos(theta)
+    assert (gain.mean(axis=1) @ weight) / 4 == pytest.approx(1.0, abs=root)
+
+
+def test_a_large_square_has_the_directivity_of_its_area() -> None:
+    """4 pi A/lambda^2, and half a percent more, for its edges do not radiate all they have."""
+    large = pw.shapes.square(60 * WAVELENGTH)
+    found = _pattern(large).attrs["largest_directivity"]
+    assert found == pytest.approx(10 * math.log10(4 * math.pi * 60**2), abs=0.03)
+
+
+def test_a_uniform_array_of_32_x_32_has_the_directivity_of_theory() -> None:
+    """Small elements at half a wavelength: double sum of the array factor over lags.
+
+    With elements of |F|^2 = const and g = cos^2, the power is a sum over pairs of
+    int cos^2 exp(i k d.s) dOmega = 2 pi (sin z/z^3 - cos z/z^2), z = k |d|.
+    """
+    n, pitch = 32, WAVELENGTH / 2
+    speck = pw.shapes.square(1e-3 * WAVELENGTH)
+    array = pw.phased_array(speck, pw.arrays.grid_positions(n, n, pitch, pitch))
+    shift = np.arange(1 - n, n)
+    pairs = np.multiply.outer(n - np.abs(shift), n - np.abs(shift)).ravel()
+    z = 2 * np.pi / WAVELENGTH * pitch * np.hypot(*np.meshgrid(shift, shift)).ravel()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        kernel = np.where(z == 0, 1 / 3, np.sin(z) / z**3 - np.cos(z) / z**2)
+    theory = 4 * np.pi * n**4 / (2 * np.pi * pairs @ kernel)
+    found = _pattern(array).attrs["largest_directivity"]
+    size = 1e-4  # dB; elements of a thousandth of a wavelength are points to 1e-5
+    assert found == pytest.approx(10 * math.log10(theory), abs=size)
+
+
+@pytest.mark.parametrize("obliquity", OBLIQUITIES)
+def test_the_squared_field_is_the_radiant_intensity_for_its_obliquity(obliquity: Any) -> None:
+    """For the normal wave: |E|^2 = g |F|^2/lambda^2."""
+    theta, phi = np.array([0.1, 0.7, 1.4]), 0.5
+    c = np.cos(theta)
+    g = {
+        "paper": c,
+        "rayleigh-sommerfeld-1": c**2,
+        "kirchhoff": ((1 + c) / 2) ** 2,
+        "rayleigh-sommerfeld-2": np.ones(3),
+    }
+    s = np.stack([np.sin(theta) * math.cos(phi), np.sin(theta) * math.sin(phi), c], axis=-1)
+    field = _pattern(SQUARE, theta, phi, obliquity=obliquity)["field"].values[:, 0]
+    expected = g[obliquity] / c * pw.radiant_intensity(SQUARE, s, WAVELENGTH)
+    assert np.abs(field) ** 2 == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_steered_wave_has_the_obliquity_of_its_own_direction() -> None:
+    """Kirchhoff's (c + p)/2 with p the beam's cosine; all kinds agree in the beam itself."""
+    angle = 0.6
+    beam = (math.sin(angle), 0, math.cos(angle))
+    source = SQUARE.with_illumination(pw.steering(beam, WAVELENGTH))
+    fields = [
+        _pattern(source, [angle, 0.2], obliquity=o)["field"].values[:, 0] for o in OBLIQUITIES[1:]
+    ]
+    for field in fields:
+        assert field[0] == pytest.approx(fields[0][0], rel=1e-12)
+    ratio = (math.cos(0.2) + math.cos(angle)) / (2 * math.cos(0.2))
+    assert fields[1][1] / fields[0][1] == pytest.approx(ratio, rel=1e-10)
+
+
+def test_the_phase_tells_where_the_source_is() -> None:
+    """r exp(-ikr) U of a source moved towards s is ahead: exp(-ik s.d)."""
+    shift, theta = np.array([1e-3, 2e-3]), 0.5
+    here = _pattern(SQUARE, theta)["field"].values[0, 0]
+    there = _pattern(SQUARE.moved(shift), theta)["field"].values[0, 0]
+    turn = np.exp(-2j * np.pi / WAVELENGTH * shift[0] * math.sin(theta))
+    assert there == pytest.approx(here * turn, rel=1e-12)
+
+
+def test_nothing_goes_backwards_and_negative_theta_is_the_opposite_side() -> None:
+    source = pw.shapes.triangle(9e-3, 7e-3)
+    found = _pattern(source, np.radians([-180, -40, 0, 40, 90, 100]), np.radians([30, 210]))
+    field = found["field"].values
+    assert field[1, 0] == pytest.approx(field[3, 1])
+    assert field[1, 0] != pytest.approx(field[3, 0])
+    assert not field[[0, 4, 5]].any()
+    assert np.isneginf(found["directivity"].values[[0, 4, 5]]).all()
+
+
+def test_a_pattern_says_what_it_is() -> None:
+    found = _pattern(SQUARE, [0.0, 0.1], [0.0, 1.0, 2.0])
+    assert found["directivity"].dims == ("theta", "phi")
+    assert found["directivity"].attrs["units"] == "dBi"
+    assert found["theta"].attrs["units"] == "rad"
+    assert found.attrs["frequency"] == pytest.approx(94e9)
+    assert found.attrs["wavelength"] == WAVELENGTH
+    assert found.attrs["obliquity"] == "rayleigh-sommerfeld-1"
+    assert found.attrs["polywigner_version"] == pw.__version__
+    single = _pattern(SQUARE, 0.3, precision="single")["field"].values
+    assert single.dtype == np.complex64
+
+
+THETA, PHI = np.radians(np.linspace(0, 180, 37)), np.radians(np.linspace(0, 355, 72))
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
+    source = SQUARE.moved((1e-3, -2e-3)).with_illumination(pw.te_mode(10e-3, 10e-3))
+    pattern = _pattern(source, THETA, PHI)
+    folder = tmp_path_factory.mktemp("patterns")
+    for suffix in ("csv", "txt", "ffd"):
+        pw.write_pattern(folder / f"horn.{suffix}", pattern)
+    return pattern, folder
+
+
+def _ludwig(pattern: Any) -> tuple[np.ndarray, np.ndarray]:
+    """E_theta and E_phi (n, m) in V of a field along y on the aperture, for exp(+j omega t)."""
+    field = math.sqrt(2 * FREE_SPACE) * pattern["field"].values.conj()
+    return field * np.sin(PHI), field * np.cos(PHI)
+
+
+def test_a_csv_table_has_directivity_and_components(exported: tuple[Any, Path]) -> None:
+    pattern, folder = exported
+    with (folder / "horn.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == THETA.size * PHI.size
+    columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    shape = (PHI.size, THETA.size)
+    assert columns["Theta [deg]"][: THETA.size] == pytest.approx(np.degrees(THETA))
+    directivity = columns["dB(DirTotal)"].reshape(shape).T
+    expected = np.maximum(pattern["directivity"].values, -300)
+    assert directivity == pytest.approx(expected, abs=1e-6)
+    for name, component in zip(("Theta", "Phi"), _ludwig(pattern), strict=True):
+        found = columns[f"re(rE{name}) [V]"] + 1j * columns[f"im(rE{name}) [V]"]
+        values = found.reshape(shape).T
+        assert values == pytest.approx(component, abs=1e-8)
+
+
+def test_a_table_for_cst_has_levels_and_phases(exported: tuple[Any, Path]) -> None:
+    pattern, folder = exported
+    lines = (folder / "horn.txt").read_text().splitlines()
+    assert lines[0].split("]")[0] == "Theta [deg."
+    assert set(lines[1]) == {"-"}
+    table = np.loadtxt(lines[2:]).reshape(PHI.size, THETA.size, 8).transpose(1, 0, 2)
+    assert table[:, 0, 0] == pytest.approx(np.degrees(THETA))
+    assert table[0, :, 1] == pytest.approx(np.degrees(PHI))
+    scale = math.sqrt(4 * math.pi / pattern.attrs["radiated_power"] / (2 * FREE_SPACE))
+    for column, component in zip((3, 5), _ludwig(pattern), strict=True):
+        found = 10 ** (table[..., column] / 20) * np.exp(1j * np.radians(table[..., column + 1]))
+        digits = 1e-5 * 10 ** (pattern.attrs["largest_directivity"] / 20)  # six decimals of dB
+        assert found == pytest.approx(scale * component, abs=digits)
+    total = 10 ** (table[..., 3] / 10) + 10 ** (table[..., 5] / 10)
+    assert total == pytest.approx(10 ** (table[..., 2] / 10), abs=1e-3)
+
+
+def test_far_field_data_for_hfss_carry_the_radiated_power(exported: tuple[Any, Path]) -> None:
+    """Read back as its manual describes: theta outside, phi inside; int |rE|^2/(2 Z0) dOmega."""
+    pattern, folder = exported
+    lines = (folder / "horn.ffd").read_text().splitlines()
+    assert lines[0].split() == ["0", "180", "37"]
+    assert lines[1].split() == ["0", "355", "72"]
+    assert lines[2] == "Frequencies 1"
+    assert float(lines[3].removeprefix("Frequency ")) == pytest.approx(94e9)
+    values = np.loadtxt(lines[4:]).reshape(37, 72, 4)
+    components = values[..., 0] + 1j * values[..., 1], values[..., 2] + 1j * values[..., 3]
+    for found, expected in zip(components, _ludwig(pattern), strict=True):
+        assert found == pytest.approx(expected, abs=1e-8)
+    intensity = sum(np.abs(part) ** 2 for part in components) / (2 * FREE_SPACE)
+    simpson = np.r_[1, np.tile([4, 2], 17), 4, 1] / 3
+    power = (intensity * np.sin(THETA)[:, None]).sum(axis=1) @ simpson * math.radians(5) ** 2
+    rule = 5e-3  # of steps of 5 degrees
+    assert power == pytest.approx(pattern.attrs["radiated_power"], rel=rule)
+
+
+def test_polarisation_along_x_turns_the_components(tmp_path: Path) -> None:
+    pattern = _pattern(SQUARE, [0.2], [0.0, np.pi / 2])
+    pw.write_pattern(tmp_path / "x.ffd", pattern, polarisation="x")
+    values = np.loadtxt((tmp_path / "x.ffd").read_text().splitlines()[4:])
+    field = math.sqrt(2 * FREE_SPACE) * pattern["field"].values[0].conj()
+    assert values[0, 0] + 1j * values[0, 1] == pytest.approx(field[0])
+    assert values[1, 2] + 1j * values[1, 3] == pytest.approx(-field[1])
+
+
+REFUSED: dict[str, tuple[Any, type[PolywignerError], str]] = {
+    "degrees": (lambda: _pattern(SQUARE, [0, 45]), ArgumentError, "radians"),
+    "a text": (lambda: _pattern(SQUARE, "0"), ArgumentError, "theta"),
+    "angles in two dimensions": (lambda: _pattern(SQUARE, [[0.0]]), ArgumentError, "shape"),
+    "no angles": (lambda: _pattern(SQUARE, 0.0, []), ArgumentError, "phi"),
+    "infinity": (lambda: _pattern(SQUARE, 0.0, math.inf), ArgumentError, "finite"),
+    "an obliquity": (lambda: _pattern(obliquity="cosine"), ArgumentError, "kirchhoff"),
+    "an engine": (lambda: _pattern(engine="fortran"), ArgumentError, "engine"),
+    "a dark source": (
+        lambda: _pattern(pw.Array([SQUARE, SQUARE], [1, -1])),
+        IlluminationError,
+        "radiates",
+    ),
+    "slits": (lambda: _pattern(pw.Slits([[0, 1]])), ArgumentError, "rectangles"),
+    "a format": (lambda: pw.write_pattern("a.ffs", _pattern()), FileFormatError, "csv"),
+    "no pattern": (lambda: pw.write_pattern("a.csv", SQUARE), ArgumentError, "radiation_pattern"),
+    "a polarisation": (
+        lambda: pw.write_pattern("a.csv", _pattern(), polarisation="H"),
+        ArgumentError,
+        "polarisation",
+    ),
+    "uneven angles": (
+        lambda: pw.write_pattern("a.ffd", _pattern(SQUARE, [0.0, 0.1, 0.3])),
+        ArgumentError,
+        "evenly",
+    ),
+    "negative angles": (
+        lambda: pw.write_pattern("a.ffd", _pattern(SQUARE, [-0.1, 0.1])),
+        ArgumentError,
+        "whole turn",
+    ),
+    "no folder": (
+        lambda: pw.write_pattern("nowhere/at/all.csv", _pattern()),
+        ArgumentError,
+        "write",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_pattern_is_refused_in_words_and_leaves_no_file(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    call, kind, words = REFUSED[name]
+    with pytest.raises(kind, match=words):
+        call()
+    assert not list(tmp_path.iterdir())
