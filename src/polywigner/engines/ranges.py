@@ -231,9 +231,34 @@ class DrjitRanges:
     def sum_over_range(
         self, first: Any, end: Any, term: Callable[[Any], Values], values: int
     ) -> list[Any]:
+        if self._drjit.itemsize_v(self.float_type) == 8:
+            return self._sum(first, end, term, values)
+
+        # what rounding of the sum loses is summed up as well: of terms that cancel, it is the most
+        def step(row: Any, *sums: Any) -> Values:
+            added = tuple(zip(sums, term(row), strict=False))
+            lost = tuple(
+                total + self._lost(a, b) for total, (a, b) in zip(sums[values:], added, strict=True)
+            )
+            return row + 1, *(a + b for a, b in added), *lost
+
+        sums = self._loop(first, end, step, 2 * values)
+        return [a + b for a, b in zip(sums[:values], sums[values:], strict=True)]
+
+    def _lost(self, a: Any, b: Any) -> Any:
+        """The rounding error of a + b, exactly (Knuth's sum)."""
+        a, b = self._drjit.detach(a), self._drjit.detach(b)
+        total = a + b
+        of_b = total - a
+        return (a - (total - of_b)) + (b - of_b)
+
+    def _sum(self, first: Any, end: Any, term: Callable[[Any], Values], values: int) -> list[Any]:
         def step(row: Any, *sums: Any) -> Values:
             return row + 1, *(a + b for a, b in zip(sums, term(row), strict=True))
 
+        return self._loop(first, end, step, values)
+
+    def _loop(self, first: Any, end: Any, step: Callable[..., Values], values: int) -> list[Any]:
         zeros = (self.float_type(0.0) for _ in range(values))
         # max_iterations=-1: a sum, so that its reverse-mode derivative is a sum as well
         _, *totals = self._drjit.while_loop(
@@ -246,7 +271,7 @@ class DrjitRanges:
     ) -> list[Any]:
         def of_run(number: Any) -> Values:
             begin, stop, weight, _ = self.gather(runs, number)
-            return tuple(self.sum_over_range(begin, stop, lambda row: term(row, weight), values))
+            return tuple(self._sum(begin, stop, lambda row: term(row, weight), values))
 
         return self.sum_over_range(first, end, of_run, values)
 
