@@ -47,9 +47,9 @@ _RIM = 0.002
 _OVERLAP = 1e-9
 # A sum of weights below this fraction of them is zero
 _ROUNDING = 1e-12
-# A chain is bounded by the half-planes of its sides if it turns by less than half a turn: vertices
-# that turn by more than this many radians count alone, others up to this together.
-_WIDE = 1.5
+# What lies to the left of sides that turn left by half a turn at most, the first and the last
+# prolonged, is what lies to the left of each. A little more, and the two meet far outside.
+_HALF_TURN = np.pi + 1e-9
 # Vertices on one line up to this distance do not turn: the area at stake is below rounding.
 _STRAIGHT = 4e-16
 # Rows at a time: their temporaries stay in the cache of one core.
@@ -518,12 +518,9 @@ class _Chains:
         (vertex,) = np.nonzero(~starts)
         turn = edges.turns[self.side[vertex]]
         right = _filled(np.sign(turn)) < 0
-        wide = np.abs(turn) > _WIDE
-        sweep = np.floor(np.cumsum(np.where(wide, 0, np.abs(turn))) / _WIDE)
         goes_on = (vertex[1:] == vertex[:-1] + 1) & (right[1:] == right[:-1])
-        goes_on &= (sweep[1:] == sweep[:-1]) & ~wide[1:] & ~wide[:-1]
-        begins = np.append(True, ~goes_on)[: len(vertex)]
-        ends = np.append(~goes_on, True)[: len(vertex)]
+        begins = _up_to(np.cumsum(np.abs(turn)), np.append(True, ~goes_on)[: len(vertex)])
+        ends = np.append(begins[1:], True)[: len(vertex)]
         return vertex[begins] - 1, vertex[ends], right[begins]
 
 
@@ -589,6 +586,23 @@ def _neighbours(edges: _Edges, cells: Cells) -> tuple[Numbers, Numbers, Numbers,
     ends = np.append(starts[1:], len(chain))[again]
     key, side, chain = (np.insert(a, ends, a[starts[again]]) for a in (key, side, chain))
     return key, side, chain, whole
+
+
+def _up_to(angle: Floats, begins: Flags) -> Flags:
+    """Where parts begin that turn by half a turn at most, as many vertices in each as can be.
+
+    ``angle``: all that is turned up to each vertex; ``begins``: where a part has to.
+    """
+    result = begins.copy()
+    (first,) = np.nonzero(begins)
+    last = np.append(first[1:], len(begins))
+    turned = np.append(0.0, angle)
+    while len(first):
+        first = np.searchsorted(angle, turned[first] + _HALF_TURN, side="right")
+        inside = first < last
+        first, last = first[inside], last[inside]
+        result[first] = True
+    return result
 
 
 def _filled(signs: Floats) -> Floats:
