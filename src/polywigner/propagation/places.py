@@ -12,7 +12,14 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_wavelength, shape_of
 from polywigner.geometry.numbers import real_numbers
 
-__all__ = ["METHODS", "Method", "checked_method", "checked_points", "checked_wavelength"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "checked_method",
+    "checked_name",
+    "checked_points",
+    "checked_wavelength",
+]
 
 Method = Literal[
     "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel", "fraunhofer"
@@ -51,7 +58,12 @@ def checked_points(points: Any) -> NDArray[np.float64]:
 
 def checked_method(method: Any, allowed: Sequence[str] = METHODS) -> str:
     """The name of a method; ArgumentError with all names that are allowed for any other."""
-    if not isinstance(method, str) or method not in allowed:
-        names = ", ".join(f'"{name}"' for name in allowed)
-        raise ArgumentError(f"expected method to be one of {names}, got {method!r}")
-    return method
+    return checked_name("method", method, allowed)
+
+
+def checked_name(argument: str, name: Any, allowed: Sequence[str]) -> str:
+    """One of the names allowed for an argument; ArgumentError that lists them for any other."""
+    if not isinstance(name, str) or name not in allowed:
+        names = ", ".join(f'"{each}"' for each in allowed)
+        raise ArgumentError(f"expected {argument} to be one of {names}, got {name!r}")
+    return name
