@@ -1,0 +1,129 @@
+"""Fields on a hemisphere around a source, seen from its axis: circles of directions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.figures.fields import methods_of, printed_unit
+from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    TYPOGRAPHY,
+    colour_bar,
+    new_figure,
+    quantity_text,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_hemispheres"]
+
+_INCHES = 3.3
+_RINGS = (30, 60)  # degrees from the axis
+
+
+def draw_hemispheres(
+    found: Any,
+    *,
+    name: str = "irradiance",
+    against: str | None = None,
+    floor_db: float = -40.0,
+    title: str = "",
+) -> Figure:
+    """Levels over all directions of a half space, in the plane of the direction cosines s_x, s_y.
+
+    Parameters
+    ----------
+    found : xarray.Dataset; ``found[name]`` over ``theta`` (from the axis) and ``phi`` (around it,
+        from x) in radians, and over ``method`` if there are several. Complex values are squared.
+    against : the method whose peak is 0 dB; None: the last one.
+    floor_db : lowest level, dB; all that is less has its colour.
+
+    Raises
+    ------
+    ArgumentError : no such quantity or method; other axes.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    fields = methods_of(found, name)
+    against = list(fields)[-1] if against is None else against
+    if against not in fields:
+        raise ArgumentError(f"expected against to be one of {', '.join(fields)}, got {against!r}")
+    dims = [d for d in found[name].dims if d != "method"]
+    if sorted(dims) != ["phi", "theta"]:
+        raise ArgumentError(f"expected {name} over theta and phi, got it over {', '.join(dims)}")
+    theta, phi = (np.asarray(found[d].values, dtype=np.float64) for d in ("theta", "phi"))
+    is_field = np.iscomplexobj(fields[against])
+    powers = {
+        m: (np.abs(v) ** 2 if is_field else v).transpose([dims.index("theta"), dims.index("phi")])
+        for m, v in fields.items()
+    }
+    zero = float(np.max(powers[against]))
+    if not zero > 0:
+        raise ArgumentError(f"expected some {name} above zero, got {zero:g} at most")
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(_INCHES * len(powers) + 1.2, _INCHES + 0.6, spacing=0.03)
+        panels = figure.subplots(1, len(powers), squeeze=False, sharey=True)[0]
+        for axes, (method, power) in zip(panels, powers.items(), strict=True):
+            shown = _draw(axes, theta, phi, level_db(power, zero, floor_db), floor_db)
+            axes.set_title(method)
+        panels[0].set_ylabel("$s_y$")
+        unit = printed_unit(found[name])
+        unit = f"({unit})²" if is_field and unit else unit
+        what = f"|{name}|²" if is_field else name
+        text = f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {floor_db:g} dB"
+        colour_bar(panels[-1], shown, text)
+        figure.suptitle(title)
+    return figure
+
+
+def _draw(
+    axes: Axes,
+    theta: NDArray[np.float64],
+    phi: NDArray[np.float64],
+    levels: NDArray[np.float64],
+    floor_db: float,
+) -> Any:
+    from matplotlib.patches import Circle
+
+    phi, levels = _once_around(phi, levels)
+    sine = np.sin(theta)[:, None]
+    shown = axes.pcolormesh(
+        sine * np.cos(phi),
+        sine * np.sin(phi),
+        levels,
+        shading="gouraud",
+        cmap=LEVEL_MAP,
+        vmin=floor_db,
+        vmax=0.0,
+        rasterized=True,
+    )
+    for degrees in (*_RINGS, 90):
+        radius = np.sin(np.radians(degrees))
+        how: dict[str, Any] = {"edgecolor": "0.4" if degrees == 90 else "white", "fill": False}
+        axes.add_patch(Circle((0, 0), radius, lw=0.6, ls="-" if degrees == 90 else ":", **how))
+        if degrees != 90:
+            place = radius * np.cos(np.pi / 4), radius * np.sin(np.pi / 4)
+            axes.text(*place, f"{degrees}°", color="white", fontsize=7, ha="left", va="bottom")
+    axes.set_aspect("equal")
+    axes.set_xlim(-1.02, 1.02)
+    axes.set_ylim(-1.02, 1.02)
+    axes.set_xlabel("$s_x$")
+    return shown
+
+
+def _once_around(
+    phi: NDArray[np.float64], levels: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """With the first meridian again at the end, where the circle is left open by one step."""
+    step = phi[1] - phi[0] if len(phi) > 1 else 0.0
+    if abs(phi[-1] + step - phi[0] - 2 * np.pi) > 1e-6 * max(step, 1e-6):
+        return phi, levels
+    return np.append(phi, phi[0] + 2 * np.pi), np.concatenate([levels, levels[:, :1]], axis=1)

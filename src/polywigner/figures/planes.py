@@ -1,0 +1,177 @@
+"""Fields on a plane: irradiances in dB and phases, by several methods side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.figures.differences import COMPARED_DB, difference_db
+from polywigner.figures.fields import even_axis, methods_of, printed_unit
+from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    SIGNED_MAP,
+    TYPOGRAPHY,
+    colour_bar,
+    length_unit,
+    new_figure,
+    quantity_text,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["draw_planes"]
+
+_PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
+_INCHES = 3.0  # a panel without its colour bar
+_MOST_DB = 3.0
+"""Largest difference with a colour of its own."""
+
+
+def draw_planes(
+    found: Any,
+    *,
+    name: str = "irradiance",
+    against: str | None = None,
+    floor_db: float = -40.0,
+    compared_db: float = COMPARED_DB,
+    title: str = "",
+) -> Figure:
+    """Maps of a field on a plane in dB; below them its phases, or differences between methods.
+
+    Parameters
+    ----------
+    found : xarray.Dataset; ``found[name]`` over two axes in metres, evenly spaced, and over
+        ``method`` if there are several. The second axis is drawn upwards.
+    name : of the quantity, like a power if real, like a field if complex: then phases are shown
+        in the second row, paler where the field is weaker.
+    against : the method that 0 dB is taken from and the others are compared with; None: the last.
+    floor_db : lowest level, dB below the peak of that method; all that is less, negative values
+        included, has its colour.
+    compared_db : lowest level of that method at which differences are shown.
+
+    Raises
+    ------
+    ArgumentError : no such quantity or method; other axes.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    fields = methods_of(found, name)
+    against = list(fields)[-1] if against is None else against
+    if against not in fields:
+        raise ArgumentError(f"expected against to be one of {', '.join(fields)}, got {against!r}")
+    dims = tuple(str(d) for d in found[name].dims if d != "method")
+    extent, labels, shape = _axes(found, name, dims)
+    is_field = np.iscomplexobj(fields[against])
+    powers = {m: np.abs(v) ** 2 if is_field else v for m, v in fields.items()}
+    zero = float(np.max(powers[against]))
+    if not zero > 0:
+        raise ArgumentError(f"expected some {name} above zero, got {zero:g} at most")
+    rows = 2 if is_field or len(fields) > 1 else 1
+    with mpl.rc_context(TYPOGRAPHY):
+        ratio = float(np.clip(shape, 0.4, 2.0))
+        columns = len(fields)
+        size = (_INCHES * columns + 1.4, (_INCHES * ratio + 0.45) * rows + 0.3)
+        figure = new_figure(*size, spacing=0.03)
+        panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        unit = printed_unit(found[name])
+        top = []
+        for axes, (method, power) in zip(panels[0], powers.items(), strict=True):
+            levels = level_db(power, zero, floor_db)
+            top.append(_show(axes, levels, extent, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0))
+            axes.set_title(method)
+        what = f"|{name}|²" if is_field else name
+        relative = f"dB relative to {quantity_text(zero, f'({unit})²' if is_field and unit else unit)}"
+        colour_bar(panels[0, -1], top[-1], f"{what}, {relative}\nfloor {floor_db:g} dB")
+        if is_field:
+            _draw_phases(panels[1], fields, powers, zero, floor_db, extent)
+        elif rows == 2:
+            _draw_differences(panels[1], powers, against, compared_db, extent)
+        for axes in panels[-1]:
+            axes.set_xlabel(labels[0])
+        for axes in panels[:, 0]:
+            axes.set_ylabel(labels[1])
+        figure.suptitle(title)
+    return figure
+
+
+def _axes(
+    found: Any, name: str, dims: tuple[str, ...]
+) -> tuple[tuple[float, ...], tuple[str, ...], float]:
+    """Extent for imshow in printed units, labels, and height over width."""
+    if len(dims) != 2:
+        raise ArgumentError(f"expected {name} over two axes, got it over {', '.join(dims)}")
+    places = [even_axis(d, np.asarray(found[d].values, dtype=np.float64)) for d in dims]
+    unit = length_unit(max(float(np.ptp(p)) for p in places))
+    edges: list[float] = []
+    for p in places:
+        half = (p[1] - p[0]) / 2  # pixel centres lie on the samples
+        edges += [(p[0] - half) / unit.metres, (p[-1] + half) / unit.metres]
+    labels = tuple(f"${d}$ ({unit.name})" for d in dims)
+    return tuple(edges), labels, (edges[3] - edges[2]) / (edges[1] - edges[0])
+
+
+def _show(axes: Axes, values: NDArray[Any], extent: tuple[float, ...], **how: Any) -> Any:
+    """Values (n1, n2), or (n1, n2, 4) in colours, with the first axis across."""
+    return axes.imshow(
+        np.swapaxes(values, 0, 1), origin="lower", extent=extent, interpolation="nearest", **how
+    )
+
+
+def _draw_phases(
+    panels: Any,
+    fields: dict[str, NDArray[Any]],
+    powers: dict[str, NDArray[Any]],
+    zero: float,
+    floor_db: float,
+    extent: tuple[float, ...],
+) -> None:
+    for axes, (method, field) in zip(panels, fields.items(), strict=True):
+        # Noise around nulls has a phase as well: it fades with the level.
+        strength = 1 - level_db(powers[method], zero, floor_db) / floor_db
+        how: dict[str, Any] = {"cmap": _PHASE_MAP, "vmin": -180, "vmax": 180}
+        shown = _show(axes, np.degrees(np.angle(field)), extent, **how)
+        shown.set_alpha(np.clip(3 * strength, 0, 1).T)
+    bar = colour_bar(panels[-1], axes_map(_PHASE_MAP), "phase (degrees)")
+    bar.set_ticks([-180, -90, 0, 90, 180])
+
+
+def axes_map(name: str) -> Any:
+    """What a colour bar of phases belongs to: the pictures themselves are partly transparent."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    return ScalarMappable(Normalize(-180, 180), name)
+
+
+def _draw_differences(
+    panels: Any,
+    powers: dict[str, NDArray[Any]],
+    against: str,
+    compared_db: float,
+    extent: tuple[float, ...],
+) -> None:
+    differences = {
+        m: difference_db(power, powers[against], compared_db)
+        for m, power in powers.items()
+        if m != against
+    }
+    largest = max(float(np.nanmax(np.abs(d), initial=0.0)) for d in differences.values())
+    bound = min(largest, _MOST_DB) or 1.0
+    shown = None
+    last = panels[0]
+    for axes, method in zip(panels, powers, strict=True):
+        if method == against:
+            axes.set_visible(False)
+            continue
+        how: dict[str, Any] = {"cmap": SIGNED_MAP, "vmin": -bound, "vmax": bound}
+        shown, last = _show(axes, differences[method], extent, **how), axes
+        axes.set_facecolor("0.85")
+    text = f"difference from {against} (dB)\ngrey: below {compared_db:g} dB, not compared"
+    colour_bar(last, shown, text, "both" if largest > bound else "neither")

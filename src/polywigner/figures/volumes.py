@@ -1,0 +1,225 @@
+"""The picture of a volume: lit isosurfaces of the irradiance in dB, with projections on three walls."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, EngineError, MissingExtraError
+from polywigner.figures.fields import Samples, field_samples
+from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, quantity_text
+from polywigner.figures.volumes_box import draw_box, draw_outline, draw_picture, draw_wall
+from polywigner.figures.volumes_layers import Layers, cast_layers, closed, shaded
+from polywigner.figures.volumes_pyvista import pyvista_layers
+from polywigner.figures.volumes_view import View
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
+
+    from polywigner import Aperture, Array
+
+__all__ = ["Projection", "Renderer", "draw_volume"]
+
+Renderer = Literal["auto", "pyvista", "matplotlib"]
+Projection = Literal["maximum", "mean"]
+Floats = NDArray[np.float64]
+
+_TOWARDS = (-0.62, 0.42, -0.66)
+"""From behind the aperture and above: z runs to the right and away from the viewer, so that the beam
+falls on the wall at the far end of the box and hides nothing of the aperture."""
+
+_MOST = 256
+"""Samples along an axis that are drawn; of longer axes every second, third, ... sample."""
+
+_PIXELS = 1200
+"""Of the surfaces along the larger side of the page: some two for each that is printed."""
+
+_INCHES = 5.6  # the larger side of the box on the page
+_LEFT, _RIGHT, _BELOW, _ABOVE = 0.75, 1.6, 0.55, 0.3
+
+_SURFACES = (0.15, 0.3, 0.45, 0.6)  # parts of the floor
+_FAINTEST, _DENSEST = 0.13, 0.85  # opacities of the outermost and innermost surface
+_SURFACE_COLOURS = ("#3f6fd8", "#2fa8a0", "#f2b632", "#d7301f")
+_WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # quiet: surfaces stand before them
+
+
+def draw_volume(
+    found: Any,
+    source: Aperture | Array | None = None,
+    *,
+    name: str = "irradiance",
+    surfaces: tuple[float, ...] | None = None,
+    floor_db: float = -40.0,
+    reference: float | None = None,
+    projection: Projection = "maximum",
+    renderer: Renderer = "auto",
+    title: str = "",
+) -> Figure:
+    """Isosurfaces of an irradiance inside its box, and its projections on the three back walls.
+
+    Lengths have one scale along all axes, unless the box is more than four times as long as wide.
+
+    Parameters
+    ----------
+    found : xarray.Dataset, as from :func:`polywigner.volume`: ``found[name]`` over x, y and z (in
+        any order) in metres, each with at least two evenly spaced samples. Of axes with more than
+        256 samples every second, third, ... one is read.
+    source : its outline is drawn where it is, in the plane z = 0.
+    name : of the quantity, which is like a power.
+    surfaces : levels of the isosurfaces, dB, from the floor to below 0; None: four, evenly spaced.
+    floor_db : lowest level of the walls, dB; all below it gets its colour.
+    reference : the value that is 0 dB, in the unit of the quantity; None: the largest in the box.
+    projection : on the walls, the "maximum" or the "mean" of the quantity along their normals.
+    renderer : what finds the surfaces: "pyvista"; "matplotlib", for rays cast in NumPy, which
+        needs no graphics library; "auto", pyvista where it is installed and works, else the other.
+        The rest of the picture is the same.
+    title : above the picture.
+
+    Raises
+    ------
+    ArgumentError : no such volume, or levels that are none.
+    MissingExtraError, EngineError : pyvista was asked for, and is missing or does not work here.
+    """
+    import matplotlib as mpl
+
+    check_floor(floor_db)
+    shells = _checked_surfaces(surfaces, floor_db)
+    _check_name("projection", projection, Projection)
+    _check_name("renderer", renderer, Renderer)
+    volume = field_samples(found, name, ("x", "y", "z"), _MOST)
+    zero = volume.zero_db(reference)
+    lower, upper = volume.corners
+    front = np.array([*lower[:2], min(lower[2], 0.0)])
+    view = View.of(front, upper, _TOWARDS)
+    layers = _layers(volume, zero, shells, view, renderer)
+    with mpl.rc_context(TYPOGRAPHY):
+        figure, axes, beside = _page(view, front, upper)
+        colours = _colours(len(shells))
+        for axis in range(3):
+            wall = level_db(_projected(volume.values, axis, projection), zero, floor_db)
+            shown = draw_wall(
+                axes, view, axis, wall, (lower, upper), shells, colours,
+                cmap=_map(_WALL_COLOURS), vmin=floor_db, vmax=0.0,
+            )  # fmt: skip
+        draw_box(axes, view, front, upper, length_unit(float((upper - front).max())))
+        _draw_layers(axes, layers, colours, view)
+        if source is not None:
+            draw_outline(axes, view, source)
+        bar = figure.colorbar(shown, cax=beside)
+        bar.outline.set_linewidth(0.6)
+        bar.ax.hlines(shells, 0, 1, colors=colours, linewidth=3)
+        bar.set_label(_label(volume, zero, reference, shells, floor_db, projection))
+        axes.set_title(title)
+    return figure
+
+
+def _checked_surfaces(surfaces: tuple[float, ...] | None, floor_db: float) -> tuple[float, ...]:
+    """Levels from the lowest to the highest."""
+    if surfaces is None:
+        return tuple(sorted(floor_db * part for part in _SURFACES))
+    levels = tuple(sorted({float(level) for level in surfaces}))
+    if not levels or not all(floor_db <= level < 0 for level in levels):
+        raise ArgumentError(
+            f"expected surfaces at levels from the floor, {floor_db:g} dB, to below 0 dB, got "
+            f"{surfaces}; give for example ({floor_db / 4:g}, {floor_db / 2:g})"
+        )
+    return levels
+
+
+def _check_name(what: str, name: str, known: Any) -> None:
+    from typing import get_args
+
+    if name not in get_args(known):
+        raise ArgumentError(f"expected {what} to be one of {', '.join(get_args(known))}, got {name!r}")
+
+
+def _projected(values: Floats, axis: int, projection: Projection) -> Floats:
+    return values.max(axis=axis) if projection == "maximum" else values.mean(axis=axis)
+
+
+def _layers(
+    volume: Samples, zero: float, shells: tuple[float, ...], view: View, renderer: Renderer
+) -> Layers:
+    with np.errstate(divide="ignore"):
+        levels, before = closed(
+            10 * np.log10(np.maximum(volume.values, 0) / zero), shells[0], view
+        )
+    spacing = volume.spacing
+    lower = volume.corners[0] - before * spacing
+    upper = lower + spacing * (np.array(levels.shape) - 1)
+    pixel = float(np.ptp(view.corners(lower, upper), axis=0).max()) / _PIXELS
+    try:
+        if renderer != "matplotlib":
+            return pyvista_layers(levels, lower, spacing, shells, view, pixel)
+    except MissingExtraError:
+        if renderer == "pyvista":
+            raise
+    except EngineError as error:
+        if renderer == "pyvista":
+            raise
+        warnings.warn(f"surfaces by casting rays: {error}", RuntimeWarning, stacklevel=3)
+    return cast_layers(levels, lower, spacing, shells, view, pixel)
+
+
+def _map(colours: tuple[str, ...]) -> Colormap:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("polywigner", colours)
+
+
+def _colours(count: int) -> Floats:
+    """RGB (count, 3) of surfaces from the lowest level to the highest."""
+    return np.array(_map(_SURFACE_COLOURS)(np.linspace(0 if count > 1 else 1, 1, count)))[:, :3]
+
+
+def _page(view: View, lower: Floats, upper: Floats) -> tuple[Figure, Axes, Axes]:
+    """A figure as large as the box needs, with axes for the box and for a colour bar beside it."""
+    page = view.corners(lower, upper)
+    width, height = _INCHES * np.ptp(page, axis=0) / np.ptp(page, axis=0).max()
+    size = np.array([_LEFT + width + _RIGHT, _BELOW + height + _ABOVE])
+    figure = new_figure(*size)
+    figure.set_layout_engine("none")  # it would make room for what is drawn outside of its box
+
+    def axes_at(left: float, below: float, across: float, up: float) -> Axes:
+        return figure.add_axes((left / size[0], below / size[1], across / size[0], up / size[1]))
+
+    box = axes_at(_LEFT, _BELOW, width, height)
+    bar = axes_at(_LEFT + width + 0.35, _BELOW + 0.05 * height, 0.16, 0.9 * height)
+    return figure, box, bar
+
+
+def _draw_layers(axes: Axes, layers: Layers, colours: Floats, view: View) -> None:
+    opacities = np.linspace(_FAINTEST, _DENSEST, len(colours))
+    draw_picture(
+        axes,
+        shaded(layers, colours, opacities, view),
+        layers.origin,
+        layers.along,
+        layers.down,
+        interpolation="antialiased",
+        zorder=3,
+    )
+
+
+def _label(
+    volume: Samples,
+    zero: float,
+    reference: float | None,
+    shells: tuple[float, ...],
+    floor_db: float,
+    projection: Projection,
+) -> str:
+    listed = ", ".join(f"{level:g}" for level in reversed(shells)).replace("-", "−")
+    peak = ", the largest in the box" if reference is None else ""
+    floor = f"{floor_db:g}".replace("-", "−")
+    return (
+        f"{volume.name}, dB relative to {quantity_text(zero, volume.unit)}{peak}\n"
+        f"surfaces at {listed} dB\n"
+        f"walls: {projection} along their normals, floor {floor} dB"
+    )
