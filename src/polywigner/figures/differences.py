@@ -13,18 +13,18 @@ from polywigner.errors import ArgumentError
 __all__ = ["COMPARED_DB", "Difference", "difference_db", "summary"]
 
 COMPARED_DB = -30.0
-"""Levels that are compared, relative to the peak of the reference: in a null of one field another is
-infinitely many dB away, and means nothing by it."""
+"""Levels that are compared, relative to the peak of the reference: in a null of one field another
+is infinitely many dB away, and means nothing by it."""
 
 
 class Difference(NamedTuple):
     """Between two fields where they were compared: the largest in size and the rms, in dB, over
-    ``count`` points; nan without any. ``negative`` counts points left out since the field that is
+    ``points`` points; nan without any. ``negative`` counts points left out since the field that is
     compared is zero or less there, as sums of Wigner functions may be."""
 
     largest: float
     rms: float
-    count: int
+    points: int
     negative: int
 
 
@@ -56,9 +56,7 @@ def _counts(reference: NDArray[np.float64], above_db: float) -> NDArray[np.bool_
     return (reference >= peak * 10 ** (above_db / 10)) & (reference > 0)
 
 
-def summary(
-    values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB
-) -> Difference:
+def summary(values: ArrayLike, reference: ArrayLike, above_db: float = COMPARED_DB) -> Difference:
     """The largest and the rms of :func:`difference_db`."""
     difference = difference_db(values, reference, above_db)
     known = difference[np.isfinite(difference)]

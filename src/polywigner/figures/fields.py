@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["Samples", "even_axis", "field_samples", "methods_of", "printed_unit"]
+__all__ = [
+    "Samples",
+    "chosen_method",
+    "even_axis",
+    "field_samples",
+    "methods_of",
+    "peak_of",
+    "printed_unit",
+]
 
 Floats = NDArray[np.float64]
 
@@ -43,11 +51,11 @@ class Samples:
 
     def zero_db(self, reference: float | None) -> float:
         """The value of 0 dB: the reference, or the largest value; ArgumentError if not above 0."""
-        zero = float(np.max(self.values)) if reference is None else float(reference)
-        if not (zero > 0 and math.isfinite(zero)):
-            what = "a largest value" if reference is None else "a reference"
-            raise ArgumentError(f"expected {what} of the {self.name} above zero, got {zero:g}")
-        return zero
+        if reference is None:
+            return peak_of(self.values, self.name)
+        if not (reference > 0 and math.isfinite(reference)):
+            raise ArgumentError(f"expected a reference above zero, got {reference:g}")
+        return float(reference)
 
 
 def field_samples(found: Any, name: str, dims: tuple[str, ...], most: int | None = None) -> Samples:
@@ -81,8 +89,8 @@ def field_samples(found: Any, name: str, dims: tuple[str, ...], most: int | None
     values = values.astype(np.float64)
     if np.isnan(values).any():
         raise ArgumentError(
-            f"expected {name} at all points, got {np.isnan(values).mean():.1%} that are nan; finish "
-            "the run that computes it"
+            f"expected {name} at all points, got nan at {np.isnan(values).mean():.1%} of them; "
+            "finish the run that computes it"
         )
     unit = str(array.attrs.get("units", ""))
     ends = np.array([[a[0], a[-1]] for a in axes])
@@ -92,12 +100,31 @@ def field_samples(found: Any, name: str, dims: tuple[str, ...], most: int | None
 def even_axis(name: str, places: Floats) -> Floats:
     """The places themselves; ArgumentError unless they are at least two, rising in even steps."""
     if len(places) < 2:
-        raise ArgumentError(f"expected at least two samples along {name} to draw, got {len(places)}")
+        raise ArgumentError(
+            f"expected at least two samples along {name} to draw, got {len(places)}"
+        )
     steps = np.diff(places)
     step = (places[-1] - places[0]) / (len(places) - 1)
     if not (step > 0 and np.all(np.abs(steps - step) <= _EVEN * step)):
         raise ArgumentError(f"expected evenly spaced {name}, rising, got other places")
     return places
+
+
+def peak_of(values: NDArray[Any], name: str) -> float:
+    """The largest of real values; ArgumentError if that is not above zero."""
+    peak = float(np.max(values))
+    if not (peak > 0 and math.isfinite(peak)):
+        raise ArgumentError(f"expected some {name} above zero, got {peak:g} at most")
+    return peak
+
+
+def chosen_method(fields: dict[str, NDArray[Any]], against: str | None) -> str:
+    """The method that others are compared with, by default the last; ArgumentError for others."""
+    if against is None:
+        return list(fields)[-1]
+    if against not in fields:
+        raise ArgumentError(f"expected against to be one of {', '.join(fields)}, got {against!r}")
+    return against
 
 
 def printed_unit(array: Any) -> str:

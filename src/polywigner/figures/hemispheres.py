@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.fields import methods_of, printed_unit
+from polywigner.figures.fields import chosen_method, methods_of, peak_of, printed_unit
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
     TYPOGRAPHY,
-    colour_bar,
     new_figure,
     quantity_text,
+    row_bar,
 )
 
 if TYPE_CHECKING:
@@ -53,9 +53,7 @@ def draw_hemispheres(
 
     check_floor(floor_db)
     fields = methods_of(found, name)
-    against = list(fields)[-1] if against is None else against
-    if against not in fields:
-        raise ArgumentError(f"expected against to be one of {', '.join(fields)}, got {against!r}")
+    against = chosen_method(fields, against)
     dims = [d for d in found[name].dims if d != "method"]
     if sorted(dims) != ["phi", "theta"]:
         raise ArgumentError(f"expected {name} over theta and phi, got it over {', '.join(dims)}")
@@ -65,11 +63,10 @@ def draw_hemispheres(
         m: (np.abs(v) ** 2 if is_field else v).transpose([dims.index("theta"), dims.index("phi")])
         for m, v in fields.items()
     }
-    zero = float(np.max(powers[against]))
-    if not zero > 0:
-        raise ArgumentError(f"expected some {name} above zero, got {zero:g} at most")
+    zero = peak_of(powers[against], name)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(_INCHES * len(powers) + 1.2, _INCHES + 0.6, spacing=0.03)
+        figure = new_figure(_INCHES * len(powers) + 1.2, _INCHES + 0.6)
+        figure.set_layout_engine("compressed")
         panels = figure.subplots(1, len(powers), squeeze=False, sharey=True)[0]
         for axes, (method, power) in zip(panels, powers.items(), strict=True):
             shown = _draw(axes, theta, phi, level_db(power, zero, floor_db), floor_db)
@@ -79,7 +76,7 @@ def draw_hemispheres(
         unit = f"({unit})²" if is_field and unit else unit
         what = f"|{name}|²" if is_field else name
         text = f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {floor_db:g} dB"
-        colour_bar(panels[-1], shown, text)
+        row_bar(panels, shown, text)
         figure.suptitle(title)
     return figure
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.differences import COMPARED_DB, difference_db
-from polywigner.figures.fields import methods_of, printed_unit
+from polywigner.figures.fields import chosen_method, methods_of, peak_of, printed_unit
 from polywigner.figures.levels import check_floor
 from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, quantity_text
 
@@ -63,12 +63,10 @@ def draw_lines(
 
     check_floor(floor_db)
     curves = methods_of(found, name)
-    against = _reference(curves, against)
+    against = chosen_method(curves, against)
     (dim,) = _places(found, name)
     x, label, logarithmic = _axis(found, along or dim)
-    zero = float(np.max(curves[against]))
-    if not zero > 0:
-        raise ArgumentError(f"expected some {name} above zero, got {zero:g} at most")
+    zero = peak_of(curves[against], name)
     with mpl.rc_context(TYPOGRAPHY):
         several = len(curves) > 1
         figure = new_figure(6.4, 5.4 if several else 3.6, spacing=0.03)
@@ -105,16 +103,6 @@ def draw_lines(
             _plain_ticks(rows[-1])
         rows[0].set_title(title)
     return figure
-
-
-def _reference(curves: dict[str, Floats], against: str | None) -> str:
-    if against is None:
-        return list(curves)[-1]
-    if against not in curves:
-        raise ArgumentError(
-            f"expected against to be one of {', '.join(curves)}, got {against!r}"
-        )
-    return against
 
 
 def _places(found: Any, name: str) -> list[str]:

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.differences import COMPARED_DB, difference_db
-from polywigner.figures.fields import even_axis, methods_of, printed_unit
+from polywigner.figures.fields import chosen_method, even_axis, methods_of, peak_of, printed_unit
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
     SIGNED_MAP,
     TYPOGRAPHY,
-    colour_bar,
     length_unit,
     new_figure,
     quantity_text,
+    row_bar,
 )
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["draw_planes"]
+
+Extent = tuple[float, float, float, float]
 
 _PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
 _INCHES = 3.0  # a panel without its colour bar
@@ -63,22 +65,19 @@ def draw_planes(
 
     check_floor(floor_db)
     fields = methods_of(found, name)
-    against = list(fields)[-1] if against is None else against
-    if against not in fields:
-        raise ArgumentError(f"expected against to be one of {', '.join(fields)}, got {against!r}")
+    against = chosen_method(fields, against)
     dims = tuple(str(d) for d in found[name].dims if d != "method")
     extent, labels, shape = _axes(found, name, dims)
     is_field = np.iscomplexobj(fields[against])
     powers = {m: np.abs(v) ** 2 if is_field else v for m, v in fields.items()}
-    zero = float(np.max(powers[against]))
-    if not zero > 0:
-        raise ArgumentError(f"expected some {name} above zero, got {zero:g} at most")
+    zero = peak_of(powers[against], name)
     rows = 2 if is_field or len(fields) > 1 else 1
     with mpl.rc_context(TYPOGRAPHY):
         ratio = float(np.clip(shape, 0.4, 2.0))
         columns = len(fields)
         size = (_INCHES * columns + 1.4, (_INCHES * ratio + 0.45) * rows + 0.3)
-        figure = new_figure(*size, spacing=0.03)
+        figure = new_figure(*size)
+        figure.set_layout_engine("compressed")  # panels of one shape, next to each other
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         unit = printed_unit(found[name])
         top = []
@@ -87,8 +86,10 @@ def draw_planes(
             top.append(_show(axes, levels, extent, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0))
             axes.set_title(method)
         what = f"|{name}|²" if is_field else name
-        relative = f"dB relative to {quantity_text(zero, f'({unit})²' if is_field and unit else unit)}"
-        colour_bar(panels[0, -1], top[-1], f"{what}, {relative}\nfloor {floor_db:g} dB")
+        relative = (
+            f"dB relative to {quantity_text(zero, f'({unit})²' if is_field and unit else unit)}"
+        )
+        row_bar(panels[0], top[-1], f"{what}, {relative}\nfloor {floor_db:g} dB")
         if is_field:
             _draw_phases(panels[1], fields, powers, zero, floor_db, extent)
         elif rows == 2:
@@ -101,9 +102,7 @@ def draw_planes(
     return figure
 
 
-def _axes(
-    found: Any, name: str, dims: tuple[str, ...]
-) -> tuple[tuple[float, ...], tuple[str, ...], float]:
+def _axes(found: Any, name: str, dims: tuple[str, ...]) -> tuple[Extent, tuple[str, ...], float]:
     """Extent for imshow in printed units, labels, and height over width."""
     if len(dims) != 2:
         raise ArgumentError(f"expected {name} over two axes, got it over {', '.join(dims)}")
@@ -114,10 +113,14 @@ def _axes(
         half = (p[1] - p[0]) / 2  # pixel centres lie on the samples
         edges += [(p[0] - half) / unit.metres, (p[-1] + half) / unit.metres]
     labels = tuple(f"${d}$ ({unit.name})" for d in dims)
-    return tuple(edges), labels, (edges[3] - edges[2]) / (edges[1] - edges[0])
+    return (
+        (edges[0], edges[1], edges[2], edges[3]),
+        labels,
+        (edges[3] - edges[2]) / (edges[1] - edges[0]),
+    )
 
 
-def _show(axes: Axes, values: NDArray[Any], extent: tuple[float, ...], **how: Any) -> Any:
+def _show(axes: Axes, values: NDArray[Any], extent: Extent, **how: Any) -> Any:
     """Values (n1, n2), or (n1, n2, 4) in colours, with the first axis across."""
     return axes.imshow(
         np.swapaxes(values, 0, 1), origin="lower", extent=extent, interpolation="nearest", **how
@@ -130,7 +133,7 @@ def _draw_phases(
     powers: dict[str, NDArray[Any]],
     zero: float,
     floor_db: float,
-    extent: tuple[float, ...],
+    extent: Extent,
 ) -> None:
     for axes, (method, field) in zip(panels, fields.items(), strict=True):
         # Noise around nulls has a phase as well: it fades with the level.
@@ -138,16 +141,16 @@ def _draw_phases(
         how: dict[str, Any] = {"cmap": _PHASE_MAP, "vmin": -180, "vmax": 180}
         shown = _show(axes, np.degrees(np.angle(field)), extent, **how)
         shown.set_alpha(np.clip(3 * strength, 0, 1).T)
-    bar = colour_bar(panels[-1], axes_map(_PHASE_MAP), "phase (degrees)")
+    bar = row_bar(panels, _phase_scale(), "phase (degrees)")
     bar.set_ticks([-180, -90, 0, 90, 180])
 
 
-def axes_map(name: str) -> Any:
+def _phase_scale() -> Any:
     """What a colour bar of phases belongs to: the pictures themselves are partly transparent."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    return ScalarMappable(Normalize(-180, 180), name)
+    return ScalarMappable(Normalize(-180, 180), _PHASE_MAP)
 
 
 def _draw_differences(
@@ -155,7 +158,7 @@ def _draw_differences(
     powers: dict[str, NDArray[Any]],
     against: str,
     compared_db: float,
-    extent: tuple[float, ...],
+    extent: Extent,
 ) -> None:
     differences = {
         m: difference_db(power, powers[against], compared_db)
@@ -165,13 +168,12 @@ def _draw_differences(
     largest = max(float(np.nanmax(np.abs(d), initial=0.0)) for d in differences.values())
     bound = min(largest, _MOST_DB) or 1.0
     shown = None
-    last = panels[0]
     for axes, method in zip(panels, powers, strict=True):
         if method == against:
             axes.set_visible(False)
             continue
         how: dict[str, Any] = {"cmap": SIGNED_MAP, "vmin": -bound, "vmax": bound}
-        shown, last = _show(axes, differences[method], extent, **how), axes
+        shown = _show(axes, differences[method], extent, **how)
         axes.set_facecolor("0.85")
     text = f"difference from {against} (dB)\ngrey: below {compared_db:g} dB, not compared"
-    colour_bar(last, shown, text, "both" if largest > bound else "neither")
+    row_bar(panels, shown, text, "both" if largest > bound else "neither")

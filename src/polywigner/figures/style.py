@@ -16,6 +16,7 @@ __all__ = [
     "length_unit",
     "new_figure",
     "quantity_text",
+    "row_bar",
     "signed_norm",
     "signed_ticks",
 ]
@@ -77,6 +78,17 @@ def new_figure(width: float, height: float, spacing: float = 0.02) -> Figure:
 def colour_bar(axes: Axes, mappable: Any, label: str, extend: str = "neither") -> Any:
     """A labelled colour bar as high as its picture."""
     bar = axes.figure.colorbar(mappable, ax=axes, extend=extend, fraction=0.046, pad=0.03)
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.6)
+    return bar
+
+
+def row_bar(panels: Any, mappable: Any, label: str, extend: str = "neither") -> Any:
+    """A labelled colour bar at the right of a row of panels that share it."""
+    row = list(panels)
+    bar = row[0].figure.colorbar(
+        mappable, ax=row, extend=extend, fraction=0.046 / len(row), pad=0.03 / len(row), aspect=18
+    )
     bar.set_label(label)
     bar.outline.set_linewidth(0.6)
     return bar

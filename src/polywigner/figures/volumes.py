@@ -1,4 +1,4 @@
-"""The picture of a volume: lit isosurfaces of the irradiance in dB, with projections on three walls."""
+"""The picture of a volume: lit isosurfaces of the irradiance in dB, and its projections."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ Projection = Literal["maximum", "mean"]
 Floats = NDArray[np.float64]
 
 _TOWARDS = (-0.62, 0.42, -0.66)
-"""From behind the aperture and above: z runs to the right and away from the viewer, so that the beam
-falls on the wall at the far end of the box and hides nothing of the aperture."""
+"""From behind the aperture and above: z runs to the right and away from the viewer, so that the
+beam falls on the wall at the far end of the box and hides nothing of the aperture."""
 
 _MOST = 256
 """Samples along an axis that are drawn; of longer axes every second, third, ... sample."""
@@ -113,7 +113,7 @@ def draw_volume(
             draw_outline(axes, view, source)
         bar = figure.colorbar(shown, cax=beside)
         bar.outline.set_linewidth(0.6)
-        bar.ax.hlines(shells, 0, 1, colors=colours, linewidth=3)
+        bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
         bar.set_label(_label(volume, zero, reference, shells, floor_db, projection))
         axes.set_title(title)
     return figure
@@ -136,7 +136,9 @@ def _check_name(what: str, name: str, known: Any) -> None:
     from typing import get_args
 
     if name not in get_args(known):
-        raise ArgumentError(f"expected {what} to be one of {', '.join(get_args(known))}, got {name!r}")
+        raise ArgumentError(
+            f"expected {what} to be one of {', '.join(get_args(known))}, got {name!r}"
+        )
 
 
 def _projected(values: Floats, axis: int, projection: Projection) -> Floats:
@@ -147,9 +149,7 @@ def _layers(
     volume: Samples, zero: float, shells: tuple[float, ...], view: View, renderer: Renderer
 ) -> Layers:
     with np.errstate(divide="ignore"):
-        levels, before = closed(
-            10 * np.log10(np.maximum(volume.values, 0) / zero), shells[0], view
-        )
+        levels, before = closed(10 * np.log10(np.maximum(volume.values, 0) / zero), shells[0], view)
     spacing = volume.spacing
     lower = volume.corners[0] - before * spacing
     upper = lower + spacing * (np.array(levels.shape) - 1)

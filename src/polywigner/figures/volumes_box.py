@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.figures.slices import outline_of
 from polywigner.figures.style import LengthUnit
-from polywigner.figures.volumes_view import Edge, View, back_wall, label_edge, back_edges
+from polywigner.figures.volumes_view import Edge, View, back_edges, back_wall, label_edge
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,9 +78,7 @@ def draw_wall(
         step[a] = (upper[a] - lower[a]) / (count - 1)
         steps.append(view.on_page(step))
     origin = view.on_page(corner)
-    shown = draw_picture(
-        axes, wall, origin, steps[1], steps[0], interpolation="bilinear", **how
-    )
+    shown = draw_picture(axes, wall, origin, steps[1], steps[0], interpolation="bilinear", **how)
     # Samples lie on the faces' borders, so that half of each outer pixel stands over.
     shown.set_clip_path(_face(axes, view, axis, lower, upper))
     shown.set_clip_on(True)
@@ -111,10 +109,9 @@ def draw_box(axes: Axes, view: View, lower: Floats, upper: Floats, unit: LengthU
     axes.set_aspect("equal")
     axes.set_axis_off()
     page = view.corners(lower, upper)
-    for limits, low, high in zip(
-        (axes.set_xlim, axes.set_ylim), page.min(axis=0), page.max(axis=0), strict=True
-    ):
-        limits(low, high)
+    (left, below), (right, above) = page.min(axis=0), page.max(axis=0)
+    axes.set_xlim(left, right)
+    axes.set_ylim(below, above)
     for edge in back_edges(view, lower, upper):
         axes.plot(*view.on_page([edge.start, edge.end]).T, color=_INK, lw=0.7, zorder=2)
     size = float(np.ptp(view.corners(lower, upper), axis=0).max())
@@ -122,11 +119,7 @@ def draw_box(axes: Axes, view: View, lower: Floats, upper: Floats, unit: LengthU
         _label(axes, view, label_edge(view, axis, lower, upper), name, size, unit)
 
 
-
-
-def _label(
-    axes: Axes, view: View, edge: Edge, name: str, size: float, unit: LengthUnit
-) -> None:
+def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: LengthUnit) -> None:
     from matplotlib.ticker import MaxNLocator
 
     first, last = view.on_page(edge.start), view.on_page(edge.end)
@@ -145,7 +138,7 @@ def _label(
     along = last - first if last[0] >= first[0] else first - last
     angle = np.degrees(np.arctan2(along[1], along[0]))
     axes.text(
-        *middle, f"${name}$ ({unit.name})", ha="center", va="center", rotation=angle,
+        middle[0], middle[1], f"${name}$ ({unit.name})", ha="center", va="center", rotation=angle,
         rotation_mode="anchor",
     )  # fmt: skip
 
@@ -160,9 +153,7 @@ def draw_outline(axes: Axes, view: View, source: Aperture | Array) -> None:
     path = Path.make_compound_path(
         *(Path(_on_aperture(view, np.asarray(ring.coords)), closed=True) for ring in rings)
     )
-    axes.add_patch(
-        PathPatch(path, facecolor=_APERTURE, alpha=0.35, edgecolor="none", zorder=4)
-    )
+    axes.add_patch(PathPatch(path, facecolor=_APERTURE, alpha=0.35, edgecolor="none", zorder=4))
     axes.add_patch(PathPatch(path, fill=False, edgecolor=_APERTURE, lw=1.0, zorder=4))
 
 

@@ -1,9 +1,9 @@
 """Isosurfaces as layers of normals on a raster, by casting rays in NumPy, and their shading.
 
-A layer holds, for each pixel, the outward normal of one isosurface where the ray of that pixel first
-meets it. What is above a level is taken to end at the faces of the box that are turned to the viewer,
-so that a ray meets every surface before those of higher levels, which it encloses, and layers can be
-laid over each other in their order.
+A layer holds, for each pixel, the outward normal of one isosurface where the ray of that pixel
+first meets it. What is above a level is taken to end at the faces of the box that are turned to the
+viewer, so that a ray meets every surface before those of higher levels, which it encloses, and
+layers can be laid over each other in their order.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _BELOW = 20.0
 a surface between a null and its neighbour would be drawn beside its place."""
 
 _STEPS = 3
-"""Places along a ray from plane to plane at which it is looked: a ray that enters a surface and leaves
-it between two of them misses it, which with one place leaves steps along every outline."""
+"""Places along a ray from plane to plane at which it is looked: a ray that enters a surface and
+leaves it between two of them misses it, which with one place leaves steps along every outline."""
 
 _AMBIENT, _DIFFUSE, _SPECULAR, _SHININESS = 0.42, 0.58, 0.22, 24
 _RIM = 0.75
@@ -49,7 +49,7 @@ class Layers:
 def closed(
     levels: NDArray[np.floating], lowest: float, view: View
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """dB values with one more layer of low ones on the three faces that the viewer sees from outside.
+    """dB values with one more layer of low ones on the three faces turned to the viewer.
 
     Parameters
     ----------
@@ -117,9 +117,7 @@ def cast_layers(
     origin = view.on_page(lower) + sum(
         r[0] * step[a] * axes[a] for a, r in zip(flat, rasters, strict=True)
     )
-    down, along = (
-        (r[1] - r[0]) * step[a] * axes[a] for a, r in zip(flat, rasters, strict=True)
-    )
+    down, along = ((r[1] - r[0]) * step[a] * axes[a] for a, r in zip(flat, rasters, strict=True))
     return Layers(normals, origin, down, along)
 
 
@@ -132,7 +130,7 @@ def _sheared(
     found = bands[:, j] * (1 - fj) + bands[:, j + 1] * fj
     found[(rows < 0) | (rows > plane.shape[0] - 1)] = outside
     found[:, (columns < 0) | (columns > plane.shape[1] - 1)] = outside
-    return found
+    return np.asarray(found, dtype=np.float32)
 
 
 def _index(places: Floats, count: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
@@ -151,7 +149,8 @@ def _normals(
     step: Floats,
 ) -> NDArray[np.float32]:
     """Unit vectors down the gradient of the levels, which is interpolated like the levels."""
-    gradient = np.stack(np.gradient(levels), axis=-1) / step.astype(np.float32)
+    slopes = [np.gradient(levels, axis=a) / step[a] for a in range(3)]
+    gradient = np.stack(slopes, axis=-1).astype(np.float32)
     normals = np.zeros((*depths.shape, 3), dtype=np.float32)
     hit = np.isfinite(depths)
     _, i, j = np.nonzero(hit)

@@ -108,10 +108,7 @@ def label_edge(view: View, axis: int, lower: Floats, upper: Floats) -> Edge:
 
 
 def back_edges(view: View, lower: Floats, upper: Floats) -> list[Edge]:
-    """The nine edges of the back walls: all but those that meet in the corner next to the viewer."""
+    """The nine edges of the back walls: all but the three nearest to the viewer."""
     return [
-        edge
-        for axis in range(3)
-        for edge, fronts in _edges(view, axis, lower, upper)
-        if fronts < 2
+        edge for axis in range(3) for edge, fronts in _edges(view, axis, lower, upper) if fronts < 2
     ]
