@@ -3,12 +3,17 @@
 ``levels`` turns signed radiance into dB above a stated floor, ``style`` holds what all pictures
 share, ``scene`` draws a rendered picture, ``slices`` computes what ``transforms`` draws as the
 figure of ``polywigner transform``, ``projections`` draws what ``polywigner.projections`` returns.
+Fields in front of a source: ``lines``, ``planes`` and ``hemispheres`` draw several methods side by
+side, ``volumes`` isosurfaces.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
 
 from __future__ import annotations
 
+from polywigner.figures.hemispheres import draw_hemispheres
 from polywigner.figures.levels import level_db, picture_peak
+from polywigner.figures.lines import draw_lines
+from polywigner.figures.planes import draw_planes
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene import draw_scene
 from polywigner.figures.slices import (
@@ -19,13 +24,18 @@ from polywigner.figures.slices import (
     transform_slices,
 )
 from polywigner.figures.transforms import draw_transforms
+from polywigner.figures.volumes import draw_volume
 
 __all__ = [
     "LARGEST_SAMPLES",
     "TransformSlices",
+    "draw_hemispheres",
+    "draw_lines",
+    "draw_planes",
     "draw_projections",
     "draw_scene",
     "draw_transforms",
+    "draw_volume",
     "level_db",
     "outline_of",
     "picture_peak",

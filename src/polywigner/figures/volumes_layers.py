@@ -100,6 +100,7 @@ def cast_layers(
         fine = pixel / (np.linalg.norm(axes[a]) * step[a])
         rasters.append(np.arange(min(0.0, drift), count + max(0.0, drift) + fine, fine))
     depths = np.full((len(surfaces), *(len(r) for r in rasters)), np.nan, dtype=np.float32)
+    misses = np.ones(depths.shape, dtype=bool)
     lowest = levels.min()
     before = np.full(depths.shape[1:], lowest, dtype=np.float32)
     near, far = (0, len(planes) - 1) if view.towards[deep] < 0 else (len(planes) - 1, 0)
@@ -109,9 +110,10 @@ def cast_layers(
         rows, columns = (r + k * s for r, k in zip(rasters, shear, strict=True))
         now = _sheared(plane, rows, columns, lowest)
         back = (near - far) / (abs(near - far) * _STEPS)
-        for depth, surface in zip(depths, surfaces, strict=True):
-            new = np.isnan(depth) & (now >= surface) & (before < surface)
+        for depth, missed, surface in zip(depths, misses, surfaces, strict=True):
+            new = np.nonzero(missed & (now >= surface))
             depth[new] = s + back * (now[new] - surface) / (now[new] - before[new])
+            missed[new] = False
         before = now
     normals = _normals(levels, depths, rasters, shear, deep, step)
     origin = view.on_page(lower) + sum(

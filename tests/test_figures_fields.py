@@ -1,0 +1,160 @@
+"""Figures of fields on lines, planes and hemispheres: what is drawn is what was given, in dB."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from polywigner.errors import ArgumentError
+from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
+from polywigner.figures.differences import difference_db, summary
+
+xarray = pytest.importorskip("xarray")
+
+# of a logarithm and its argument
+ROUNDING = 1e-12
+
+Z = np.geomspace(2e-3, 200e-3, 50)
+TWICE = 10 * np.log10(2)
+
+
+def line(**values: np.ndarray) -> object:
+    return xarray.Dataset(
+        {"irradiance": (("method", "z"), np.stack(list(values.values())), {"units": "W m-2"})},
+        coords={
+            "z": ("z", Z, {"units": "m", "long_name": "distance"}),
+            "method": list(values),
+        },
+    )
+
+
+def test_twice_the_power_is_three_decibels_more() -> None:
+    true = 1 / Z**2
+    np.testing.assert_allclose(difference_db(2 * true, true, -60), TWICE, rtol=ROUNDING)
+    found = summary(2 * true, true, -60)
+    assert found.points == Z.size and found.negative == 0
+    np.testing.assert_allclose([found.largest, found.rms], TWICE, rtol=ROUNDING)
+
+
+def test_nulls_of_the_reference_and_negative_values_are_not_compared() -> None:
+    true = np.array([1.0, 1e-2, 1e-4, 0.0, 0.5])
+    found = np.array([2.0, 1e-2, 7.0, 3.0, -0.1])
+    assert np.array_equal(
+        np.isfinite(difference_db(found, true)), [True, True, False, False, False]
+    )
+    assert summary(found, true) == (pytest.approx(TWICE), pytest.approx(TWICE / 2**0.5), 2, 1)
+    assert np.isnan(summary(0 * true, true).rms)
+    with pytest.raises(ArgumentError, match="same points"):
+        difference_db(true, true[1:])
+
+
+def test_a_line_shows_levels_and_differences_of_all_methods() -> None:
+    true = 1 / Z**2
+    figure = draw_lines(line(double=2 * true, exact=true), floor_db=-60, compared_db=-20)
+    figure.savefig(io.BytesIO(), format="png")
+    levels, differences = figure.axes
+    curves = {curve.get_label(): curve for curve in levels.lines}
+    np.testing.assert_allclose(curves["exact"].get_xdata(), Z * 1e3)
+    np.testing.assert_allclose(curves["exact"].get_ydata(), 20 * np.log10(Z[0] / Z), atol=1e-9)
+    np.testing.assert_allclose(
+        curves["double"].get_ydata() - curves["exact"].get_ydata(), TWICE, rtol=1e-9
+    )
+    near = 10 * Z[0] * (1 + 1e-9) >= Z  # 20 dB
+    (drawn,) = [c for c in differences.lines if len(c.get_ydata()) == Z.size]
+    assert np.array_equal(np.isfinite(drawn.get_ydata()), near)
+    np.testing.assert_allclose(drawn.get_ydata()[near], TWICE, rtol=1e-9)
+    assert levels.get_xscale() == "log"  # two decades of distance
+    assert differences.get_xlabel() == "distance (mm)"
+    assert "exact" in differences.get_ylabel() and "W/m²" in levels.get_ylabel()
+
+
+def test_a_curve_has_gaps_where_there_is_no_power() -> None:
+    values = 1 / Z**2
+    values[10:12] = [0.0, -1.0]
+    figure = draw_lines(line(wigner=values, exact=1 / Z**2))
+    curve = next(c for c in figure.axes[0].lines if c.get_label() == "wigner")
+    assert np.flatnonzero(np.isnan(curve.get_ydata())).tolist() == [10, 11]
+
+
+def test_an_arc_is_drawn_over_degrees() -> None:
+    angle = np.radians(np.linspace(-80, 80, 33))
+    found = xarray.Dataset(
+        {"irradiance": ("theta", np.cos(angle) ** 4)},
+        coords={"theta": ("theta", angle, {"units": "rad", "long_name": "angle"})},
+    )
+    (axes,) = draw_lines(found).axes
+    np.testing.assert_allclose(axes.lines[0].get_xdata(), np.degrees(angle))
+    assert axes.get_xlabel() == "angle (degrees)"
+
+
+X, Y = np.linspace(-3e-3, 3e-3, 7), np.linspace(-2e-3, 2e-3, 5)
+
+
+def plane(name: str, units: str, **values: np.ndarray) -> object:
+    return xarray.Dataset(
+        {name: (("method", "x", "y"), np.stack(list(values.values())), {"units": units})},
+        coords={"x": X, "y": Y, "method": list(values)},
+    )
+
+
+def test_a_plane_shows_levels_and_differences_at_their_places() -> None:
+    true = np.add.outer(np.arange(7.0), 10 * np.arange(5.0)) + 1
+    figure = draw_planes(plane("irradiance", "W m-2", double=2 * true, exact=true))
+    figure.savefig(io.BytesIO(), format="png")
+    panels = {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
+    (image,) = panels["exact"].images
+    assert image.get_extent() == pytest.approx([-3.5, 3.5, -2.5, 2.5])
+    np.testing.assert_allclose(
+        image.get_array(), np.maximum(10 * np.log10(true.T / true.max()), -40), atol=1e-9
+    )
+    below = [axes for axes in figure.axes if not axes.get_title() and axes.images]
+    np.testing.assert_allclose(below[0].images[0].get_array(), TWICE, rtol=1e-9)
+    assert below[0].get_xlabel() == "$x$ (mm)" and below[0].get_ylabel() == "$y$ (mm)"
+
+
+def test_a_complex_field_shows_its_phase() -> None:
+    phase = np.add.outer(np.linspace(-2, 2, 7), np.linspace(-1, 1, 5))
+    figure = draw_planes(plane("amplitude", "1", exact=np.exp(1j * phase)), name="amplitude")
+    figure.savefig(io.BytesIO(), format="png")
+    levels, phases = (a.images[0].get_array() for a in figure.axes if a.images)
+    np.testing.assert_allclose(levels, 0, atol=1e-9)
+    np.testing.assert_allclose(phases, np.degrees(phase).T, atol=1e-9)
+    assert any(axes.get_ylabel() == "phase (degrees)" for axes in figure.axes)
+
+
+def test_a_hemisphere_is_drawn_over_direction_cosines_all_around() -> None:
+    theta, phi = np.radians(np.linspace(0, 90, 10)), np.radians(np.arange(0, 360, 30.0))
+    values = np.cos(theta)[:, None] ** 2 * (1 + 0.5 * np.cos(phi))
+    found = xarray.Dataset(
+        {"irradiance": (("phi", "theta"), values.T)}, coords={"theta": theta, "phi": phi}
+    )
+    figure = draw_hemispheres(found)
+    figure.savefig(io.BytesIO(), format="png")
+    (mesh,) = figure.axes[0].collections
+    nodes = mesh.get_coordinates()
+    assert nodes.shape == (10, 13, 2)
+    np.testing.assert_allclose(nodes[:, 0], nodes[:, -1], atol=1e-12)
+    np.testing.assert_allclose(nodes[3, 1], [0.5 * np.cos(phi[1]), 0.5 * np.sin(phi[1])])
+    levels = mesh.get_array().reshape(10, 13)
+    expected = 10 * np.log10(np.maximum(values / values.max(), 1e-4))
+    np.testing.assert_allclose(levels[:, :-1], expected, atol=1e-9)
+
+
+def test_fields_that_cannot_be_drawn_are_refused() -> None:
+    flat = plane("irradiance", "W m-2", exact=np.ones((7, 5)))
+    cases = [
+        (draw_lines, flat, {}, "along one axis"),
+        (draw_lines, line(exact=1 / Z), {"against": "kirchhoff"}, "kirchhoff"),
+        (draw_lines, line(exact=1 / Z), {"along": "s"}, "coordinate"),
+        (draw_lines, line(exact=0 / Z), {}, "above zero"),
+        (draw_lines, line(exact=1 / Z), {"name": "flux"}, "flux"),
+        (draw_planes, line(exact=1 / Z), {}, "two axes"),
+        (draw_planes, flat, {"against": "wigner"}, "wigner"),
+        (draw_planes, flat, {"floor_db": 0.0}, "floor"),
+        (draw_hemispheres, flat, {}, "theta and phi"),
+    ]
+    for draw, found, options, words in cases:
+        with pytest.raises(ArgumentError, match=words):
+            draw(found, **options)
