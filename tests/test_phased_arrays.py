@@ -133,7 +133,7 @@ def test_functions_of_an_array_are_sums_over_pairs_of_elements(
 def test_tables_of_weights_agree_with_the_sum_over_pairs(
     shape: tuple[int, int], precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from polywigner.kernels import lattice_arrays
+    from polywigner.kernels import lattice_arrays, site_weights
 
     count = shape[0] * shape[1]
     weights = _random(count)
@@ -143,7 +143,7 @@ def test_tables_of_weights_agree_with_the_sum_over_pairs(
     x, _, nu = _points(array, 60, 8)
     nu[:20] = np.round(nu[:20] * 4) / 4 / 1.3  # where sums repeat themselves
     got = pw.wigner(array, x, nu, precision=precision, engine=engine)
-    monkeypatch.setattr(lattice_arrays, "_LEAST_TABULATED", 10**6)
+    monkeypatch.setattr(site_weights, "_LEAST_TABULATED", 10**6)
     lattice_arrays._tables.cache_clear()
     expected = pw.wigner(array, x, nu, engine="numpy")
     lattice_arrays._tables.cache_clear()
