@@ -8,6 +8,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, automean
 from polywigner.illumination.lattices import Lattice
@@ -18,6 +19,8 @@ __all__ = ["ArrayFrame", "Window", "array_frame", "steps_of"]
 
 # What lies within this of the edge of a region contributes less than rounding.
 _EDGE = 4e-15
+# What an element's region counts as larger by, in its size: more than single precision rounds.
+_MARGIN = 1e-4
 
 
 Pair2 = tuple[float, float]
@@ -69,6 +72,8 @@ class ArrayFrame:
     means: tuple[Window, Window]
     differences: tuple[Window, Window]
     sites: tuple[Window, Window]
+    support: tuple[Pair2, Pair2]
+    """Low and high corner, in the element's frame, of what its automean lies within."""
 
     @property
     def content(self) -> float:
@@ -100,6 +105,11 @@ class ArrayFrame:
             y - (first * (scale * ay) + second * (scale * by)),
         )
 
+    def may_count(self, x: Any, y: Any) -> Any:
+        """Whether W of the element may differ from 0 at a place of its frame."""
+        low, high = self.support
+        return (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
+
     def step(self, first: float, second: float) -> tuple[Any, Any]:
         """A constant number of steps, in the frame."""
         exact = np.array(self.basis).T @ np.array([first, second])
@@ -114,7 +124,8 @@ def array_frame(
     inverse = np.linalg.inv(basis.T)
     centre = np.array(frame.centre)
     outline = (np.concatenate(element.rings) - centre) @ inverse.T
-    mean = (np.concatenate(automean(element).rings) - centre) @ inverse.T
+    region = np.concatenate(automean(element).rings)
+    mean = (region - centre) @ inverse.T
     low, high = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
     origin = np.array(lattice.origin) + centre
     count = np.array(lattice.weights.shape) - 1
@@ -132,7 +143,16 @@ def array_frame(
         _windows((2 * mean).min(axis=0), (2 * mean).max(axis=0), 0 * count, 2 * count + 1),
         _windows([-s for s in spread], spread, -count, 2 * count + 1),
         _windows(low, high, 0 * count, count + 1),
+        _box(frame.vertices(region)),
     )
+
+
+def _box(points: NDArray[np.float64]) -> tuple[Pair2, Pair2]:
+    """Corners of the points' box, larger than it by far more than rounding."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = _MARGIN * (high - low)
+    (x0, y0), (x1, y1) = (low - margin).tolist(), (high + margin).tolist()
+    return (x0, y0), (x1, y1)
 
 
 def _windows(low: Any, high: Any, start: Any, steps: Any) -> tuple[Window, Window]:

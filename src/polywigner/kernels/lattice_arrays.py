@@ -8,7 +8,6 @@ within an element's size of x (or xi) count, however many elements there are.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -31,12 +30,7 @@ from polywigner.kernels.kernel import (
 from polywigner.kernels.membership import field
 from polywigner.kernels.plane import product_of_both, tables_of
 from polywigner.kernels.repeated import RepeatedTables, at_both_ends
-from polywigner.kernels.site_weights import (
-    LatticeSites,
-    Weights,
-    difference_factor,
-    mean_factor,
-)
+from polywigner.kernels.site_weights import LatticeSites, Weights
 from polywigner.kernels.trigonometry import cos_sin_turns
 from polywigner.kernels.wigner import wigner
 
@@ -133,39 +127,16 @@ def _wigner_sum(
 ) -> Values:
     frame, part = tables.frame, tables.part
 
-    def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
-        sums = (first + k, second + m)
-        if tables.sites.factors is not None:
-            factor = along_1(k, sums[0]) * along_2(m, sums[1])
-        elif table is not None:
-            factor = table.at(ops, sums, taps)
-        else:
-            factor = mean_factor(ops, tables.sites.weights, sums, (turns_1, turns_2))
-        return (factor * wigner(ops, part, x - dx, y - dy, nu_x, nu_y),)
+    factor = tables.sites.at_means(ops, (turns_1, turns_2))
 
-    table = None if tables.sites.factors is not None else tables.sites.weights.table(ops.double)
-    if table is not None:
-        taps = table.taps(ops, (turns_1, turns_2))
-    if tables.sites.factors is not None:
-        one, two = tables.sites.factors
-        along_1 = _remembered(lambda index: one.at_mean(ops, index, turns_1))
-        along_2 = _remembered(lambda index: two.at_mean(ops, index, turns_2))
+    def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any]:
+        left = (x - dx, y - dy)
+        counts = frame.may_count(*left)
+        weight = factor((k, m), (first + k, second + m), counts)
+        return (weight * wigner(ops, part, *left, nu_x, nu_y),)
+
     total: Values = ops.sum_of_long(steps_of(frame, frame.means, 0.5), term, part.clips)
     return total
-
-
-def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
-    """``compute`` of the second argument, once for every constant that comes first."""
-    known: dict[float, Any] = {}
-
-    def of(step: Any, argument: Any) -> Any:
-        if not isinstance(step, float):  # a row of an engine's table
-            return compute(argument)
-        if step not in known:
-            known[step] = compute(argument)
-        return known[step]
-
-    return of
 
 
 def _enter_ambiguity(
@@ -199,12 +170,11 @@ def _ambiguity_sum(
     frame, part = tables.frame, tables.part
     slope = frame.slope
 
+    factor_of = tables.sites.at_differences(ops, (turns_1, turns_2))
+
     def term(k: Any, m: Any, dx: Any, dy: Any) -> tuple[Any, Any]:
         steps = (first + k, second + m)
-        if tables.sites.factors is None:
-            factor = difference_factor(ops, tables.sites.weights, steps, (turns_1, turns_2))
-        else:
-            factor = along_1(k, steps[0]) * along_2(m, steps[1])
+        factor = factor_of((k, m), steps)
         if any(slope):
             phase = steps[0] * slope[0] + steps[1] * slope[1]
             factor = factor * Pair(*cos_sin_turns(ops, phase))
@@ -212,10 +182,6 @@ def _ambiguity_sum(
         part_here = factor * Pair(cosine, -sine)
         return part_here.real, -part_here.imag
 
-    if tables.sites.factors is not None:
-        one, two = tables.sites.factors
-        along_1 = _remembered(lambda index: one.at_difference(ops, index, turns_1))
-        along_2 = _remembered(lambda index: two.at_difference(ops, index, turns_2))
     rows = steps_of(frame, frame.differences, 1.0)
     total: Values = ops.sum_of_long(rows, term, 4 * part.clips)
     return total

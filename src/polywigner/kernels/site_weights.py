@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,9 @@ from polywigner.kernels.factors import ProfileFactor
 from polywigner.kernels.trigonometry import cos_sin_turns
 from polywigner.kernels.weight_tables import MeanTable, mean_table
 
-__all__ = ["LatticeSites", "Weights", "difference_factor", "mean_factor"]
+__all__ = ["LatticeSites", "Weights"]
+
+Pair2 = tuple[Any, Any]
 
 # With fewer sites of any weights, the pairs of a midpoint are summed one by one.
 _LEAST_TABULATED = 64
@@ -67,8 +70,56 @@ class LatticeSites:
     """Where the weights are a product of two profiles."""
     weights: Weights
 
+    def at_means(self, ops: Any, turns: Pair2) -> Callable[[Pair2, Pair2, Any], Any]:
+        """(steps from the first, index sums, whether the midpoint counts) -> its factor."""
+        if self.factors is not None:
+            one, two = (
+                _remembered(partial(factor.at_mean, ops, turns=along))
+                for factor, along in zip(self.factors, turns, strict=True)
+            )
+            return lambda steps, sums, counts: one(steps[0], sums[0]) * two(steps[1], sums[1])
+        table = self.weights.table(ops.double)
+        if table is None:
+            return lambda steps, sums, counts: _mean_factor(ops, self.weights, sums, turns)
+        directions = table.directions
+        first, second = (
+            _remembered(partial(direction.taps, ops, turns=along))
+            for direction, along in zip(directions, turns, strict=True)
+        )
 
-def mean_factor(ops: Any, weights: Weights, sums: Any, turns: Any) -> Any:
+        def factor(steps: Pair2, sums: Pair2, counts: Any) -> Any:
+            counts = counts & directions[0].has(sums[0]) & directions[1].has(sums[1])
+            taps = (first(steps[0], sums[0]), second(steps[1], sums[1]))
+            return ops.select(counts, table.at(ops, counts, taps), 0.0)
+
+        return factor
+
+    def at_differences(self, ops: Any, turns: Pair2) -> Callable[[Pair2, Pair2], Pair]:
+        """(steps from the first, index differences) -> the factor of the difference."""
+        if self.factors is None:
+            return lambda steps, apart: _difference_factor(ops, self.weights, apart, turns)
+        one, two = (
+            _remembered(partial(factor.at_difference, ops, turns=along))
+            for factor, along in zip(self.factors, turns, strict=True)
+        )
+        return lambda steps, apart: one(steps[0], apart[0]) * two(steps[1], apart[1])
+
+
+def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
+    """``compute`` of the second argument, once for every constant that comes first."""
+    known: dict[float, Any] = {}
+
+    def of(step: Any, argument: Any) -> Any:
+        if not isinstance(step, float):  # a row of an engine's table
+            return compute(argument)
+        if step not in known:
+            known[step] = compute(argument)
+        return known[step]
+
+    return of
+
+
+def _mean_factor(ops: Any, weights: Weights, sums: Any, turns: Any) -> Any:
     """The factor of weights that are no product, by adding up all pairs of one midpoint."""
     rows, columns = weights.shape
 
@@ -86,7 +137,7 @@ def mean_factor(ops: Any, weights: Weights, sums: Any, turns: Any) -> Any:
     return total
 
 
-def difference_factor(ops: Any, weights: Weights, steps: Any, turns: Any) -> Pair:
+def _difference_factor(ops: Any, weights: Weights, steps: Any, turns: Any) -> Pair:
     rows, columns = weights.shape
 
     def term(i: Any, j: Any) -> tuple[Any, Any]:

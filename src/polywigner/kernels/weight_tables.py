@@ -1,15 +1,17 @@
 """Array factors of any weights on a lattice, from a table that is periodic in the frequency.
 
 Weights that are no product of two profiles have factors (L1) of up to n1 n2 terms at a midpoint.
-Each is a trigonometric polynomial of 2 nu.b along both directions. It is tabulated at twice the
-rate that its degree asks for, less what an interpolating kernel of a few samples puts on each of
-its waves: a non-uniform FFT of type 2. Source: A. H. Barnett, J. Magland, L. af Klinteberg, SIAM J.
-Sci. Comput. 41, C479 (2019), the kernel exp(beta (sqrt(1 - z^2) - 1)).
+Each is a trigonometric polynomial of 2 nu.b along both directions, of the degree that the pairs of
+sites at this midpoint give it. It is tabulated at a somewhat higher rate than that asks for, and
+interpolated: a non-uniform FFT of type 2.
+
+What a look-up costs is the memory that it touches, and how much there is of it. So a midpoint has
+one period of samples, as many as its own degree needs, and those of a look-up lie one after the
+other: as many along the first direction as it takes, four each of the second.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,126 +19,162 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MeanTable", "Taps", "mean_table"]
+from polywigner.kernels.interpolation import RATE, interpolation
 
-# Samples under the kernel along each direction: errors of 1e-13 and 3e-7 of sum |w|^2.
-_WIDTH = {True: 14, False: 7}
-_BETA = 2.30  # times the width, for twice the needed rate
-_RATE = 2
+__all__ = ["Direction", "MeanTable", "Taps", "mean_table"]
+
+# Samples that are read at a time.
+_PACKET = 4
 # Larger tables are not made; the factors are then summed pair by pair.
 _MOST_BYTES = 1 << 28
 
-Pair2 = tuple[int, int]
+
+@dataclass(frozen=True)
+class Direction:
+    """Along one direction, by midpoint: how many samples a period has."""
+
+    step: int
+    """Samples that are read together, from multiples of so many on."""
+    periods: tuple[float, ...]
+    """Samples of a period, by midpoint."""
+    starts: tuple[float, ...]
+    """Samples of all midpoints before."""
+
+    @property
+    def total(self) -> float:
+        return self.starts[-1] + self.periods[-1]
+
+    def has(self, index_sum: Any) -> Any:
+        """Whether there is such a midpoint."""
+        return (index_sum >= 0.0) & (index_sum < float(len(self.periods)))
+
+    def taps(self, ops: Any, index_sum: Any, turns: Any) -> Taps:
+        """The samples that count at nu.b = ``turns`` for a midpoint."""
+        row = ops.select(self.has(index_sum), index_sum, 0.0)
+        period, start = (ops.lookup(values, row) for values in (self.periods, self.starts))
+        kernel = interpolation(ops.double)
+        middle = 0.5 * (kernel.width - 1)
+        t = turns + turns
+        whole = ops.round(t)
+        u = (t - whole) * period
+        first = ops.round(u - middle)
+        weights = kernel.weights(ops, 2.0 * (u - first - middle))
+        if self.step > 1:
+            first, weights = self._aligned(ops, first, weights)
+        places, signed = [], []
+        odd = _odd(ops, row)
+        for q in range(0, len(weights), self.step):
+            place = first + float(q)
+            periods = ops.round((place + 0.5) / period - 0.5)
+            places.append((place - periods * period) * (1 / self.step))
+            # an odd index sum has waves of half periods
+            sign = 1.0 - 2.0 * (_odd(ops, periods + whole) * odd)
+            signed += [sign * weight for weight in weights[q : q + self.step]]
+        return Taps(signed, places, period, start)
+
+    def _aligned(self, ops: Any, first: Any, weights: list[Any]) -> tuple[Any, list[Any]]:
+        """From a multiple of the step on, with weights of 0 on either side."""
+        step = self.step
+        aligned = step * ops.round((first - 0.5 * (step - 1)) * (1 / step))
+        left = first - aligned
+        weights = weights + [0.0] * (-(len(weights) + step - 1) % step + step - 1)
+        shift = step // 2
+        while shift:  # the bits of what is left
+            here = left >= float(shift)
+            left = ops.select(here, left - float(shift), left)
+            behind = [0.0] * shift + weights[:-shift]
+            weights = [ops.select(here, b, w) for b, w in zip(behind, weights, strict=True)]
+            shift //= 2
+        return aligned, weights
+
+
+@dataclass(frozen=True)
+class Taps:
+    """Weights of samples, their places in a period in steps, and where the midpoint's begin."""
+
+    weights: list[Any]
+    places: list[Any]
+    period: Any
+    start: Any
+
+
+def _odd(ops: Any, whole: Any) -> Any:
+    """1 for odd numbers, 0 for even ones."""
+    return abs(whole - 2.0 * ops.round(0.5 * whole))
 
 
 @dataclass(frozen=True, eq=False)
 class MeanTable:
-    """The factors of all midpoints at M1 x M2 frequencies, prepared for interpolation."""
+    """The factors of all midpoints, prepared for interpolation."""
 
-    midpoints: Pair2
-    """2n - 1 along each direction."""
-    samples: Pair2
-    width: int
-    values: NDArray[np.float64]
-    """(midpoints x samples, 1)"""
+    directions: tuple[Direction, Direction]
+    values: NDArray[Any]
+    """(packets, 4): four samples along the second direction, and after them those of the next place
+    along the first."""
     held: dict[Hashable, Any] = field(default_factory=dict)
 
-    def taps(self, ops: Any, turns: tuple[Any, Any]) -> tuple[Taps, Taps]:
-        """What the interpolation at a frequency needs of the two directions."""
-        one, two = (
-            Taps(ops, 2.0 * t, count, self.width)
-            for t, count in zip(turns, self.samples, strict=True)
-        )
-        return one, two
-
-    def at(self, ops: Any, sums: tuple[Any, Any], taps: tuple[Taps, Taps]) -> Any:
-        """The factor at a midpoint, by its two index sums; 0 where there is none."""
+    def at(self, ops: Any, counts: Any, taps: tuple[Taps, Taps]) -> Any:
+        """The factor at a midpoint; anything where it does not count, at little cost."""
         if ops.key not in self.held:
             self.held[ops.key] = ops.held(self.values)
         table = self.held[ops.key]
-        exists = (sums[0] >= 0.0) & (sums[0] < float(self.midpoints[0]))
-        exists = exists & (sums[1] >= 0.0) & (sums[1] < float(self.midpoints[1]))
-        inside = [ops.select(exists, s, 0.0) for s in sums]
-        first, second = (ops.truncated(s) for s in inside)
-        base = (first * self.midpoints[1] + second) * (self.samples[0] * self.samples[1])
-        one, two = (tap.signed(ops, s) for tap, s in zip(taps, inside, strict=True))
+        one, two = taps
+        block = (one.start * self.directions[1].total + two.start * one.period) * (1 / _PACKET)
+        # one place for all samples that want nothing
+        block = ops.truncated(ops.select(counts, block, 0.0))
+        rows = [ops.truncated(ops.select(counts, place, 0.0)) for place in one.places]
         total: Any = 0.0
-        for row, weight in zip(taps[0].index, one, strict=True):
-            start = base + row * self.samples[1]
-            line: Any = 0.0
-            for column, other in zip(taps[1].index, two, strict=True):
-                (value,) = ops.gather(table, start + column)
-                line = ops.fma(value, other, line)
-            total = ops.fma(line, weight, total)
-        return ops.select(exists, total, 0.0 * total)
-
-
-class Taps:
-    """Weights and places of the samples around t, which has period 1 up to a sign."""
-
-    def __init__(self, ops: Any, t: Any, samples: int, width: int) -> None:
-        u = t * float(samples)
-        start = ops.round(u - 0.5 * width + 0.5)
-        self.index: list[Any] = []
-        self._weights: list[Any] = []
-        self._turned: list[Any] = []
-        for q in range(width):
-            m = start + float(q)
-            z = (u - m) * (2.0 / width)
-            root = ops.sqrt(ops.maximum(1.0 - z * z, 0.0))
-            self._weights.append(ops.exp((root - 1.0) * (_BETA * width)))
-            periods = ops.round((m + 0.5) * (1.0 / samples) - 0.5)
-            self.index.append(ops.truncated(m - periods * float(samples)))
-            self._turned.append(abs(periods - 2.0 * ops.round(0.5 * periods)))
-
-    def signed(self, ops: Any, index_sum: Any) -> list[Any]:
-        """The weights with the sign that odd index sums take from period to period."""
-        odd = abs(index_sum - 2.0 * ops.round(0.5 * index_sum))
-        return [
-            weight * (1.0 - 2.0 * odd * turned)
-            for weight, turned in zip(self._weights, self._turned, strict=True)
-        ]
+        for k, place in enumerate(two.places):
+            column = block + ops.truncated(ops.select(counts, place * one.period, 0.0))
+            lines: list[Any] = [0.0] * _PACKET
+            for row, weight in zip(rows, one.weights, strict=True):
+                values = ops.gather(table, column + row)
+                lines = [ops.fma(v, weight, s) for v, s in zip(values, lines, strict=True)]
+            for line, other in zip(lines, two.weights[_PACKET * k :], strict=False):
+                total = ops.fma(line, other, total)
+        return total
 
 
 def mean_table(weights: NDArray[np.complex128], double: bool) -> MeanTable | None:
     """The table of weights (n1, n2), or None if it would be too large."""
-    width = _WIDTH[double]
-    n1, n2 = weights.shape
-    samples = (max(_RATE * n1, width + 1), max(_RATE * n2, width + 1))
-    midpoints = (2 * n1 - 1, 2 * n2 - 1)
-    entries = math.prod(midpoints) * math.prod(samples)
-    if entries * (8 if double else 4) > _MOST_BYTES:
+    first, second = (
+        _direction(count, step) for count, step in zip(weights.shape, (1, _PACKET), strict=True)
+    )
+    entries = int(first.total * second.total)
+    dtype = np.dtype(np.float64 if double else np.float32)
+    if entries * dtype.itemsize > _MOST_BYTES:
         return None
-    values = np.empty((*midpoints, *samples), np.float64 if double else np.float32)
-    first, second = (_Direction(n, m, width) for n, m in zip((n1, n2), samples, strict=True))
-    for h in range(midpoints[0]):
-        one = first.one[h], first.other[h]
-        left, right = (weights[index] for index in one)
-        pairs = left[:, second.one] * right[:, second.other].conj()  # (n1, midpoints, n2)
-        pairs *= first.share[h][:, None, None] * second.share
-        waves = np.fft.fft2(pairs.transpose(1, 0, 2), s=samples, axes=(1, 2))
-        waves *= first.turn[h][:, None] * second.turn[:, None, :]
-        values[h] = waves.real
-    return MeanTable(midpoints, samples, width, values.reshape(-1, 1))
+    values: NDArray[Any] = np.empty(entries, dtype)
+    ones, twos = _waves(first, double), _waves(second, double)
+    begin = 0
+    for h, left in enumerate(ones):
+        for m, right in enumerate(twos):
+            i, k = _pairs(weights.shape[0], h), _pairs(weights.shape[1], m)
+            mutual = weights[np.ix_(i, k)] * weights[np.ix_(h - i, m - k)].conj()
+            block = (left @ mutual @ right.T).real.reshape(len(left), -1, _PACKET)
+            values[begin : begin + block.size] = block.swapaxes(0, 1).ravel()
+            begin += block.size
+    return MeanTable((first, second), values.reshape(-1, _PACKET))
 
 
-class _Direction:
-    """Along one direction, for each midpoint: the pairs of sites, and what their waves become."""
+def _pairs(count: int, index_sum: int) -> NDArray[np.intp]:
+    """The first site of each pair with an index sum along one direction of so many sites."""
+    return np.arange(max(0, index_sum - count + 1), min(count, index_sum + 1))
 
-    def __init__(self, count: int, samples: int, width: int) -> None:
-        h = np.arange(2 * count - 1)[:, None]
-        k = np.arange(count)
-        pairs = np.minimum(h, 2 * count - 2 - h) + 1
-        exists = k < pairs
-        low = np.maximum(0, h - count + 1)
-        self.one = np.where(exists, low + k, 0)
-        """(midpoints, count) the site with the larger index last; 0 where there is no pair."""
-        self.other = np.where(exists, h - low - k, 0)
-        # what the kernel's samples sum up to on a wave: by Poisson's formula its transform
-        node, weight = np.polynomial.legendre.leggauss(200)
-        kernel = np.exp(_BETA * width * (np.sqrt(1 - node**2) - 1)) * weight * (width / 2)
-        kappa = k - (pairs - 1) / 2
-        p = np.cos(2 * np.pi * kappa[..., None] * node * (width / 2) / samples) @ kernel
-        self.share = np.where(exists, 1 / p, 0.0)
-        # an FFT has waves 0, 1, ... where these are symmetric about 0
-        self.turn = np.exp(1j * np.pi * (pairs - 1) * np.arange(samples) / samples)
+
+def _direction(count: int, step: int) -> Direction:
+    pairs = np.array([len(_pairs(count, h)) for h in range(2 * count - 1)])
+    periods = np.ceil(RATE * pairs / step) * step
+    starts = np.cumsum(periods) - periods
+    return Direction(step, tuple(periods.tolist()), tuple(starts.tolist()))
+
+
+def _waves(direction: Direction, double: bool) -> list[NDArray[Any]]:
+    """By midpoint, its pairs' waves at all samples, less what interpolating makes of them."""
+    count = (len(direction.periods) + 1) // 2
+    result = []
+    for h, period in enumerate(direction.periods):
+        kappa: NDArray[Any] = (_pairs(count, h) - h / 2) / period
+        waves = np.exp(-2j * np.pi * np.outer(np.arange(period), kappa))
+        result.append(waves / interpolation(double).transform(kappa))
+    return result
