@@ -62,15 +62,15 @@ class Direction:
         if self.step > 1:
             first, weights = self._aligned(ops, first, weights)
         places, signed = [], []
-        odd = _odd(ops, row)
+        odd, frequency = _odd(ops, row), 1.0 / period
         for q in range(0, len(weights), self.step):
             place = first + float(q)
-            periods = ops.round((place + 0.5) / period - 0.5)
-            places.append((place - periods * period) * (1 / self.step))
+            periods = ops.round((place + 0.5) * frequency - 0.5)
+            places.append(ops.truncated((place - periods * period) * (1 / self.step)))
             # an odd index sum has waves of half periods
             sign = 1.0 - 2.0 * (_odd(ops, periods + whole) * odd)
             signed += [sign * weight for weight in weights[q : q + self.step]]
-        return Taps(signed, places, period, start)
+        return Taps(signed, places, ops.truncated(period), ops.truncated(start))
 
     def _aligned(self, ops: Any, first: Any, weights: list[Any]) -> tuple[Any, list[Any]]:
         """From a multiple of the step on, with weights of 0 on either side."""
@@ -119,13 +119,14 @@ class MeanTable:
             self.held[ops.key] = ops.held(self.values)
         table = self.held[ops.key]
         one, two = taps
-        block = (one.start * self.directions[1].total + two.start * one.period) * (1 / _PACKET)
+        per_row = int(self.directions[1].total) // _PACKET
+        block = one.start * per_row + two.start // _PACKET * one.period
         # one place for all samples that want nothing
-        block = ops.truncated(ops.select(counts, block, 0.0))
-        rows = [ops.truncated(ops.select(counts, place, 0.0)) for place in one.places]
+        rows = [ops.select_number(counts, block + place, 0) for place in one.places]
+        step = ops.select_number(counts, one.period, 0)
         total: Any = 0.0
         for k, place in enumerate(two.places):
-            column = block + ops.truncated(ops.select(counts, place * one.period, 0.0))
+            column = place * step
             lines: list[Any] = [0.0] * _PACKET
             for row, weight in zip(rows, one.weights, strict=True):
                 values = ops.gather(table, column + row)
