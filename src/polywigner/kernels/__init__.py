@@ -34,6 +34,7 @@ from polywigner.kernels.catalogue import kernel_for
 from polywigner.kernels.grids import GridTables, fourier_on_grid
 from polywigner.kernels.kernel import Kernel, parts_of
 from polywigner.kernels.plane import AMBIGUITY, WIGNER, tables_of
+from polywigner.kernels.separable import is_separable
 from polywigner.kernels.tables import Tables
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "Kernel",
     "Tables",
     "fourier_on_grid",
+    "is_separable",
     "kernel_for",
     "parts_of",
     "tables_of",

@@ -8,9 +8,18 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites
-from polywigner.kernels import lattice_arrays, line, plane, scattered_arrays, simplices, space
+from polywigner.kernels import (
+    lattice_arrays,
+    line,
+    plane,
+    products,
+    scattered_arrays,
+    simplices,
+    space,
+)
 from polywigner.kernels.array_factor import array_factor_kernel
 from polywigner.kernels.kernel import Kernel
+from polywigner.kernels.separable import is_separable
 
 __all__ = ["kernel_for"]
 
@@ -67,6 +76,16 @@ _ON_LATTICE: dict[str, Kernel] = {
 }
 
 
+_PRODUCTS: dict[str, Kernel] = {
+    "autocorrelation": products.AUTOCORRELATION,
+    "wigner": products.WIGNER,
+    "ambiguity": products.AMBIGUITY,
+    "fourier of waves": products.FOURIER,
+    "position_marginal": products.POSITION_MARGINAL,
+    "lag_marginal": products.LAG_MARGINAL,
+}
+
+
 _SCATTERED: dict[str, Kernel] = {
     "autocorrelation": scattered_arrays.AUTOCORRELATION,
     "wigner": scattered_arrays.WIGNER,
@@ -92,6 +111,8 @@ def kernel_for(transform: str, source: Any) -> Kernel:
     """
     if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
         return array_factor_kernel(source.dimension, transform.startswith("complex"))
+    if isinstance(source, Aperture) and transform in _PRODUCTS and is_separable(source):
+        return _PRODUCTS[transform]
     kind = type(source)
     elements: tuple[Any, ...] = (source,)
     name = transform

@@ -30,6 +30,7 @@ __all__ = [
     "Frame",
     "Matrix",
     "determinant",
+    "frame_along",
     "frame_of",
     "power_of_two",
     "reach_of",
@@ -189,6 +190,14 @@ def frame_of(points: Array) -> Frame:
     if lengths[long] > NEEDLE_ASPECT * lengths[short] > 0.0:
         c, s = (sides[long] / lengths[long]).tolist()
         length, width = power_of_two(lengths[long]), power_of_two(lengths[short])
+    return frame_along(points, centre, (c, s), (length, width))
+
+
+def frame_along(
+    points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
+) -> Frame:
+    """The frame whose first axis has a direction, with units (powers of two) along both axes."""
+    (c, s), (length, width) = direction, sizes
     norm = c * c + s * s
     matrix = ((c / length, s / length), (-s / width, c / width))
     inverse_transpose = ((c * length, s * length), (-s * width, c * width))

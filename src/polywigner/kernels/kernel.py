@@ -68,7 +68,7 @@ def parts_of(kernel: Kernel, tables: Any, size: int) -> list[Any]:
         code = kernel.clips_per_term * tables.waves_per_cut
         per_copy = sum(len(piece.sides) + code for piece in tables.pieces)
         per_edge = kernel.copies * per_copy
-    count = max(1, size // per_edge)
+    count = max(1, size // max(1, per_edge))
     edges = tables.edges
     return [replace(tables, edges=edges[k : k + count]) for k in range(0, len(edges), count)]
 

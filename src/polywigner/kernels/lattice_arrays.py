@@ -16,9 +16,10 @@ import numpy as np
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Lattice, Profile, separated
-from polywigner.kernels import ambiguity, phases
+from polywigner.kernels import phases
 from polywigner.kernels.array_frames import ArrayFrame, array_frame, steps_of
 from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.elements import ambiguity, element_tables, field, wigner
 from polywigner.kernels.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import (
     Kernel,
@@ -27,12 +28,10 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.membership import field
-from polywigner.kernels.plane import product_of_both, tables_of
+from polywigner.kernels.plane import product_of_both
 from polywigner.kernels.repeated import RepeatedTables, at_both_ends
 from polywigner.kernels.site_weights import LatticeSites, Weights
 from polywigner.kernels.trigonometry import cos_sin_turns
-from polywigner.kernels.wigner import wigner
 
 __all__ = [
     "AMBIGUITY",
@@ -74,7 +73,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
     lattice = _lattice(array)
     assert lattice is not None and array.phased is not None
     element = _element(array.phased)
-    tables = tables_of(element, double)
+    tables = element_tables(element, double)
     profiles = separated(lattice.weights)
     turns = (0.0, 0.0) if profiles is None else (profiles[0].turns, profiles[1].turns)
     factors, values = None, lattice.weights
@@ -178,7 +177,7 @@ def _ambiguity_sum(
         if any(slope):
             phase = steps[0] * slope[0] + steps[1] * slope[1]
             factor = factor * Pair(*cos_sin_turns(ops, phase))
-        cosine, sine = ambiguity.ambiguity(ops, part, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
+        cosine, sine = ambiguity(ops, part, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
         part_here = factor * Pair(cosine, -sine)
         return part_here.real, -part_here.imag
 

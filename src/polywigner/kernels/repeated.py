@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
+from polywigner.kernels.elements import ElementTables
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.tables import Edge, Piece, Tables
+from polywigner.kernels.tables import Piece
 
 __all__ = ["RepeatedTables", "at_both_ends"]
 
@@ -19,15 +20,15 @@ class RepeatedTables(Generic[Sites]):
     """The element's tables, and where its copies are and with which weights."""
 
     frame: Any
-    element: Tables
-    edges: tuple[Edge, ...]
+    element: ElementTables
+    edges: tuple[Any, ...]
     """Those of the element that this part of a sum is over."""
     sites: Sites
     sums_per_edge: int = 1
     """Sums over an edge that a kernel unrolls, for several copies: what splitting it counts."""
 
     @property
-    def part(self) -> Tables:
+    def part(self) -> ElementTables:
         """The element with these edges only."""
         return replace(self.element, edges=self.edges)
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, automean
 from polywigner.illumination import Array
-from polywigner.kernels import ambiguity, phases
+from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.elements import ElementTables, ambiguity, element_tables, field, wigner
 from polywigner.kernels.frame import Frame
 from polywigner.kernels.kernel import (
     Kernel,
@@ -27,13 +28,10 @@ from polywigner.kernels.kernel import (
     leave_real,
     leave_wave,
 )
-from polywigner.kernels.membership import field
 from polywigner.kernels.pair_lists import PairLists, pair_lists, sum_over_pairs
-from polywigner.kernels.plane import product_of_both, tables_of
+from polywigner.kernels.plane import product_of_both
 from polywigner.kernels.repeated import RepeatedTables, at_both_ends
-from polywigner.kernels.tables import Tables
 from polywigner.kernels.trigonometry import cos_sin_turns
-from polywigner.kernels.wigner import wigner
 
 __all__ = [
     "AMBIGUITY",
@@ -102,7 +100,7 @@ class _Sites:
     """The elements in the frame, relative to the middle, and their weights less the carrier."""
 
     frame: ScatterFrame
-    tables: Tables
+    tables: ElementTables
     places: Floats
     offsets: Floats
     """In the user's unit, from the middle."""
@@ -112,7 +110,7 @@ class _Sites:
 @lru_cache(maxsize=32)
 def _sites_of(array: Array, double: bool) -> _Sites:
     element, positions, weights = _parts_of(array)
-    tables = tables_of(element, double)
+    tables = element_tables(element, double)
     low, high = positions.min(axis=0), positions.max(axis=0)
     centre = np.array(tables.frame.centre)
     shift = low + (high - low) / 2
@@ -264,7 +262,7 @@ def _ambiguity_sum(
         cosine, sine = cos_sin_turns(ops, upsilon_x * mx + upsilon_y * my)
         factor = Pair(re, im) * Pair(cosine, -sine)
         left = ((xi_x - px) + (x_rest - qx), (xi_y - py) + (y_rest - qy))
-        one, two = ambiguity.ambiguity(ops, part, own_x, own_y, *left)
+        one, two = ambiguity(ops, part, own_x, own_y, *left)
         whole = factor * Pair(one, -two)
         return whole.real, -whole.imag
 

@@ -16,6 +16,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron
 from polywigner.illumination import Array
 from polywigner.illumination.array import checked_sites
 from polywigner.illumination.sites import Sites
+from polywigner.kernels import is_separable
 from polywigner.transforms.arguments import (
     Source,
     array_on_grid,
@@ -84,9 +85,15 @@ def fourier(
         return _towards_normal(source, nu) * fourier(source, nu, **{**how, "obliquity": None})
     if isinstance(source, Aperture):
         nu = in_plane(nu)
+        if is_separable(source) and not _is_complex(nu):
+            return transform("fourier of waves", source, [("nu", nu)], precision, engine, outputs=2)
     if not isinstance(source, Polyhedron) and _field_of(source) is not None:
         return _sum_of_waves(source, nu, how)
     return transform("fourier", source, [("nu", nu)], precision, engine, outputs=2)
+
+
+def _is_complex(nu: Any) -> bool:
+    return not engines.is_drjit(nu) and np.iscomplexobj(nu)
 
 
 def _field_of(source: Any) -> Any:
