@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from functools import cached_property
 from numbers import Complex
 from typing import Any, NoReturn, final
@@ -64,8 +65,10 @@ class Illumination:
     def moved(self, shift: Any) -> Illumination:
         """The field carried along by a shift (d,): u(x - shift)."""
         offset = checked_shift(shift, self.dimension)
-        turn = np.exp(-2j * np.pi * (self.frequencies @ offset))
-        return Illumination(self.amplitudes * turn, self.frequencies)
+        turns = [_exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
+        return Illumination(
+            self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies
+        )
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
         if isinstance(other, Complex):
@@ -120,6 +123,12 @@ class Illumination:
     def __repr__(self) -> str:
         plural = "s" if len(self) > 1 else ""
         return f"Illumination({len(self)} plane wave{plural}, {self.dimension}D)"
+
+
+def _exact_turns(kappa: list[float], shift: list[float]) -> float:
+    """kappa.shift modulo 1: far away it has many turns, whose rounding is not that of the phase."""
+    turns = sum((Fraction(k) * Fraction(s) for k, s in zip(kappa, shift, strict=True)), Fraction(0))
+    return float(turns - round(turns))
 
 
 def _checked(
