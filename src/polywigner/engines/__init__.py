@@ -6,6 +6,7 @@ module               what is in it
 ``operations``       the operations namespaces that kernels are written over
 ``choice``           which engine and precision a call runs on
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
+``pairs``            every position with every frequency, on Dr.Jit
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
 ``threads``          how many threads compiled kernels run on

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from polywigner.engines.choice import drjit_float, resolved
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
+from polywigner.engines.pairs import Pairs, pairs_of
 from polywigner.engines.ranges import aligned
 from polywigner.kernels import Kernel, parts_of
 
@@ -23,6 +24,8 @@ __all__ = ["evaluate"]
 # little against computing, and the arguments of a chunk take some 10 MB.
 _NUMPY_CHUNK = 1 << 13
 _DRJIT_CHUNK = 1 << 18
+# Nothing is fed from memory where arguments are pairs.
+_PAIRS_CHUNK = 1 << 20
 # Where samples are sorted by cell: enough for some in each of the many cells.
 _SORTED_CHUNK = 1 << 20
 # Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
@@ -67,12 +70,24 @@ def evaluate(
         compute, chunk = _Drjit(kernel, tables, double, engine), _DRJIT_CHUNK
         if kernel.order and compute.ops.prefers_cells(tables.clips_for_cells, None):
             chunk = _SORTED_CHUNK
+        pairs = pairs_of(components, shape)
+        if pairs is not None and compute.takes(pairs):
+            _fill_pairs(compute, pairs, results)
+            return results
     for arguments, targets in _chunks(components, results, chunk):
         order = _order(kernel, tables, compute.ops, arguments)
         values = compute([argument[order] for argument in arguments])
         for target, value in zip(targets, values, strict=True):
             target[order] = value
     return results
+
+
+def _fill_pairs(compute: _Drjit, pairs: Pairs, results: Sequence[Array]) -> None:
+    tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
+    for rows, columns in pairs.blocks(_PAIRS_CHUNK):
+        values = compute.of_pairs(pairs.block(rows, columns))
+        for table, value in zip(tables, values, strict=True):
+            table[rows, columns] = value
 
 
 def _order(kernel: Kernel, tables: Any, ops: Any, arguments: Sequence[Array]) -> Any:
@@ -135,12 +150,52 @@ class _Drjit:
         self.parts = [tables] if in_a_loop else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
 
     def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        inner = self.kernel.enter(self.entry, self.tables.frame, *self._sent_all(arguments))
+        if not self.ops.double:
+            inner = tuple(self.ops.float_type(a) for a in inner)
+        return self._of_inner(inner)
+
+    def of_pairs(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns)."""
+        import drjit
+
+        kind = self.ops.float_type
+        rows, columns = np.broadcast_shapes(*(a.shape for a in arguments))
+        index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
+        # Opaque, or there would be a kernel for each number of columns. A division of fewer than
+        # 2^21 samples: half a sample is more than two roundings, to float32, of the quotient.
+        row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
+        column = index - row * drjit.opaque(type(index), columns)
+        places = {(rows, 1): row, (1, columns): column}
+
+        def expanded(slot: int, values: Any) -> Any:
+            if np.ndim(values) == 0:
+                return kind(float(values))
+            memory = self._sent(slot, values.ravel(), kind)
+            place = places.get(values.shape)
+            return memory if place is None else drjit.gather(kind, memory, place)
+
+        entered = self._entered(arguments)
+        inner = tuple(expanded(slot, values) for slot, values in enumerate(entered))
+        return tuple(values.reshape(rows, columns) for values in self._of_inner(inner))
+
+    def takes(self, pairs: Pairs) -> bool:
+        """Whether samples of one row lie in one cell, where edges are looked up by cells."""
+        kernel, tables = self.kernel, self.tables
+        if kernel.order is None or not self.ops.prefers_cells(tables.clips_for_cells, None):
+            return True
+        few = slice(0, 2)
+        inner = self._entered(pairs.block(few, few))
+        return np.shape(kernel.order(NumpyOperations(double=True), tables, *inner))[-1] == 1
+
+    def _entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self.kernel.enter(NumpyOperations(double=True), self.tables.frame, *arguments)
+
+    def _of_inner(self, inner: tuple[Any, ...]) -> tuple[Array, ...]:
         import drjit
 
         frame = self.tables.frame
-        inner = self.kernel.enter(self.entry, frame, *self._sent_all(arguments))
-        if not self.ops.double:
-            inner = tuple(self.ops.float_type(a) for a in inner)
         if len(self.parts) > 1:
             drjit.eval(inner)
         sums: tuple[Any, ...] = ()
@@ -154,17 +209,19 @@ class _Drjit:
         return tuple(np.asarray(r.numpy()) for r in results)
 
     def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
-        return tuple(self._sent(slot, array) for slot, array in enumerate(arrays))
+        kind = self.entry.float_type
+        return tuple(self._sent(slot, array, kind) for slot, array in enumerate(arrays))
 
-    def _sent(self, slot: int, array: Array) -> Any:
+    def _sent(self, slot: int, array: Array, kind: Any) -> Any:
         """The chunk as an engine's array, in memory that all chunks use in turn.
 
         Dr.Jit uses NumPy's memory in place and compiles a kernel anew for each alignment that it
         happens to have; here the alignment is always the same. Every chunk is finished, and its
         results fetched, before the next one is sent.
         """
-        if slot not in self.memory:
-            self.memory[slot] = aligned(array.size, np.float64)
+        if slot not in self.memory or len(self.memory[slot]) < array.size:
+            dtype = np.float64 if kind is self.entry.float_type else np.float32
+            self.memory[slot] = aligned(array.size, dtype)
         memory = self.memory[slot][: array.size]
         memory[...] = array
-        return self.entry.float_type(memory)
+        return kind(memory)

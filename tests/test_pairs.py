@@ -1,0 +1,108 @@
+"""Every position with every frequency: the short way of Dr.Jit gives what the long way gives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.engines import evaluation
+from polywigner.engines.pairs import pairs_of
+
+# Of areas of about 1. Sums are the same; arguments enter the frame in NumPy or in Dr.Jit, which
+# rounds a product and a sum once where NumPy rounds twice.
+ROUNDING = {"double": 1e-14, "single": 1e-6}
+
+SOURCES: dict[str, Callable[[], Any]] = {
+    "chevron": lambda: pw.shapes.chevron(2.0, 1.1, 0.6),
+    "turned needle": lambda: pw.Aperture([[0, 0], [10, 10], [9.99, 10.01], [-0.01, 0.01]]),
+    "tapered": lambda: pw.shapes.square(1.0).with_illumination(pw.cosine_taper(1.0, 1.0)),
+    "by cells": lambda: pw.shapes.regular_polygon(96, 0.5),
+    "mixed": lambda: pw.Array([pw.shapes.square(1.0), pw.shapes.triangle(0.5, 0.4)], [1, 0.5j]),
+    "lattice": lambda: pw.phased_array(
+        pw.shapes.square(0.4), [[0, 0], [0.5, 0], [0, 0.6], [0.5, 0.6]], weights=[1, 2j, -1, 1]
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_pairs_have_the_values_of_single_points(
+    llvm: Any, name: str, transform: Callable[..., Any], precision: str
+) -> None:
+    rng = np.random.default_rng(3)
+    positions = rng.normal(size=(3, 5, 1, 1, 2)) * 0.3
+    frequencies = rng.normal(size=(1, 9, 8, 2)) * 3
+    points = (positions, frequencies)
+    if transform is pw.ambiguity:
+        points = (frequencies, positions)
+    source = SOURCES[name]()
+    found = transform(source, *points, precision=precision, engine="llvm")
+    each = transform(source, *np.broadcast_arrays(*points), precision=precision, engine="llvm")
+    assert found.shape == each.shape == (3, 5, 9, 8)
+    assert found.dtype == each.dtype
+    np.testing.assert_allclose(found, each, rtol=0, atol=ROUNDING[precision])
+
+
+def test_cells_are_not_looked_up_for_samples_in_no_order(
+    llvm: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Positions along the trailing axis would come from another cell with every sample."""
+    taken = []
+    takes = evaluation._Drjit.takes
+
+    def watched(self: Any, pairs: Any) -> bool:
+        taken.append(takes(self, pairs))
+        return taken[-1]
+
+    monkeypatch.setattr(evaluation._Drjit, "takes", watched)
+    source = SOURCES["by cells"]()
+    rng = np.random.default_rng(3)
+    x, nu = rng.normal(size=(70, 1, 2)) * 0.3, rng.normal(size=(80, 2))
+    rows = pw.wigner(source, x, nu, engine="llvm")
+    columns = pw.wigner(source, x[:, 0], nu[:, None], engine="llvm")
+    assert taken == [True, False]
+    np.testing.assert_allclose(rows, columns.T, rtol=0, atol=ROUNDING["double"])
+
+
+@pytest.mark.parametrize("columns", [64, 65, 1000, 4097, 349525])
+def test_samples_are_dealt_to_rows_and_columns_without_a_slip(llvm: Any, columns: int) -> None:
+    rows = max(2, (1 << 20) // columns)
+    x = np.arange(rows)[:, None, None] / rows
+    nu = np.arange(columns)[:, None] / columns
+    slits = pw.Slits([(-2.0, 3.0)])  # W is different for all of these
+    found = pw.wigner(slits, x, nu, engine="llvm", precision="single")
+    for row in (0, rows // 2, rows - 1):
+        for part in (slice(0, 64), slice(-64, None)):
+            at_once = pw.wigner(slits, x[row], nu[part], engine="llvm", precision="single")
+            np.testing.assert_allclose(found[row, part], at_once, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("shapes", "split"),
+    [
+        ([(5, 1), (5, 1), (1, 70), (1, 70)], (5, 70)),
+        ([(5, 1, 1), (4, 1), (70,)], (20, 70)),
+        ([(5, 1), (70,), ()], (5, 70)),
+        ([(5, 70), (70,)], None),
+        ([(5, 1), (1, 20)], None),  # too few to be worth it
+        ([(70,), (70,)], None),
+    ],
+)
+def test_rows_and_columns_are_told_by_the_shapes(
+    shapes: list[tuple[int, ...]], split: tuple[int, int] | None
+) -> None:
+    rng = np.random.default_rng(3)
+    components = [rng.random(shape) for shape in shapes]
+    whole = np.broadcast_arrays(*components)
+    pairs = pairs_of(components, whole[0].shape)
+    assert (pairs and (pairs.rows, pairs.columns)) == split
+    if pairs:
+        for component, expected in zip(pairs.components, whole, strict=True):
+            np.testing.assert_array_equal(
+                np.broadcast_to(component, split), expected.reshape(split)
+            )
