@@ -3,7 +3,6 @@ written can pass for a result, and what is there already is never overwritten.""
 
 from __future__ import annotations
 
-import hashlib
 import json
 import resource
 import signal
@@ -20,6 +19,7 @@ from polywigner.errors import ArgumentError, EngineError, StoreError
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout, chunks_within
 from polywigner.transforms.labelled import LabelledArray
+from stored import chunk_files, hashes
 
 _EXTRA = "the extra `volume` is not installed"
 xarray = pytest.importorskip("xarray", reason=_EXTRA)
@@ -49,20 +49,6 @@ class Beam:
             (self.counted / "-".join(map(str, origin))).touch()
         x, y = (axis[o : o + n] for axis, o, n in zip((X, Y), origin, shape, strict=True))
         return np.exp(-(x[:, None] ** 2 + y**2) / 0.7**2)
-
-
-def chunk_files(store: Path) -> dict[str, Path]:
-    return {
-        str(file.relative_to(store)): file
-        for file in sorted(store.rglob("*"))
-        if file.is_file() and "c" in file.relative_to(store).parts
-    }
-
-
-def hashes(store: Path) -> dict[str, str]:
-    """Of every chunk's file."""
-    files = chunk_files(store)
-    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
 
 
 def test_a_store_holds_the_values_the_axes_and_their_units(tmp_path: Path) -> None:
@@ -209,7 +195,9 @@ def test_a_write_that_the_system_refuses_is_one_clear_error(tmp_path: Path) -> N
 def test_a_block_of_the_wrong_shape_is_not_stored(tmp_path: Path) -> None:
     store = tmp_path / "beam.zarr"
     with pytest.raises(ArgumentError, match=r"expected the block at \(0, 0\) to be \(8, 5\)"):
-        write_dataset(store, LAYOUT, lambda origin, shape: np.ones(3), SETTINGS, threads=1)
+        write_dataset(
+            store, LAYOUT, lambda origin, shape: np.ones(3), SETTINGS, exclusive=False, threads=1
+        )
     assert not [name for name in chunk_files(store) if name.startswith("gaussian")]
 
 

@@ -37,7 +37,9 @@ if TYPE_CHECKING:
         write_source,
     )
     from polywigner.propagation import (
+        ambiguity_table,
         radiation_pattern,
+        wigner_table,
         write_pattern,
     )
     from polywigner.radiometry import (
@@ -94,6 +96,8 @@ _HOMES = {
     "radiant_intensity": "polywigner.radiometry",
     "radiation_pattern": "polywigner.propagation",
     "write_pattern": "polywigner.propagation",
+    "ambiguity_table": "polywigner.propagation",
+    "wigner_table": "polywigner.propagation",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -115,6 +119,7 @@ __all__ = [
     "Slits",
     "__version__",
     "ambiguity",
+    "ambiguity_table",
     "array_factor",
     "arrays",
     "autocorrelation",
@@ -146,6 +151,7 @@ __all__ = [
     "te_mode",
     "uniform",
     "wigner",
+    "wigner_table",
     "write_pattern",
     "write_source",
 ]

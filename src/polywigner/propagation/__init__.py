@@ -8,6 +8,8 @@ module               what is in it
 ===================  ==========================================================================
 ``places``           checked points, wavelengths and names of methods
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
+``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
+``wigner_tables``    W and A on grids of four coordinates
 ===================  ==========================================================================
 """
 
@@ -16,5 +18,12 @@ from __future__ import annotations
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
+from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 
-__all__ = ["METHODS", "radiation_pattern", "write_pattern"]
+__all__ = [
+    "METHODS",
+    "ambiguity_table",
+    "radiation_pattern",
+    "wigner_table",
+    "write_pattern",
+]

@@ -1,0 +1,241 @@
+"""Wigner and ambiguity functions on grids of four coordinates, in memory or on disk."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.engines import Engine, Precision, checked_engine, checked_precision
+from polywigner.engines.choice import resolved
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.numbers import real_numbers
+from polywigner.kernels import kernel_for
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_layout import Index, Layout, chunks_within, source_settings
+from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
+from polywigner.transforms.labelled import LabelledArray, LabelledArrays, labelled
+
+__all__ = ["ambiguity_table", "wigner_table"]
+
+Kind = Literal["wigner", "ambiguity"]
+
+# Of a chunk: long enough for the kernels to run at full speed, and some 16 MiB (float32) to some
+# 64 MiB (complex double) large.
+_CHUNK_SAMPLES = 1 << 22
+# What is asked for in memory: up to 16 GiB of float32.
+_MOST_IN_MEMORY = 1 << 32
+
+
+def wigner_table(
+    source: PhaseSpaceSource,
+    x: ArrayLike,
+    y: ArrayLike,
+    nu_x: ArrayLike,
+    nu_y: ArrayLike,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    chunks: Mapping[str, int] | None = None,
+    precision: Precision = "single",
+    engine: Engine = "auto",
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Any:
+    """W(x, y, nu_x, nu_y) of a plane source on a grid of its four coordinates.
+
+    With ``out`` it is written to disk chunk by chunk, and may be larger than memory; a run that was
+    killed is taken up by the same call (docs/large_runs). Source, accuracy: see :func:`wigner`.
+
+    Parameters
+    ----------
+    source : Aperture, uniform or with an illumination, or an Array of these in the plane z = 0.
+    x, y : (n,) positions in m.
+    nu_x, nu_y : (n,) spatial frequencies in 1/m.
+    out : folder of a zarr store (format 3) to make, or to go on with; None: in memory. Needs the
+        extra ``volume``.
+    chunks : samples along the named axes of a chunk on disk; those not named are cut so that a
+        chunk has up to 4 million samples.
+    precision : of sums and results, "single" or "double" (None: double).
+    engine : "auto", "numpy", "llvm" or "cuda"; see :func:`wigner`.
+    scheduler : address of a dask.distributed scheduler whose workers see ``out``; None: this
+        machine.
+    threads : on this machine, or of each worker; None: all cores, or what each worker has.
+    progress : whether to draw a progress bar; None: on a terminal.
+
+    Returns
+    -------
+    xarray.Dataset with the variable W (x, y, nu_x, nu_y), in m^2, real; from disk lazily. In memory
+    and without xarray: a LabelledArrays, as from :func:`projections`.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine, or the scheduler;
+    StoreError for a place that cannot be written to or has too little space, and for other data
+    there, be they of another run; MissingExtraError without the extra.
+    """
+    axes = {"x": x, "y": y, "nu_x": nu_x, "nu_y": nu_y}
+    running = _Running(out, chunks, precision, engine, scheduler, threads, progress)
+    return _table("wigner", source, axes, running)
+
+
+def ambiguity_table(
+    source: PhaseSpaceSource,
+    upsilon_x: ArrayLike,
+    upsilon_y: ArrayLike,
+    xi_x: ArrayLike,
+    xi_y: ArrayLike,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    chunks: Mapping[str, int] | None = None,
+    precision: Precision = "single",
+    engine: Engine = "auto",
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> Any:
+    """A(upsilon_x, upsilon_y, xi_x, xi_y) of a plane source on a grid of its four coordinates.
+
+    Everything is as for :func:`wigner_table`, but ``upsilon_x`` and ``upsilon_y`` are (n,)
+    frequency shifts in 1/m, ``xi_x`` and ``xi_y`` (n,) lags in m, and the variable A is complex.
+    """
+    axes = {"upsilon_x": upsilon_x, "upsilon_y": upsilon_y, "xi_x": xi_x, "xi_y": xi_y}
+    running = _Running(out, chunks, precision, engine, scheduler, threads, progress)
+    return _table("ambiguity", source, axes, running)
+
+
+@dataclass(frozen=True)
+class _Running:
+    """Where a table goes, and who computes it how."""
+
+    out: str | os.PathLike[str] | None
+    chunks: Mapping[str, int] | None
+    precision: Precision
+    engine: Engine
+    scheduler: str | None
+    threads: int | None
+    progress: bool | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Values on a part of the grid; goes to other processes as it is."""
+
+    kind: Kind
+    source: PhaseSpaceSource
+    axes: tuple[NDArray[np.float64], ...]
+    precision: Precision
+    engine: Engine
+
+    def __call__(self, origin: Index, shape: Index) -> NDArray[Any]:
+        parts = [a[o : o + n] for a, o, n in zip(self.axes, origin, shape, strict=True)]
+        first, second = _grid(*parts[:2]), _grid(*parts[2:])
+        how: dict[str, Any] = {"precision": self.precision, "engine": self.engine}
+        # Slices depend on x, or on xi: kernels are fastest if that changes along leading axes.
+        if self.kind == "wigner":
+            values = wigner(self.source, first[:, :, None, None, :], second, **how)
+        else:
+            values = ambiguity(self.source, first, second[:, :, None, None, :], **how)
+            values = np.ascontiguousarray(values.transpose(2, 3, 0, 1))
+        return np.asarray(values)
+
+
+def _grid(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
+
+
+def _table(
+    kind: Kind, source: PhaseSpaceSource, given: Mapping[str, ArrayLike], running: _Running
+) -> Any:
+    if kernel_for(kind, source).dimension != 2:
+        raise ArgumentError(
+            f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
+            f"two coordinates only: use polywigner.{kind}"
+        )
+    checked_engine(running.engine)
+    checked_precision(running.precision)
+    axes = {name: _checked_axis(name, values) for name, values in given.items()}
+    layout = _layout(kind, axes, running)
+    # Every chunk by the same engine, wherever it is computed.
+    engine: Any = resolved(running.engine, math.prod(layout.chunks))
+    arrays = tuple(axis.values for axis in axes.values())
+    block = _Block(kind, source, arrays, running.precision, engine)
+    if running.out is None:
+        return _in_memory(layout, block, running)
+    return write_dataset(
+        running.out,
+        layout,
+        block,
+        {"engine": engine, **source_settings(source)},
+        exclusive=engine != "numpy",
+        scheduler=running.scheduler,
+        threads=running.threads,
+        progress=running.progress,
+    )
+
+
+def _in_memory(layout: Layout, block: _Block, running: _Running) -> Any:
+    for name in ("chunks", "scheduler", "threads"):
+        if getattr(running, name) is not None:
+            raise ArgumentError(f"expected out with {name}, got none; say where to write")
+    samples = math.prod(layout.shape)
+    if samples > _MOST_IN_MEMORY:
+        raise ArgumentError(
+            f"expected at most {_MOST_IN_MEMORY} samples in memory, got {samples:.3g}; write them "
+            "to disk with out"
+        )
+    values = block((0,) * len(layout.shape), layout.shape)
+    variable = LabelledArray(values, layout.dims, dict(layout.attrs))
+    return labelled(
+        LabelledArrays({layout.name: variable}, layout.coords, {**layout.dataset_attrs})
+    )
+
+
+def _layout(kind: Kind, axes: Mapping[str, LabelledArray], running: _Running) -> Layout:
+    double = running.precision != "single"
+    name, label, kernel = {
+        "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)"),
+        "ambiguity": ("A", "ambiguity function", "exp(-2 pi i upsilon.x)"),
+    }[kind]
+    real = np.dtype(np.float64 if double else np.float32)
+    return Layout(
+        name,
+        real if kind == "wigner" else np.result_type(real, np.complex64),
+        axes,
+        _chunks(axes, running.chunks),
+        {"units": "m2", "long_name": label},
+        {"kind": kind, "convention": kernel, "precision": "double" if double else "single"},
+    )
+
+
+def _chunks(axes: Mapping[str, LabelledArray], wanted: Mapping[str, int] | None) -> Index:
+    asked = dict(wanted or {})
+    for name in asked:
+        if name not in axes:
+            raise ArgumentError(f"expected chunks along {', '.join(axes)}, got {name!r}")
+    lengths = {name: axis.shape[0] for name, axis in axes.items()}
+    fixed = {name: checked_count(n, f"chunks along {name}", 1) for name, n in asked.items()}
+    fixed = {name: min(n, lengths[name]) for name, n in fixed.items()}
+    free = [name for name in axes if name not in fixed]
+    left = max(1, _CHUNK_SAMPLES // math.prod(fixed.values()))
+    fixed |= dict(zip(free, chunks_within([lengths[n] for n in free], left), strict=True))
+    return tuple(fixed[name] for name in axes)
+
+
+def _checked_axis(name: str, values: ArrayLike) -> LabelledArray:
+    expected = f"expected {name} as finite numbers of shape (n,)"
+    try:
+        array = real_numbers(values)
+    except ValueError as error:
+        raise ArgumentError(f"{expected}, got {error}") from None
+    if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
+        raise ArgumentError(f"{expected}, got {values!r}")
+    units = "1/m" if name.startswith(("nu", "upsilon")) else "m"
+    return LabelledArray(array, (name,), {"units": units})
