@@ -150,10 +150,16 @@ class Aperture:
 
         Vertices are rounded, so that a copy far away differs from this one in their last digits.
 
-        Raises ArgumentError for a shift that is not two finite numbers.
+        Raises ArgumentError for a shift that is not two finite numbers, GeometryError for one so
+        far that rounding leaves a ring without an area.
         """
         offset = checked_shift(shift, 2)
         copy = Aperture._of_parts([tuple(ring + offset for ring in part) for part in self._parts])
+        if not all(np.ptp(ring, axis=0).all() for ring in copy.rings):
+            raise GeometryError(
+                "expected a shift after which floats still tell vertices apart, got "
+                f"{offset.tolist()} for a size of {self.diameter:.3g}; keep it near the origin"
+            )
         field = self.illumination
         return copy if field is None else copy.with_illumination(field.moved(offset))
 

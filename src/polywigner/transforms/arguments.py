@@ -12,6 +12,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites
+from polywigner.transforms.extremes import check_width, is_wide, within_reach
 
 __all__ = [
     "PhaseSpaceSource",
@@ -54,6 +55,8 @@ def transform(
     outputs: int = 1,
 ) -> Any:
     """Check the arguments once, and hand them to the engine of their type."""
+    if isinstance(source, Array):
+        check_width(source)
     kernel = kernels.kernel_for(name, source)
     engines.checked_precision(precision)
     engines.checked_engine(engine)
@@ -90,7 +93,29 @@ def transform(
         engine=engine,
         outputs=outputs,
     )
-    return results[0][()] if outputs == 1 else _complex(*results)[()]
+    value = results[0] if outputs == 1 else _complex(*results)
+    if not isinstance(source, Sites) and not any(np.iscomplexobj(a) for a in arrays):
+        named = [(label, array) for (label, _), array in zip(points, arrays, strict=True)]
+        value = _near_the_largest_float(kernel, source, named, value)
+    return value[()]
+
+
+def _near_the_largest_float(
+    kernel: Any, source: Any, points: list[tuple[str, Any]], values: Any
+) -> Any:
+    """The values, with those of finite points that came out as NaN found again."""
+    again = within_reach(source, points, values)
+    if again is None:
+        return values
+    missing, nearer = again
+    components = [a[..., k] for a in nearer for k in range(kernel.dimension)]
+    outputs = 2 if np.iscomplexobj(values) else 1
+    found = engines.evaluate(
+        kernel, source, components, double=True, engine="numpy", outputs=outputs
+    )
+    values = np.array(values)
+    values[missing] = found[0] if outputs == 1 else _complex(*found)
+    return values
 
 
 def array_on_grid(
@@ -104,7 +129,7 @@ def array_on_grid(
 
     ``point_by_point``: nu (..., 2) -> F, for the points that the grid's formula is not for.
     """
-    if engines.is_drjit(nu) or array.dimension != 2:
+    if engines.is_drjit(nu) or array.dimension != 2 or is_wide(array):
         return None
     engines.checked_precision(precision)
     points = checked_points("nu", in_plane(nu), 2, complex_allowed=True)

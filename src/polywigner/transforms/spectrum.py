@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from functools import partial
 from typing import Any, Literal
@@ -12,7 +12,7 @@ import numpy as np
 from polywigner import engines
 from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.illumination.array import checked_sites
 from polywigner.illumination.sites import Sites
@@ -23,6 +23,11 @@ from polywigner.transforms.arguments import (
     checked_points,
     in_plane,
     transform,
+)
+from polywigner.transforms.extremes import (
+    array_factor_apart,
+    largest_wave_apart,
+    out_of_floats,
 )
 
 __all__ = ["array_factor", "fourier"]
@@ -75,6 +80,37 @@ def fourier(
     if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
+    with np.errstate(invalid="ignore", over="ignore"):  # of waves that leave the floats
+        values = _fourier(source, nu, how)
+    if obliquity is not None or engines.is_drjit(nu) or not np.iscomplexobj(nu):
+        return values
+    if isinstance(source, Slits) or (isinstance(source, Array) and source.dimension == 1):
+        plane = nu
+    elif isinstance(source, Aperture) or (isinstance(source, Array) and source.dimension == 2):
+        plane = in_plane(nu)
+    else:
+        return values
+    return _with_large_waves(source, plane, values, lambda s, f: _fourier(s, f, how))
+
+
+def _with_large_waves(source: Any, nu: Any, values: Any, evaluate: Callable[..., Any]) -> Any:
+    """The values, with those of waves and phases too large for floats found again."""
+    points = np.asarray(nu, dtype=np.complex128)
+    lost = out_of_floats(source, points, values)
+    if not lost.any():
+        return values
+    found = np.array(values)
+    with np.errstate(over="ignore", invalid="ignore"):
+        if isinstance(source, Sites):
+            found[lost] = array_factor_apart(source, points[lost])
+        else:
+            found[lost] = largest_wave_apart(source, points[lost], evaluate)
+    return found[()]
+
+
+def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Any:
+    """F, NaN where parts of it leave the floats."""
+    obliquity, precision, engine = how["obliquity"], how["precision"], how["engine"]
     if isinstance(source, Array):
         by_elements = partial(_coherent_sum, source, how=how)
         found = None
@@ -221,11 +257,15 @@ def array_factor(
     not n finite complex numbers; EngineError without the engine.
     """
     sites = Sites(*checked_sites(positions, weights))
-    if precision != "single" or engines.is_drjit(nu):
-        return transform("array factor", sites, [("nu", nu)], precision, engine, outputs=2)
     # phases of sites far apart are worth float64 also where the result is not
-    factor = transform("array factor", sites, [("nu", nu)], None, engine, outputs=2)
-    return factor.astype(np.complex64)
+    rounded = precision == "single" and not engines.is_drjit(nu)
+
+    with np.errstate(invalid="ignore", over="ignore"):
+        inner = None if rounded else precision
+        factor = transform("array factor", sites, [("nu", nu)], inner, engine, outputs=2)
+        if not engines.is_drjit(nu):
+            factor = _with_large_waves(sites, nu, factor, array_factor_apart)
+        return factor.astype(np.complex64) if rounded else factor
 
 
 def _towards_normal(source: Any, nu: Any) -> Any:
