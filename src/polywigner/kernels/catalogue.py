@@ -19,6 +19,7 @@ from polywigner.kernels import (
 )
 from polywigner.kernels.array_factor import array_factor_kernel
 from polywigner.kernels.kernel import Kernel
+from polywigner.kernels.moments import LAG_MOMENTS
 from polywigner.kernels.separable import is_separable
 
 __all__ = ["kernel_for"]
@@ -36,6 +37,7 @@ _KERNELS: dict[tuple[str, type], Kernel] = {
     ("autocorrelation", Aperture): plane.AUTOCORRELATION,
     ("wigner", Slits): line.WIGNER,
     ("wigner", Aperture): plane.WIGNER,
+    ("lag moments", Aperture): LAG_MOMENTS,
     ("ambiguity", Slits): line.AMBIGUITY,
     ("ambiguity", Aperture): plane.AMBIGUITY,
     ("position_marginal", Slits): line.POSITION_MARGINAL,
