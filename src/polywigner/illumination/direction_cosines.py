@@ -19,7 +19,12 @@ from polywigner.geometry.arguments import checked_length
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.waves import Illumination
 
-__all__ = ["direction_cosines", "fields_of", "times_direction_cosine"]
+__all__ = [
+    "direction_cosines",
+    "fields_of",
+    "plus_direction_cosine",
+    "times_direction_cosine",
+]
 
 _Element = Aperture | PlacedAperture | Slits
 _Source = TypeVar("_Source", bound=_Element | Array)
@@ -73,19 +78,24 @@ def times_direction_cosine(source: _Source, wavelength: float, add_one: bool = F
     ArgumentError for polyhedra and other things, and for wavelengths that are not above zero;
     IlluminationError if all waves graze the plane, |kappa| = 1/wavelength, so that nothing is left.
     """
+    return plus_direction_cosine(source, wavelength, 1.0 if add_one else 0.0)
+
+
+def plus_direction_cosine(source: _Source, wavelength: float, constant: complex) -> _Source:
+    """The source with amplitudes (p_m + constant) c_m: :func:`times_direction_cosine`."""
     length = checked_length(wavelength, "wavelength")
     if isinstance(source, Array):
-        return cast(_Source, _of_array(source, length, add_one))
-    scaled, factor = _of_element(source, length, add_one)
+        return cast(_Source, _of_array(source, length, constant))
+    scaled, factor = _of_element(source, length, constant)
     if factor == 0:
         raise _all_grazing(length)
     whole = scaled if factor == 1 else _with_field(scaled, _constant(factor, scaled))
     return cast(_Source, whole)
 
 
-def _of_array(array: Array, wavelength: float, add_one: bool) -> Array:
+def _of_array(array: Array, wavelength: float, constant: complex) -> Array:
     elements = array.elements if array.repeated is None else (array.repeated[0],)
-    scaled, factors = zip(*(_of_element(e, wavelength, add_one) for e in elements), strict=True)
+    scaled, factors = zip(*(_of_element(e, wavelength, constant) for e in elements), strict=True)
     weights = array.weights * np.array(factors)
     if not weights.any():
         raise _all_grazing(wavelength)
@@ -94,7 +104,9 @@ def _of_array(array: Array, wavelength: float, add_one: bool) -> Array:
     return Array(scaled, weights)
 
 
-def _of_element(element: object, wavelength: float, add_one: bool) -> tuple[_Element, float]:
+def _of_element(
+    element: object, wavelength: float, constant: complex
+) -> tuple[_Element, complex]:
     """(an element, a number): their product is the element wanted.
 
     The number is there so that elements without a field stay so, whose kernels are faster; and it
@@ -107,8 +119,8 @@ def _of_element(element: object, wavelength: float, add_one: bool) -> tuple[_Ele
         )
     field = _field_of(element)
     if field is None:
-        return element, 2.0 if add_one else 1.0
-    factors = direction_cosines(field.frequencies, wavelength) + (1 if add_one else 0)
+        return element, 1.0 + constant
+    factors = direction_cosines(field.frequencies, wavelength) + constant
     amplitudes = factors * field.amplitudes
     if not amplitudes.any():
         return element, 0.0
@@ -134,5 +146,5 @@ def _with_field(element: _Element, field: Illumination) -> _Element:
     return element.with_illumination(field)
 
 
-def _constant(value: float, element: _Element) -> Illumination:
+def _constant(value: complex, element: _Element) -> Illumination:
     return Illumination([value], np.zeros((1, 1 if isinstance(element, Slits) else 2)))

@@ -1,0 +1,99 @@
+"""What one place on a source contributes to the irradiance at one point, as kernels for engines.
+
+The integrand of (T2): W, or the six moments (T1), for the ray from the place to the point, times
+factors that depend on the ray's geometry alone. Those are computed in float64, before the sums.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+from polywigner import kernels
+from polywigner.kernels import Kernel
+from polywigner.kernels.kernel import Values
+
+__all__ = ["ARGUMENTS", "ray_kernel"]
+
+# x, y of the place; x, y, z of the point; the wavelength; the four obliquity coefficients
+ARGUMENTS = 10
+
+
+def ray_kernel(source: Any, order: int) -> Kernel:
+    """The integrand of (T2) for a source, to leading or to third order.
+
+    Arguments: ``x, y`` on the source, ``X, Y, Z`` of the point, the wavelength, and the
+    coefficients of the four forms of obliquity (T4).
+
+    Raises ArgumentError for what has no Wigner function of two dimensions, GeometryError for arrays
+    whose elements do not lie in the plane z = 0.
+    """
+    name = "wigner" if order == 1 else "lag moments"
+    return _composed(kernels.kernel_for(name, source), order)
+
+
+@lru_cache(maxsize=64)
+def _composed(base: Kernel, order: int) -> Kernel:
+    factors = _leading if order == 1 else _third_order
+    count = 1 if order == 1 else 6
+
+    def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
+        point, wavelength, forms = rest[:3], rest[3], rest[4:]
+        along_x, along_y = point[0] - x, point[1] - y
+        square = along_x * along_x + along_y * along_y + point[2] * point[2]
+        inverse = 1.0 / ops.sqrt(square)
+        scale = inverse / wavelength
+        inner = base.enter(ops, frame, x, y, along_x * scale, along_y * scale)
+        return (*factors(point[2] * inverse, inverse, wavelength, forms), *inner)
+
+    def edge_sum(ops: Any, tables: Any, *inner: Any) -> Values:
+        return base.edge_sum(ops, tables, *inner[count:])
+
+    def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+        values = base.leave(ops, frame, inner[count:], sums)
+        return (sum(a * b for a, b in zip(inner[:count], values, strict=True)),)
+
+    def sorted_by(ops: Any, tables: Any, *inner: Any) -> Any:
+        assert base.order is not None
+        return base.order(ops, tables, *inner[count:])
+
+    return replace(
+        base,
+        name=f"{base.name} along rays",
+        enter=enter,
+        edge_sum=edge_sum,
+        leave=leave,
+        order=None if base.order is None else sorted_by,
+    )
+
+
+def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
+    """The factor of W: g/(wavelength |r|)^2."""
+    first, mixed, both, _ = forms
+    density = inverse / wavelength
+    return ((first * c * c + mixed * c + both) * density * density,)
+
+
+def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
+    """The factors of the moments (T1), from those of S0, S1, Smm, S2 and S3 in (T4)."""
+    first, mixed, both, crossed = forms
+    first, mixed, crossed = first * c * c, mixed * c, crossed * c
+    h = wavelength / (2 * math.pi)  # 1/k
+    square = inverse * inverse
+    s0 = first * (1.0 + h * h * square) + mixed + both + crossed * h * inverse
+    s1 = (first + mixed) * (h * square) - crossed * (0.5 * inverse)
+    s_mm = (first + mixed * 0.875 + both * 0.5) * square
+    s2 = (first * -0.5 - mixed * 0.375 - both * 0.25) * square
+    s3 = (first + mixed + both) * (square / (8.0 * h))
+    density = inverse * inverse / (wavelength * wavelength)
+    s3 = s3 * density * wavelength
+    return (
+        s0 * density,
+        s1 * density * wavelength,
+        s_mm * density * (wavelength * wavelength),
+        s2 * density,
+        s3,
+        s3 * -(wavelength * wavelength),
+    )

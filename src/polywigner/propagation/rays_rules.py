@@ -1,0 +1,76 @@
+"""Gauss rules on triangles for integrals of the Wigner function over position."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.propagation.arrangement import Triangles
+
+__all__ = ["Rule", "areas", "gauss_rule"]
+
+Values = NDArray[np.float64]
+Rule = tuple[Values, Values]
+"""Nodes (n, 2) in metres and weights (n,) in square metres."""
+
+# Nodes along a side for each cycle of the phase of W, which turns at twice the frequency: Gauss
+# needs pi/2 for each cycle of its integrand before it converges.
+_NODES_PER_CYCLE = 3.5
+# More are hardly ever needed, and their rules cost more to find than they save.
+_MOST_NODES = 200
+
+
+def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
+    """A rule on all triangles (n, 3, 2), for integrands of ``rate`` cycles per metre.
+
+    Along a side of length s it has ``extra + 3.5 s rate`` nodes, at least 1. Of each triangle the
+    corner opposite to the shortest side is the one in which the rule's lines meet.
+    """
+    corners, long, short = _from_apex(triangles)
+    counts = np.column_stack(
+        [
+            np.clip(np.ceil(extra + _NODES_PER_CYCLE * rate * side), 1, _MOST_NODES).astype(int)
+            for side in (long, short)
+        ]
+    )
+    parts = list(_by_counts(corners, counts))
+    return np.concatenate([p for p, _ in parts]), np.concatenate([w for _, w in parts])
+
+
+def areas(triangles: Triangles) -> Values:
+    """Of triangles (n, 3, 2), in square metres."""
+    a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    result: Values = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    return result
+
+
+def _from_apex(triangles: Triangles) -> tuple[Triangles, Values, Values]:
+    """Corners with that opposite to the shortest side first; the longest side, and the shortest."""
+    sides = np.linalg.norm(triangles[:, (1, 2, 0)] - triangles[:, (2, 0, 1)], axis=-1)
+    apex = sides.argmin(axis=1)
+    order = (apex[:, None] + np.arange(3)) % 3
+    corners = np.take_along_axis(triangles, order[:, :, None], axis=1)
+    return corners, sides.max(axis=1), sides.min(axis=1)
+
+
+def _by_counts(corners: Triangles, counts: NDArray[np.int_]) -> Iterator[Rule]:
+    for count in np.unique(counts, axis=0):
+        chosen = corners[(counts == count).all(axis=1)]
+        u, u_weights = _legendre(int(count[0]))
+        v, v_weights = _legendre(int(count[1]))
+        apex, first = chosen[:, None, None, 0], chosen[:, None, None, 1]
+        second = chosen[:, None, None, 2]
+        u, v = u[:, None, None], v[None, :, None]
+        nodes = apex + u * (first - apex + v * (second - first))
+        weights = (u_weights * u[:, 0, 0])[:, None] * v_weights
+        yield nodes.reshape(-1, 2), (2 * areas(chosen)[:, None] * weights.reshape(1, -1)).ravel()
+
+
+@lru_cache(maxsize=256)
+def _legendre(count: int) -> tuple[Values, Values]:
+    """Nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (nodes + 1) / 2, weights / 2
