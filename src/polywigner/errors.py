@@ -12,6 +12,7 @@ __all__ = [
     "IlluminationError",
     "MissingExtraError",
     "PolywignerError",
+    "PolywignerWarning",
     "QuantityError",
     "SceneError",
     "StoreError",
@@ -56,3 +57,7 @@ class EngineError(PolywignerError, RuntimeError):
 
 class MissingExtraError(PolywignerError, ImportError):
     """A library that an optional extra of polywigner brings is not installed."""
+
+
+class PolywignerWarning(UserWarning):
+    """A result is less accurate than what was asked for, or than its method usually is."""

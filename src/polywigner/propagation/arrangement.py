@@ -23,46 +23,74 @@ from polywigner.geometry.grid import grid_size, polygons_in
 from polywigner.illumination import Array
 from polywigner.illumination.support import mutual_support
 
-__all__ = ["Triangles", "kink_count", "kinks", "smooth_triangles"]
+__all__ = ["Triangles", "kink_count", "kinks", "smooth_triangles", "triangulated"]
 
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
 
 
-def _elements(source: Aperture | Array) -> Sequence[Aperture]:
-    if isinstance(source, Aperture):
-        return (source,)
-    return [element for element in source.coplanar if isinstance(element, Aperture)]
+def kinks(source: Aperture | Array) -> NDArray[np.float64]:
+    """The segments (T5), each once: (m, 2, 2), ends in the plane of the source.
+
+    Of copies of one element they are the element's own around all midpoints of two copies.
+    """
+    phased = source.phased if isinstance(source, Array) else None
+    if phased is None or phased.repeated is None:
+        return _distinct(_own_kinks(source), _grid(source))
+    element, positions = phased.repeated
+    assert isinstance(element, Aperture)
+    means = (positions[:, None] / 2 + positions / 2).reshape(-1, 1, 2)
+    grid = grid_size(np.concatenate([np.concatenate(element.rings), positions]))
+    (places,) = _distinct(means, grid).transpose(1, 0, 2)
+    own = _distinct(_own_kinks(element), grid)
+    return _distinct((own + places[:, None, None]).reshape(-1, 2, 2), grid)
 
 
 def kink_count(source: Aperture | Array) -> int:
-    """How many segments (T5) there are: the square of the number of vertices."""
-    if isinstance(source, Array) and source.repeated is not None:
-        element, positions = source.repeated
-        assert isinstance(element, Aperture)
-        return (len(positions) * sum(map(len, element.rings))) ** 2
-    return sum(len(ring) for element in _elements(source) for ring in element.rings) ** 2
+    """How many segments (T5) there may be."""
+    phased = source.phased if isinstance(source, Array) else None
+    if phased is None or phased.repeated is None:
+        return int(sum(len(ring) for ring in _rings(source)) ** 2)
+    element, positions = phased.repeated
+    assert isinstance(element, Aperture)
+    grid = grid_size(positions) if positions.any() else 1.0
+    means = (positions[:, None] / 2 + positions / 2).reshape(-1, 1, 2)
+    return len(_distinct(means, grid)) * len(np.concatenate(element.rings)) ** 2
 
 
-def kinks(source: Aperture | Array) -> NDArray[np.float64]:
-    """The segments (T5), each once: (m, 2, 2), ends in the plane of the source."""
-    rings = [ring for element in _elements(source) for ring in element.rings]
+def _rings(source: Aperture | Array) -> list[NDArray[np.float64]]:
+    elements = (source,) if isinstance(source, Aperture) else source.coplanar
+    return [ring for e in elements if isinstance(e, Aperture) for ring in e.rings]
+
+
+def _grid(source: Aperture | Array) -> float:
+    return grid_size(np.concatenate(_rings(source)))
+
+
+def _own_kinks(source: Aperture | Array) -> NDArray[np.float64]:
+    rings = _rings(source)
     vertices = np.concatenate(rings)
     ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     first = vertices[:, None] / 2 + vertices / 2
     second = vertices[:, None] / 2 + ends / 2
-    segments = np.stack([first, second], axis=-2).reshape(-1, 2, 2)
-    return _distinct(segments, grid_size(vertices))
+    return np.stack([first, second], axis=-2).reshape(-1, 2, 2)
 
 
-def _distinct(segments: NDArray[np.float64], grid: float) -> NDArray[np.float64]:
-    """Without repetitions, whichever way they run; coordinates rounded to the grid."""
-    whole = np.rint(segments / grid)
-    swapped = (whole[:, 0, 0] > whole[:, 1, 0]) | (
-        (whole[:, 0, 0] == whole[:, 1, 0]) & (whole[:, 0, 1] > whole[:, 1, 1])
+def _distinct(shapes: NDArray[np.float64], grid: float) -> NDArray[np.float64]:
+    """Points (n, 1, 2) or segments (n, 2, 2) without repetitions, coordinates rounded to the grid.
+
+    Segments that run opposite ways count as one, and those that shrink to a point as none.
+    """
+    whole = np.rint(shapes / grid)
+    first, last = whole[:, 0], whole[:, -1]
+    swapped = (first[:, 0] > last[:, 0]) | (
+        (first[:, 0] == last[:, 0]) & (first[:, 1] > last[:, 1])
     )
     whole[swapped] = whole[swapped, ::-1]
-    result: NDArray[np.float64] = np.unique(whole.reshape(-1, 4), axis=0).reshape(-1, 2, 2) * grid
+    result: NDArray[np.float64] = np.unique(whole.reshape(len(whole), -1), axis=0) * grid
+    result = result.reshape(-1, *shapes.shape[1:])
+    if shapes.shape[1] == 1:
+        return result
     return result[(result[:, 0] != result[:, 1]).any(axis=-1)]
 
 

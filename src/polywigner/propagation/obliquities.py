@@ -19,7 +19,11 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.illumination.direction_cosines import direction_cosines, plus_direction_cosine
+from polywigner.illumination.direction_cosines import (
+    direction_cosines,
+    fields_of,
+    plus_direction_cosine,
+)
 
 __all__ = ["Forms", "Obliquity", "checked_obliquity", "weighted_sources"]
 
@@ -71,19 +75,8 @@ def weighted_sources(
 
 def _common_cosine(source: Aperture | Array, wavelength: float) -> complex | None:
     """The direction cosine of all waves of a source, or None if they differ."""
-    elements = (source,) if isinstance(source, Aperture) else _different(source)
-    cosines = [np.ones(1, np.complex128)]
-    fields = [element.illumination for element in elements]
-    if all(field is not None for field in fields):
-        cosines = []
-    cosines += [
-        direction_cosines(field.frequencies, wavelength) for field in fields if field is not None
-    ]
-    values = np.concatenate(cosines)
-    same = float(np.abs(values - values[0]).max()) <= _SAME_COSINE
-    return complex(values[0]) if same else None
-
-
-def _different(array: Array) -> tuple[Aperture, ...]:
-    elements = array.coplanar if array.repeated is None else (array.repeated[0],)
-    return tuple(element for element in elements if isinstance(element, Aperture))
+    still = np.zeros((1, 2))
+    waves = [still if field is None else field.frequencies for field in fields_of(source)]
+    cosines = direction_cosines(np.concatenate(waves), wavelength)
+    same = float(np.abs(cosines - cosines[0]).max()) <= _SAME_COSINE
+    return complex(cosines[0]) if same else None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.propagation.arrangement import Triangles
 
-__all__ = ["Rule", "areas", "gauss_rule"]
+__all__ = ["Rule", "areas", "gauss_rule", "rule_by_triangles"]
 
 Values = NDArray[np.float64]
 Rule = tuple[Values, Values]
@@ -29,6 +29,14 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
     Along a side of length s it has ``extra + 3.5 s rate`` nodes, at least 1. Of each triangle the
     corner opposite to the shortest side is the one in which the rule's lines meet.
     """
+    nodes, weights, _ = rule_by_triangles(triangles, rate, extra)
+    return nodes, weights
+
+
+def rule_by_triangles(
+    triangles: Triangles, rate: float, extra: float
+) -> tuple[Values, Values, NDArray[np.intp]]:
+    """The same, and to which triangle each node belongs, (n,)."""
     corners, long, short = _from_apex(triangles)
     counts = np.column_stack(
         [
@@ -36,8 +44,8 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
             for side in (long, short)
         ]
     )
-    parts = list(_by_counts(corners, counts))
-    return np.concatenate([p for p, _ in parts]), np.concatenate([w for _, w in parts])
+    nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
+    return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
 
 
 def areas(triangles: Triangles) -> Values:
@@ -56,9 +64,12 @@ def _from_apex(triangles: Triangles) -> tuple[Triangles, Values, Values]:
     return corners, sides.max(axis=1), sides.min(axis=1)
 
 
-def _by_counts(corners: Triangles, counts: NDArray[np.int_]) -> Iterator[Rule]:
+def _by_counts(
+    corners: Triangles, counts: NDArray[np.int_]
+) -> Iterator[tuple[Values, Values, NDArray[np.intp]]]:
     for count in np.unique(counts, axis=0):
-        chosen = corners[(counts == count).all(axis=1)]
+        owners = np.flatnonzero((counts == count).all(axis=1))
+        chosen = corners[owners]
         u, u_weights = _legendre(int(count[0]))
         v, v_weights = _legendre(int(count[1]))
         apex, first = chosen[:, None, None, 0], chosen[:, None, None, 1]
@@ -66,7 +77,9 @@ def _by_counts(corners: Triangles, counts: NDArray[np.int_]) -> Iterator[Rule]:
         u, v = u[:, None, None], v[None, :, None]
         nodes = apex + u * (first - apex + v * (second - first))
         weights = (u_weights * u[:, 0, 0])[:, None] * v_weights
-        yield nodes.reshape(-1, 2), (2 * areas(chosen)[:, None] * weights.reshape(1, -1)).ravel()
+        per_triangle = weights.size
+        weights = 2 * areas(chosen)[:, None] * weights.reshape(1, -1)
+        yield nodes.reshape(-1, 2), weights.ravel(), np.repeat(owners, per_triangle)
 
 
 @lru_cache(maxsize=256)

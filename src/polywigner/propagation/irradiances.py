@@ -1,0 +1,204 @@
+"""Irradiance |U|^2 at points in front of a source."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.engines import Engine, Precision, checked_engine, checked_precision
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import checked_number
+from polywigner.illumination import Array
+from polywigner.illumination.support import mutual_support
+from polywigner.propagation.obliquities import Obliquity, checked_obliquity, weighted_sources
+from polywigner.propagation.places import checked_points, checked_wavelength
+from polywigner.propagation.rays import Rays
+from polywigner.propagation.rays_adaptive import Estimate, by_gauss
+from polywigner.propagation.rays_sampling import Sampling, by_samples
+from polywigner.radiometry.directions import checked_source
+from polywigner.transforms import lag_marginal
+
+__all__ = ["irradiance"]
+
+Values = NDArray[np.float64]
+
+# Relative to the largest irradiance that there can be at a distance: below, errors are absolute.
+_FLOOR = 1e-3
+# What float32 kernels can promise, relative to the same.
+_SINGLE = 1e-5
+# Nearer than so many wavelengths to the source rays of either order are a rough picture.
+_NEAREST = 2.0
+# The third order holds beyond this times sqrt(L^3/wavelength): there the next term of the phase,
+# of the fifth power of the lag, is a tenth of a radian.
+_THIRD_ORDER_FROM = 0.9
+
+
+def irradiance(
+    source: Aperture | Array,
+    points: Any,
+    wavelength: float,
+    method: str = "wigner",
+    *,
+    obliquity: Obliquity | None = None,
+    order: int = 1,
+    tolerance: float = 1e-3,
+    return_error: bool = False,
+    sampling: Sampling = "gauss",
+    samples: int | None = None,
+    seed: Any = None,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Irradiance |U|^2 at points in front of a source, by Wigner rays.
+
+    Each place on the automean sends a ray to each point, with the radiance W that it has in that
+    direction: (T2) of docs/theory.md. It is |U|^2 itself, not the flux through a receiver that is
+    tilted. To leading order that is the paper's method; with ``order=3`` lags count up to their
+    third power, and the error falls with the fourth power of the distance, instead of the second.
+
+    Parameters
+    ----------
+    source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
+        illuminations.
+    points : (..., 3) in m, z > 0.
+    wavelength : in m.
+    method : "wigner".
+    obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
+        default), "kirchhoff" or "rayleigh-sommerfeld-2"; or "paper", a factor cos(theta) of no
+        boundary condition, for order 1 only. Of fields of several waves it is applied to each pair
+        of waves.
+    order : 1 or 3.
+    tolerance : error of the sum over places, relative to the irradiance where that is above 1e-3 of
+        the largest that a source of this power and area can make at that distance, else relative
+        to 1e-3 of that: (T6). It is not the error of rays as such, which docs/propagation.md has.
+    return_error : return an estimate of that error as well.
+    sampling : how places are chosen: "gauss", rules that know where W has kinks; or "sobol" and
+        "monte-carlo", for study, with as many ``samples`` (default 16384; for Sobol rounded up to
+        16 times a power of two) and a ``seed``. With these ``tolerance`` has no effect.
+    precision, engine : see :func:`polywigner.fourier`.
+
+    Returns
+    -------
+    (...) float64, in the unit of the source's |u|^2; slightly negative at places, near nulls. With
+    ``return_error`` a pair, the second the estimated errors of the sum: the difference between the
+    last two rules, or the standard deviation of drawn sums.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine; MissingExtraError for
+    Sobol's numbers without scipy.
+
+    Warns
+    -----
+    PolywignerWarning where rays are not valid: points nearer than two wavelengths, and to third
+    order points nearer than 0.9 sqrt(L^3/wavelength) to the centre, L the longer side of the
+    source's bounds; and where a tolerance cannot be met.
+    """
+    source = checked_source(source)
+    places = checked_points(points)
+    length = checked_wavelength(wavelength)
+    if method != "wigner":
+        raise ArgumentError(f'expected method to be "wigner", got {method!r}')
+    if isinstance(order, bool) or order not in (1, 3):
+        raise ArgumentError(f"expected order to be 1 or 3, got {order!r}")
+    name = checked_obliquity(obliquity, order)
+    allowed = _checked_tolerance(tolerance)
+    checked_engine(engine)
+    double = checked_precision(precision) != "single"
+    rays = Rays(weighted_sources(source, name, length, order), length, order, engine, double)
+    flat = places.reshape(-1, 3)
+    _warn_where_invalid(source, flat, length, order)
+    found = _summed(source, rays, flat, allowed, sampling, samples, seed)
+    values = found.values.reshape(places.shape[:-1])[()]
+    return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
+
+
+def _summed(
+    source: Aperture | Array,
+    rays: Rays,
+    points: Values,
+    tolerance: float,
+    sampling: str,
+    samples: Any,
+    seed: Any,
+) -> Estimate:
+    if sampling not in get_args(Sampling):
+        names = ", ".join(f'"{name}"' for name in get_args(Sampling))
+        raise ArgumentError(f"expected sampling to be one of {names}, got {sampling!r}")
+    if sampling != "gauss":
+        return by_samples(source, rays, points, sampling, samples, seed)
+    if samples is not None:
+        raise ArgumentError(
+            f"expected samples with sampling='sobol' or 'monte-carlo' only, got {samples!r}; "
+            "Gauss rules follow the tolerance"
+        )
+    floor = _FLOOR * _largest(source, points, rays.wavelength)
+    reachable = tolerance if rays.double else max(tolerance, _SINGLE / _FLOOR)
+    found = by_gauss(source, rays, points, reachable, floor)
+    if not found.is_met or reachable > tolerance:
+        warnings.warn(
+            "the tolerance asked for is not met at all points; return_error=True tells where"
+            + ("" if rays.double else ", and precision='double' is more accurate"),
+            PolywignerWarning,
+            stacklevel=3,
+        )
+    return found
+
+
+def _checked_tolerance(tolerance: Any) -> float:
+    value = checked_number(tolerance, "tolerance", "a number above 0 and below 1")
+    if not 0.0 < value < 1.0:
+        raise ArgumentError(
+            f"expected tolerance as a number above 0 and below 1, got {tolerance!r}"
+        )
+    return value
+
+
+def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Values:
+    """(T6): the largest irradiance that a source of this power and area can make there, (n,).
+
+    By Cauchy and Schwarz |F|^2 is at most area int |u|^2; near the source it is that on it.
+    """
+    elements = (source,) if isinstance(source, Aperture) else source.coplanar
+    area = sum(element.area for element in elements if isinstance(element, Aperture))
+    mean = float(np.real(lag_marginal(source, (0.0, 0.0)))) / area
+    distance = np.linalg.norm(points - [*_centre(source), 0.0], axis=-1)
+    return mean * np.minimum(1.0, (area / (wavelength * distance)) ** 2)
+
+
+def _centre(source: Aperture | Array) -> Values:
+    xmin, ymin, xmax, ymax = mutual_support(source).bounds
+    return np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2])
+
+
+def _warn_where_invalid(
+    source: Aperture | Array, points: Values, wavelength: float, order: int
+) -> None:
+    xmin, ymin, xmax, ymax = mutual_support(source).bounds
+    outside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
+    gap = np.sqrt((outside**2).sum(axis=-1) + points[:, 2] ** 2)
+    if (gap < _NEAREST * wavelength).any():
+        warnings.warn(
+            f"Wigner rays are a rough picture nearer than {_NEAREST:g} wavelengths to the source, "
+            "where some of the points are; boundary integrals are exact there",
+            PolywignerWarning,
+            stacklevel=3,
+        )
+    if order != 3:
+        return
+    side = max(xmax - xmin, ymax - ymin)
+    limit = _THIRD_ORDER_FROM * math.sqrt(side**3 / wavelength)
+    distance = np.linalg.norm(points - [*_centre(source), 0.0], axis=-1)
+    if (distance < limit).any():
+        warnings.warn(
+            f"the third order of Wigner rays holds from {limit:.3g} m on for this source, and some "
+            "of the points are nearer; there order=1 may be closer to the truth",
+            PolywignerWarning,
+            stacklevel=3,
+        )

@@ -1,0 +1,187 @@
+"""Rules for Wigner rays that are refined until the irradiance is as accurate as was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.illumination.direction_cosines import fields_of
+from polywigner.illumination.support import mutual_support
+from polywigner.propagation.arrangement import (
+    Triangles,
+    kink_count,
+    smooth_triangles,
+    triangulated,
+)
+from polywigner.propagation.rays import Rays
+from polywigner.propagation.rays_rules import gauss_rule, rule_by_triangles
+
+__all__ = ["Estimate", "by_gauss", "phase_rates"]
+
+Values = NDArray[np.float64]
+
+# Nodes along a side beyond those that the phase needs, rule after rule. Two for the first: on cells
+# far smaller than a wavelength W is a quadratic, which it integrates exactly.
+_LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
+# A rule of more nodes than this is not tried: 64 MiB of them.
+_MOST_NODES = 1 << 22
+# Points with a phase rate within this fraction of 1/wavelength share their rules.
+_RATE_STEP = 0.25
+# Points whose error is so much smaller than allowed are not computed again.
+_SETTLED = 0.03
+# More kinks than this are not found one by one (64,000 take some seconds); ...
+_MOST_KINKS = 1 << 16
+# ... cells are then refined where they matter, up to so many, judged by some of the points.
+_MOST_CELLS, _PROBES = 1 << 14, 12
+# Of the error of all cells, the share of those that are divided in one step.
+_SHARE = 0.8
+
+
+@dataclass
+class Estimate:
+    """Irradiances (n,), estimates of their errors (n,), and whether all are as small as allowed."""
+
+    values: Values
+    errors: Values
+    is_met: bool = True
+
+
+def by_gauss(
+    source: Aperture | Array, rays: Rays, points: Values, tolerance: float, floor: Values
+) -> Estimate:
+    """Irradiance at points (n, 3) to ``tolerance`` of itself, or of ``floor`` (n,) if larger.
+
+    The estimate of the error is the difference between the last two rules.
+    """
+    result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
+    for rate, group in _by_rate(source, rays.wavelength, points):
+        cells = _cells(source, rays, points[group], tolerance, floor[group], rate)
+        part = _raised(cells, rays, rate, points[group], tolerance, floor[group])
+        result.values[group], result.errors[group] = part.values, part.errors
+        result.is_met &= part.is_met
+    return result
+
+
+def _raised(
+    cells: Triangles, rays: Rays, rate: float, points: Values, tolerance: float, floor: Values
+) -> Estimate:
+    """Rule after rule on the same cells, until all points are settled."""
+    result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf), is_met=False)
+    open_ = np.arange(len(points))
+    before: Values | None = None
+    for extra in _LEVELS:
+        rule = gauss_rule(cells, rate, extra)
+        if before is not None and len(rule[0]) > _MOST_NODES:
+            break
+        values = rays.irradiance(rule, points[open_])
+        result.values[open_] = values
+        if before is None:
+            before = values
+            continue
+        errors = np.abs(values - before)
+        result.errors[open_] = errors
+        allowed = tolerance * np.maximum(np.abs(values), floor[open_])
+        if (errors <= allowed).all():
+            result.is_met = True
+            break
+        kept = errors > _SETTLED * allowed
+        open_, before = open_[kept], values[kept]
+    return result
+
+
+def phase_rates(source: Aperture | Array, wavelength: float, points: Values) -> Values:
+    """Largest |nu - kappa| of the rays to each point, in cycles per metre, kappa of any wave.
+
+    The bounds' corners have the largest.
+    """
+    xmin, ymin, xmax, ymax = mutual_support(source).bounds
+    corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
+    rays = points[:, None, :2] - corners
+    length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)
+    nu = rays / (wavelength * length[..., None])
+    still = np.zeros((1, 2))
+    waves = [still if field is None else field.frequencies for field in fields_of(source)]
+    result = np.zeros(len(points))
+    for kappa in np.unique(np.concatenate(waves), axis=0):
+        result = np.maximum(result, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
+    return result
+
+
+def _by_rate(
+    source: Aperture | Array, wavelength: float, points: Values
+) -> Iterator[tuple[float, NDArray[np.intp]]]:
+    steps = np.ceil(phase_rates(source, wavelength, points) * wavelength / _RATE_STEP)
+    for step in np.unique(steps):
+        yield float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
+
+
+def _cells(
+    source: Aperture | Array,
+    rays: Rays,
+    points: Values,
+    tolerance: float,
+    floor: Values,
+    rate: float,
+) -> Triangles:
+    """Triangles without kinks inside; of too many kinks, triangles so small that they do not tell.
+
+    W has a continuous gradient across most kinks, so that what a cell with one in it errs by falls
+    as the fourth power of its size.
+    """
+    if kink_count(source) <= _MOST_KINKS:
+        return smooth_triangles(source)
+    cells = triangulated(list(mutual_support(source).polygons.geoms))
+    chosen = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
+    probes, allowed = points[chosen], tolerance * floor[chosen]
+    while len(cells) < _MOST_CELLS:
+        errors = _errors_of_cells(cells, rays, rate, probes)
+        enough = np.maximum(allowed, tolerance * np.abs(errors[1]))
+        shares = (errors[0] / enough).max(axis=1)
+        if float(shares.sum()) <= 1.0:
+            break
+        order = np.argsort(-shares)
+        needed = np.searchsorted(np.cumsum(shares[order]), _SHARE * shares.sum()) + 1
+        divided = np.zeros(len(cells), dtype=bool)
+        divided[order[:needed]] = True
+        cells = np.concatenate([cells[~divided], _quartered(cells[divided])])
+    return cells
+
+
+def _errors_of_cells(
+    cells: Triangles, rays: Rays, rate: float, points: Values
+) -> tuple[Values, Values]:
+    """What two rules differ by on each cell at each point (cells, points), and the whole (points,).
+
+    The rules are the first and the third that :func:`_raised` takes.
+    """
+    coarse, fine = (_on_cells(cells, rays, rate, points, _LEVELS[k]) for k in (0, 2))
+    return np.abs(fine - coarse), fine.sum(axis=0)
+
+
+def _on_cells(
+    cells: Triangles, rays: Rays, rate: float, points: Values, extra: float
+) -> Values:
+    """Integrals over each cell at each point, (cells, points)."""
+    parts = []
+    sizes = np.linalg.norm(cells - np.roll(cells, 1, axis=1), axis=-1).max(axis=1)
+    step = max(1, int(2**21 / (len(points) * (extra + 3.5 * rate * sizes.max()) ** 2)))
+    for start in range(0, len(cells), step):
+        nodes, weights, owners = rule_by_triangles(cells[start : start + step], rate, extra)
+        values = rays.integrand(nodes, points) * weights
+        sums = np.zeros((min(step, len(cells) - start), len(points)))
+        np.add.at(sums, owners, values.T)
+        parts.append(sums)
+    return np.concatenate(parts)
+
+
+def _quartered(cells: Triangles) -> Triangles:
+    """Each triangle as four halves of its size."""
+    a, b, c = cells[:, 0], cells[:, 1], cells[:, 2]
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(corners, axis=1) for corners in quarters])
