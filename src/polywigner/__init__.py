@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from polywigner.propagation import (
         ambiguity_table,
+        irradiance,
         radiation_pattern,
         wigner_table,
         write_pattern,
@@ -72,6 +73,7 @@ _HOMES = {
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
     "automean": "polywigner.geometry",
+    "irradiance": "polywigner.propagation",
     "lag_slice": "polywigner.geometry",
     "phased_array": "polywigner.illumination",
     "position_slice": "polywigner.geometry",
@@ -130,6 +132,7 @@ __all__ = [
     "flux_vector",
     "fourier",
     "fourier_taper",
+    "irradiance",
     "lag_marginal",
     "lag_slice",
     "otf",

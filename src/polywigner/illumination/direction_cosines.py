@@ -104,9 +104,7 @@ def _of_array(array: Array, wavelength: float, constant: complex) -> Array:
     return Array(scaled, weights)
 
 
-def _of_element(
-    element: object, wavelength: float, constant: complex
-) -> tuple[_Element, complex]:
+def _of_element(element: object, wavelength: float, constant: complex) -> tuple[_Element, complex]:
     """(an element, a number): their product is the element wanted.
 
     The number is there so that elements without a field stay so, whose kernels are faster; and it

@@ -14,9 +14,7 @@ Polynomial = Sequence[Any]
 
 def added(first: Polynomial, second: Polynomial) -> list[Any]:
     """The sum."""
-    return [
-        b if a is None else a if b is None else a + b for a, b in zip_longest(first, second)
-    ]
+    return [b if a is None else a if b is None else a + b for a, b in zip_longest(first, second)]
 
 
 def scaled(polynomial: Polynomial, factor: Any) -> list[Any]:

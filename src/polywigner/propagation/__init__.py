@@ -15,6 +15,7 @@ module               what is in it
 
 from __future__ import annotations
 
+from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
@@ -23,6 +24,7 @@ from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 __all__ = [
     "METHODS",
     "ambiguity_table",
+    "irradiance",
     "radiation_pattern",
     "wigner_table",
     "write_pattern",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import engines
+from polywigner.engines import Engine
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.propagation.obliquities import Forms
@@ -33,7 +34,7 @@ class Rays:
     """Those of :func:`polywigner.propagation.obliquities.weighted_sources`."""
     wavelength: float
     order: int
-    engine: str
+    engine: Engine
     double: bool
 
     def irradiance(self, rule: Rule, points: Values) -> Values:
@@ -49,7 +50,7 @@ class Rays:
         total: Any = 0.0
         place, point = places.T[:, None, :], points.T[:, :, None]
         for source, forms in self.sources:
-            constants = [np.float64(value) for value in (self.wavelength, *forms)]
+            constants = [np.array(value) for value in (self.wavelength, *forms)]
             (values,) = engines.evaluate(
                 ray_kernel(source, self.order),
                 source,

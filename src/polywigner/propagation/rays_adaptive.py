@@ -163,9 +163,7 @@ def _errors_of_cells(
     return np.abs(fine - coarse), fine.sum(axis=0)
 
 
-def _on_cells(
-    cells: Triangles, rays: Rays, rate: float, points: Values, extra: float
-) -> Values:
+def _on_cells(cells: Triangles, rays: Rays, rate: float, points: Values, extra: float) -> Values:
     """Integrals over each cell at each point, (cells, points)."""
     parts = []
     sizes = np.linalg.norm(cells - np.roll(cells, 1, axis=1), axis=-1).max(axis=1)

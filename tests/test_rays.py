@@ -1,0 +1,295 @@
+"""Irradiance by Wigner rays against diffraction integrals, limits, and itself by other means."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.diffraction import irradiance_by_quadrature
+from oracles.references import read_json
+from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
+from polywigner.propagation import rays_adaptive
+from polywigner.propagation.arrangement import smooth_triangles
+from polywigner.propagation.rays_rules import gauss_rule
+
+CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
+
+# In wavelengths: 10 mm at 94 GHz
+SIDE = 10e-3 / (299792458 / 94e9)
+SQUARE = pw.shapes.square(SIDE)
+CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)
+
+WAVES = pw.Illumination([1, 0.6j, 0.4], [(0.3, 0.1), (-0.25, 0.4), (0.1, -0.6)])
+EVANESCENT = pw.Illumination([1, 0.6j], [(0.3, 0.1), (-0.25, 1.2)])
+SOURCES: dict[str, Any] = {
+    "square": SQUARE,
+    "TE10": SQUARE.with_illumination(pw.te_mode(SIDE, SIDE)),
+    "steered": SQUARE.with_illumination(pw.Illumination([1], [(0.5, 0.1)])),
+    "three waves": SQUARE.with_illumination(WAVES),
+    "evanescent wave": SQUARE.with_illumination(EVANESCENT),
+    "chevrons": pw.Aperture([*CHEVRON.rings, *CHEVRON.moved((2.2, 0.1)).rings]),
+    "array": pw.phased_array(
+        pw.shapes.square(1.0), [(1.3 * i, 0.0) for i in range(3)], [1, 0.7j, -0.5]
+    ),
+    "array with waves": pw.Array(
+        [pw.shapes.square(1.0).with_illumination(WAVES), pw.shapes.square(1.0).moved((1.2, 0.3))],
+        [1, 0.7j],
+    ),
+}
+
+VALUES = {v["id"]: v["value"] for v in read_json("propagation")["values"]}
+ACCURATE = 1e-6  # the rtol of the reference values
+
+# The order that halving the distance shows, less what the next order adds at 20 wavelengths.
+ORDERS = {1: (1.8, 2.2), 3: (3.8, 4.3)}
+
+
+def on_axis(*distances: float) -> np.ndarray:
+    return np.array([(0.0, 0.0, z) for z in distances])
+
+
+def on_arc(distance: float, degrees: Any, azimuth: float = 0.0) -> np.ndarray:
+    theta, phi = np.radians(degrees), np.radians(azimuth)
+    rho = np.sin(theta)
+    unit = np.stack([rho * np.cos(phi), rho * np.sin(phi), np.cos(theta)], axis=-1)
+    return distance * unit
+
+
+def decibels(ratio: Any) -> Any:
+    return 10 * np.log10(ratio)
+
+
+@pytest.mark.parametrize(
+    ("name", "obliquity"),
+    [
+        ("ray_cos_bore_z2", "paper"),
+        ("ray_cos2_bore_z2", "rayleigh-sommerfeld-1"),
+        ("ray_cos2_bore_z2", None),
+        ("ray_kir_bore_z2", "kirchhoff"),
+    ],
+)
+def test_rays_have_their_reference_values(name: str, obliquity: Any) -> None:
+    found = pw.irradiance(SQUARE, (0, 0, 2), 1.0, obliquity=obliquity, tolerance=1e-8)
+    assert found == pytest.approx(VALUES[name], rel=ACCURATE)
+
+
+def test_the_quadrature_that_rays_are_compared_with_has_its_reference_values() -> None:
+    settings = [
+        ("I_RSI_bore_z2", SQUARE, (0, 0, 2), "rayleigh-sommerfeld-1"),
+        ("I_RSII_bore_z2", SQUARE, (0, 0, 2), "rayleigh-sommerfeld-2"),
+        ("I_K_bore_z2", SQUARE, (0, 0, 2), "kirchhoff"),
+        ("I_RSI_r10_th60_ph45", SQUARE, on_arc(10, 60, 45), "rayleigh-sommerfeld-1"),
+    ]
+    oblique = SQUARE.with_illumination(pw.Illumination([1], [(0.5, 0)]))
+    settings.append(("I_K_oblique", oblique, (2, 1, 3), "kirchhoff"))
+    for name, source, point, condition in settings:
+        found = irradiance_by_quadrature(source, point, 1.0, condition)[0]
+        assert found == pytest.approx(VALUES[name], rel=ACCURATE)
+
+
+@pytest.mark.parametrize("order", [1, 3])
+@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("name", SOURCES)
+def test_the_error_of_rays_falls_with_the_power_of_the_distance_that_theory_has(
+    name: str, condition: str, order: int
+) -> None:
+    source = SOURCES[name]
+    errors = []
+    for distance in (20.0, 40.0):
+        points = on_arc(distance, np.arange(-60, 61, 20), 35.0)
+        expected = irradiance_by_quadrature(source, points, 1.0, condition)
+        found = pw.irradiance(source, points, 1.0, obliquity=condition, order=order, tolerance=1e-6)
+        errors.append(abs(found - expected).max() / expected.max())
+    low, high = ORDERS[order]
+    assert low < np.log2(errors[0] / errors[1]) < high
+
+
+def test_third_order_is_right_on_axis_from_three_wavelengths_on() -> None:
+    points = on_axis(3, 3.5, 4, 5, 7, 10, 20, 50)
+    for condition, limit in (("kirchhoff", 0.025), ("rayleigh-sommerfeld-1", 0.025)):
+        expected = irradiance_by_quadrature(SQUARE, points, 1.0, condition)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PolywignerWarning)
+            found = pw.irradiance(SQUARE, points, 1.0, obliquity=condition, order=3, tolerance=1e-5)
+        assert abs(decibels(found / expected)).max() < limit
+
+
+@pytest.mark.parametrize(("distance", "limit"), [(5, 0.2), (10, 0.04), (30, 0.002)])
+def test_third_order_is_right_off_axis_where_there_is_power(distance: float, limit: float) -> None:
+    points = on_arc(distance, np.arange(-80, 81, 2.0))
+    for condition in ("kirchhoff", "rayleigh-sommerfeld-1"):
+        expected = irradiance_by_quadrature(SQUARE, points, 1.0, condition)
+        seen = expected > 1e-3 * expected.max()
+        found = pw.irradiance(SQUARE, points, 1.0, obliquity=condition, order=3, tolerance=1e-5)
+        errors = decibels(found[seen] / expected[seen])
+        assert np.sqrt((errors**2).mean()) < limit
+
+
+def test_far_away_rays_are_the_spectrum_times_the_obliquity() -> None:
+    points = on_arc(1e7, np.arange(0, 80, 10), 20.0)
+    c = points[:, 2] / 1e7
+    source = SOURCES["three waves"]
+    spectrum = abs(pw.fourier(source, points[:, :2] / 1e7)) ** 2
+    for obliquity, factor in (("rayleigh-sommerfeld-1", c**2), ("paper", c)):
+        for order in (1, 3) if obliquity != "paper" else (1,):
+            found = pw.irradiance(
+                source, points, 1.0, obliquity=obliquity, order=order, tolerance=1e-8
+            )
+            assert abs(found * 1e14 - factor * spectrum).max() < 1e-9 * spectrum.max()
+
+
+def test_without_obliquity_and_with_paraxial_rays_the_sum_is_fresnel_diffraction() -> None:
+    """|U|^2 = int W(x, (x' - x)/(lambda z)) dx/(lambda z)^2, exactly: the rule's own test."""
+    distance, points = 6.0, np.array([(0.0, 0.0), (1.0, 0.4), (2.0, -3.0), (5.0, 1.0)])
+    nodes, weights = gauss_rule(smooth_triangles(SQUARE), 1.2, 8)
+    nu = (points[:, None] - nodes) / distance
+    found = pw.wigner(SQUARE, nodes, nu) @ weights / distance**2
+    grid, share = np.polynomial.legendre.leggauss(60)
+    grid, share = grid * SIDE / 2, share * SIDE / 2
+    phase = np.exp(1j * np.pi * (points[..., None] - grid) ** 2 / distance) @ share
+    expected = abs(phase[:, 0] * phase[:, 1]) ** 2 / distance**2
+    assert abs(found - expected).max() < 1e-10 * expected.max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-7])
+@pytest.mark.parametrize("name", ["square", "chevrons", "three waves"])
+def test_errors_of_the_sum_are_within_the_tolerance_and_their_estimates(
+    name: str, tolerance: float
+) -> None:
+    points = on_arc(8.0, np.arange(-80, 81, 10), 15.0)
+    exact = pw.irradiance(SOURCES[name], points, 1.0, tolerance=1e-10)
+    found, errors = pw.irradiance(
+        SOURCES[name], points, 1.0, tolerance=tolerance, return_error=True
+    )
+    allowed = tolerance * np.maximum(abs(exact), 1e-3 * exact.max())
+    assert (abs(found - exact) <= allowed).all()
+    assert (abs(found - exact) <= errors + 1e-9 * exact.max()).all()
+
+
+def test_cells_found_by_refinement_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    source = pw.shapes.regular_polygon(5, 1.2)
+    points = on_arc(7.0, np.arange(-60, 61, 20))
+    known = pw.irradiance(source, points, 1.0, tolerance=1e-8)
+    monkeypatch.setattr(rays_adaptive, "_MOST_KINKS", 0)
+    refined, errors = pw.irradiance(source, points, 1.0, tolerance=1e-2, return_error=True)
+    assert abs(refined - known).max() < 2e-3 * known.max()
+    assert errors.max() < 1e-2 * known.max()
+
+
+@pytest.mark.parametrize("sampling", ["sobol", "monte-carlo"])
+def test_drawn_places_give_the_same_within_their_error(sampling: Any) -> None:
+    points = on_arc(7.0, np.arange(-60, 61, 20))
+    exact = pw.irradiance(SQUARE, points, 1.0, tolerance=1e-8)
+    found, errors = pw.irradiance(
+        SQUARE, points, 1.0, sampling=sampling, samples=4096, seed=3, return_error=True
+    )
+    assert (abs(found - exact) < 5 * errors).all()  # 16 batches: five standard deviations
+    again = pw.irradiance(SQUARE, points, 1.0, sampling=sampling, samples=4096, seed=3)
+    assert (again == found).all()
+
+
+def test_sobol_places_are_much_better_than_random_ones() -> None:
+    points = on_arc(7.0, np.arange(-60, 61, 20))
+    scatter = [
+        pw.irradiance(
+            SQUARE, points, 1.0, sampling=sampling, samples=8192, seed=5, return_error=True
+        )[1].max()
+        for sampling in ("sobol", "monte-carlo")
+    ]
+    assert scatter[0] < 0.2 * scatter[1]
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("order", [1, 3])
+def test_engines_and_precisions_agree(order: int) -> None:
+    points = on_arc(8.0, np.arange(-80, 81, 10), 15.0)
+    source = SOURCES["chevrons"]
+    first = pw.irradiance(source, points, 1.0, order=order, engine="numpy")
+    second = pw.irradiance(source, points, 1.0, order=order, engine="llvm")
+    assert abs(first - second).max() < 1e-12 * first.max()
+    single = pw.irradiance(
+        source, points, 1.0, order=order, engine="llvm", precision="single", tolerance=2e-2
+    )
+    assert abs(first - single).max() < 1e-4 * first.max()
+
+
+def test_a_large_lattice_is_the_same_whether_it_is_seen_as_one_or_not() -> None:
+    element = pw.shapes.rectangle(0.6, 0.4)
+    positions = np.array([(0.7 * i, 0.5 * j) for i in range(3) for j in range(3)])
+    weights = np.exp(2j * np.pi * positions @ (0.3, 0.1))
+    lattice = pw.phased_array(element, positions, weights)
+    single = pw.Array([element.moved(p) for p in positions], weights)
+    points = on_arc(9.0, np.arange(-60, 61, 20))
+    assert pw.irradiance(lattice, points, 1.0) == pytest.approx(pw.irradiance(single, points, 1.0))
+
+
+def test_points_may_have_any_shape_and_one_point_gives_a_number() -> None:
+    points = on_arc(8.0, np.arange(0, 60, 10)).reshape(2, 3, 3)
+    assert pw.irradiance(SQUARE, points, 1.0).shape == (2, 3)
+    assert isinstance(pw.irradiance(SQUARE, points[0, 0], 1.0), float)
+    assert pw.irradiance(SQUARE, np.empty((0, 3)), 1.0).shape == (0,)
+
+
+def test_lengths_in_any_unit_give_the_same() -> None:
+    points = on_arc(8.0, np.arange(0, 60, 10))
+    small = pw.shapes.square(SIDE * 1e-6)
+    for order in (1, 3):
+        found = pw.irradiance(small, 1e-6 * points, 1e-6, order=order)
+        assert found == pytest.approx(pw.irradiance(SQUARE, points, 1.0, order=order), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("order", "distance", "words"),
+    [(1, 1.5, "2 wavelengths"), (3, 4.0, "third order"), (1, 4.0, None), (3, 6.0, None)],
+)
+def test_where_rays_are_not_valid_there_is_a_warning(
+    order: int, distance: float, words: str | None
+) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        pw.irradiance(SQUARE, on_axis(distance, distance), 1.0, order=order)
+    messages = [str(w.message) for w in caught if w.category is PolywignerWarning]
+    assert len(messages) == (0 if words is None else 1)
+    assert words is None or words in messages[0]
+
+
+def test_a_tolerance_out_of_reach_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rays_adaptive, "_LEVELS", (2.0, 3.0))
+    with pytest.warns(PolywignerWarning, match="tolerance"):
+        pw.irradiance(SQUARE, on_arc(8.0, [40, 60]), 1.0, tolerance=1e-12)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"order": 2},
+        {"order": True},
+        {"obliquity": "cosine"},
+        {"obliquity": "paper", "order": 3},
+        {"tolerance": 0.0},
+        {"tolerance": "fine"},
+        {"sampling": "grid"},
+        {"samples": 100},
+        {"sampling": "sobol", "samples": 3},
+        {"sampling": "monte-carlo", "seed": "x"},
+        {"method": "guess"},
+        {"engine": "gpu"},
+        {"precision": "half"},
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options: Any) -> None:
+    with pytest.raises(ArgumentError, match="expected"):
+        pw.irradiance(SQUARE, (0, 0, 5), 1.0, **options)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [pw.Slits([(0, 1)]), SQUARE.placed(np.eye(4)), pw.Array([pw.Slits([(0, 1)])]), "square"],
+)
+def test_sources_without_a_plane_are_refused(source: Any) -> None:
+    with pytest.raises(PolywignerError, match="expected"):
+        pw.irradiance(source, (0, 0, 5), 1.0)
