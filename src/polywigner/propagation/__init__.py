@@ -7,6 +7,11 @@ metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit 
 module               what is in it
 ===================  ==========================================================================
 ``places``           checked points, wavelengths and names of methods
+``irradiances``      |U|^2 at points
+``rays``             sums of Wigner rays; ``ray_kernels`` what is summed
+``obliquities``      boundary conditions of rays, as sums over fields
+``arrangement``      where the Wigner function is smooth; ``rays_rules`` Gauss rules there
+``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
 ``wigner_tables``    W and A on grids of four coordinates
