@@ -41,7 +41,9 @@ if TYPE_CHECKING:
         irradiance,
         radiation_pattern,
         wigner_table,
+        write_netcdf,
         write_pattern,
+        write_vti,
     )
     from polywigner.radiometry import (
         EnergyBudget,
@@ -100,6 +102,8 @@ _HOMES = {
     "write_pattern": "polywigner.propagation",
     "ambiguity_table": "polywigner.propagation",
     "wigner_table": "polywigner.propagation",
+    "write_netcdf": "polywigner.propagation",
+    "write_vti": "polywigner.propagation",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -155,8 +159,10 @@ __all__ = [
     "uniform",
     "wigner",
     "wigner_table",
+    "write_netcdf",
     "write_pattern",
     "write_source",
+    "write_vti",
 ]
 
 

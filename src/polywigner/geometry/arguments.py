@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["checked_count", "checked_length", "checked_number", "checked_wavelength", "shape_of"]
+__all__ = [
+    "checked_count",
+    "checked_length",
+    "checked_number",
+    "checked_path",
+    "checked_wavelength",
+    "shape_of",
+]
 
 
 def shape_of(value: Any) -> str:
@@ -61,3 +70,14 @@ def checked_count(value: Any, name: str, least: int, most: int | None = None) ->
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise ArgumentError(f"expected {name} as a whole number {bounds}, got {value!r}")
     return int(value)
+
+
+def checked_path(path: Any) -> Path:
+    """An absolute path; ArgumentError for anything that is none."""
+    try:
+        text = os.fspath(path)
+    except TypeError:
+        text = None
+    if not isinstance(text, str) or not text or "\0" in text:
+        raise ArgumentError(f"expected a path to write to, got {path!r}")
+    return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")

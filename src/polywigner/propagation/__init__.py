@@ -14,12 +14,14 @@ module               what is in it
 ``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
+``exports``          datasets to NetCDF and VTK files
 ``wigner_tables``    W and A on grids of four coordinates
 ===================  ==========================================================================
 """
 
 from __future__ import annotations
 
+from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
@@ -32,5 +34,7 @@ __all__ = [
     "irradiance",
     "radiation_pattern",
     "wigner_table",
+    "write_netcdf",
     "write_pattern",
+    "write_vti",
 ]

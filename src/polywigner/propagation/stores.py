@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from polywigner.errors import ArgumentError, StoreError
-from polywigner.geometry.arguments import checked_count
+from polywigner.errors import StoreError
+from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.propagation.progress import progress_bar
 from polywigner.propagation.stores_files import (
     Block,
@@ -76,7 +76,7 @@ def write_dataset(
         threads = checked_count(threads, "threads", 1)
     for module in ("zarr", "xarray", "dask"):
         required(module)
-    folder = _checked_path(path)
+    folder = checked_path(path)
     fingerprint, whole = fingerprint_of(layout, settings)
     if not os.path.lexists(folder):
         create(folder, layout, fingerprint, whole)
@@ -95,16 +95,6 @@ def write_dataset(
 def opened(path: str | os.PathLike[str]) -> Any:
     """A store as an xarray.Dataset, lazily."""
     return required("xarray").open_zarr(path)
-
-
-def _checked_path(path: Any) -> Path:
-    try:
-        text = os.fspath(path)
-    except TypeError:
-        text = None
-    if not isinstance(text, str) or not text or "\0" in text:
-        raise ArgumentError(f"expected a path to write to, got {path!r}")
-    return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")
 
 
 def _check_same_run(path: Path, fingerprint: str, settings: dict[str, Any]) -> None:

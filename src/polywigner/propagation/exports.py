@@ -1,0 +1,216 @@
+"""Datasets as files for other programs: NetCDF, and VTK image data for ParaView and the like.
+
+Both are written part by part, so that a store on disk may be larger than memory, and appear whole
+or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_path
+from polywigner.propagation.stores_files import required
+
+__all__ = ["write_netcdf", "write_vti"]
+
+# Samples read at a time for a VTK file.
+_SLAB = 1 << 24
+# Coordinates are evenly spaced if no step differs by more from their mean: what a viewer may show
+# in the wrong place is then far less than a pixel.
+_EVEN = 1e-6
+_VTK_TYPES = {"float32": "Float32", "float64": "Float64"}
+
+
+def write_netcdf(dataset: Any, path: str | os.PathLike[str]) -> None:
+    """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, Panoply and xarray read.
+
+    NetCDF has no complex numbers: of a complex variable A there are A_real and A_imag. Needs the
+    extra ``volume``.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset, in memory or lazy; or the path of a store on disk.
+    path : the file; one that is there is replaced.
+
+    Raises
+    ------
+    ArgumentError for anything but a dataset, and a place that cannot be written to;
+    MissingExtraError without xarray and h5netcdf.
+    """
+    for module in ("h5netcdf", "h5py"):
+        required(module)
+    found = _real_parts(_opened(dataset))
+    with _whole(checked_path(path)) as scratch:
+        found.to_netcdf(scratch, engine="h5netcdf")
+
+
+def write_vti(dataset: Any, path: str | os.PathLike[str]) -> None:
+    """Write a dataset of up to three evenly spaced axes to VTK image data (XML, raw binary).
+
+    ParaView, VisIt, 3D Slicer and PyVista read it. Axes are x, y and z of the image in the order of
+    the dataset; of a complex variable A there are A_real and A_imag. Needs the extra ``volume``.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset, in memory or lazy; or the path of a store on disk.
+    path : the file; one that is there is replaced.
+
+    Raises
+    ------
+    ArgumentError for anything but a dataset, for more axes, for axes that are not evenly spaced,
+    and for a place that cannot be written to; MissingExtraError without xarray.
+    """
+    # Our own forty lines: VTK's writer, a package of 600 MB, wants all of an image in memory.
+    found = _real_parts(_opened(dataset))
+    image = _image_of(found)
+    with _whole(checked_path(path)) as scratch, scratch.open("wb") as file:
+        file.write(_header(found, image).encode())
+        for name in found.data_vars:
+            _append(file, found[name], image)
+        file.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """A scratch file, put in place once the block is done. Raises ArgumentError on OSError."""
+    scratch = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield scratch
+            scratch.replace(path)
+        finally:
+            scratch.unlink(missing_ok=True)
+    except OSError as error:
+        raise ArgumentError(
+            f"expected to write {path}, got {error.strerror or error}; choose another place"
+        ) from error
+
+
+def _opened(dataset: Any) -> Any:
+    xarray = required("xarray")
+    if isinstance(dataset, xarray.DataArray):
+        dataset = dataset.to_dataset(name=dataset.name or "values")
+    if isinstance(dataset, xarray.Dataset):
+        return dataset
+    try:
+        return xarray.open_zarr(checked_path(dataset))
+    except (OSError, ValueError, KeyError, ArgumentError) as error:
+        raise ArgumentError(
+            f"expected an xarray.Dataset or the path of a store, got {dataset!r}: {error}"
+        ) from None
+
+
+def _real_parts(dataset: Any) -> Any:
+    """Complex variables as two real ones, and attributes as texts and numbers."""
+    variables = {}
+    for name, array in dataset.data_vars.items():
+        if array.dtype.kind == "c":
+            variables[f"{name}_real"], variables[f"{name}_imag"] = array.real, array.imag
+            for part in ("real", "imag"):
+                variables[f"{name}_{part}"].attrs = dict(array.attrs)
+        else:
+            variables[name] = array.copy(deep=False)
+    found = dataset.drop_vars(list(dataset.data_vars)).assign(variables)
+    found.attrs = {name: _plain(value) for name, value in dataset.attrs.items()}
+    for array in variables.values():
+        array.encoding = {}  # of the store it comes from
+    for name in found.variables:
+        found[name].attrs = {key: _plain(value) for key, value in found[name].attrs.items()}
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (str, int, float, np.ndarray, np.number)) and not isinstance(value, bool):
+        return value
+    return json.dumps(value)
+
+
+@dataclass(frozen=True)
+class _Image:
+    """Axes x, y and z; those that a dataset lacks have one sample."""
+
+    dims: tuple[str, ...]
+    shape: tuple[int, int, int]
+    origin: tuple[float, ...]
+    spacing: tuple[float, ...]
+
+
+def _image_of(dataset: Any) -> _Image:
+    shapes = {name: array.dims for name, array in dataset.data_vars.items()}
+    dims = next(iter(shapes.values()), ())
+    if not 1 <= len(dims) <= 3 or any(other != dims for other in shapes.values()):
+        raise ArgumentError(
+            f"expected variables over the same one to three axes, got {shapes}; select a part by "
+            "dataset.isel, or write NetCDF"
+        )
+    for name, array in dataset.data_vars.items():
+        if array.dtype.name not in _VTK_TYPES:
+            raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
+    origin, spacing = zip(*(_even(name, dataset[name].values) for name in dims), strict=True)
+    more = 3 - len(dims)
+    shape = tuple(dataset.sizes[name] for name in dims) + (1,) * more
+    return _Image(dims, shape, (*origin, *[0.0] * more), (*spacing, *[1.0] * more))
+
+
+def _even(name: str, values: Any) -> tuple[float, float]:
+    """(first value, step)."""
+    points = np.asarray(values, np.float64)
+    if len(points) == 1:
+        return float(points[0]), 1.0
+    step = (points[-1] - points[0]) / (len(points) - 1)
+    if not step > 0 or np.abs(np.diff(points) - step).max() > _EVEN * step:
+        raise ArgumentError(
+            f"expected evenly spaced ascending values of {name} for VTK image data, got others; "
+            "write NetCDF"
+        )
+    return float(points[0]), float(step)
+
+
+def _header(dataset: Any, image: _Image) -> str:
+    extent = " ".join(f"0 {n - 1}" for n in image.shape)
+    place = (
+        f'Origin="{" ".join(map(repr, image.origin))}" '
+        f'Spacing="{" ".join(map(repr, image.spacing))}"'
+    )
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+        f'<ImageData WholeExtent="{extent}" {place}>',
+        f'<Piece Extent="{extent}">',
+        "<PointData>",
+    ]
+    offset = 0
+    for name, array in dataset.data_vars.items():
+        kind = _VTK_TYPES[array.dtype.name]
+        lines.append(
+            f'<DataArray type="{kind}" Name={quoteattr(str(name))} format="appended" '
+            f'offset="{offset}"/>'
+        )
+        offset += 8 + array.nbytes
+    lines += ["</PointData>", "</Piece>", "</ImageData>", '<AppendedData encoding="raw">', "_"]
+    return "\n".join(lines)
+
+
+def _append(file: BinaryIO, array: Any, image: _Image) -> None:
+    """One variable, x running fastest, from slabs along the last axis."""
+    file.write(np.uint64(array.nbytes).astype("<u8").tobytes())
+    last = array.dims[-1]
+    thickness = max(1, _SLAB // max(1, math.prod(array.shape[:-1])))
+    if array.chunks:  # whole chunks, if some fit
+        chunk = array.chunks[-1][0]
+        thickness = max(thickness // chunk * chunk, min(thickness, chunk))
+    for start in range(0, array.sizes[last], thickness):
+        values = array.isel({last: slice(start, start + thickness)}).values
+        file.write(np.ascontiguousarray(values.T, values.dtype.newbyteorder("<")).data)

@@ -1,0 +1,158 @@
+"""Datasets as NetCDF and VTK files: the same numbers at the same places, whole files or none."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+
+_EXTRA = "the extra `volume` is not installed"
+xarray = pytest.importorskip("xarray", reason=_EXTRA)
+for _library in ("zarr", "dask", "h5netcdf", "h5py"):
+    pytest.importorskip(_library, reason=_EXTRA)
+
+SQUARE = pw.shapes.square(1.0)
+NU = np.linspace(-2.0, 2.0, 5)
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A W table on disk, in chunks that do not divide its axes."""
+    store = tmp_path_factory.mktemp("table") / "w.zarr"
+    x = np.linspace(-0.5, 0.5, 6)
+    chunks = {"x": 4, "y": 3, "nu_x": 2, "nu_y": 4}
+    pw.wigner_table(SQUARE, x, x + 0.125, NU, NU, store, chunks=chunks, engine="numpy")
+    return store
+
+
+def read_vti(path: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
+    """Attributes of the image, and its arrays, indexed [x, y, z], by the format's description."""
+    head, _, rest = path.read_bytes().partition(b'<AppendedData encoding="raw">\n_')
+    body, _, tail = rest.rpartition(b"\n</AppendedData>")
+    root = ElementTree.fromstring(head + b"<AppendedData/>" + tail)
+    assert root.attrib["header_type"] == "UInt64"
+    assert root.attrib["byte_order"] == "LittleEndian"
+    image = root[0]
+    extent = np.array(image.attrib["WholeExtent"].split(), int)
+    shape = tuple(extent[1::2] - extent[::2] + 1)
+    arrays = {}
+    for array in image.iter("DataArray"):
+        start = int(array.attrib["offset"])
+        size = int(np.frombuffer(body, "<u8", 1, start)[0])
+        kind = {"Float32": "<f4", "Float64": "<f8"}[array.attrib["type"]]
+        values = np.frombuffer(body[start + 8 : start + 8 + size], kind)
+        arrays[array.attrib["Name"]] = values.reshape(shape, order="F")
+    return dict(image.attrib), arrays
+
+
+def test_netcdf_has_the_values_axes_and_units_of_a_store(table: Path, tmp_path: Path) -> None:
+    pw.write_netcdf(table, tmp_path / "w.nc")
+    with xarray.open_dataset(tmp_path / "w.nc", engine="h5netcdf") as found:
+        stored = xarray.open_zarr(table)
+        xarray.testing.assert_equal(found, stored)
+        assert found["W"].attrs["units"] == "m2"
+        assert found["nu_x"].attrs["units"] == "1/m"
+        assert found.attrs["polywigner_settings"] == stored.attrs["polywigner_settings"]
+    assert [file.name for file in tmp_path.iterdir()] == ["w.nc"]
+
+
+def test_vtk_image_data_has_the_values_of_a_store(table: Path, tmp_path: Path) -> None:
+    part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
+    pw.write_vti(part, tmp_path / "w.vti")
+    image, arrays = read_vti(tmp_path / "w.vti")
+    np.testing.assert_array_equal(arrays["W"], part["W"].values)
+    np.testing.assert_allclose(np.array(image["Origin"].split(), float), [-0.5, -0.375, -2.0])
+    np.testing.assert_allclose(np.array(image["Spacing"].split(), float), [0.2, 0.2, 1.0])
+
+
+def test_slabs_of_any_thickness_make_one_file(
+    table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = xarray.open_zarr(table).isel(x=2, drop=True)
+    pw.write_vti(part, tmp_path / "whole.vti")
+    for samples in (1, 70, 150):
+        monkeypatch.setattr("polywigner.propagation.exports._SLAB", samples)
+        pw.write_vti(part, tmp_path / "slabs.vti")
+        assert (tmp_path / "slabs.vti").read_bytes() == (tmp_path / "whole.vti").read_bytes()
+
+
+def test_complex_values_become_their_two_parts(tmp_path: Path) -> None:
+    lags = np.linspace(-0.5, 0.25, 4)
+    found = pw.ambiguity_table(SQUARE.moved((0.1, 0)), NU, NU, lags, lags, precision="double")
+    part = found.isel(xi_y=0)
+    pw.write_vti(part, tmp_path / "a.vti")
+    pw.write_netcdf(found, tmp_path / "a.nc")
+    _, arrays = read_vti(tmp_path / "a.vti")
+    assert abs(arrays["A_imag"]).max() > 0.05
+    np.testing.assert_array_equal(arrays["A_real"] + 1j * arrays["A_imag"], part["A"])
+    with xarray.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as file:
+        np.testing.assert_array_equal(file["A_real"] + 1j * file["A_imag"], found["A"])
+        assert file["A_imag"].attrs["units"] == "m2"
+
+
+def test_planes_and_lines_are_images_of_one_sample_across(table: Path, tmp_path: Path) -> None:
+    line = xarray.open_zarr(table).isel(x=2, nu_x=2, nu_y=3, drop=True)
+    pw.write_vti(line, tmp_path / "line.vti")
+    image, arrays = read_vti(tmp_path / "line.vti")
+    assert image["WholeExtent"] == "0 5 0 0 0 0"
+    np.testing.assert_array_equal(arrays["W"][:, 0, 0], line["W"])
+
+
+def test_vtk_itself_reads_what_is_written(table: Path, tmp_path: Path) -> None:
+    reading = pytest.importorskip("vtkmodules.vtkIOXML", reason="vtk is not installed")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
+    pw.write_vti(part, tmp_path / "w.vti")
+    reader = reading.vtkXMLImageDataReader()
+    reader.SetFileName(str(tmp_path / "w.vti"))
+    reader.Update()
+    image = reader.GetOutput()
+    assert image.GetDimensions() == part["W"].shape
+    values = vtk_to_numpy(image.GetPointData().GetArray("W"))
+    np.testing.assert_array_equal(values.reshape(part["W"].shape, order="F"), part["W"])
+    np.testing.assert_allclose(image.GetPoint(0), [-0.5, -0.375, -2.0])
+
+
+@pytest.mark.parametrize("write", [pw.write_netcdf, pw.write_vti])
+@pytest.mark.parametrize("given", [3, "nowhere.zarr", None, np.zeros(3)])
+def test_what_is_no_dataset_is_refused(
+    tmp_path: Path, write: Callable[..., None], given: Any
+) -> None:
+    with pytest.raises(ArgumentError, match=r"expected an xarray\.Dataset or the path of a store"):
+        write(given, tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_images_of_four_axes_or_uneven_ones_are_refused(table: Path, tmp_path: Path) -> None:
+    found = xarray.open_zarr(table)
+    with pytest.raises(ArgumentError, match="one to three axes"):
+        pw.write_vti(found, tmp_path / "w.vti")
+    with pytest.raises(ArgumentError, match="evenly spaced ascending values of x"):
+        pw.write_vti(found.isel(nu_x=0, x=[0, 1, 3], drop=True), tmp_path / "w.vti")
+    with pytest.raises(ArgumentError, match="evenly spaced ascending values of y"):
+        pw.write_vti(found.isel(nu_x=0, y=slice(None, None, -1), drop=True), tmp_path / "w.vti")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("write", [pw.write_netcdf, pw.write_vti])
+def test_a_write_that_fails_leaves_what_was_there(
+    table: Path, tmp_path: Path, write: Callable[..., None]
+) -> None:
+    part = xarray.open_zarr(table).isel(nu_y=1, drop=True)
+    (tmp_path / "taken").mkdir()
+    with pytest.raises(ArgumentError, match="expected to write"):
+        write(part, tmp_path / "taken")
+    (tmp_path / "old").write_text("old")
+    broken = part.map_blocks(lambda block: block / 0 + undefined, template=part)  # noqa: F821
+    with pytest.raises(NameError):
+        write(broken, tmp_path / "old")
+    assert (tmp_path / "old").read_text() == "old"
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["old", "taken"]
