@@ -53,13 +53,13 @@ def test_cells_are_not_looked_up_for_samples_in_no_order(
 ) -> None:
     """Positions along the trailing axis would come from another cell with every sample."""
     taken = []
-    takes = evaluation._Drjit.takes
+    takes = evaluation.OnDrjit.takes
 
     def watched(self: Any, pairs: Any) -> bool:
         taken.append(takes(self, pairs))
         return taken[-1]
 
-    monkeypatch.setattr(evaluation._Drjit, "takes", watched)
+    monkeypatch.setattr(evaluation.OnDrjit, "takes", watched)
     source = SOURCES["by cells"]()
     rng = np.random.default_rng(3)
     x, nu = rng.normal(size=(70, 1, 2)) * 0.3, rng.normal(size=(80, 2))

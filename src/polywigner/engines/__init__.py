@@ -7,6 +7,7 @@ module               what is in it
 ``choice``           which engine and precision a call runs on
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
 ``pairs``            every position with every frequency, on Dr.Jit
+``sums``             weighted sums over places, for many points
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
 ``threads``          how many threads compiled kernels run on
@@ -31,6 +32,7 @@ from polywigner.engines.operations import (
     ScalarOperations,
     ops_for,
 )
+from polywigner.engines.sums import evaluate_sums
 from polywigner.engines.threads import kernel_threads
 
 __all__ = [
@@ -43,6 +45,7 @@ __all__ = [
     "checked_precision",
     "evaluate",
     "evaluate_on_grid",
+    "evaluate_sums",
     "evaluate_traced",
     "in_plane",
     "is_drjit",

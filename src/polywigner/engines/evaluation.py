@@ -18,7 +18,7 @@ from polywigner.engines.pairs import Pairs, pairs_of
 from polywigner.engines.ranges import aligned
 from polywigner.kernels import Kernel, parts_of
 
-__all__ = ["evaluate"]
+__all__ = ["OnDrjit", "evaluate"]
 
 # Samples at a time. NumPy: a temporary stays in the cache of one core. Dr.Jit: launching costs
 # little against computing, and the arguments of a chunk take some 10 MB.
@@ -62,12 +62,12 @@ def evaluate(
     # pieces that are cut are code, terms of a plain sum are data
     terms = 1 if kernel.copies else len(tables.edges)
     engine = resolved(engine, int(np.prod(shape)), terms)
-    compute: _Numpy | _Drjit
+    compute: _Numpy | OnDrjit
     if engine == "numpy":
         compute, chunk = _Numpy(kernel, tables, double), _NUMPY_CHUNK
         compute.ops.samples = int(np.prod(shape))
     else:
-        compute, chunk = _Drjit(kernel, tables, double, engine), _DRJIT_CHUNK
+        compute, chunk = OnDrjit(kernel, tables, double, engine), _DRJIT_CHUNK
         if kernel.order and compute.ops.prefers_cells(tables.clips_for_cells, None):
             chunk = _SORTED_CHUNK
         pairs = pairs_of(components, shape)
@@ -82,7 +82,7 @@ def evaluate(
     return results
 
 
-def _fill_pairs(compute: _Drjit, pairs: Pairs, results: Sequence[Array]) -> None:
+def _fill_pairs(compute: OnDrjit, pairs: Pairs, results: Sequence[Array]) -> None:
     tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
     for rows, columns in pairs.blocks(_PAIRS_CHUNK):
         values = compute.of_pairs(pairs.block(rows, columns))
@@ -138,7 +138,9 @@ class _Numpy:
             return self.kernel.leave(self.ops, frame, inner, sums)
 
 
-class _Drjit:
+class OnDrjit:
+    """A kernel of a source, traced with Dr.Jit."""
+
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
         self.ops = DrjitOperations(drjit_float(engine, double), sorted_by_cell=True)
@@ -154,6 +156,14 @@ class _Drjit:
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
         return self._of_inner(inner)
+
+    def traced(self, part: Any, arguments: Sequence[Any]) -> tuple[Any, ...]:
+        """What one of the ``parts`` contributes to the results, for arrays of ``entry``'s type."""
+        inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
+        if not self.ops.double:
+            inner = tuple(self.ops.float_type(a) for a in inner)
+        sums = self.kernel.edge_sum(self.ops, part, *inner)
+        return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_pairs(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns)."""

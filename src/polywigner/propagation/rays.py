@@ -21,10 +21,6 @@ __all__ = ["Rays"]
 
 Values = NDArray[np.float64]
 
-# Pairs of a place and a point at a time: 32 MiB of results in float64, and some times as much while
-# they are computed.
-_BLOCK = 1 << 22
-
 
 @dataclass(frozen=True)
 class Rays:
@@ -40,9 +36,16 @@ class Rays:
     def irradiance(self, rule: Rule, points: Values) -> Values:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
         total = np.zeros(len(points))
-        for nodes, columns in _blocks(rule, points):
-            values = self.integrand(nodes[0], points[columns])
-            total[columns] += values @ nodes[1]
+        for source, forms in self.sources:
+            total += engines.evaluate_sums(
+                ray_kernel(source, self.order),
+                source,
+                *rule,
+                points,
+                (self.wavelength, *forms),
+                double=self.double,
+                engine=self.engine,
+            )
         return total
 
     def integrand(self, places: Values, points: Values) -> Values:
@@ -62,16 +65,3 @@ class Rays:
             total = total + values
         result: Values = total
         return result
-
-
-def _blocks(rule: Rule, points: Values) -> Any:
-    """(part of the rule, points) of about equal size."""
-    nodes, weights = rule
-    step = max(1, _BLOCK // max(1, len(points)))
-    if len(nodes) <= _BLOCK:
-        step = len(nodes)
-    for start in range(0, len(nodes), step):
-        part = nodes[start : start + step], weights[start : start + step]
-        width = max(1, _BLOCK // len(part[0]))
-        for low in range(0, len(points), width):
-            yield part, slice(low, low + width)
