@@ -257,3 +257,31 @@ def test_without_scipy_windows_name_the_extra_that_brings_it(
     with pytest.raises(MissingExtraError, match=r"pip install polywigner\[arrays\]"):
         arrays.window_weights(8, "taylor")
     assert len(arrays.window_weights(8, "hamming")) == 8
+
+
+@pytest.mark.parametrize("sll", [0.1, 1.0, 5.0])
+def test_the_largest_amplitude_is_one_also_where_it_was_negative(sll: float) -> None:
+    weights = arrays.window_weights(16, "taylor", sll=sll)
+    assert np.abs(weights).max() == 1
+    assert weights.max() == 1
+
+
+@pytest.mark.parametrize("wavelength", [1e-320, 1e-309, 5e-324])
+@pytest.mark.filterwarnings("error")
+def test_wavelengths_too_small_for_phases_are_refused(wavelength: float) -> None:
+    places = arrays.grid_positions(2, 2, 10.0)
+    with pytest.raises(ArgumentError, match="expected a wavelength in metres"):
+        arrays.steering_weights(places, (0.6, 0.0, 0.8), wavelength)
+    with pytest.raises(ArgumentError, match="expected a wavelength in metres"):
+        arrays.focusing_weights(places, (1e4, 0.0, 1.0), wavelength)
+
+
+def test_thinned_elements_keep_the_weights_of_the_full_layout() -> None:
+    full = arrays.grid_positions(8, 6, 1e-3)
+    weights = arrays.window_weights((8, 6), "hamming")
+    kept, index = arrays.thinned(full, 0.4, seed=3, return_index=True)
+    assert (kept == full[index]).all()
+    assert (kept == arrays.thinned(full, 0.4, seed=3)).all()
+    array = pw.phased_array(pw.shapes.square(1e-3), kept, weights[index])
+    by_place = {tuple(p): w for p, w in zip(full.tolist(), weights, strict=True)}
+    assert array.weights.tolist() == [by_place[tuple(p)] for p in kept.tolist()]

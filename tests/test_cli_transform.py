@@ -172,3 +172,28 @@ def test_a_steered_aperture_has_its_peak_at_the_direction(rectangle: Path) -> No
     j, i = np.unravel_index(np.abs(values["fourier"]).argmax(), (65, 65))
     peak = values["frequency"][[i, j]]
     np.testing.assert_allclose(peak, [0.0, 500.0], atol=1e-9)  # sin(30 deg)/mm is on the grid
+
+
+def test_a_source_file_is_shown_at_its_own_wavelength_unless_told_another(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    steered = tmp_path / "steered.toml"
+    steered.write_text(
+        'kind = "aperture"\nwavelength = "2 mm"\nshape = {name = "square", a = "6 mm"}\n'
+        '[illumination]\nkind = "steering"\ntheta = "30 deg"\n'
+    )
+    for options in ((), ("--wavelength", "2 mm"), ("--wavelength", "2.001 mm")):
+        values = transformed(steered, "--samples", "41", *options)
+        assert values["wavelength"] == pytest.approx(2e-3, rel=1e-3)
+        assert np.abs(values["frequency"]).max() == pytest.approx(500, rel=1e-3)
+        assert "squints" not in capsys.readouterr().err
+    values = transformed(steered, "--samples", "41", "--frequency", "100 GHz")
+    assert values["wavelength"] == wavelength_of(100e9)
+    message = capsys.readouterr().err
+    assert "steered.toml" in message
+    assert "squints" in message
+    assert message.count("\n") == 1
+    # the phases of the file stay: the beam keeps its frequency, sin(30 deg)/(2 mm)
+    j, i = np.unravel_index(np.abs(values["fourier"]).argmax(), (41, 41))
+    spacing = np.diff(values["frequency"]).max()
+    assert values["frequency"][[i, j]] == pytest.approx([250.0, 0.0], abs=spacing / 2)

@@ -400,3 +400,32 @@ def test_samples_that_cannot_be_fitted_are_refused(
 ) -> None:
     with pytest.raises(error, match="expected"):
         pw.fit_illumination(*arguments, **options)
+
+
+def test_fields_are_subtracted_and_divided_as_numbers_are() -> None:
+    one, other = pw.uniform(), pw.cosine_taper(2e-3)
+    x = np.array([(0.1e-3, 0.2e-3), (0.7e-3, -0.3e-3)])
+    assert (one - other)(x) == pytest.approx(one(x) - other(x))
+    assert (-other)(x) == pytest.approx(-other(x))
+    assert (other / 2j)(x) == pytest.approx(other(x) / 2j)
+    assert (other / np.float64(4)) == 0.25 * other
+    with pytest.raises(IlluminationError, match="other than zero"):
+        other / 0
+    with pytest.raises(IlluminationError, match="other than zero"):
+        one - one
+    with pytest.raises(TypeError):
+        one / other  # type: ignore[operator]
+    with pytest.raises(TypeError):
+        one - 1  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("amplitude", [1e-300, 1e-101, 1e101, 1e200, 1e308])
+def test_amplitudes_whose_products_would_leave_the_floats_are_refused(amplitude: float) -> None:
+    with pytest.raises(IlluminationError, match=r"from 1e-100 to 1e\+100"):
+        pw.Illumination([amplitude], [(0, 0)])
+    with pytest.raises(IlluminationError, match=r"from 1e-100 to 1e\+100"):
+        amplitude * pw.uniform()
+    square = pw.shapes.square(1.0)
+    for within in (1e-100, 1e100):
+        source = square.with_illumination(within * pw.uniform())
+        assert pw.lag_marginal(source, (0, 0)).real == pytest.approx(within**2)

@@ -308,3 +308,11 @@ def test_every_autocorrelation_tile_holds_the_squared_area(source: pw.Aperture) 
         # x_xi_x and y_xi_y jump, the others are continuous
         tolerance = 1e-2 if name in ("x_xi_x", "y_xi_y") else 1e-4
         assert total == pytest.approx(source.area**2, rel=tolerance)
+
+
+def test_values_along_an_axis_are_as_few_as_samples_may_be() -> None:
+    square = pw.shapes.square(1.0)
+    with pytest.raises(
+        pw.errors.ArgumentError, match="expected up to 4096 values of x, got 100000"
+    ):
+        pw.projections(square, tiles=["x_y"], coordinates={"x": np.arange(100_000)})

@@ -15,6 +15,7 @@ from polywigner.quantities import (
     SPEED_OF_LIGHT,
     parse_angle,
     parse_coordinate,
+    parse_decibels,
     parse_frequency,
     parse_length,
     parse_point,
@@ -136,3 +137,15 @@ def test_an_unknown_unit_lists_the_known_ones():
 
 def test_frequency_times_wavelength_is_the_speed_of_light():
     assert wavelength_of(94e9) * 94e9 == pytest.approx(SPEED_OF_LIGHT, rel=1e-15)
+
+
+@pytest.mark.parametrize(("text", "value"), [("25 dB", 25.0), ("-3.5dB", -3.5), (30, 30.0)])
+def test_levels_are_in_decibels(text, value):
+    assert parse_decibels(text) == value
+
+
+def test_messages_have_the_article_that_belongs():
+    with pytest.raises(QuantityError, match="expected an angle such as"):
+        parse_angle("20 degrees of freedom")
+    with pytest.raises(QuantityError, match="expected a level such as"):
+        parse_decibels("25 dBi")

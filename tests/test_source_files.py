@@ -24,6 +24,7 @@ from polywigner.errors import (
     GeometryError,
     MissingExtraError,
     PolywignerError,
+    QuantityError,
 )
 from polywigner.quantities import SPEED_OF_LIGHT
 
@@ -288,6 +289,24 @@ def test_a_field_may_have_a_frequency_other_than_that_of_the_file(tmp_path: Path
     assert read_table(table, tmp_path) == expected
 
 
+def test_levels_may_be_texts(tmp_path: Path) -> None:
+    def table(sll: Any) -> dict[str, Any]:
+        return {
+            "kind": "phased-array",
+            "element": {
+                "kind": "aperture",
+                "shape": {"name": "square", "a": 1e-3},
+                "illumination": {"kind": "taylor_taper", "width": 1e-3, "sll": sll},
+            },
+            "positions": {"kind": "grid", "nx": 4, "ny": 3, "pitch_x": 2e-3},
+            "weights": {"kind": "window", "window": "chebyshev", "sll": sll},
+        }
+
+    assert read_table(table("25 dB"), tmp_path) == read_table(table(25), tmp_path)
+    with pytest.raises(QuantityError, match=r"sll: expected a level .* got '25 mm'"):
+        read_table(table("25 mm"), tmp_path)
+
+
 def test_a_row_of_slits_has_a_window_and_is_steered(tmp_path: Path) -> None:
     source = read_table(
         {
@@ -531,7 +550,8 @@ def test_nothing_is_left_of_a_file_that_could_not_be_written(tmp_path: Path) -> 
 def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     pw.write_source(SOURCES["phased array"], file)
-    flat = pw.shapes.square(1.0).moved((1e17, 0))  # all its vertices on one line
+    # all its vertices on one line
+    flat = pw.Aperture([(0, 0), (4, 4), (8, 8.5)]).moved((1e16, 1e16))
     with pytest.raises(GeometryError, match="valid to write"):
         pw.write_source(flat, file)
     assert pw.read_source(file) == SOURCES["phased array"]

@@ -18,6 +18,7 @@ __all__ = [
     "SPEED_OF_LIGHT",
     "parse_angle",
     "parse_coordinate",
+    "parse_decibels",
     "parse_frequency",
     "parse_length",
     "parse_point",
@@ -43,6 +44,7 @@ _FREQUENCIES = {
 _SPELLING = {unit.lower(): unit for unit in _FREQUENCIES}
 _DEGREE = Fraction(math.pi) / 180
 _ANGLES = {"deg": _DEGREE, "°": _DEGREE, "rad": Fraction(1), "mrad": Fraction(1, 1000)}
+_DECIBELS = {"dB": Fraction(1)}
 _POWERS = {
     "W": Fraction(1), "mW": Fraction(1, 10**3), "uW": Fraction(1, 10**6),
     "µW": Fraction(1, 10**6), "μW": Fraction(1, 10**6), "kW": Fraction(10**3),
@@ -72,7 +74,8 @@ def _number(value: Fraction) -> float:
 
 
 def _parse(text: str | float, units: Mapping[str, Fraction], kind: str, example: str) -> float:
-    expected = f'expected a {kind} such as "{example}", got {_shown(text)}'
+    article = "an" if kind[0] in "aeiou" else "a"
+    expected = f'expected {article} {kind} such as "{example}", got {_shown(text)}'
     if isinstance(text, (int, float)) and not isinstance(text, bool):
         value = float(text) if isinstance(text, float) else _number(Fraction(text))
     else:
@@ -145,6 +148,11 @@ def parse_frequency(text: str | float) -> float:
 def parse_angle(text: str | float) -> float:
     """An angle in radians; a bare number is in radians."""
     return _parse(text, _ANGLES, "angle", "30 deg")
+
+
+def parse_decibels(text: str | float) -> float:
+    """A level in decibels; a bare number is in decibels."""
+    return _parse(text, _DECIBELS, "level", "25 dB")
 
 
 def parse_power(text: str | float) -> float:

@@ -114,7 +114,10 @@ def transform(
         str | None, typer.Option(help="Of the array: a point, such as '0 mm, 0 mm, 80 mm'.")
     ] = None,
     frequency: Annotated[
-        str | None, typer.Option(help="Such as '94 GHz': shows |nu| up to 1/wavelength.")
+        str | None,
+        typer.Option(
+            help="Such as '94 GHz': shows |nu| up to 1/wavelength. Default: a source file's own."
+        ),
     ] = None,
     wavelength: Annotated[
         str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")

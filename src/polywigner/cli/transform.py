@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["run_transform"]
 
 _FEWEST = 257
+# A frequency and the wavelength typed for it, with a few digits.
+_SAME_WAVELENGTH = 1e-3
 _MOST_UNASKED = 513  # some ten seconds for an aperture of a hundred edges
 
 
@@ -69,7 +71,7 @@ def run_transform(
                 raise ArgumentError(
                     f"expected no {name} with a source file, got {given!r}; the file says its own"
                 )
-        source = pw.read_source(aperture)
+        source, length = _read_source(aperture, length)
     else:
         source = pw.read_aperture(aperture, unit=unit or "mm", tolerance=reach)
     texts = {name: text for name, text in feeding.items() if text is not None}
@@ -85,6 +87,24 @@ def run_transform(
             _save_values(file, slices)
     for path in files:
         print(path)
+
+
+def _read_source(path: str, wavelength: float | None) -> tuple[Any, float | None]:
+    """The source, and the wavelength that was asked for, or else its own."""
+    from polywigner.illumination.files.reading import read_with_wavelength
+
+    source, own = read_with_wavelength(path)
+    if wavelength is None or own is None:
+        return source, own if wavelength is None else wavelength
+    if abs(wavelength - own) > _SAME_WAVELENGTH * own:
+        warnings.warn(
+            f"the phases in {Path(path).name} are set for its own wavelength of {own:.6g} m, and "
+            f"its beam is shown at {wavelength:.6g} m, where it squints; leave --frequency and "
+            "--wavelength out to see it at its own",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return source, wavelength
 
 
 def _is_source_file(path: str) -> bool:

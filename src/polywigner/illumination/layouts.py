@@ -8,7 +8,7 @@ the origin.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +110,21 @@ def ring_positions(radii: Any, counts: Any) -> Positions:
     return np.concatenate(rings) + 0.0
 
 
-def thinned(positions: Any, fill: float, seed: int, taper: Any = None) -> Positions:
+@overload
+def thinned(
+    positions: Any, fill: float, seed: int, taper: Any = None, return_index: Literal[False] = False
+) -> Positions: ...
+
+
+@overload
+def thinned(
+    positions: Any, fill: float, seed: int, taper: Any = None, *, return_index: Literal[True]
+) -> tuple[Positions, NDArray[np.intp]]: ...
+
+
+def thinned(
+    positions: Any, fill: float, seed: int, taper: Any = None, return_index: bool = False
+) -> Positions | tuple[Positions, NDArray[np.intp]]:
     """Positions drawn at random from a full layout: statistical thinning.
 
     Each element is kept, independently of the others, with a probability p_k proportional to the
@@ -131,10 +145,13 @@ def thinned(positions: Any, fill: float, seed: int, taper: Any = None) -> Positi
         Of NumPy's default generator: equal seeds draw equal elements.
     taper
         (n,) real weights of the full array, of zero or more; None: all equal.
+    return_index
+        See below.
 
     Returns
     -------
-    (m, d), in the order given, the very same floats.
+    (m, d), in the order given, the very same floats. With `return_index` also their numbers (m,)
+    in the full layout, for weights of it: `window_weights(...)[index]`.
 
     Raises
     ------
@@ -164,7 +181,7 @@ def thinned(positions: Any, fill: float, seed: int, taper: Any = None) -> Positi
     kept = random.random(len(places)) < likely * (share / float(likely.mean()))
     if not kept.any():
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
-    return places[kept]
+    return (places[kept], np.flatnonzero(kept)) if return_index else places[kept]
 
 
 def checked_positions(positions: Any, components: tuple[int, ...]) -> Positions:

@@ -44,6 +44,8 @@ _WINDOW = re.compile(rf"(?P<name>[a-z]+){_DECIBELS}", re.IGNORECASE)
 def fed(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
     """A source with the field, the copies and the weights that texts describe.
 
+    Lengths without a unit are in metres, angles without one in radians.
+
     Parameters
     ----------
     source

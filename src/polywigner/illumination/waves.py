@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.field import checked_shift
 
-__all__ = ["Illumination"]
+__all__ = ["LARGEST_AMPLITUDE", "Illumination"]
+
+LARGEST_AMPLITUDE = 1e100
+"""Products of two amplitudes and an area must neither overflow nor vanish."""
 
 
 @final
@@ -21,8 +24,8 @@ class Illumination:
     """A field u(x) = sum_m c_m exp(2 pi i kappa_m.x) on an aperture (d = 2) or on slits (d = 1).
 
     Steering, cosine and Taylor tapers and modes of waveguides are such sums of a few waves, for
-    which all transforms stay closed forms. `a * b` multiplies two fields, `2j * a` scales one, and
-    `a + b` adds them up.
+    which all transforms stay closed forms. `a * b` multiplies two fields, `2j * a` and `a / 2`
+    scale one, and `a + b` and `a - b` superpose them.
 
     Parameters
     ----------
@@ -35,8 +38,8 @@ class Illumination:
 
     Raises
     ------
-    IlluminationError for values that are not finite numbers, shapes that do not match, and a field
-    that is zero everywhere.
+    IlluminationError for values that are not finite numbers, shapes that do not match, a field that
+    is zero everywhere, and where the largest modulus of an amplitude is not from 1e-100 to 1e100.
     """
 
     amplitudes: NDArray[np.complex128]
@@ -84,6 +87,19 @@ class Illumination:
         return Illumination(products.ravel(), sums.reshape(-1, self.dimension))
 
     __rmul__ = __mul__
+
+    def __truediv__(self, other: complex) -> Illumination:
+        if not isinstance(other, Complex):
+            return NotImplemented
+        if other == 0:
+            raise IlluminationError("expected a number other than zero to divide a field by, got 0")
+        return Illumination(self.amplitudes / complex(other), self.frequencies)
+
+    def __neg__(self) -> Illumination:
+        return -1 * self
+
+    def __sub__(self, other: Illumination) -> Illumination:
+        return self + -other if isinstance(other, Illumination) else NotImplemented
 
     def __add__(self, other: Illumination) -> Illumination:
         if not isinstance(other, Illumination):
@@ -171,4 +187,10 @@ def _merged(
     kept = np.abs(total) > 1e-15 * size
     if not kept.any():
         raise IlluminationError("expected a field other than zero, got amplitudes of zero only")
+    largest = float(np.abs(total).max())
+    if not 1 / LARGEST_AMPLITUDE <= largest <= LARGEST_AMPLITUDE:
+        raise IlluminationError(
+            f"expected a largest amplitude from {1 / LARGEST_AMPLITUDE:g} to "
+            f"{LARGEST_AMPLITUDE:g}, got {largest:g}; choose another unit of the field"
+        )
     return total[kept] + 0.0, found[kept]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ def steering_weights(positions: Any, direction: Any, wavelength: float) -> NDArr
             f"expected a direction for positions of {places.shape[1]} components, got one with "
             f"{len(towards)} along the array"
         )
-    return np.exp(2j * np.pi * (places @ (towards / checked_length(wavelength, "wavelength"))))
+    return _phases(lambda length: places @ (towards / length), wavelength)
 
 
 def focusing_weights(positions: Any, point: Any, wavelength: float) -> NDArray[np.complex128]:
@@ -90,7 +90,20 @@ def focusing_weights(positions: Any, point: Any, wavelength: float) -> NDArray[n
     )
     # R_k - R without the difference of two long distances
     path = ((places - 2 * focus[:2]) * places).sum(axis=1) / (distance + np.linalg.norm(focus))
-    return np.exp(-2j * np.pi * (path / checked_length(wavelength, "wavelength")))
+    return _phases(lambda length: -path / length, wavelength)
+
+
+def _phases(turns: Callable[[float], NDArray[np.float64]], wavelength: Any) -> Any:
+    """exp(2 pi i turns) of what a wavelength makes of distances."""
+    length = checked_length(wavelength, "wavelength")
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = turns(length)
+    if not np.isfinite(found).all():
+        raise ArgumentError(
+            f"expected a wavelength in metres for positions in metres, got {wavelength!r}, of "
+            "which there are too many between them for a float; check its unit"
+        )
+    return np.exp(2j * np.pi * found)
 
 
 def window_weights(
@@ -99,7 +112,7 @@ def window_weights(
     sll: float = 30.0,
     nbar: int = 4,
 ) -> NDArray[np.float64]:
-    """Amplitudes of a taper over a row or a grid of elements, real, the largest 1.
+    """Amplitudes of a taper over a row or a grid of elements, real, the largest in size 1.
 
     Parameters
     ----------
@@ -132,7 +145,8 @@ def window_weights(
         raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {shape!r}")
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     whole = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    return whole / whole.max()
+    # Of few sidelobes that hardly fall off the largest amplitude may be negative.
+    return np.asarray(whole / whole[np.abs(whole).argmax()])
 
 
 def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:

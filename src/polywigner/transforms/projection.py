@@ -74,7 +74,7 @@ def projections(
     extent : from coordinates to (lowest, highest), in m or 1/m. Left out: positions to a
         sixteenth of the width beyond the outline, lags to 9/8 of the width, frequencies to
         8/width; the same with the height along y.
-    coordinates : from coordinates to (n,) values, in m or 1/m, instead of both.
+    coordinates : from coordinates to (n,) values, n up to 4096, in m or 1/m, instead of both.
     tiles : only these.
     engine : see :func:`fourier`; computes the tiles that are marginals.
 
@@ -186,6 +186,11 @@ def _given(name: str, values: Any) -> Values:
         array = np.empty(0)
     if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
         raise ArgumentError(f"expected {name} as finite numbers of shape (n,), got {values!r}")
+    if len(array) > LARGEST_SAMPLES:
+        raise ArgumentError(
+            f"expected up to {LARGEST_SAMPLES} values of {name}, got {len(array)}; make several "
+            "datasets of them"
+        )
     return array
 
 

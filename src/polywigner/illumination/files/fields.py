@@ -27,9 +27,9 @@ from polywigner.illumination.files.values import (
     checked_table,
     complex_numbers,
     coordinates,
+    decibels,
     frequency,
     length,
-    number,
     numbers,
     shown,
     text,
@@ -181,7 +181,7 @@ _FIELDS: dict[str, _Kind] = {
     "taylor_taper": _Kind(
         lambda v, on: tapers.taylor_taper(**{"width": None, **v}, dimension=on.dimension),
         {},
-        {**_SIZES, "sll": number, "nbar": whole},
+        {**_SIZES, "sll": decibels, "nbar": whole},
     ),
     "te_mode": _Kind(_guided, _SIZES, {"m": whole, "n": whole, "component": text}),
     "fourier_taper": _Kind(
@@ -221,7 +221,7 @@ _LAYOUTS: dict[str, _Kind] = {
 }
 
 _WEIGHTS: dict[str, _Kind] = {
-    "window": _Kind(_window, {"window": _names}, {"sll": number, "nbar": whole}),
+    "window": _Kind(_window, {"window": _names}, {"sll": decibels, "nbar": whole}),
     "steering": _Kind(
         lambda v, on: weights.steering_weights(
             _places(on), _direction(v, on.dimension), _wavelength(v, on)

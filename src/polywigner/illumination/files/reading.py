@@ -10,9 +10,10 @@ from typing import Any, NoReturn
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.formats.content import bytes_of, text_of
+from polywigner.illumination.files.fields import wavelength_in
 from polywigner.illumination.files.tables import Source, source_of
 
-__all__ = ["Source", "parsed", "read_source"]
+__all__ = ["Source", "parsed", "read_source", "read_with_wavelength"]
 
 _LONGEST_MESSAGE = 1000
 
@@ -39,9 +40,18 @@ def read_source(path: str | os.PathLike[str]) -> Source:
     MissingExtraError
         A library is not installed that a window or an outline needs.
     """
+    return read_with_wavelength(path)[0]
+
+
+def read_with_wavelength(path: str | os.PathLike[str]) -> tuple[Source, float | None]:
+    """The source of a file, and the wavelength in metres that stands at its top, if any.
+
+    Raises as :func:`read_source` does.
+    """
     file = Path(path)
     try:
-        return source_of(parsed(text_of(bytes_of(file)), file.suffix), file.parent)
+        table = parsed(text_of(bytes_of(file)), file.suffix)
+        return source_of(table, file.parent), wavelength_in(table)
     except PolywignerError as error:
         whole = f"{file}: {error}"
         short = whole if len(whole) <= _LONGEST_MESSAGE else whole[:_LONGEST_MESSAGE] + "..."

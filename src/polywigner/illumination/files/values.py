@@ -11,7 +11,13 @@ from contextlib import contextmanager
 from typing import Any
 
 from polywigner.errors import FileFormatError, PolywignerError
-from polywigner.quantities import parse_angle, parse_coordinate, parse_frequency, parse_length
+from polywigner.quantities import (
+    parse_angle,
+    parse_coordinate,
+    parse_decibels,
+    parse_frequency,
+    parse_length,
+)
 
 __all__ = [
     "Table",
@@ -21,6 +27,7 @@ __all__ = [
     "checked_table",
     "complex_numbers",
     "coordinates",
+    "decibels",
     "flag",
     "frequency",
     "length",
@@ -125,6 +132,11 @@ def length(value: Any) -> float:
 def angle(value: Any) -> float:
     """An angle: a text such as "20 deg", or radians."""
     return _quantity(value, parse_angle)
+
+
+def decibels(value: Any) -> float:
+    """A level: a text such as "25 dB", or decibels."""
+    return _quantity(value, parse_decibels)
 
 
 def frequency(value: Any) -> float:
