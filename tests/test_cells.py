@@ -18,8 +18,9 @@ import polywigner as pw
 from oracles.references import ENGINES, awkward, awkward_names
 from polywigner.engines import NumpyOperations, ranges
 from polywigner.kernels import tables_of, wigner
+from polywigner.kernels.cell_finder import Segments
 from polywigner.kernels.cell_lists import cell_lists
-from polywigner.kernels.cell_tree import _PAIRS_PER_EDGE, Segments, divided
+from polywigner.kernels.cell_tree import _PAIRS_PER_EDGE, divided
 
 # Relative to the area: what the package promises.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}

@@ -11,30 +11,35 @@ changed in this way; a cell leaves out what cannot matter in it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from polywigner.kernels.cell_tree import Cells, Segments, divided
-from polywigner.kernels.clipping import NEARLY_PARALLEL
-from polywigner.kernels.lattice import accurate_cross
-from polywigner.kernels.tables import Edge, Tables
+from polywigner.kernels.cell_chains import Chains, with_sides_beyond
+from polywigner.kernels.cell_edges import OutlineEdges, main_direction
+from polywigner.kernels.cell_tables import (
+    CutList,
+    Parts,
+    Runs,
+    cut_lists,
+    first_rows,
+    ranges_of,
+    run_rows,
+)
+from polywigner.kernels.cell_tree import Cells, divided
+from polywigner.kernels.tables import Tables
 
-__all__ = ["GATE", "GATE_EXACT", "CellLists", "CutList", "cell_lists"]
+__all__ = ["CellLists", "cell_lists"]
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 Numbers = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
 
-# Kinds of cuts in a long row: a crossing of lines, or a comparison that decides on which side of
-# a parallel line an edge lies, by levels or by exact distances.
-GATE, GATE_EXACT = 1.0, 2.0
 # A cell is small enough if it has fewer cuts than this, or than one to so many edges: they then
 # cost less than the whole edges do.
 _FEW_CUTS, _EDGES_PER_CUT = 6, 8
@@ -47,26 +52,8 @@ _RIM = 0.002
 _OVERLAP = 1e-9
 # A sum of weights below this fraction of them is zero
 _ROUNDING = 1e-12
-# What lies to the left of sides that turn left by half a turn at most, the first and the last
-# prolonged, is what lies to the left of each. A little more, and the two meet far outside.
-_HALF_TURN = np.pi + 1e-9
-# Vertices on one line up to this distance do not turn: the area at stake is below rounding.
-_STRAIGHT = 4e-16
 # Rows at a time: their temporaries stay in the cache of one core.
 _CHUNK = 1 << 16
-
-
-@dataclass(frozen=True)
-class CutList:
-    """Parts of edges inside pieces, in cells, and the cuts that bound each."""
-
-    first: npt.NDArray[np.uint32]
-    """(cells + 1,) number of the first record of each cell."""
-    records: npt.NDArray[np.uint32]
-    """(k, 4): edge, first cut, end of the cuts, number of the weight."""
-    cuts: Floats
-    """(c, 4): t = O_x c0 + O_y c1 + c2, from where on (c3 = 1) or up to where (c3 = 0) the edge is
-    inside. Or (c, 8), see ``_long_rows``."""
 
 
 @dataclass(frozen=True)
@@ -115,8 +102,8 @@ class CellLists:
 @lru_cache(maxsize=32)
 def cell_lists(tables: Tables, sign: int) -> CellLists:
     """The lists for edges that lie at ``O + sign (a + t e)`` in the other copy."""
-    edges = _Edges.of(tables.edges)
-    angle = _main_direction(edges.vector)
+    edges = OutlineEdges.of(tables.edges)
+    angle = main_direction(edges.vector)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     corners = edges.start @ turn.T
     low = corners.min(axis=0) - (sign * corners).max(axis=0)
@@ -126,98 +113,15 @@ def cell_lists(tables: Tables, sign: int) -> CellLists:
     enough = max(_FEW_CUTS, len(edges) // _EDGES_PER_CUT)
     segments = edges.segments.turned(turn)
     cells = divided(segments, segments, sign, (low - rim, high + rim), enough)
-    cells = _with_sides_beyond(edges, cells, sign, turn)
+    cells = with_sides_beyond(edges, cells, sign, turn)
     return _Lists(tables, edges, cells, sign, turn).result(angle)
-
-
-def _main_direction(vectors: Floats) -> float:
-    """The angle, modulo a right angle, at which edges have the greatest length."""
-    angles = np.arctan2(vectors[:, 1], vectors[:, 0]) % (np.pi / 2)
-    bins = np.round(angles * 1e6).astype(np.int64)
-    _, which = np.unique(bins, return_inverse=True)
-    lengths = np.bincount(which.ravel(), np.hypot(*vectors.T))
-    if lengths.max() < 2 * lengths.min():
-        return 0.0
-    return float(angles[which.ravel() == lengths.argmax()][0])
-
-
-@dataclass(frozen=True)
-class _Edges:
-    """The edges as arrays, (n, 2) or (n,); they are the sides of the other copy as well."""
-
-    start: Floats
-    vector: Floats
-    offset: Floats
-    cluster: Floats
-    weight: Complexes
-    line: Numbers
-    side: Numbers
-    rings: Numbers
-    """The first edge of each ring, and n."""
-
-    @classmethod
-    def of(cls, edges: Sequence[Edge]) -> _Edges:
-        floats = np.array([(e.ax, e.ay, e.ex, e.ey, e.offset, e.cluster) for e in edges])
-        numbers = np.array([(e.line, e.side) for e in edges], np.int64)
-        weight = np.array([complex(e.real, e.imag) for e in edges])
-        starts = [(e.ax, e.ay) for e in edges]
-        first = [0]
-        for k, edge in enumerate(edges):
-            if (edge.bx, edge.by) == starts[first[-1]]:
-                first.append(k + 1)
-        return cls(
-            floats[:, :2], floats[:, 2:4], floats[:, 4], floats[:, 5], weight,
-            numbers[:, 0], numbers[:, 1], np.array(first),
-        )  # fmt: skip
-
-    def __len__(self) -> int:
-        return len(self.start)
-
-    @property
-    def segments(self) -> Segments:
-        return Segments(self.start + self.vector / 2, self.vector / 2)
-
-    @cached_property
-    def before(self) -> Numbers:
-        """The number of the edge before each."""
-        before = np.arange(-1, len(self) - 1)
-        before[self.rings[:-1]] = self.rings[1:] - 1
-        return before
-
-    @cached_property
-    def next(self) -> Numbers:
-        """The number of the edge after each."""
-        return np.argsort(self.before)
-
-    @property
-    def turns(self) -> Floats:
-        """The angle by which the outline turns to the left where each edge begins."""
-        (ex, ey), (fx, fy) = self.vector[self.before].T, self.vector.T
-        cross = accurate_cross(ex, ey, fx, fy)
-        longer = np.maximum(np.hypot(ex, ey), np.hypot(fx, fy))
-        ahead = ex * fx + ey * fy
-        straight = (np.abs(cross) <= _STRAIGHT * longer) & (ahead > 0)
-        return np.where(straight, 0.0, np.arctan2(cross, ahead))
-
-
-@dataclass
-class _Parts:
-    """Parts of edges in cells: inside of all of the lines given, on the side given, of each."""
-
-    cell: Numbers
-    edge: Numbers
-    weight: Complexes
-    first: Numbers
-    """(k + 1,) the first line of each part."""
-    line: Numbers
-    side: Numbers
 
 
 class _Lists:
     """Sorts what the cells have found into lists."""
 
     def __init__(
-        self, tables: Tables, edges: _Edges, cells: Cells, sign: int, turn: Floats
+        self, tables: Tables, edges: OutlineEdges, cells: Cells, sign: int, turn: Floats
     ) -> None:
         self.tables, self.edges, self.cells, self.sign, self.turn = tables, edges, cells, sign, turn
         self.lines = np.array(
@@ -233,13 +137,14 @@ class _Lists:
 
     def result(self, angle: float) -> CellLists:
         cells = self.cells
-        chains = _Chains(self.edges, cells, self.sign, self.turn)
+        chains = Chains(self.edges, cells, self.sign, self.turn)
         part, raised = self._cut(chains)
-        runs = _Runs.joined([self._runs(chains.key), raised])
+        runs = Runs.joined([self._runs(chains.key), raised])
         weights, number = np.unique(np.concatenate([runs.weight, part.weight]), return_inverse=True)
         number = number.ravel()
-        first_run, run_rows = self._run_rows(runs, number[: len(runs.cell)])
-        plain, special = self._cut_lists(part, number[len(runs.cell) :])
+        plain, special = cut_lists(
+            part, number[len(runs.cell) :], len(cells), self.lines, self.edges, self.sign
+        )
         scale = np.exp2(np.array(cells.bits)) / cells.size
         return CellLists(
             (float(np.cos(angle)), float(np.sin(angle))),
@@ -250,15 +155,15 @@ class _Lists:
             np.hstack([self.edges.start, self.edges.vector]),
             np.array([(e.area, e.real, e.imag) for e in self.tables.edges], np.float64),
             np.column_stack([weights.real, weights.imag]),
-            first_run,
-            run_rows,
+            first_rows(runs.cell, len(cells)),
+            run_rows(runs, number[: len(runs.cell)]),
             plain,
             special,
         )
 
     # ---- edges as a whole --------------------------------------------------------------------
 
-    def _runs(self, mixed: Numbers) -> _Runs:
+    def _runs(self, mixed: Numbers) -> Runs:
         """Runs of edges that no side cuts: between two that are cut, all are inside, or outside."""
         n = len(self.edges)
         base = n * np.arange(len(self.cells))[:, None]
@@ -269,7 +174,7 @@ class _Lists:
         cell, first = starts // n, starts % n
         weight = self._field(self._points(cell, first, 0))
         inside = weight != 0
-        return _Runs(cell, first, first + (ends - starts), weight)[inside]
+        return Runs(cell, first, first + (ends - starts), weight)[inside]
 
     def _points(self, cell: Numbers, edge: Numbers, choice: int) -> Floats:
         """A point (k, 2) of each edge in the other copy, at an offset of its cell."""
@@ -286,7 +191,7 @@ class _Lists:
         size = np.abs(self.weights).max()
         return np.where(np.abs(weight) > _ROUNDING * size, weight, 0)
 
-    def _constants(self, chains: _Chains) -> Complexes:
+    def _constants(self, chains: Chains) -> Complexes:
         """The field on a track less the weights of all convex sets that it lies in."""
         unknown = np.ones(len(chains.key), np.bool_)
         if self.simple:
@@ -299,11 +204,11 @@ class _Lists:
             result[which] = self._levels(chains, which)
         return np.where(np.abs(result) > _ROUNDING * np.abs(self.weights).max(), result, 0)
 
-    def _levels(self, chains: _Chains, which: Numbers) -> Complexes:
+    def _levels(self, chains: Chains, which: Numbers) -> Complexes:
         n = len(self.edges)
         cell, edge = chains.key[which] // n, chains.key[which] % n
-        sets, set_owner = _ranges(chains.sets[which], chains.sets[which + 1])
-        rows, row_set = _ranges(chains.first[sets], chains.end[sets])
+        sets, set_owner = ranges_of(chains.sets[which], chains.sets[which + 1])
+        rows, row_set = ranges_of(chains.first[sets], chains.end[sets])
         side, owner = chains.side[rows], set_owner[row_set]
         dx, dy = self.edges.vector[side].T
         scale = np.hypot(dx, dy)
@@ -325,7 +230,7 @@ class _Lists:
 
     # ---- parts of edges ----------------------------------------------------------------------
 
-    def _cut(self, chains: _Chains) -> tuple[_Parts, _Runs]:
+    def _cut(self, chains: Chains) -> tuple[Parts, Runs]:
         """Parts of edges inside convex sets, and edges as a whole to make up for the rest."""
         n = len(self.edges)
         constant, count = self._constants(chains), np.diff(chains.sets)
@@ -336,10 +241,10 @@ class _Lists:
         begins = ~joint[chains.owner]
         begins[chains.sets[:-1]] = True
         (sets,) = np.nonzero(begins)
-        rows, row_set = _ranges(chains.first, chains.end)
+        rows, row_set = ranges_of(chains.first, chains.end)
         right, key, side = chains.right, chains.key[chains.owner[sets]], chains.side[rows]
         lengths = np.add.reduceat(chains.end - chains.first, sets) if len(sets) else sets
-        parts = _Parts(
+        parts = Parts(
             key // n,
             key % n,
             chains.weight[sets],
@@ -349,263 +254,4 @@ class _Lists:
         )
         whole = (constant != 0) & ~joint
         cell, edge = chains.key[whole] // n, chains.key[whole] % n
-        return parts, _Runs(cell, edge, edge + 1, constant[whole])
-
-    # ---- packing -----------------------------------------------------------------------------
-
-    def _first(self, cell: Numbers) -> npt.NDArray[np.uint32]:
-        """(cells + 2,) where the rows of each cell begin; the cell outside comes first."""
-        return np.searchsorted(cell + 1, np.arange(len(self.cells) + 2)).astype(np.uint32)
-
-    def _run_rows(
-        self, runs: _Runs, number: Numbers
-    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]:
-        packed = np.column_stack([runs.first, runs.end, number, np.zeros_like(number)])
-        return self._first(runs.cell), packed.astype(np.uint32)
-
-    def _cut_lists(self, parts: _Parts, number: Numbers) -> tuple[CutList, CutList]:
-        owner = np.repeat(np.arange(len(parts.cell)), np.diff(parts.first))
-        rows, unusual_row = np.empty((len(owner), 8)), np.empty(len(owner), np.bool_)
-        for start in range(0, len(owner), _CHUNK):
-            chunk = slice(start, start + _CHUNK)
-            edge, line, side = parts.edge[owner[chunk]], parts.line[chunk], parts.side[chunk]
-            rows[chunk], unusual_row[chunk] = self._long_rows(edge, line, side)
-        unusual = np.zeros(len(parts.cell), np.bool_)
-        unusual[owner[unusual_row]] = True
-        lists = []
-        for chosen in (~unusual, unusual):
-            (mine,) = np.nonzero(chosen)
-            mine = mine[np.argsort(parts.cell[mine], kind="stable")]
-            own, _ = _ranges(parts.first[mine], parts.first[mine + 1])
-            end = (parts.first[mine + 1] - parts.first[mine]).cumsum()
-            first = np.append(0, end)[:-1]
-            table = rows[own] if chosen is unusual else _short_rows(rows[own])
-            packed = np.column_stack([parts.edge[mine], first, end, number[mine]])
-            lists.append(CutList(self._first(parts.cell[mine]), packed.astype(np.uint32), table))
-        return lists[0], lists[1]
-
-    def _long_rows(self, edge: Numbers, line: Numbers, side: Numbers) -> tuple[Floats, Flags]:
-        """(c, 8): direction d, a point o of the line as seen from the edge, factor, level, ...
-
-        With the distance ``d x (O + o)``, a crossing lies at t = distance times factor. A gate
-        compares ``d x O`` to the level, or the distance to 0. (For crossings the level is the
-        distance at O = 0.) Then the kind, and whether the edge is inside from the cut on. Also
-        whether the row must be used as it is, and not as a short one.
-        """
-        dx, dy, offset, cluster, exact, px, py = self.lines[line].T
-        (ax, ay), (ex, ey) = self.edges.start[edge].T, self.edges.vector[edge].T
-        together = cluster == self.edges.cluster[edge]
-        slope = dx * ey - dy * ex
-        close = together & (exact > 0)
-        slope[close] = accurate_cross(dx[close], dy[close], ex[close], ey[close])
-        parallel = together & ((exact == 0) | (slope == 0))
-        size = (dx**2 + dy**2) * (ex**2 + ey**2)
-        nearly = close & (slope**2 < NEARLY_PARALLEL**2 * size)
-        kind = np.where(parallel, np.where(exact > 0, GATE_EXACT, GATE), 0.0)
-        s = self.sign
-        factor = -s / np.where(parallel, 1.0, slope)
-        rising = parallel | (slope * s > 0)
-        start = s * (dx * ay - dy * ax) - offset
-        level = np.where(parallel, offset - s * self.edges.offset[edge], start)
-        rows = np.column_stack(
-            [dx, dy, s * ax - px, s * ay - py, factor, level, kind, rising == (side > 0)]
-        )
-        return rows, parallel | nearly
-
-
-def _short_rows(rows: Floats) -> Floats:
-    dx, dy, _, _, factor, start, _, begins = rows.T
-    return np.column_stack([-dy * factor, dx * factor, start * factor, begins])
-
-
-@dataclass
-class _Runs:
-    """Consecutive edges, from first to end, inside something of one weight in a cell."""
-
-    cell: Numbers
-    first: Numbers
-    end: Numbers
-    weight: Complexes
-
-    def __getitem__(self, chosen: Flags) -> _Runs:
-        return _Runs(self.cell[chosen], self.first[chosen], self.end[chosen], self.weight[chosen])
-
-    @classmethod
-    def joined(cls, runs: Sequence[_Runs]) -> _Runs:
-        """All of them in order; one for two where the second goes on where the first ends."""
-        names = ("cell", "first", "end", "weight")
-        every = cls(*(np.concatenate([getattr(r, name) for r in runs]) for name in names))
-        order = np.lexsort((every.first, every.cell))
-        cell, first, end, weight = (getattr(every, name)[order] for name in names)
-        goes_on = (cell[1:] == cell[:-1]) & (first[1:] == end[:-1]) & (weight[1:] == weight[:-1])
-        begins = np.append(True, ~goes_on)[: len(cell)]
-        ends = np.append(~goes_on, True)[-len(cell) :] if len(cell) else begins
-        return cls(cell[begins], first[begins], end[ends], weight[begins])
-
-
-def _ranges(first: Numbers, end: Numbers) -> tuple[Numbers, Numbers]:
-    """All numbers from each first up to its end, and which range each is from."""
-    lengths = end - first
-    owner = np.repeat(np.arange(len(first)), lengths)
-    return np.arange(len(owner)) + (first - (lengths.cumsum() - lengths))[owner], owner
-
-
-class _Chains:
-    """The sides that each edge meets in each cell, as the bounds of convex sets.
-
-    Neighbours are a chain, and the chain's jump of the field is the sum of those of its parts that
-    turn one way, with their ends prolonged, less that of the line of each side that two such parts
-    have in common. A part bounds a convex set: to its left, or if it turns to the right, to its
-    right, where its weight counts negative.
-    """
-
-    key: Numbers
-    """(g,) cell * n + edge of each edge that meets any side, ascending."""
-    sets: Numbers
-    """(g + 1,) the first set of each."""
-    owner: Numbers
-    """(c,) which edge in which cell each set is for."""
-    first: Numbers
-    """(c,) the first row of each set, and the end of its rows."""
-    end: Numbers
-    side: Numbers
-    """(r,) the side of each row."""
-    weight: Complexes
-    """(c,) the field inside of a set."""
-    right: Flags
-    """(c,) whether a set lies to the right of its sides."""
-
-    def __init__(self, edges: _Edges, cells: Cells, sign: int, turn: Floats) -> None:
-        key, self.side, chain, whole = _neighbours(edges, cells)
-        new_key = np.append(True, key[1:] != key[:-1])[: len(key)]
-        self.key = key[new_key]
-        starts = np.append(True, chain[1:] != chain[:-1])[: len(chain)]
-        ends = np.append(starts[1:], True)[: len(chain)]
-        # a part is known by its first row, and the last
-        first, last, right = self._one_way(edges, starts)
-        before = ~starts[first]
-        after = ~ends[last]
-        # R, whose ends are common with others: the two half-planes, less what they have in common
-        folded = right & (last == first + 1) & (before | after)
-        own = key[last] // len(edges), key[last] % len(edges)
-        track, corner = edges.segments.turned(turn), edges.start[self.side[last]] @ turn.T
-        half = track.half[own[1]]
-        seen = cells.meet(own[0], corner - sign * track.middle[own[1]], half, 0 * half)
-        # the lines of common sides, one less for each, and one more for each half-plane
-        joint = np.flatnonzero(before)
-        extra = folded[joint].astype(int) + folded[joint - 1] - 1
-        lines = [(first[joint], extra), (np.flatnonzero(starts & ends), 1)]
-        lines += [(first[folded & ~before], 1), (last[folded & ~after], 1)]
-        # of a whole ring, the first side is the last as well
-        lines.append((np.flatnonzero(starts & whole[chain]), -1))
-        kept = seen | ~folded
-        line = np.concatenate([rows for rows, _ in lines])
-        times = np.concatenate([np.broadcast_to(sign_, len(rows)) for rows, sign_ in lines])
-        line, times = line[times != 0], times[times != 0]
-        first, end = np.append(first[kept], line), np.append(last[kept], line) + 1
-        times = np.append(np.where(right[kept], -1, 1), times)
-        right = np.append((right & ~folded)[kept], np.zeros(len(line), np.bool_))
-        owner = (np.cumsum(new_key) - 1)[first]
-        order = np.argsort(owner, kind="stable")
-        self.first, self.end, self.owner = first[order], end[order], owner[order]
-        self.right = right[order]
-        self.weight = times[order] * edges.weight[self.side[self.first]]
-        self.sets = np.searchsorted(self.owner, np.arange(len(self.key) + 1))
-
-    def _one_way(self, edges: _Edges, starts: Flags) -> tuple[Numbers, Numbers, Flags]:
-        """First and last row of each part of a chain that turns one way, and whether right."""
-        # a vertex is known by the row of the side after it
-        (vertex,) = np.nonzero(~starts)
-        turn = edges.turns[self.side[vertex]]
-        right = _filled(np.sign(turn)) < 0
-        goes_on = (vertex[1:] == vertex[:-1] + 1) & (right[1:] == right[:-1])
-        begins = _up_to(np.cumsum(np.abs(turn)), np.append(True, ~goes_on)[: len(vertex)])
-        ends = np.append(begins[1:], True)[: len(vertex)]
-        return vertex[begins] - 1, vertex[ends], right[begins]
-
-
-def _with_sides_beyond(edges: _Edges, cells: Cells, sign: int, turn: Floats) -> Cells:
-    """Cells that list the next side as well wherever a listed one ends on the track.
-
-    A side that ends at the rim of a track may be found there, by rounding, and the next one not.
-    Its prolongation would cut the track where the outline has turned off. Tracks are a little
-    wider here than where sides were found: of those that end beyond, nothing comes back.
-    """
-    n, corner = len(edges), edges.start @ turn.T
-    middle = edges.segments.turned(turn).middle
-    half = edges.segments.turned(turn).half
-    key, side = cells.cell.astype(np.int64) * n + cells.edge, cells.side.astype(np.int64)
-    listed = key * n + side  # ascending
-    new = listed
-    while len(new):
-        found = []
-        for beyond, forward in ((edges.next, True), (edges.before, False)):
-            key, side = new // n, new % n
-            other = beyond[side]
-            wanted = key * n + other
-            missing = listed[np.searchsorted(listed, wanted) % len(listed)] != wanted
-            key, side, wanted = key[missing], side[missing], wanted[missing]
-            vertex = corner[other[missing] if forward else side]
-            cell, edge = key // n, key % n
-            h = half[edge]
-            seen = cells.meet(cell, vertex - sign * middle[edge], h, np.zeros_like(h))
-            found.append(wanted[seen])
-        new = np.unique(np.concatenate(found))
-        listed = np.union1d(listed, new) if len(new) else listed
-    key, side = listed // n, listed % n
-    return replace(cells, cell=key // n, edge=key % n, side=side)
-
-
-def _neighbours(edges: _Edges, cells: Cells) -> tuple[Numbers, Numbers, Numbers, Flags]:
-    """Key, side, and number of the chain of each row; whether a chain is a whole ring.
-
-    Chains are in one piece, in their order; a whole ring ends with the side it begins with.
-    """
-    n = len(edges)
-    key, side = cells.cell.astype(np.int64) * n + cells.edge, cells.side
-    ring = np.repeat(np.arange(len(edges.rings) - 1), np.diff(edges.rings))
-    follows = (key[1:] == key[:-1]) & (side[1:] == side[:-1] + 1)
-    follows &= ring[side[1:]] == ring[side[:-1]]
-    label = np.cumsum(np.append(True, ~follows)[: len(key)]) - 1
-    # a chain that reaches the last side of a ring goes on at the first
-    pair = key * len(edges.rings) + ring[side]
-    (at_first,) = np.nonzero(np.isin(side, edges.rings[:-1]))
-    (at_last,) = np.nonzero(np.isin(side, edges.rings[1:] - 1))
-    _, first, last = np.intersect1d(pair[at_first], pair[at_last], return_indices=True)
-    own = np.arange(label[-1] + 1 if len(label) else 0)
-    own[label[at_first[first]]] = label[at_last[last]]
-    moved = label != own[label]
-    order = np.lexsort((np.arange(len(label)), moved, own[label], key))
-    key, side, chain = key[order], side[order], own[label][order]
-    size = np.bincount(chain)
-    starts = np.flatnonzero(np.append(True, chain[1:] != chain[:-1])[: len(chain)])
-    first = np.zeros(len(size), np.int64)
-    first[chain[starts]] = starts
-    whole = size == np.diff(edges.rings)[ring[side[first]]] if len(side) else size > 0
-    (again,) = np.nonzero(whole[chain[starts]])
-    ends = np.append(starts[1:], len(chain))[again]
-    key, side, chain = (np.insert(a, ends, a[starts[again]]) for a in (key, side, chain))
-    return key, side, chain, whole
-
-
-def _up_to(angle: Floats, begins: Flags) -> Flags:
-    """Where parts begin that turn by half a turn at most, as many vertices in each as can be.
-
-    ``angle``: all that is turned up to each vertex; ``begins``: where a part has to.
-    """
-    result = begins.copy()
-    (first,) = np.nonzero(begins)
-    last = np.append(first[1:], len(begins))
-    turned = np.append(0.0, angle)
-    while len(first):
-        first = np.searchsorted(angle, turned[first] + _HALF_TURN, side="right")
-        inside = first < last
-        first, last = first[inside], last[inside]
-        result[first] = True
-    return result
-
-
-def _filled(signs: Floats) -> Floats:
-    """Signs, with that of the one before where there is none, for which either is right."""
-    known = np.maximum.accumulate(np.where(signs != 0, np.arange(len(signs)), 0))
-    return signs[known] if len(signs) else signs
+        return parts, Runs(cell, edge, edge + 1, constant[whole])

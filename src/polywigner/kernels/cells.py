@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator
 from typing import Any
 
-from polywigner.kernels.cell_lists import GATE, GATE_EXACT, CellLists, CutList, cell_lists
+from polywigner.kernels.cell_lists import CellLists, cell_lists
+from polywigner.kernels.cell_tables import GATE, GATE_EXACT, CutList
 from polywigner.kernels.clipping import AHEAD, BEHIND, Clipper, RowClipper, View
 from polywigner.kernels.tables import Edge, Piece, Tables
 

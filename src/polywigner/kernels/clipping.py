@@ -23,21 +23,19 @@ from dataclasses import astuple, dataclass, fields
 from typing import Any
 
 from polywigner.kernels.lattice import exact_cross
-from polywigner.kernels.tables import Edge, Line, Piece, Tables
+from polywigner.kernels.supporting_lines import NEARLY_PARALLEL, Line
+from polywigner.kernels.tables import Edge, Piece, Tables
 
 __all__ = [
     "AHEAD",
     "BEHIND",
     "MIRRORED",
-    "NEARLY_PARALLEL",
     "Clipper",
     "RowClipper",
     "View",
     "times",
     "total_extent",
 ]
-
-NEARLY_PARALLEL = 0.03  # see tables._TRANSVERSAL
 
 
 @dataclass(frozen=True)

@@ -3,18 +3,7 @@
 A slice of the autocorrelation is the intersection of two copies of the polygon. Its boundary is
 made of the true edges of either copy, cut to the parts that lie inside the other, and "inside" is
 decided line by line against the convex pieces of the other copy. So a table lists edges, the
-supporting lines of edges and pieces, and the pieces as sets of (line, side).
-
-What makes coincident edges come out right, under rounding, is that both copies are cut with the
-same numbers. Lines fall into clusters of direction, more than ``_TRANSVERSAL`` apart:
-
-- In a cluster of *parallel* lines all share one direction, and whether an edge lies to the left
-  of a line is one comparison of one float (the offset of the copies) with a sum or difference
-  of two others. The two copies see the identical comparison.
-- In a cluster of nearly parallel lines the vertices are rounded to a grid so coarse that their
-  sums and differences are exact; every cut is then the quotient of an exactly known number and
-  of a cross product with an error of one ulp, as if computed in exact arithmetic.
-- Lines of different clusters meet at a well-conditioned point; rounding moves it by a few ulps.
+supporting lines of edges and pieces (``supporting_lines``), and the pieces as sets of (line, side).
 """
 
 from __future__ import annotations
@@ -35,6 +24,7 @@ from polywigner.kernels.lattice import (
     signed_convex_pieces,
     with_vertices_on_sides,
 )
+from polywigner.kernels.supporting_lines import Line, LineBook
 from polywigner.kernels.waves import (
     UNIFORM,
     Waves,
@@ -44,35 +34,12 @@ from polywigner.kernels.waves import (
     waves_in_frame,
 )
 
-__all__ = ["Edge", "Element", "Line", "Piece", "Tables", "build_tables"]
+__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables"]
 
-# sine of the angle below which two lines count as nearly parallel: an intersection of lines at
-# this angle is off by 1/0.03 ulps
-_TRANSVERSAL = 0.03
-# A cluster counts as parallel if its lines agree to this angle, which moves an edge by less than
-# 1e-14 (1e-7) of the diameter, and if no two of them lie so close that this could matter: their
-# offsets either agree to the first of these figures, and are one line, or differ by the second.
-# All other clusters go the exact way, so nothing depends on the values.
-_PARALLEL = {True: 1e-14, False: 1e-7}  # by double precision or not
-_SEPARATE = {True: 1e-12, False: 1e-5}
-_SAME_OFFSET = 1e-14
 # Pairs of waves that are code, of some 20 ms to compile each, where edges are looked up in cells
 _WAVES_IN_CELLS = 16
 # What a further wave over what is left of an edge counts as, in cuts: 5 to 20 ms to compile.
 _CLIPS_PER_WAVE = 24
-
-
-@dataclass(frozen=True)
-class Line:
-    """All points p with cross(direction, p) = offset; left of it the cross product is larger."""
-
-    dx: float
-    dy: float
-    offset: float
-    cluster: int
-    exact: bool
-    px: float  # a point of the line; on the grid if the line is exact
-    py: float
 
 
 @dataclass(frozen=True)
@@ -182,94 +149,6 @@ class Element:
     """What the weight multiplies, an Illumination; None for 1."""
 
 
-def _clusters(angles: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
-    """Cluster number of each direction in [0, pi): single linkage, the circle closed."""
-    order = np.argsort(angles)
-    sorted_angles = angles[order]
-    starts = np.diff(sorted_angles, prepend=sorted_angles[:1]) > _TRANSVERSAL
-    labels = np.cumsum(starts, dtype=np.intp)
-    if sorted_angles[0] + np.pi - sorted_angles[-1] <= _TRANSVERSAL:
-        labels[labels == labels[-1]] = 0
-    result = np.empty_like(labels)
-    result[order] = labels
-    return result
-
-
-def _canonical(segment: npt.NDArray[np.float64]) -> int:
-    """+1 if a segment's direction lies in [0, pi), else -1."""
-    ex, ey = segment
-    return 1 if ey > 0 or (ey == 0 and ex > 0) else -1
-
-
-class _LineBook:
-    """Collects the supporting lines of segments and gives each geometric line one number."""
-
-    def __init__(self, segments: npt.NDArray[np.float64], double: bool) -> None:
-        """``segments`` (n, 4): start and vector of every segment that will be asked for."""
-        vectors = segments[:, 2:]
-        signs = np.array([_canonical(v) for v in vectors])
-        angles = np.arctan2(signs * vectors[:, 1], signs * vectors[:, 0]) % np.pi
-        clusters = _clusters(angles)
-        self.lines: list[Line] = []
-        self.number_of: list[int] = []
-        self.signs: list[int] = []
-        """+1 where a segment runs along its line, -1 where it runs against it."""
-        shared = {
-            int(cluster): _shared_direction(segments[clusters == cluster], double)
-            for cluster in np.unique(clusters)
-        }
-        keys: dict[tuple[float, ...], int] = {}
-        offsets: dict[int, list[float]] = {}
-        for (ax, ay, ex, ey), sign, label in zip(segments.tolist(), signs, clusters, strict=True):
-            cluster = int(label)
-            direction = shared[cluster]
-            if direction is None:
-                start = (ax, ay) if sign > 0 else (ax + ex, ay + ey)
-                dx, dy = sign * ex, sign * ey
-                offset = exact_cross(dx, dy, *start)
-                key: tuple[float, ...] = (*start, dx, dy)
-            else:
-                start = (ax, ay)
-                dx, dy = direction
-                sign = 1 if ex * dx + ey * dy > 0 else -1
-                offset = _merged(dx * ay - dy * ax, offsets.setdefault(cluster, []))
-                key = (cluster, offset)
-            if key not in keys:
-                keys[key] = len(self.lines)
-                self.lines.append(Line(dx, dy, offset, cluster, direction is None, *start))
-            self.number_of.append(keys[key])
-            self.signs.append(int(sign))
-
-    @property
-    def has_exact_lines(self) -> bool:
-        return any(line.exact for line in self.lines)
-
-
-def _shared_direction(
-    segments: npt.NDArray[np.float64], double: bool
-) -> tuple[float, float] | None:
-    """The unit vector, in [0, pi), of a cluster whose lines are parallel, equal or well apart."""
-    vectors = segments[:, 2:]
-    lengths = np.hypot(vectors[:, 0], vectors[:, 1])
-    longest = int(np.argmax(lengths))
-    dx, dy = (_canonical(vectors[longest]) * vectors[longest] / lengths[longest]).tolist()
-    angles = np.abs(dx * vectors[:, 1] - dy * vectors[:, 0]) / lengths
-    offsets = np.sort(dx * segments[:, 1] - dy * segments[:, 0])
-    parallel, separate = _PARALLEL[double], _SEPARATE[double]
-    ends = np.flatnonzero(np.diff(offsets) > separate)
-    spans = offsets[np.append(ends, -1)] - offsets[np.insert(ends + 1, 0, 0)]
-    return (dx, dy) if max(angles) <= parallel and max(spans) <= _SAME_OFFSET else None
-
-
-def _merged(offset: float, known: list[float]) -> float:
-    """An offset already known that agrees with this one up to rounding, or this one."""
-    for other in known:
-        if abs(offset - other) <= _SAME_OFFSET:
-            return other
-    known.append(offset)
-    return offset
-
-
 def _segments_of(polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Start and vector of each side of a closed polygon (n, 2) -> (n, 4)."""
     return np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon])
@@ -285,9 +164,9 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
     frame = replace(frame, carrier=carrier_of((e.illumination for e in elements), 2))
     groups, members = _grouped(elements, frame)
     plain = [_in_frame(element, frame) for element in elements]
-    gridded = _LineBook(_segments_of_all(plain), double).has_exact_lines
+    gridded = LineBook(_segments_of_all(plain), double).has_exact_lines
     outlines = [_on_grid(element, frame, lattice) for element in elements] if gridded else plain
-    book = _LineBook(_segments_of_all(outlines), double)
+    book = LineBook(_segments_of_all(outlines), double)
     edges: list[Edge] = []
     pieces: list[Piece] = []
     numbers = iter(zip(book.number_of, book.signs, strict=True))
@@ -360,7 +239,7 @@ def _segments_of_all(outlines: Sequence[_Outline]) -> npt.NDArray[np.float64]:
 def _edges(
     ring: npt.NDArray[np.float64],
     numbers: Iterator[tuple[int, int]],
-    book: _LineBook,
+    book: LineBook,
     waves: dict[tuple[float, float], tuple[float, float]],
     member: tuple[complex, int],
 ) -> Iterator[Edge]:
