@@ -1,27 +1,54 @@
 """Closed forms on polygons, written once as straight-line code over an operations namespace.
 
-===================  ==========================================================================
+===================  =============================================================================
 module               what is in it
-===================  ==========================================================================
+===================  =============================================================================
 ``frame``            the normalised coordinates in which all thresholds are absolute
 ``lattice``          exact arithmetic on vertices rounded to a grid
-``tables``           edges, lines and convex pieces of a polygon as constants of a kernel
+``supporting_lines`` lines of edges and pieces, in clusters of direction
+``tables``           edges and convex pieces of a polygon as constants of a kernel
 ``trigonometry``     sine and cosine of turns by polynomial; the mean of a plane wave on a segment
+``phases``           phases in turns from error-free products; growth for complex frequencies
+``complex_pairs``    complex arithmetic for complex frequencies
+``interpolation``    band-limited functions from a few samples around a place
 ``stokes``           the plane-wave integral over one triangle, stable for all arguments
 ``clipping``         the parts of edges inside a mirrored or shifted copy; coincident edges
 ``wigner``           Wigner function and lag-slice area
 ``fourier``          Fourier transform
 ``ambiguity``        ambiguity function and position-slice area
-``phases``           phases in turns from error-free products; growth for complex frequencies
-``complex_pairs``    complex arithmetic for complex frequencies
-``simplices``        Fourier transform of slits and of what is thin, as tiles with exact phases
-``slits``            sums over slices of intervals; ``solids`` over tetrahedra
+``waves``            sums of plane waves on a source, and what pairs of them contribute
 ``membership``       the field of a source at points
-``grids``            Fourier transform on grids of frequencies; ``families`` of equal edges
+``simplices``        Fourier transform of slits and of what is thin, as tiles with exact phases
+``slits``            sums over slices of intervals
+``solids``           sums over tetrahedra
+``grids``            Fourier transform on grids of frequencies
+``families``         edges with equal vectors, for grids
+``cells``            the parts of edges inside the other copy, from lists for the offset's cell
+``cell_lists``       what is left to do in each cell: whole edges, and edges to cut
+``cell_tree``        the division of the plane of offsets into cells
+``cell_finder``      which pairs of an edge and a side can meet in a cell
+``cell_edges``       the edges of a source as arrays
+``cell_chains``      sides that an edge meets, as the bounds of convex sets
+``cell_tables``      runs of edges and cuts of parts as tables
+``separable``        fields f(x) g(y) on a rectangle
+``line_fields``      a few waves on one interval, and their transforms
+``products``         the transforms of rectangles with such fields, as kernels
+``elements``         one aperture's functions in its frame, by the kernel that suits its field
+``array_factor``     sums over the sites of an array, for its Fourier transform
+``repeated``         what kernels of one element many times share
+``array_frames``     the frame of an array on a lattice; which sites count at a place
+``lattice_arrays``   arrays on a lattice: the element near x or xi, times array factors
+``factors``          array factors in phase space: the pairs of sites of one midpoint
+``site_weights``     weights at the sites of a lattice, and sums over pairs
+``weight_tables``    array factors of any weights, from a table periodic in the frequency
+``scattered_arrays`` arrays off any lattice: pairs near a sample
+``pair_lists``       pairs of elements, sorted into cells
 ``kernel``           what a transform is to an engine: enter the frame, sum, leave it
-``line``             the transforms of slits, ``plane`` of apertures, ``space`` of polyhedra
+``line``             the transforms of slits
+``plane``            the transforms of apertures, in their plane and in any pose
+``space``            the transforms of polyhedra
 ``catalogue``        which kernel computes which transform of which source
-===================  ==========================================================================
+===================  =============================================================================
 
 This room knows no file, no plot, no engine and no Mitsuba.
 """
