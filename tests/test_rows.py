@@ -57,3 +57,13 @@ def test_an_outline_of_many_edges_compiles_in_rows() -> None:
     for precision, tolerance in TOLERANCE.items():
         got = pw.wigner(ring, x, nu, engine="llvm", precision=precision)
         assert np.abs(got - pw.wigner(ring, x, nu, engine="numpy")).max() < tolerance * ring.area
+
+
+def test_few_samples_in_single_precision_are_accurate_where_both_copies_nearly_coincide() -> None:
+    """At the centre of a regular polygon its neighbours cut each edge at small angles."""
+    polygon = pw.shapes.regular_polygon(97, 1.0)
+    corners = polygon.rings[0]
+    x = np.vstack([np.zeros(2), (np.roll(corners, -1, axis=0) - corners)[:40] / 100])
+    exact = pw.position_marginal(polygon, x, engine="numpy")
+    got = pw.position_marginal(polygon, x, engine="numpy", precision="single")
+    assert np.abs(got - exact).max() < TOLERANCE["single"] * polygon.area

@@ -85,7 +85,8 @@ class NumpyOperations(_Unfused, NumpyRanges):
 
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
-        table = np.array(rows, self.dtype)
+        # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
+        table = np.array(rows, np.float64 if np.size(like) <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, np.size(like)))
         totals: list[Any] = [0.0] * values
