@@ -14,8 +14,7 @@ from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
-from polywigner.illumination.array import checked_sites
-from polywigner.illumination.sites import Sites
+from polywigner.illumination.sites import Sites, checked_sites
 from polywigner.kernels import is_separable
 from polywigner.transforms.arguments import (
     Source,
