@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from polywigner.propagation import (
         ambiguity_table,
+        amplitude,
         irradiance,
         radiation_pattern,
         wigner_table,
@@ -98,6 +99,7 @@ _HOMES = {
     "power": "polywigner.radiometry",
     "radiance": "polywigner.radiometry",
     "radiant_intensity": "polywigner.radiometry",
+    "amplitude": "polywigner.propagation",
     "radiation_pattern": "polywigner.propagation",
     "write_pattern": "polywigner.propagation",
     "ambiguity_table": "polywigner.propagation",
@@ -126,6 +128,7 @@ __all__ = [
     "__version__",
     "ambiguity",
     "ambiguity_table",
+    "amplitude",
     "array_factor",
     "arrays",
     "autocorrelation",

@@ -122,6 +122,12 @@ class NumpyOperations(_Unfused, NumpyRanges):
     def exp(self, a: Any) -> Any:
         return np.exp(self._typed(a))
 
+    def log(self, a: Any) -> Any:
+        return np.log(a)
+
+    def atan2(self, y: Any, x: Any) -> Any:
+        return np.arctan2(y, x)
+
     def sqrt(self, a: Any) -> Any:
         return np.sqrt(a)
 
@@ -176,6 +182,12 @@ class ScalarOperations(_Unfused, ScalarRanges):
 
     def exp(self, a: Any) -> Any:
         return math.exp(a)
+
+    def log(self, a: Any) -> Any:
+        return math.log(a)
+
+    def atan2(self, y: Any, x: Any) -> Any:
+        return math.atan2(y, x)
 
     def sqrt(self, a: Any) -> Any:
         return math.sqrt(a)
@@ -263,6 +275,12 @@ class DrjitOperations(DrjitRanges):
 
     def exp(self, a: Any) -> Any:
         return self._dr.exp(a)
+
+    def log(self, a: Any) -> Any:
+        return self._dr.log(a)
+
+    def atan2(self, y: Any, x: Any) -> Any:
+        return self._dr.atan2(y, x)
 
     def sqrt(self, a: Any) -> Any:
         return self._dr.sqrt(a)

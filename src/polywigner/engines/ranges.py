@@ -8,7 +8,7 @@ ranges of their rows.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -122,6 +122,43 @@ class NumpyRanges:
             state = tuple(np.where(active, new, old) for new, old in zip(found, state, strict=True))
         return state
 
+    def sum_over_rule(
+        self,
+        rule: Any,
+        rules: Sequence[Table],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        """The sums of ``term(*row, *samples)`` over the rows of one of several tables of floats.
+
+        ``rule``: the number of each sample's table, or -1 for a sum over nothing.
+        """
+        rule, *arrays = np.broadcast_arrays(rule, *samples)
+        totals = [np.zeros(rule.shape, self.dtype) for _ in range(values)]
+        for number in np.unique(rule):
+            if number < 0:
+                continue
+            mine = ... if rule.size and (rule == number).all() else rule == number
+            found = self._sums_over_table(
+                rules[int(number)], term, values, [array[mine].ravel() for array in arrays]
+            )
+            for total, part in zip(totals, found, strict=True):
+                total[mine] = part.reshape(total[mine].shape)
+        return totals
+
+    def _sums_over_table(
+        self, table: Table, term: Callable[..., Values], values: int, samples: Sequence[Table]
+    ) -> list[Any]:
+        rows = table.astype(self.dtype)[..., None]
+        totals = [np.zeros(samples[0].shape) for _ in range(values)]
+        block = max(1, _BLOCK // max(1, samples[0].size))
+        for start in range(0, len(rows), block):
+            terms = term(*np.moveaxis(rows[start : start + block], 1, 0), *samples)
+            for total, part in zip(totals, terms, strict=True):
+                total += part.sum(axis=0, dtype=np.float64)
+        return totals
+
 
 class ScalarRanges:
     """Ranges for Python floats."""
@@ -172,6 +209,21 @@ class ScalarRanges:
         for row in range(first, end):
             state = step(row, *state)
         return state
+
+    def sum_over_rule(
+        self,
+        rule: float,
+        rules: Sequence[Table],
+        term: Callable[..., Values],
+        values: int,
+        *samples: float,
+    ) -> list[Any]:
+        """The sums of ``term(*row, *samples)`` over the rows of a table, or nothing for -1."""
+        rows = rules[int(rule)].tolist() if rule >= 0 else []
+        totals = [0.0] * values
+        for row in rows:
+            totals = [a + b for a, b in zip(totals, term(*row, *samples), strict=True)]
+        return totals
 
 
 class DrjitRanges:
@@ -274,6 +326,25 @@ class DrjitRanges:
             return tuple(self._sum(begin, stop, lambda row: term(row, weight), values))
 
         return self.sum_over_range(first, end, of_run, values)
+
+    def sum_over_rule(
+        self,
+        rule: Any,
+        rules: Sequence[Table],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        """The sums of ``term(*row, *samples)`` over the rows of a table; over none for rule -1."""
+        ends = np.cumsum([len(table) for table in rules])
+        ranges = np.stack(
+            [np.append(0, ends - [len(t) for t in rules]), np.append(0, ends)], axis=1
+        )
+        first, end = self.gather(self.held(ranges), self.truncated(rule + 1.0))
+        table = self.held(np.concatenate(rules))
+        return self.sum_over_range(
+            first, end, lambda row: term(*self.gather(table, row), *samples), values
+        )
 
     def fold(self, first: Any, end: Any, state: Values, step: Callable[..., Values]) -> Values:
         def next_row(row: Any, *state: Any) -> Values:

@@ -12,7 +12,7 @@ from typing import Any
 
 from polywigner.kernels.trigonometry import cos_sin_turns
 
-__all__ = ["Pair", "mean_wave", "plane_wave", "select"]
+__all__ = ["Pair", "decaying_sinh", "mean_wave", "plane_wave", "select"]
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,12 @@ def _decaying_sinc(ops: Any, z: Pair) -> Pair:
     growth = math.pi * abs(safe.imag)
     decay = ops.exp(-growth)
     cosh = 0.5 + 0.5 * (decay * decay)
-    sinh = _decaying_sinh(ops, growth, decay)
+    sinh = decaying_sinh(ops, growth, decay)
     sinh = ops.select(safe.imag < 0.0, -sinh, sinh)
     return Pair(sine * cosh, cosine * sinh) / safe.scaled(math.pi)
 
 
-def _decaying_sinh(ops: Any, a: Any, decay: Any) -> Any:
+def decaying_sinh(ops: Any, a: Any, decay: Any) -> Any:
     """sinh(a) exp(-a) for a >= 0, exp(-a) given: by the series of sinh where 1 - exp(-2a) cancels.
 
     First omitted term of the series: 0.5^14/15! = 5e-17 of sinh.

@@ -12,6 +12,8 @@ module               what is in it
 ``obliquities``      boundary conditions of rays, as sums over fields
 ``arrangement``      where the Wigner function is smooth; ``rays_rules`` Gauss rules there
 ``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
+``amplitudes``       the complex field at points, by boundary integrals and in the far field
+``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
 ``exports``          datasets to NetCDF and VTK files
@@ -21,6 +23,7 @@ module               what is in it
 
 from __future__ import annotations
 
+from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
@@ -31,6 +34,7 @@ from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 __all__ = [
     "METHODS",
     "ambiguity_table",
+    "amplitude",
     "irradiance",
     "radiation_pattern",
     "wigner_table",

@@ -1,0 +1,235 @@
+"""Fields of plane waves behind an aperture as integrals along its edges. Source: (B1) to (B5).
+
+Lengths are in wavelengths, phases in turns. Edges are cut into panels, straight pieces. A panel and
+a point have their own axes: e along the panel, n to its left, and the origin at the point's foot in
+the plane. There the point lies at the height z, a place on the panel is (s, b), b the same for all
+of them, and the wave has direction cosines (along, across, p_z).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from polywigner.kernels import phases
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.edge_waves import EVANESCENT, TRAVELLING, Corner, EdgeWave
+from polywigner.kernels.kernel import Values
+from polywigner.kernels.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+from polywigner.kernels.trigonometry import cos_sin_turns
+
+__all__ = [
+    "BoundaryFrame",
+    "BoundaryTables",
+    "Row",
+    "edge_sum",
+    "enter",
+    "free_wave",
+    "leave",
+    "offset_of",
+    "weighted",
+]
+
+Row = tuple[float, ...]
+"""Of a panel and a wave: x, y of its beginning relative to the centre; e_x, e_y; length; p_x, p_y,
+p_z as pairs of floats, the nearest and the rest (q of an evanescent wave, p_z = i q); the wave's
+phase at the beginning; its amplitude over 2 pi, real and imaginary part; 1 if evanescent, else 0.
+"""
+
+# Singularities in the sinh variable lie pi/2 off the real axis; 10% are kept clear.
+_STRIP = 1.4
+
+
+@dataclass(frozen=True)
+class BoundaryFrame:
+    """Lengths in wavelengths, relative to the centre of the source."""
+
+    centre: tuple[float, float]
+    wavelength: float
+
+
+@dataclass(frozen=True)
+class BoundaryTables:
+    """Panels times waves, and the rules to integrate along them."""
+
+    frame: BoundaryFrame
+    edges: tuple[Row, ...]
+    rules: Rules
+    share: float
+    """Of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff), 1 (I)."""
+
+
+def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
+    """Coordinates and distance from the centre in two floats each; turns of that; accuracy.
+
+    ``digits``: minus the natural logarithm of the error allowed.
+    """
+    scale = 1.0 / frame.wavelength
+    point = [(x - frame.centre[0]) * scale, (y - frame.centre[1]) * scale, z * scale]
+    distance = ops.sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
+    parts = [part for c in (*point, distance) for part in phases.halves(ops, (c, 0.0))]
+    return (*parts, distance - ops.round(distance), digits)
+
+
+def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
+    """The field with the phase of the distance from the centre, and its error."""
+    real, imag, error = sums
+    cosine, sine = cos_sin_turns(ops, inner[8])
+    return real * cosine - imag * sine, real * sine + imag * cosine, error
+
+
+def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
+    """(real part, imaginary part, error) of the field but for the phase of the distance."""
+    totals: Values = ()
+    for wave, flag in ((TRAVELLING, 0.0), (EVANESCENT, 1.0)):
+        rows = [row[:-1] for row in tables.edges if row[-1] == flag]
+        if not rows:
+            continue
+
+        def term(*row: Any, wave: EdgeWave = wave) -> Values:
+            return _panel(ops, tables, row, inner, wave)
+
+        sums = ops.sum_over(rows, term, 3, like=inner[0], unroll=False)
+        totals = tuple(a + b for a, b in zip(totals, sums, strict=True)) if totals else sums
+    return totals
+
+
+def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave) -> Values:
+    """One panel's part of the field of one wave, and its error."""
+    x, y, ex, ey, length, *cosines, start, _, _ = row
+    px, _, py, _, pz, _ = cosines
+    # in float32 these sums are the first parts again
+    x_p, y_p, z, distance = (inner[k] + inner[k + 1] for k in range(0, 8, 2))
+    offset = offset_of(inner, x, y)
+    dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
+    first, b = ex * dx + ey * dy, ex * dy - ey * dx
+    last, foot2 = first + length, b * b + z * z
+    along, across = px * ex + py * ey, py * ex - px * ey
+    ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
+    corner = Corner(first, last, length, *ends, b, z, along, across, pz)
+    free = Pair(*free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
+    seen, sine, depth = wave.seen(ops, corner, free)
+    # radius^2 - distance^2 at t from the beginning is constant + t (slope + t)
+    constant = x * (x - 2.0 * x_p) + y * (y - 2.0 * y_p)
+    slope = 2.0 * (ex * (x - x_p) + ey * (y - y_p))
+    phase = (constant, slope, distance, along, start)
+    pair = (first, *phase, b, z, along, across, pz, *seen)
+
+    far, rule, half = _far_rule(ops, corner, inner[9], sine, depth)
+    node = partial(_far_node, ops, tables.share, wave)
+    far_sums = ops.sum_over_rule(ops.select(far, rule, -1.0), tables.rules, node, SUMS, half, *pair)
+    rule, middle, span = _near_rule(ops, corner, inner[9], sine, depth)
+    node = partial(_near_node, ops, tables.share, wave)
+    near_sums = ops.sum_over_rule(
+        ops.select(far, -1.0, rule), tables.rules, node, SUMS, middle, span, ops.sqrt(foot2), *pair
+    )
+    sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
+    error = missed(ops, sums, abs(x) + abs(y) + length)
+    e, mirrored, clinging = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
+    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
+    closed = (wave.closed(ops, corner) * rest).scaled(clinging)
+    return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+
+
+def _far_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """Whether a rule in the length along the panel will do, which one, and half the length."""
+    half = 0.5 * corner.length
+    outside = ops.maximum(ops.maximum(corner.first, -corner.last), 0.0)
+    nearest = ops.sqrt(outside * outside + (corner.b * corner.b + corner.z * corner.z))
+    swing = ops.maximum(
+        abs(corner.first / corner.radius_first + corner.along),
+        abs(corner.last / corner.radius_last + corner.along),
+    )
+    clear = (
+        nearest * sine if depth is None else ops.minimum(nearest, depth / ops.maximum(swing, 1e-30))
+    )
+    clear = ops.minimum(clear, nearest) / half
+    needed = nodes_needed(ops, digits, clear, 2 * math.pi * half * swing)
+    return nearest >= half, rule_of(ops, needed), half
+
+
+def _near_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """Which rule in v, s = sqrt(b^2 + z^2) sinh v, and its interval as middle and half-length."""
+    away = ops.sqrt(corner.b * corner.b + corner.z * corner.z)
+    low = _inverse_sinh(ops, corner.first / away, corner.radius_first / away)
+    high = _inverse_sinh(ops, corner.last / away, corner.radius_last / away)
+    middle, span = 0.5 * (low + high), 0.5 * (high - low)
+    swing = ops.maximum(
+        abs(corner.first + corner.along * corner.radius_first),
+        abs(corner.last + corner.along * corner.radius_last),
+    )
+    clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
+    clear = ops.minimum(clear, _STRIP) / span
+    needed = nodes_needed(ops, digits, clear, 2 * math.pi * span * swing)
+    return rule_of(ops, needed), middle, span
+
+
+def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
+    """A panel's integral times the wave's amplitude, and its error."""
+    r, i = row[-2:]
+    return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
+
+
+def offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
+    """The point relative to the panel's beginning, each component in two floats."""
+    found = []
+    for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
+        rounded, lost = phases.difference(high, origin)
+        found.append((rounded, lost + low))
+    return (*found, (inner[4], inner[5]))
+
+
+def free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
+    """The wave at the point if nothing were in its way, against the phase of the distance.
+
+    ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
+    """
+    floats = (*cosines, -1.0, 0.0)
+    direction = tuple(zip(floats[::2], floats[1::2], strict=True))
+    place = (*offset[: len(direction) - 1], (inner[6], inner[7]))
+    turns = phases.reduced(ops, phases.dot(ops, direction, place)) + start
+    return cos_sin_turns(ops, turns)
+
+
+def _inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
+    logarithm = ops.log(abs(sinh) + cosh)
+    return ops.select(sinh < 0.0, -logarithm, logarithm)
+
+
+def _far_node(
+    ops: Any, share: float, wave: EdgeWave,
+    at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, *pair: Any,
+) -> Values:  # fmt: skip
+    """A node in the length t along the panel."""
+    t = half * (1.0 + at)
+    s = first + t
+    b, z = pair[5:7]
+    radius = ops.sqrt(s * s + (b * b + z * z))
+    edge = _edge_wave(ops, t, radius, *pair[:5])
+    value = wave.integrand(ops, share, edge, s, radius, *pair[5:]).scaled(half / radius)
+    return node_sums(value.real, value.imag, w, v1, v2)
+
+
+def _near_node(
+    ops: Any, share: float, wave: EdgeWave,
+    at: Any, w: Any, v1: Any, v2: Any,
+    middle: Any, span: Any, away: Any, first: Any, *pair: Any,
+) -> Values:  # fmt: skip
+    """A node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
+    grown = ops.exp(middle + span * at)
+    shrunk = 1.0 / grown
+    s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
+    edge = _edge_wave(ops, s - first, radius, *pair[:5])
+    value = wave.integrand(ops, share, edge, s, radius, *pair[5:]).scaled(span)
+    return node_sums(value.real, value.imag, w, v1, v2)
+
+
+def _edge_wave(
+    ops: Any, t: Any, radius: Any,
+    constant: Any, slope: Any, distance: Any, along: Any, start: Any,
+) -> Pair:  # fmt: skip
+    """What comes from t along the panel, against the phase of the distance."""
+    turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
+    return Pair(*cos_sin_turns(ops, turns))

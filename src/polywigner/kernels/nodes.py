@@ -1,0 +1,113 @@
+"""Gauss-Legendre rules of many sizes, how many nodes an integrand needs, and what they miss.
+
+An integrand on [-1, 1] that is analytic inside the ellipse with foci -1 and 1 and half-axes
+cosh u, sinh u, and bounded there by M, has Legendre coefficients c_k of about M exp(-k u), and n
+Gauss nodes miss its integral by about M exp(-2 n u). A wave of w radians over half the interval
+grows to exp(w sinh u) on that ellipse. Both are used twice: before, to choose n from what is known
+of the integrand, and afterwards, to estimate what was missed by c_n^2/c_0, from the same values.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["SUMS", "Rules", "gauss_rules", "missed", "node_sums", "nodes_needed", "rule_of"]
+
+Rules = tuple[npt.NDArray[np.float64], ...]
+"""Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
+
+# Steps of an eighth: on average a sixteenth too many nodes.
+_SIZES = (
+    4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 16, 18, 20, 22, 25, 28, 32, 36, 40, 45, 51, 58, 65, 73,
+    82, 93, 105, 118, 133, 150, 169, 190, 215, 242, 273, 308, 347, 391, 441, 497, 560, 631, 711,
+)  # fmt: skip
+# Ellipses tried, by u. The smallest goes through i: nearer singularities have a rule of their own.
+_ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
+# u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1
+_CHORD, _GROWTH = 0.88, 1.135
+# The estimate's constant: at least 1; over the tests' pairs the true error is below the estimate
+# with 1 in all but a few of a thousand, and with 4 in all that are above rounding.
+_SAFETY = 4.0
+# Sums over nodes: :func:`node_sums`.
+SUMS = 7
+
+
+@lru_cache(maxsize=1)
+def gauss_rules() -> Rules:
+    """The rules from the smallest to the largest."""
+    return tuple(_gauss_legendre(n) for n in _SIZES)
+
+
+def _gauss_legendre(n: int) -> npt.NDArray[np.float64]:
+    """Nodes by Newton's method from Tricomi's approximation, which is good to 1/n^4."""
+    angle = math.pi * (np.arange(n, 0, -1) - 0.25) / (n + 0.5)
+    x = (1 - (1 - 1 / n) / (8 * n * n)) * np.cos(angle)
+    for _ in range(4):
+        last, before = _legendre(n, x)
+        slope = n * (before - x * last) / (1 - x * x)
+        x = x - last / slope
+    last, before = _legendre(n, x)
+    slope = n * (before - x * last) / (1 - x * x)
+    weight = 2 / ((1 - x * x) * slope * slope)
+    _, second = _legendre(n - 1, x)
+    return np.stack([x, weight, (n - 0.5) * weight * before, (n - 1.5) * weight * second], axis=1)
+
+
+def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
+    """P_n(x) and P_{n-1}(x)."""
+    before, last = np.ones_like(x), x
+    for k in range(2, n + 1):
+        before, last = last, ((2 * k - 1) * x * last - (k - 1) * before) / k
+    return last, before
+
+
+def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> Any:
+    """How many nodes bring the error to exp(-digits) of the integrand's size.
+
+    ``clear``: distance of its singularities in half-lengths of the interval, ``wave``: radians of
+    phase over half the interval.
+    """
+    inside = ops.minimum(clear, 1.0)
+    needed = 0.5 * digits / (_CHORD * inside) + _GROWTH * wave
+    for u in _ELLIPSES:
+        found = (0.5 * digits + math.sinh(u) * wave) * (1 / u)
+        allowed = (clear >= math.sinh(u)) & (found < needed)
+        needed = ops.select(allowed, found, needed)
+    return needed
+
+
+def rule_of(ops: Any, needed: Any) -> Any:
+    """The number of the smallest rule with so many nodes; the largest where none has."""
+    number: Any = 0.0
+    for size in _SIZES[:-1]:
+        number = number + ops.select(needed > float(size), 1.0, 0.0)
+    return number
+
+
+def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
+    """What a node adds to: integral, size, and the last two Legendre coefficients."""
+    size = weight * (abs(real) + abs(imag))
+    return (
+        real * weight, imag * weight, size,
+        real * last, imag * last, real * second, imag * second,
+    )  # fmt: skip
+
+
+def missed(ops: Any, sums: tuple[Any, ...], turns: Any) -> Any:
+    """Estimate of what the rule behind sums of :func:`node_sums` misses, plus their rounding.
+
+    ``turns``: bound on the phases that have been added up.
+    """
+    size, a, b, c, d = sums[2:]
+    ulp = 2.0**-52 if ops.double else 2.0**-23
+    floor = 1e-290 if ops.double else 1e-30
+    mean = 0.5 * size
+    power = (a * a + b * b) + (c * c + d * d)
+    # a ratio above 1 is no decay at all: then the size itself may be wrong
+    ratio = ops.minimum(power / (mean * mean + floor), 1.0)
+    return mean * (_SAFETY * ratio + ulp * (4.0 + 2.0 * turns))

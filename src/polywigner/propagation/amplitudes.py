@@ -1,0 +1,164 @@
+"""The complex field of a source at points: exact, Fresnel and Fraunhofer."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import engines
+from polywigner.engines import Engine, Precision
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.geometry import Aperture
+from polywigner.geometry.arguments import checked_number
+from polywigner.illumination import Array
+from polywigner.illumination.support import moved_source
+from polywigner.propagation.boundary import boundary_field, field_size
+from polywigner.propagation.far_fields import far_field
+from polywigner.propagation.panels import radiator_of
+from polywigner.propagation.places import (
+    Method,
+    checked_method,
+    checked_points,
+    checked_wavelength,
+)
+
+__all__ = ["Obliquity", "amplitude"]
+
+Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
+_OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
+
+# By default, and the least that can be asked for: some tens of roundings.
+_TOLERANCE = {True: 1e-9, False: 1e-5}
+_LEAST = {True: 1e-13, False: 1e-6}
+# Of the Fourier transform, of the content.
+_FOURIER_ERROR = {True: 1e-13, False: 2e-6}
+
+
+def amplitude(
+    source: Aperture | Array,
+    points: Any,
+    wavelength: float,
+    method: Method = "rayleigh-sommerfeld-1",
+    *,
+    tolerance: float | None = None,
+    obliquity: Obliquity | None = None,
+    return_error: bool = False,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Field U(x, y, z) of a source of the plane z = 0, with its phase, where a wave is exp(+ikR)/R.
+
+    The Rayleigh-Sommerfeld and Kirchhoff integrals over the aperture are reduced to integrals
+    along its edges (docs/theory.md, (B1) to (B5)), without approximation, for every wave of an
+    illumination, evanescent ones included. They are as good at z = 1e-6 wavelengths as far away,
+    and smooth across the boundary of the geometric shadow. So is Fresnel's (B6). These are summed
+    by Gauss's rules with as many nodes as each edge and point need, and an estimate of what is
+    missing decides whether a point is done again with more. Fraunhofer's (B7) is a closed form.
+
+    Parameters
+    ----------
+    source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations.
+    points : (..., 3) in m, z > 0.
+    wavelength : in m.
+    method : "rayleigh-sommerfeld-1" (the field in the opening is given), "rayleigh-sommerfeld-2"
+        (its normal derivative is), "kirchhoff" (their mean), "fresnel" (parabolic waves, for
+        points near the axis), "fraunhofer" (the far field, about the source's centre).
+    tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of
+        |u| area/(wavelength distance), which is what the field would be if all of the source were
+        in phase. Default 1e-9 (single precision: 1e-5); at least 1e-13 (1e-6). Not for Fraunhofer.
+    obliquity : of "fraunhofer" alone: that of the far field of "rayleigh-sommerfeld-1" (default),
+        "kirchhoff" or "rayleigh-sommerfeld-2".
+    return_error : also return the estimated error of each value, |.|: of the sum over nodes, not
+        of Fresnel's or Fraunhofer's approximation.
+    precision : "double" or None; "single": points and phases are still taken in double.
+    engine : "auto", "numpy", "llvm" or "cuda".
+
+    Returns
+    -------
+    (...) complex, in the unit of the source's field; with ``return_error`` a pair of that and (...)
+    of floats. complex64 for single precision.
+
+    Warns
+    -----
+    PolywignerWarning if the estimate for some point exceeds the tolerance: waves that graze the plane
+    seen from points close to it, and tolerances near rounding for far points.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range, points behind the source, and
+    Fresnel fields of points so close that their number of nodes explodes; GeometryError for arrays
+    in other planes; EngineError without the engine.
+    """
+    name = checked_method(method)
+    places = checked_points(points)
+    length = checked_wavelength(wavelength)
+    double = engines.checked_precision(precision) != "single"
+    engines.checked_engine(engine)
+    allowed = _checked_tolerance(tolerance, double)
+    radiator = radiator_of(source)
+    flat = places.reshape(-1, 3)
+    if name == "fraunhofer":
+        kind = checked_method(obliquity or "rayleigh-sommerfeld-1", _OBLIQUITIES)
+        away = flat - np.append(radiator.centre, 0.0)
+        distance = np.linalg.norm(away, axis=1)
+        centred = moved_source(source, -radiator.centre)
+        values = _fraunhofer(centred, away, distance, length, kind, precision, engine)
+        errors = _FOURIER_ERROR[double] * radiator.content / (length * distance)
+    elif obliquity is not None:
+        raise ArgumentError(
+            f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with {name!r};'
+            " the other methods have their own"
+        )
+    else:
+        values, errors = boundary_field(radiator, flat, length, name, allowed, double, engine)
+        _warn_of(errors, allowed * field_size(radiator, flat, length))
+    shape = places.shape[:-1]
+    result = values.reshape(shape).astype(np.complex128 if double else np.complex64)[()]
+    return (result, errors.reshape(shape)[()]) if return_error else result
+
+
+def _checked_tolerance(tolerance: float | None, double: bool) -> float:
+    if tolerance is None:
+        return _TOLERANCE[double]
+    least = _LEAST[double]
+    meaning = f"a number from {least:g} to 0.1"
+    number = checked_number(tolerance, "tolerance", meaning)
+    if not least <= number <= 0.1:
+        hint = "" if number > 0.1 or double else '; precision="double" has 1e-13'
+        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}{hint}")
+    return number
+
+
+def _warn_of(errors: NDArray[np.float64], allowed: NDArray[np.float64]) -> None:
+    missed = ~(errors <= allowed)
+    if missed.any():
+        worst = float((errors[missed] / allowed[missed]).max())
+        warnings.warn(
+            f"{int(missed.sum())} of {len(errors)} points miss the tolerance, the worst by a "
+            f"factor of {worst:.3g}; see return_error=True, or allow a larger tolerance",
+            PolywignerWarning,
+            stacklevel=3,
+        )
+
+
+def _fraunhofer(
+    source: Aperture | Array,
+    away: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    wavelength: float,
+    obliquity: str,
+    precision: Precision,
+    engine: Engine,
+) -> NDArray[np.complex128]:
+    """(B7) at ``away`` from the centre of the source."""
+    directions = away / distance[:, None]
+    pattern = far_field(
+        source, directions, wavelength, obliquity, precision=precision, engine=engine
+    )
+    turns = distance / wavelength
+    wave = np.exp(2j * math.pi * (turns - np.rint(turns))) / distance
+    return np.asarray(pattern * wave, np.complex128)

@@ -1,0 +1,176 @@
+"""Rayleigh-Sommerfeld, Kirchhoff and Fresnel fields as boundary integrals, to a tolerance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import engines
+from polywigner.errors import ArgumentError
+from polywigner.kernels import boundary
+from polywigner.kernels.fresnel import fresnel_edge_sum
+from polywigner.kernels.kernel import Kernel
+from polywigner.kernels.nodes import gauss_rules
+from polywigner.propagation.panels import Radiator, panels_of
+
+__all__ = ["boundary_field", "field_size"]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Share of the second boundary term: (B3).
+_SHARES = {"rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5, "rayleigh-sommerfeld-1": 1.0}
+# Of Fresnel fields a panel has at most so many turns of phase in half of it.
+_FRESNEL_TURNS = 60.0
+_MOST_ROWS = 1 << 20
+# Panels as long as twice the distance need the fewest nodes in all; upper ends of strata of
+# distance, and what is longest there, in wavelengths.
+_STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
+# Rows of a table at a time.
+_ROWS = 1 << 14
+# Points that miss their tolerance are computed again with so much higher demands, so many times.
+_HARDER, _ROUNDS = 1.6, 4
+
+
+@dataclass(frozen=True)
+class _Panels:
+    """A block of :func:`panels_of`."""
+
+    rows: Floats
+    amplitudes: NDArray[np.complex128]
+    evanescent: NDArray[np.bool_]
+    frame: boundary.BoundaryFrame
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is the same for all points."""
+
+    radiator: Radiator
+    wavelength: float
+    kernel: Kernel
+    paraxial: bool
+    double: bool
+    engine: str
+
+
+def boundary_field(
+    radiator: Radiator,
+    points: Floats,
+    wavelength: float,
+    method: str,
+    tolerance: float,
+    double: bool,
+    engine: str,
+) -> tuple[NDArray[np.complex128], Floats]:
+    """The field at points (n, 3) and an estimate of its error, both (n,).
+
+    ``tolerance``: error allowed, as a fraction of :func:`field_size`.
+    """
+    paraxial = method == "fresnel"
+    # phases of Fresnel's parabolas far off the axis are worth float64 in any case
+    task = _Task(radiator, wavelength, _kernel(method), paraxial, double or paraxial, engine)
+    strata = _paraxial_strata if paraxial else _strata
+    values = np.zeros(len(points), np.complex128)
+    errors = np.full(len(points), np.inf)
+    allowed = tolerance * field_size(radiator, points, wavelength)
+    for todo, longest in strata(task, points):
+        digits = math.log(1 / tolerance) + 1.0
+        for _ in range(_ROUNDS):
+            value, error = _once(task, points[todo], digits, longest)
+            better = error < errors[todo]
+            values[todo[better]], errors[todo[better]] = value[better], error[better]
+            todo = todo[~(errors[todo] <= allowed[todo])]
+            if not len(todo):
+                break
+            digits *= _HARDER
+    return values, errors
+
+
+def field_size(radiator: Radiator, points: Floats, wavelength: float) -> Floats:
+    """The incident amplitude, or where that is less, what can come from all of the source."""
+    away = points - np.append(radiator.centre, 0.0)
+    distance = np.linalg.norm(away, axis=1)
+    return np.minimum(radiator.amplitude, radiator.content / (wavelength * distance))
+
+
+def _strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, float]]:
+    """Numbers of points, and how long panels may be for them."""
+    distance = task.radiator.distance(points) / task.wavelength
+    low = 0.0
+    for high, longest in _STRATA:
+        mine = np.flatnonzero((low <= distance) & (distance < high))
+        low = high
+        if len(mine):
+            yield mine, longest
+
+
+def _paraxial_strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, float]]:
+    """The same for Fresnel fields: phases run as fast along an edge as it is seen aslant."""
+    radiator = task.radiator
+    steepest = task.wavelength * radiator.highest_frequency
+    aside = np.maximum(points[:, :2] - radiator.low, radiator.high - points[:, :2])
+    slope = np.linalg.norm(aside, axis=1) / points[:, 2] + steepest
+    longest = np.minimum(2 * _FRESNEL_TURNS / slope, _STRATA[-1][1])
+    step = np.ceil(-np.log2(longest / _STRATA[-1][1])).astype(np.intp)
+    if task.radiator.perimeter / (task.wavelength * float(longest.min(initial=1.0))) > _MOST_ROWS:
+        worst = int(longest.argmin())
+        raise ArgumentError(
+            "expected points where Fresnel's parabolic waves can be summed up, got "
+            f"{points[worst].tolist()}, from where the source is seen at a slope of "
+            f'{slope[worst]:.3g}; use method="kirchhoff"'
+        )
+    for number in np.unique(step):
+        yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)
+
+
+def _kernel(method: str) -> Kernel:
+    share = _SHARES.get(method, 0.0)
+    edge_sum = fresnel_edge_sum if method == "fresnel" else boundary.edge_sum
+    return Kernel(
+        name=f"boundary integral, {method}",
+        dimension=3,
+        tables=lambda panels, double: _tables(panels, double, share),
+        enter=boundary.enter,
+        edge_sum=edge_sum,
+        leave=boundary.leave,
+    )
+
+
+def _once(
+    task: _Task, points: Floats, digits: float, longest: float
+) -> tuple[NDArray[np.complex128], Floats]:
+    """The field with errors of about exp(-digits), from panels up to ``longest`` wavelengths."""
+    centre = tuple(task.radiator.centre.tolist())
+    frame = boundary.BoundaryFrame(centre, task.wavelength)
+    values = np.zeros(len(points), np.complex128)
+    errors = np.zeros(len(points))
+    blocks = panels_of(task.radiator, task.wavelength, longest, _ROWS, task.paraxial)
+    for rows, amplitudes, evanescent in blocks:
+        real, imag, error = engines.evaluate(
+            task.kernel,
+            _Panels(rows, amplitudes, evanescent, frame),
+            [*points.T, np.asarray(digits)],
+            double=task.double,
+            engine=task.engine,
+            outputs=3,
+        )
+        values.real += real
+        values.imag += imag
+        errors += error
+    return values, errors
+
+
+def _tables(panels: _Panels, double: bool, share: float) -> boundary.BoundaryTables:
+    rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
+    cosines = rows[:, 5:8]
+    high = cosines if double else cosines.astype(np.float32).astype(np.float64)
+    pairs = np.stack([high, cosines - high], axis=2).reshape(len(rows), 6)
+    last = np.stack([amplitudes.real, amplitudes.imag, panels.evanescent], axis=1)
+    columns = np.concatenate([rows[:, :5], pairs, rows[:, 8:], last], axis=1)
+    edges = tuple(map(tuple, columns.tolist()))
+    return boundary.BoundaryTables(panels.frame, edges, gauss_rules(), share)

@@ -1,0 +1,183 @@
+"""The edges of a source cut into panels, with the waves along them, as a kernel's tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.engines import NumpyOperations
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.illumination.direction_cosines import direction_cosines
+from polywigner.kernels import phases
+
+__all__ = ["Radiator", "panels_of", "radiator_of"]
+
+Floats = NDArray[np.float64]
+Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]
+_OPS = NumpyOperations(double=True)
+
+# Half a panel of so many turns of phase has the largest rule still far from full.
+_TURNS = 48.0
+
+
+@dataclass(frozen=True)
+class _Element:
+    """An outline with waves, at shifts (n, 2) with weights (n,)."""
+
+    outline: Aperture
+    amplitudes: NDArray[np.complex128]
+    frequencies: Floats
+    shifts: Floats
+    weights: NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Radiator:
+    """A source of the plane z = 0 as outlines with waves."""
+
+    elements: tuple[_Element, ...]
+    low: Floats
+    """Corners (2,) of the box around it."""
+    high: Floats
+
+    @property
+    def centre(self) -> Floats:
+        return self.low / 2 + self.high / 2
+
+    @property
+    def amplitude(self) -> float:
+        """Bound on the field of any one element."""
+        return max(
+            float(np.abs(e.weights).max() * np.abs(e.amplitudes).sum()) for e in self.elements
+        )
+
+    @property
+    def content(self) -> float:
+        """Bound on the modulus of the Fourier transform."""
+        return sum(
+            float(np.abs(e.weights).sum() * np.abs(e.amplitudes).sum()) * e.outline.area
+            for e in self.elements
+        )
+
+    @property
+    def highest_frequency(self) -> float:
+        """Of all waves, in cycles per metre."""
+        return max(float(np.linalg.norm(e.frequencies, axis=1).max()) for e in self.elements)
+
+    @property
+    def perimeter(self) -> float:
+        """Edges of all copies, once for each of their waves."""
+        return sum(
+            e.outline.polygons.length * len(e.amplitudes) * len(e.shifts) for e in self.elements
+        )
+
+    def distance(self, points: Floats) -> Floats:
+        """From points (n, 3) to the box around the source."""
+        beside = np.maximum(np.maximum(self.low - points[:, :2], points[:, :2] - self.high), 0.0)
+        return np.sqrt((beside**2).sum(axis=1) + points[:, 2] ** 2)
+
+
+def radiator_of(source: object) -> Radiator:
+    """What radiates of an Aperture, or of an Array in the plane z = 0.
+
+    Raises ArgumentError for anything else, GeometryError for elements outside that plane.
+    """
+    elements = tuple(_elements(source))
+    corners = []
+    for element in elements:
+        west, south, east, north = element.outline.bounds
+        corners.append(element.shifts.min(axis=0) + np.array([west, south]))
+        corners.append(element.shifts.max(axis=0) + np.array([east, north]))
+    return Radiator(elements, np.min(corners, axis=0), np.max(corners, axis=0))
+
+
+def _elements(source: object) -> Iterator[_Element]:
+    advice = "expected an Aperture, or an Array of apertures in the plane z = 0"
+    if isinstance(source, Aperture):
+        yield _element(source, np.zeros((1, 2)), np.ones(1, np.complex128))
+        return
+    if not isinstance(source, Array) or source.dimension == 1:
+        kind = "Slits" if isinstance(source, Array) else type(source).__name__
+        raise ArgumentError(f"{advice}, got {kind}; make rectangles of slits")
+    lit = source.weights != 0
+    if source.repeated is not None:
+        repeated, shifts = source.repeated
+        if isinstance(repeated, Aperture):
+            yield _element(repeated, shifts[lit], source.weights[lit])
+        return
+    for outline, weight in zip(_coplanar(source), source.weights, strict=True):
+        if weight and isinstance(outline, Aperture):
+            yield _element(outline, np.zeros((1, 2)), np.array([weight]))
+
+
+def _coplanar(source: Array) -> tuple[object, ...]:
+    try:
+        return source.coplanar
+    except GeometryError as error:
+        raise GeometryError(f"expected apertures in the plane z = 0: {error}") from None
+
+
+def _element(outline: Aperture, shifts: Floats, weights: NDArray[np.complex128]) -> _Element:
+    field = outline.illumination
+    if field is None:
+        return _Element(outline, np.ones(1, np.complex128), np.zeros((1, 2)), shifts, weights)
+    return _Element(outline, field.amplitudes, field.frequencies, shifts, weights)
+
+
+def panels_of(
+    radiator: Radiator, wavelength: float, longest: float, count: int, paraxial: bool
+) -> Iterator[Block]:
+    """Panels times waves in blocks of at most about ``count``.
+
+    ``longest``: of a panel, in wavelengths. Each block is (m, 9) floats: beginning x, y relative to
+    the centre, direction x, y, length, p_x, p_y, |p_z|, phase at the beginning in turns, all in
+    wavelengths; amplitudes (m,); and which waves are evanescent (m,).
+    ``paraxial``: with 1 - (p_x^2 + p_y^2)/2 in place of |p_z|, and none evanescent.
+    """
+    for element in radiator.elements:
+        plane = element.frequencies * wavelength
+        cosines = direction_cosines(element.frequencies, wavelength)
+        if paraxial:
+            cosines = (1 - (plane**2).sum(axis=1) / 2).astype(np.complex128)
+        reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
+        for wave, amplitude in enumerate(element.amplitudes):
+            begin, along, length = _pieces(element.outline, wavelength * reach[wave])
+            kappa = element.frequencies[wave]
+            turns = phases.dot(_OPS, tuple(kappa), (begin[:, 0], begin[:, 1]))
+            start = np.broadcast_to(phases.reduced(_OPS, turns), length.shape)
+            step = max(1, count // len(length))
+            for first in range(0, len(element.weights), step):
+                shifts = element.shifts[first : first + step]
+                weights = element.weights[first : first + step]
+                places = ((shifts - radiator.centre)[:, None] + begin) / wavelength
+                rows = np.empty((len(shifts), len(length), 9))
+                rows[..., :2] = places
+                rows[..., 2:4] = along
+                rows[..., 4] = length / wavelength
+                rows[..., 5:7] = plane[wave]
+                rows[..., 7] = cosines[wave].real + cosines[wave].imag  # one of them is 0
+                rows[..., 8] = start
+                amplitudes = np.repeat(weights * amplitude, len(length))
+                evanescent = np.full(amplitudes.shape, bool(cosines[wave].imag > 0))
+                yield rows.reshape(-1, 9), amplitudes, evanescent
+
+
+def _pieces(outline: Aperture, longest: float) -> tuple[Floats, Floats, Floats]:
+    """Beginnings (n, 2), directions (n, 2) and lengths (n,) of pieces of the outline's edges."""
+    begin = np.concatenate(outline.rings)
+    edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
+    length = np.hypot(edge[:, 0], edge[:, 1])
+    pieces = np.ceil(length / longest).astype(np.intp)
+    owner = np.repeat(np.arange(len(edge)), pieces)
+    number = np.arange(len(owner)) - np.repeat(pieces.cumsum() - pieces, pieces)
+    share = (number / pieces[owner])[:, None]
+    return (
+        begin[owner] + share * edge[owner],
+        (edge / length[:, None])[owner],
+        (length / pieces)[owner],
+    )

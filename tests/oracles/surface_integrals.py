@@ -1,0 +1,70 @@
+"""Diffraction integrals over the opening itself, by quadrature on triangles graded to the point.
+
+The integrands are those of Rayleigh and Sommerfeld, with no step in common with integrals along
+edges. Triangles are halved until each is smaller than its distance from the point and than a
+wavelength or so of its phase; then Gauss-Legendre nodes see analytic functions.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import shapely
+
+import polywigner as pw
+from oracles.quadrature import triangle_nodes
+
+__all__ = ["surface_field"]
+
+_ORDER = 18
+# Nodes at a time.
+_MANY = 2000
+
+
+def _triangles(outline: pw.Aperture, point: np.ndarray, longest: float) -> np.ndarray:
+    """(n, 3, 2)"""
+    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(outline.polygons))
+    todo = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
+    done = []
+    while len(todo):
+        middle = todo.mean(axis=1)
+        reach = np.linalg.norm(todo - middle[:, None], axis=2).max(axis=1)
+        away = np.sqrt(((middle - point[:2]) ** 2).sum(axis=1) + point[2] ** 2)
+        small = reach <= np.minimum(longest, 0.6 * away)
+        done.append(todo[small])
+        a, b, c = (todo[~small][:, k] for k in range(3))
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        todo = np.concatenate([np.stack(three, axis=1) for three in corners])
+    return np.concatenate(done)
+
+
+def surface_field(source: Any, point: Any, wavelength: float, method: str) -> complex:
+    """U of an aperture, or an array of them, at one point (3,)."""
+    if isinstance(source, pw.Array):
+        terms = zip(source.coplanar, source.weights, strict=True)
+        return sum((w * surface_field(e, point, wavelength, method) for e, w in terms), 0j)
+    place = np.asarray(point, float)
+    field = source.illumination or pw.Illumination([1.0], [(0.0, 0.0)])
+    k = 2 * math.pi / wavelength
+    total = 0j
+    triangles = _triangles(source, place, 0.6 * wavelength)
+    for first in range(0, len(triangles), _MANY):
+        nodes, weights = triangle_nodes(triangles[first : first + _MANY], _ORDER)
+        r2 = ((nodes - place[:2]) ** 2).sum(axis=1) + place[2] ** 2
+        r = np.sqrt(r2)
+        wave = np.exp(1j * k * r) / r
+        for amplitude, kappa in zip(field.amplitudes, field.frequencies, strict=True):
+            u = amplitude * np.exp(2j * math.pi * (nodes @ kappa))
+            p = np.sqrt(complex(1 - wavelength**2 * kappa @ kappa))
+            dirichlet = u * place[2] / r * (1 / r - 1j * k) * wave
+            neumann = -1j * k * p * u * wave
+            density = {
+                "rayleigh-sommerfeld-1": dirichlet,
+                "rayleigh-sommerfeld-2": neumann,
+                "kirchhoff": (dirichlet + neumann) / 2,
+            }[method]
+            total += weights @ density / (2 * math.pi)
+    return complex(total)

@@ -1,0 +1,135 @@
+"""Fresnel fields along edges against Fresnel integrals, and the far field. In wavelengths."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.quadrature import triangle_nodes
+from oracles.references import ENGINES
+from polywigner.errors import ArgumentError
+
+special = pytest.importorskip("scipy.special", reason="Fresnel integrals to compare with")
+
+ROUNDING = 1e-12
+"""Of the incident amplitude."""
+SINGLE = 1e-6
+
+RECTANGLE = pw.Aperture([(-1.2, -0.7), (1.9, -0.7), (1.9, 1.4), (-1.2, 1.4)])
+POINTS = np.array(
+    [
+        (0.3, 0.2, 1.0),
+        (1.9, 0.5, 0.5),
+        (1.9, 1.4, 4.0),
+        (-1.2, 3.0, 0.02),
+        (8.0, -3.0, 20.0),
+        (0.0, 0.0, 200.0),
+        (2000.0, 100.0, 5000.0),
+    ]
+)
+
+
+def by_fresnel_integrals(kappa: Any, point: Any) -> complex:
+    """The product of two one-dimensional fields of RECTANGLE."""
+    z = point[2]
+    scale = math.sqrt(2 / z)
+    total = np.exp(2j * np.pi * z) / (1j * z)
+    for low, high, x, k in zip((-1.2, -0.7), (1.9, 1.4), point[:2], kappa, strict=True):
+        (s0, c0), (s1, c1) = (special.fresnel(scale * (a - x + z * k)) for a in (low, high))
+        wave = np.exp(2j * np.pi * (k * x - z * k * k / 2))
+        total *= wave * ((c1 - c0) + 1j * (s1 - s0)) / scale
+    return complex(total)
+
+
+@pytest.mark.parametrize("kappa", [(0.0, 0.0), (0.2, -0.1), (0.9, 0.7)])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_fields_of_a_rectangle_are_products_of_fresnel_integrals(kappa: Any, engine: Any) -> None:
+    source = RECTANGLE.with_illumination(pw.Illumination([1.0], [kappa]))
+    expected = [by_fresnel_integrals(kappa, p) for p in POINTS]
+    got = pw.amplitude(source, POINTS, 1.0, "fresnel", tolerance=1e-12, engine=engine)
+    np.testing.assert_allclose(got, expected, rtol=0, atol=ROUNDING)
+    single = pw.amplitude(source, POINTS, 1.0, "fresnel", precision="single", engine=engine)
+    assert single.dtype == np.complex64
+    np.testing.assert_allclose(single, expected, rtol=0, atol=SINGLE)
+
+
+def test_the_intensity_is_the_wigner_function_along_parallel_rays() -> None:
+    """|U|^2 = integral of W(x, (x' - x)/(lambda z)) / (lambda z)^2 over the automean, exactly."""
+    triangle = pw.Aperture([(-1.0, -0.8), (1.3, -0.5), (-0.2, 1.1)])
+    a, b, c = triangle.rings[0]
+    middles = np.array([(a + b) / 2, (b + c) / 2, (c + a) / 2])
+    # W has kinks on lines through the middles of edges: four triangles, each cut by its medians
+    corners = [
+        (a, middles[0], middles[2]),
+        (b, middles[1], middles[0]),
+        (c, middles[2], middles[1]),
+    ]
+    triangles = np.array([*corners, tuple(middles)])
+    point, z = np.array([0.4, -0.3]), 1.5
+    x, weight = triangle_nodes(triangles, 40)
+    w = pw.wigner(triangle, x, (point - x) / z)
+    field = pw.amplitude(triangle, (*point, z), 1.0, "fresnel")
+    assert abs(field) ** 2 == pytest.approx(float(weight @ w) / z**2, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("method", "share"),
+    [("rayleigh-sommerfeld-1", 1.0), ("kirchhoff", 0.5), ("rayleigh-sommerfeld-2", 0.0)],
+)
+def test_near_the_axis_exact_fields_come_close_to_fresnels(method: Any, share: float) -> None:
+    """Up to i/(kz), the near field of the first integral's sources, which the second has not."""
+    for z in (100.0, 1000.0):
+        points = np.array([(0.2, 0.1, z), (0.5, 1.0, z)])
+        exact = pw.amplitude(RECTANGLE, points, 1.0, method)
+        paraxial = pw.amplitude(RECTANGLE, points, 1.0, "fresnel")
+        # what is left is of the order of (rho/z)^2, for rho up to 2.5
+        near_field = 1 + 1j * share / (2 * math.pi * z)
+        assert np.abs(exact / paraxial - near_field).max() <= 2.5**2 / z**2
+
+
+def test_points_from_which_the_source_is_seen_at_a_steep_slope_are_refused_in_words() -> None:
+    with pytest.raises(ArgumentError, match="kirchhoff"):
+        pw.amplitude(RECTANGLE, (0, 0, 1e-7), 1.0, "fresnel")
+
+
+@pytest.mark.parametrize(
+    ("obliquity", "factor"),
+    [
+        (None, lambda c, p: c),
+        ("rayleigh-sommerfeld-1", lambda c, p: c),
+        ("kirchhoff", lambda c, p: (c + p) / 2),
+        ("rayleigh-sommerfeld-2", lambda c, p: p),
+    ],
+)
+def test_the_far_field_is_the_fourier_transform_with_its_obliquity(
+    obliquity: Any, factor: Any
+) -> None:
+    wavelength = 3e-3
+    kappas = np.array([(50.0, 20.0), (300.0, 250.0)])  # the second wave is evanescent
+    p = np.sqrt(1 - wavelength**2 * (kappas**2).sum(axis=1) + 0j)
+    outline = pw.shapes.rectangle(8e-3, 5e-3).moved((1.0, -2.0))
+    source = outline.with_illumination(pw.Illumination([1.0, 0.5j], kappas))
+    direction = np.array([0.36, 0.48, 0.8])
+    points = np.append(outline.centre, 0.0) + 7.0 * direction
+    terms = [
+        amplitude
+        * pw.fourier(outline.moved(-outline.centre), direction[:2] / wavelength - kappa)
+        * np.exp(2j * np.pi * kappa @ outline.centre)
+        * factor(direction[2], cosine)
+        for amplitude, kappa, cosine in zip([1.0, 0.5j], kappas, p, strict=True)
+    ]
+    wave = np.exp(2j * np.pi * 7.0 / wavelength) / (1j * wavelength * 7.0)
+    got = pw.amplitude(source, points, wavelength, "fraunhofer", obliquity=obliquity)
+    # the distance of 2333 wavelengths, and the place of the source, are rounded
+    assert got == pytest.approx(wave * sum(terms), rel=1e-10)
+
+
+def test_waves_that_graze_the_plane_have_no_slope_and_no_far_field_of_it() -> None:
+    source = RECTANGLE.with_illumination(pw.Illumination([1.0], [(1.0, 0.0)]))
+    second = "rayleigh-sommerfeld-2"
+    assert pw.amplitude(source, (1, 2, 3), 1.0, second) == 0
+    assert pw.amplitude(source, (1, 2, 3), 1.0, "fraunhofer", obliquity=second) == 0
