@@ -84,8 +84,8 @@ def amplitude(
 
     Warns
     -----
-    PolywignerWarning if the estimate for some point exceeds the tolerance: waves that graze the plane
-    seen from points close to it, and tolerances near rounding for far points.
+    PolywignerWarning if the estimate for some point exceeds the tolerance, as it may for one near
+    rounding.
 
     Raises
     ------

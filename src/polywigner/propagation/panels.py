@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.engines import NumpyOperations
-from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.illumination import Array
 from polywigner.illumination.direction_cosines import direction_cosines
 from polywigner.kernels import phases
+from polywigner.radiometry.directions import PlaneSource, checked_source
 
 __all__ = ["Radiator", "panels_of", "radiator_of"]
 
@@ -87,7 +86,7 @@ def radiator_of(source: object) -> Radiator:
 
     Raises ArgumentError for anything else, GeometryError for elements outside that plane.
     """
-    elements = tuple(_elements(source))
+    elements = tuple(_elements(checked_source(source)))
     corners = []
     for element in elements:
         west, south, east, north = element.outline.bounds
@@ -96,30 +95,19 @@ def radiator_of(source: object) -> Radiator:
     return Radiator(elements, np.min(corners, axis=0), np.max(corners, axis=0))
 
 
-def _elements(source: object) -> Iterator[_Element]:
-    advice = "expected an Aperture, or an Array of apertures in the plane z = 0"
+def _elements(source: PlaneSource) -> Iterator[_Element]:
     if isinstance(source, Aperture):
         yield _element(source, np.zeros((1, 2)), np.ones(1, np.complex128))
         return
-    if not isinstance(source, Array) or source.dimension == 1:
-        kind = "Slits" if isinstance(source, Array) else type(source).__name__
-        raise ArgumentError(f"{advice}, got {kind}; make rectangles of slits")
-    lit = source.weights != 0
     if source.repeated is not None:
-        repeated, shifts = source.repeated
-        if isinstance(repeated, Aperture):
-            yield _element(repeated, shifts[lit], source.weights[lit])
+        lit = source.weights != 0
+        outline = source.repeated[0]
+        assert isinstance(outline, Aperture)  # no slits: checked_source
+        yield _element(outline, source.repeated[1][lit], source.weights[lit])
         return
-    for outline, weight in zip(_coplanar(source), source.weights, strict=True):
-        if weight and isinstance(outline, Aperture):
-            yield _element(outline, np.zeros((1, 2)), np.array([weight]))
-
-
-def _coplanar(source: Array) -> tuple[object, ...]:
-    try:
-        return source.coplanar
-    except GeometryError as error:
-        raise GeometryError(f"expected apertures in the plane z = 0: {error}") from None
+    for element, weight in zip(source.coplanar, source.weights, strict=True):
+        if weight and isinstance(element, Aperture):
+            yield _element(element, np.zeros((1, 2)), np.array([weight]))
 
 
 def _element(outline: Aperture, shifts: Floats, weights: NDArray[np.complex128]) -> _Element:
