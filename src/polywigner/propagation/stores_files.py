@@ -172,6 +172,8 @@ class ChunkWriter:
 
     def __call__(self, index: Index) -> None:
         array = _checked_array(self.path, self.layout.name, self.fingerprint)
+        if self._is_finished(array.metadata.encode_chunk_key(index)):
+            return  # by another worker, that was thought dead
         origin, shape = self.layout.extent(index)
         values = self._values(origin, shape)
         if values.shape != shape or values.dtype != self.layout.dtype:
@@ -187,6 +189,13 @@ class ChunkWriter:
                 f"expected to write to {self.path}, got {error.strerror or error}; put that right "
                 "and start the same run again: what is finished stays"
             ) from error
+
+    def _is_finished(self, key: str) -> bool:
+        file = Path(self.path) / self.layout.name / key
+        try:
+            return file.stat().st_size == self.layout.chunk_bytes
+        except OSError:
+            return False
 
     def _values(self, origin: Index, shape: Index) -> NDArray[Any]:
         if not self.exclusive:

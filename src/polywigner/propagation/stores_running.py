@@ -73,7 +73,9 @@ def on_cluster(
         futures = client.compute([call(node, index) for index in indices])
         try:
             for future in distributed.as_completed(futures, loop=client.loop):
-                future.result()
+                if future.status != "finished":
+                    future.result()
+                # Not kept by the worker, whose death would have it computed again.
                 future.release()
                 advance()
         except PolywignerError:
