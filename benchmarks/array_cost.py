@@ -126,6 +126,61 @@ def costs(double: bool, samples: int) -> list[tuple[str, int, float, float, floa
     return rows
 
 
+def tapered() -> dict[str, Any]:
+    """Rectangles with fields by name."""
+    sides = (1.0, 0.8)
+    taylor = pw.taylor_taper(*sides, 30, 4)
+    fields = {
+        "cosine": pw.cosine_taper(*sides),
+        "taylor": taylor,
+        "taylor, steered": taylor * pw.Illumination([1.0], [[3.25, 0.5]]),
+    }
+    uniform = pw.shapes.rectangle(*sides)
+    return {name: uniform.with_illumination(field) for name, field in fields.items()}
+
+
+def product_costs(double: bool, samples: int) -> None:
+    """W and A of tapered rectangles against a uniform one, measured in turn."""
+    import drjit
+
+    from polywigner.engines import ops_for
+    from polywigner.kernels import plane, tables_of
+
+    where = engine_arrays(double, 1, samples)
+    few = engine_arrays(double, 1, max(1, samples >> 4))
+    ops = ops_for(type(where[0].x))
+
+    def run(call: Callable[[Any, Any], Any], at: tuple[Any, Any]) -> Callable[[], None]:
+        def both() -> None:
+            drjit.eval(call(*at))
+            drjit.sync_thread()
+
+        both()
+        return both
+
+    def ns(call: Callable[[], None], at: tuple[Any, Any]) -> float:
+        return min(timed(call) for _ in range(REPEATS)) / len(at[0].x) * 1e9
+
+    uniform = pw.shapes.rectangle(1.0, 0.8)
+    print(
+        "| function | field | waves | ns a sample | against uniform | by pairs, against uniform |"
+    )
+    print("|---|---|---|---|---|---|")
+    for name, function in (("wigner", pw.wigner), ("ambiguity", pw.ambiguity)):
+        kernel = {"wigner": plane.WIGNER, "ambiguity": plane.AMBIGUITY}[name]
+        base = run(lambda x, nu, f=function: f(uniform, x, nu), where)
+        for field, source in tapered().items():
+            own = ns(run(lambda x, nu, f=function, s=source: f(s, x, nu), where), where)
+            tables = tables_of(source, double)
+            pairs = run(lambda x, nu, k=kernel, t=tables: k(ops, t, *x, *nu), few)
+            plain = ns(base, where)
+            by_pairs = ns(pairs, few)
+            print(
+                f"| {name} | {field} | {len(source.illumination)} | {own:.1f} | "
+                f"{own / plain:.1f} | {by_pairs / plain:.0f} |"
+            )
+
+
 def peer_factor(samples: int) -> None:
     """The array factor at scattered directions, beside phased-array-modeling."""
     try:
@@ -188,6 +243,8 @@ def main() -> None:
         ):
             wrong = error(array, precision)
             print(f"| {kind} | {count} | {first:.2f} | {own:.1f} | {ratio:.1f} | {wrong:.0e} |")
+        print(f"\n## Fields on one rectangle, {precision} precision\n")
+        product_costs(double, options.samples)
     peer_factor(1 << 14)
 
 

@@ -20,7 +20,7 @@ __all__ = ["LatticeSites", "Weights"]
 Pair2 = tuple[Any, Any]
 
 # With fewer sites of any weights, the pairs of a midpoint are summed one by one.
-_LEAST_TABULATED = 64
+_LEAST_TABULATED = 32
 
 
 @dataclass(frozen=True, eq=False)
