@@ -152,6 +152,32 @@ def test_tables_of_weights_agree_with_the_sum_over_pairs(
 
 
 @engines
+@pytest.mark.parametrize("precision", TOLERANCE)
+def test_tables_of_weights_hold_for_waves_of_the_highest_rate(
+    precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from polywigner.kernels import lattice_arrays, site_weights
+
+    weights = 1e-9 * _random(81)
+    weights[[0, -1]] = 1.0, 1j  # opposite corners alone
+    assert separated(weights.reshape(9, 9)) is None
+    array = pw.phased_array(SQUARE, grid(9, 9, 1.3), weights)
+    rng = np.random.default_rng(0)
+    x = SQUARE.centre + rng.uniform(-0.4, 0.4, (400, 2))
+    nu = rng.uniform(-2, 2, (400, 2))
+    got = pw.wigner(array, x, nu, precision=precision, engine=engine)
+    monkeypatch.setattr(site_weights, "_LEAST_TABULATED", 10**6)
+    lattice_arrays._tables.cache_clear()
+    expected = pw.wigner(array, x, nu, engine="numpy")
+    lattice_arrays._tables.cache_clear()
+    assert np.abs(expected).max() > 0.5
+    # of what this one pair of sites contributes at most, 2 times 4 times the element's area: the
+    # interpolation along two directions; rounding of its phase, 2 pi 16 steps times 2^-25
+    share = 8 * (1e-12 if precision == "double" else 1.5e-7 + 2 * np.pi * 16 * 2.0**-25)
+    assert np.abs(got - expected).max() < share
+
+
+@engines
 @pytest.mark.parametrize("name", ALL)
 def test_pattern_of_an_array_is_element_pattern_times_array_factor(name: str, engine: str) -> None:
     array = ALL[name]

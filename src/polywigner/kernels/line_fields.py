@@ -6,7 +6,7 @@ On [-h, h], with waves c_m exp(2 pi i kappa_m x):
     A(v, xi) = sum_mn c_m c_n* exp(i pi s xi) l sinc(l (v - d))
 
 with s = kappa_m + kappa_n, d = kappa_m - kappa_n, L = 4(h - |x|) and l = 2h - |xi| (or 0), the
-lengths of the slices. Source: docs/theory.md, (P1).
+lengths of the slices. Source: docs/theory.md, (I4).
 
 Pairs with one mean (or difference) share their sinc, and pairs with one rate their wave: waves at
 multiples of one frequency, as tapers have them, take 2m - 1 of the one and m of the other.

@@ -1,7 +1,7 @@
 """Fields that are a product u(x, y) = f(x) g(y) on a rectangle, in its own axes.
 
 All transforms are then products of two in one dimension, each a sum over the pairs of a few waves
-(docs/theory.md, (P1)): a Taylor taper along both axes has 49 waves with 1225 pairs, but 7 with 28
+(docs/theory.md, (I4)): a Taylor taper along both axes has 49 waves with 1225 pairs, but 7 with 28
 along either axis. Which fields are such is found out from their waves.
 """
 
@@ -162,7 +162,7 @@ def enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
 
 
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
-    """W(x, nu) in the frame. Source: (P1)."""
+    """W(x, nu) in the frame. Source: (I4)."""
     one, two = tables.fields
     return one.wigner(ops, x, nu_x) * two.wigner(ops, y, nu_y)
 
