@@ -14,6 +14,7 @@ module               what is in it
 ``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
+``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
 ``exports``          datasets to NetCDF and VTK files
@@ -24,6 +25,7 @@ module               what is in it
 from __future__ import annotations
 
 from polywigner.propagation.amplitudes import amplitude
+from polywigner.propagation.builders import hemisphere, line, plane, volume
 from polywigner.propagation.exports import write_netcdf, write_vti
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
@@ -35,8 +37,12 @@ __all__ = [
     "METHODS",
     "ambiguity_table",
     "amplitude",
+    "hemisphere",
     "irradiance",
+    "line",
+    "plane",
     "radiation_pattern",
+    "volume",
     "wigner_table",
     "write_netcdf",
     "write_pattern",

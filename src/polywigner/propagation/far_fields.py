@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,7 @@ from polywigner.radiometry.directions import PlaneSource
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier, lag_marginal
 
-__all__ = ["FarObliquity", "far_field", "radiated_power"]
-
-FarObliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2", "paper"]
+__all__ = ["far_field", "radiated_power"]
 
 # Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
 _DARK = 1e-12

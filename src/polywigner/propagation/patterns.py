@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from polywigner.engines import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.far_fields import FarObliquity, far_field, radiated_power
+from polywigner.propagation.far_fields import far_field, radiated_power
+from polywigner.propagation.obliquities import Obliquity
 from polywigner.propagation.places import checked_name
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
@@ -29,7 +30,7 @@ def radiation_pattern(
     theta: Any,
     phi: Any,
     *,
-    obliquity: FarObliquity = "rayleigh-sommerfeld-1",
+    obliquity: Obliquity = "rayleigh-sommerfeld-1",
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Labelled:
@@ -67,7 +68,7 @@ def radiation_pattern(
     """
     checked_precision(precision)
     checked_engine(engine)
-    name = checked_name("obliquity", obliquity, get_args(FarObliquity))
+    name = checked_name("obliquity", obliquity, get_args(Obliquity))
     radiator, length = checked_source(source), checked_wavelength(wavelength)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     power = radiated_power(radiator, length, name)

@@ -1,0 +1,224 @@
+"""Fields along lines, on planes and hemispheres, and in volumes, as labelled arrays."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import replace
+from typing import Any, Unpack
+
+from polywigner.engines.choice import resolved
+from polywigner.errors import ArgumentError
+from polywigner.propagation.datasets import (
+    FieldBlock,
+    FieldOptions,
+    checked_settings,
+    dataset,
+    described,
+)
+from polywigner.propagation.grids import (
+    box_grid,
+    hemisphere_grid,
+    line_grid,
+    plane_grid,
+    shape_of_grid,
+)
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_layout import Layout, chunks_within
+from polywigner.radiometry.directions import PlaneSource, checked_source
+
+__all__ = ["hemisphere", "line", "plane", "volume"]
+
+# Samples of a stored chunk: 4 MB of float32, a file that disks and clusters like.
+_CHUNK = 1 << 20
+# What is computed at once: up to 16 GiB of float32.
+_MOST_IN_MEMORY = 1 << 32
+# Sums over edges and rays make many samples of one point: worth a compiler even for small chunks.
+_COMPILED = 1 << 16
+
+
+def line(
+    source: PlaneSource,
+    ends: Any,
+    samples: int,
+    wavelength: float,
+    **options: Unpack[FieldOptions],
+) -> Any:
+    """A field along a line, both ends included, over its ``distance`` from the first end.
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    ends : two points (2, 3) in m, z > 0.
+    samples : how many points.
+    wavelength : in m.
+    options : as of :func:`plane`.
+
+    Returns
+    -------
+    As of :func:`plane`, with the dimension ``distance``, and x, y and z along it.
+
+    Raises
+    ------
+    As :func:`plane`.
+    """
+    settings = checked_settings(wavelength, options)
+    return dataset(source, line_grid(ends, samples), settings, options.get("progress"))
+
+
+def plane(
+    source: PlaneSource,
+    where: Any,
+    shape: tuple[int, int],
+    wavelength: float,
+    **options: Unpack[FieldOptions],
+) -> Any:
+    """A field on a rectangle of any size, place and resolution (docs/volumes.md).
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    where : ((x0, y0, z0), (x1, y1, z1)) in m, of which one pair is equal; or three corners (3, 3)
+        of a rectangle in any direction, the first between the other two. z > 0.
+    shape : how many points along its two axes, edges included.
+    wavelength : in m.
+    method : "wigner" (default), or one of "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2",
+        "kirchhoff", "fresnel" and "fraunhofer", or several of these side by side.
+    quantity : "irradiance" (default), |U|^2 in W/m^2 for |u|^2 in W/m^2; "amplitude", complex, or
+        its "phase" in rad, which "wigner" does not have.
+    obliquity, order : of "wigner", as :func:`irradiance` takes them.
+    tolerance : as :func:`irradiance` and :func:`amplitude` take it; None: their own.
+    dtype : "float64" (default) or "float32" to store values as (amplitudes as complex numbers).
+    precision, engine : see :func:`fourier`.
+    progress : whether to draw a bar; None: on a terminal.
+
+    Returns
+    -------
+    xarray.Dataset with a variable for each method, named after it, over x, y or z; of three corners
+    over u and v, the distances from the first to the others. Units, settings, the source and the
+    version are in the attributes.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine; MissingExtraError
+    without xarray, which the extra ``volume`` brings.
+    """
+    settings = checked_settings(wavelength, options)
+    return dataset(source, plane_grid(where, shape), settings, options.get("progress"))
+
+
+def hemisphere(
+    source: PlaneSource,
+    radius: float,
+    theta: Any,
+    phi: Any,
+    wavelength: float,
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    **options: Unpack[FieldOptions],
+) -> Any:
+    """A field at one distance from a point, over angles: on a hemisphere, or along a cut.
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    radius : distance from ``centre`` in m.
+    theta : (n,) angles from the z axis in rad; negative ones, for cuts, lie at the opposite phi.
+    phi : (m,) angles from the x axis in rad; or one.
+    wavelength : in m.
+    centre : (3,) in m.
+    options : as of :func:`plane`.
+
+    Returns
+    -------
+    As of :func:`plane`, with the dimensions ``theta`` and ``phi``, and x, y and z over them.
+
+    Raises
+    ------
+    As :func:`plane`; points must have z > 0, that is |theta| < pi/2 about the origin.
+    """
+    settings = checked_settings(wavelength, options)
+    grid = hemisphere_grid(radius, theta, phi, centre)
+    return dataset(source, grid, settings, options.get("progress"))
+
+
+def volume(
+    source: PlaneSource,
+    box: Any,
+    shape: tuple[int, int, int],
+    wavelength: float,
+    *,
+    chunks: Any = None,
+    out: str | os.PathLike[str] | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    **options: Unpack[FieldOptions],
+) -> Any:
+    """A field in a box of any size, place and resolution (docs/volumes.md).
+
+    Eager by default, in blocks of bounded memory: beside the result, float32 unless told otherwise,
+    some hundred megabytes. With ``chunks`` a lazy array, of which only what is asked for is
+    computed. With ``out`` it is written to disk chunk by chunk, and taken up where it was killed.
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    box : ((x0, y0, z0), (x1, y1, z1)) in m, z > 0.
+    shape : how many points along x, y and z, faces included.
+    wavelength : in m.
+    chunks : None; or as dask takes them, a number, one for each axis, or "auto".
+    out : folder of a zarr store, as of :func:`wigner_table`; one ``method``, and ``chunks`` None, a
+        number, or one for each axis.
+    scheduler, threads : with ``out``, as of :func:`wigner_table`.
+    options : as of :func:`plane`, except that ``dtype`` is "float32" by default.
+
+    Returns
+    -------
+    As of :func:`plane`, with the dimensions ``x``, ``y`` and ``z``.
+
+    Raises
+    ------
+    As :func:`plane`; StoreError for a place that cannot be written to or has other data.
+    """
+    settings = checked_settings(wavelength, options, dtype="float32")
+    grid = box_grid(box, shape)
+    if out is None:
+        if scheduler is not None or threads is not None:
+            raise ArgumentError(
+                "expected out with scheduler or threads, got none; say where to write"
+            )
+        samples = math.prod(shape_of_grid(grid))
+        if chunks is None and samples > _MOST_IN_MEMORY:
+            raise ArgumentError(
+                f"expected at most {_MOST_IN_MEMORY} points in memory, got {samples:.3g}; use "
+                "chunks, or write them to disk with out"
+            )
+        return dataset(source, grid, settings, options.get("progress"), chunks)
+    if len(settings.methods) != 1:
+        raise ArgumentError(f"expected one method for a store, got {settings.methods}")
+    radiator, sizes = checked_source(source), _stored_chunks(chunks, shape_of_grid(grid))
+    # Every chunk by the same engine, wherever it is computed.
+    engine = resolved(settings.engine, max(_COMPILED, math.prod(sizes)))
+    settings = replace(settings, engine=engine)
+    block = FieldBlock(radiator, grid, settings.methods[0], settings)
+    about = described(radiator, settings)
+    layout = Layout(block.method, settings.stored, grid.coords, sizes, block.attrs, about)
+    return write_dataset(
+        out,
+        layout,
+        block,
+        {**block.attrs, **about},
+        exclusive=engine != "numpy",
+        scheduler=scheduler,
+        threads=threads,
+        progress=options.get("progress"),
+    )
+
+
+def _stored_chunks(chunks: Any, shape: tuple[int, ...]) -> tuple[int, ...]:
+    if chunks is None or chunks == "auto":
+        return chunks_within(shape, _CHUNK)
+    sizes = (chunks,) * len(shape) if isinstance(chunks, int) else tuple(chunks)
+    if len(sizes) != len(shape) or not all(isinstance(n, int) and n > 0 for n in sizes):
+        raise ArgumentError(f"expected chunks of {len(shape)} whole numbers, got {chunks!r}")
+    return tuple(min(n, most) for n, most in zip(sizes, shape, strict=True))

@@ -1,0 +1,304 @@
+"""Fields on grids of points, block by block, and the labelled arrays made of them."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import re
+import threading
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Literal, TypedDict, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.engines import Engine, Precision, checked_engine, checked_precision
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_wavelength
+from polywigner.propagation.amplitudes import amplitude
+from polywigner.propagation.grids import Grid, shape_of_grid
+from polywigner.propagation.irradiances import irradiance
+from polywigner.propagation.patterns import SPEED_OF_LIGHT
+from polywigner.propagation.places import METHODS, checked_method, checked_name
+from polywigner.propagation.progress import progress_bar
+from polywigner.propagation.stores_files import required
+from polywigner.propagation.stores_layout import Index, chunks_within, source_settings
+from polywigner.radiometry.directions import PlaneSource, checked_source
+
+__all__ = [
+    "FieldBlock",
+    "FieldOptions",
+    "FieldSettings",
+    "Quantity",
+    "checked_settings",
+    "dataset",
+    "field_on",
+]
+
+Quantity = Literal["irradiance", "amplitude", "phase"]
+Values = NDArray[Any]
+
+# Points at a time: the bar moves, and what a block needs stays in tens of megabytes.
+_BLOCK = 1 << 16
+
+# Dr.Jit has one pool of threads in a process: of dask's threads one at a time computes.
+_POOL = threading.Lock()
+
+_UNITS = {"irradiance": "W m-2", "amplitude": "W0.5 m-1", "phase": "rad"}
+_LONG_NAMES = {
+    "irradiance": "irradiance |U|^2",
+    "amplitude": "complex amplitude U",
+    "phase": "phase of U",
+}
+
+
+class FieldOptions(TypedDict, total=False):
+    """What :func:`plane` and its like take beside source, place and wavelength."""
+
+    method: str | Sequence[str]
+    """"wigner" (default), or one of the methods of :func:`amplitude`, or several of them."""
+    quantity: Quantity
+    """"irradiance" (default); "amplitude" or "phase", which "wigner" does not have."""
+    obliquity: str | None
+    """Of "wigner": see :func:`irradiance`."""
+    order: int
+    """Of "wigner": 1 or 3."""
+    tolerance: float | None
+    """None: that of :func:`irradiance` and :func:`amplitude`."""
+    dtype: str
+    """"float64" or "float32" to store values as; for amplitudes complex numbers of these."""
+    precision: Precision
+    """To compute with: see :func:`fourier`."""
+    engine: Engine
+    progress: bool | None
+    """Whether to draw a bar; None: on a terminal."""
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """How a field is computed: all that a value depends on beside its source and place."""
+
+    wavelength: float
+    methods: tuple[str, ...]
+    quantity: str
+    obliquity: str | None
+    order: int
+    tolerance: float | None
+    dtype: str
+    precision: str | None
+    engine: str
+
+    @property
+    def stored(self) -> np.dtype[Any]:
+        """The type of the values."""
+        real = np.dtype(self.dtype)
+        return np.result_type(real, np.complex64) if self.quantity == "amplitude" else real
+
+    def of(self, method: str) -> dict[str, Any]:
+        """The settings that matter for one method, as texts and numbers."""
+        settings: dict[str, Any] = {"method": method, "quantity": self.quantity}
+        if method == "wigner":
+            settings |= {"obliquity": self.obliquity or "rayleigh-sommerfeld-1"}
+            settings |= {"order": self.order}
+        if self.tolerance is not None:
+            settings |= {"tolerance": self.tolerance}
+        return settings
+
+
+def checked_settings(
+    wavelength: Any, options: FieldOptions, dtype: str = "float64"
+) -> FieldSettings:
+    """The settings of options, with defaults for what is not said.
+
+    Raises ArgumentError for names and numbers that there are not.
+    """
+    known = FieldOptions.__annotations__
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise ArgumentError(f"expected options among {', '.join(known)}, got {unknown[0]!r}")
+    quantity = checked_name("quantity", options.get("quantity", "irradiance"), get_args(Quantity))
+    stored = checked_name("dtype", options.get("dtype", dtype), ("float32", "float64"))
+    return FieldSettings(
+        checked_wavelength(wavelength),
+        _checked_methods(options.get("method", "wigner"), quantity),
+        quantity,
+        options.get("obliquity"),
+        options.get("order", 1),
+        options.get("tolerance"),
+        stored,
+        checked_precision(options.get("precision")),
+        checked_engine(options.get("engine", "auto")),
+    )
+
+
+def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
+    one = isinstance(method, str) or not isinstance(method, Sequence)
+    methods = (method,) if one else tuple(method)
+    if not methods or len(set(map(str, methods))) < len(methods):
+        raise ArgumentError(f"expected one method, or several different ones, got {method!r}")
+    for name in methods:
+        if quantity != "irradiance" and name == "wigner":
+            raise ArgumentError(
+                f'expected a method with a phase for the {quantity}, got "wigner", which has '
+                f"irradiances only; use one of {', '.join(METHODS)}"
+            )
+        checked_method(name, ("wigner", *METHODS))
+    return methods
+
+
+def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSettings) -> Values:
+    """The quantity of the settings at points (..., 3), by one of the methods: values (...)."""
+    how: dict[str, Any] = {"precision": settings.precision, "engine": settings.engine}
+    if settings.tolerance is not None:
+        how["tolerance"] = settings.tolerance
+    if settings.quantity != "irradiance":
+        field = amplitude(source, points, settings.wavelength, method, **how)
+        return np.asarray(field if settings.quantity == "amplitude" else np.angle(field))
+    if method == "wigner":
+        how |= {"obliquity": settings.obliquity, "order": settings.order}
+    return np.asarray(irradiance(source, points, settings.wavelength, method, **how))
+
+
+@dataclass(frozen=True, eq=False)
+class FieldBlock:
+    """The values of a method on any part of a grid; can be sent to other processes."""
+
+    source: PlaneSource
+    grid: Grid
+    method: str
+    settings: FieldSettings
+
+    def __call__(self, origin: Index, shape: Index) -> Values:
+        """Values of this shape, from the point with the numbers ``origin`` on."""
+        points = self.grid.points(origin, shape)
+        return field_on(self.source, points, self.method, self.settings).astype(
+            self.settings.stored
+        )
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """Of the variable: units and settings."""
+        quantity = self.settings.quantity
+        about = {"units": _UNITS[quantity], "long_name": _LONG_NAMES[quantity]}
+        return about | self.settings.of(self.method)
+
+
+def dataset(
+    source: Any,
+    grid: Grid,
+    settings: FieldSettings,
+    progress: bool | None = None,
+    chunks: Any = None,
+) -> Any:
+    """An xarray.Dataset with one variable for each method, named after it.
+
+    ``chunks``: None computes now; anything that dask takes for chunks computes when values are
+    asked for. Raises ArgumentError for other chunks, MissingExtraError without xarray or dask.
+    """
+    xarray = required("xarray")
+    radiator = checked_source(source)
+    blocks = [FieldBlock(radiator, grid, method, settings) for method in settings.methods]
+    with _warnings_once():
+        arrays = [
+            _filled(block, progress) if chunks is None else _lazy(block, chunks) for block in blocks
+        ]
+    dims = tuple(grid.coords)
+    coords = {name: (axis.dims, axis.values, axis.attrs) for name, axis in grid.coords.items()}
+    return xarray.Dataset(
+        {
+            block.method: (dims, array, block.attrs)
+            for block, array in zip(blocks, arrays, strict=True)
+        },
+        coords=coords | _places(grid),
+        attrs=described(radiator, settings),
+    )
+
+
+def described(source: PlaneSource, settings: FieldSettings) -> dict[str, Any]:
+    """Attributes of a dataset: what it takes to compute it again, beside the grid."""
+    from polywigner import __version__
+
+    return {
+        "wavelength": settings.wavelength,
+        "frequency": SPEED_OF_LIGHT / settings.wavelength,
+        "precision": settings.precision or "double",
+        "engine": settings.engine,
+        "polywigner_version": __version__,
+        "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
+        **source_settings(source),
+    }
+
+
+def _places(grid: Grid) -> dict[str, Any]:
+    """x, y and z of the points of a grid whose axes are other ones."""
+    others = [k for k, name in enumerate("xyz") if name not in grid.coords]
+    if not others:
+        return {}
+    shape = shape_of_grid(grid)
+    points = grid.points((0,) * len(shape), shape)
+    found: dict[str, Any] = {}
+    for k in others:
+        constant = set(grid.coords) <= set("xyz")
+        dims = () if constant else tuple(grid.coords)
+        found["xyz"[k]] = (dims, points.flat[k] if constant else points[..., k], {"units": "m"})
+    return found
+
+
+def _filled(block: FieldBlock, progress: bool | None) -> Values:
+    shape = shape_of_grid(block.grid)
+    values = np.empty(shape, block.settings.stored)
+    size = chunks_within(shape, _BLOCK)
+    starts = [range(0, n, step) for n, step in zip(shape, size, strict=True)]
+    count = math.prod(map(len, starts))
+    with progress_bar(block.method, count, show=progress) as advance:
+        for origin in product(*starts):
+            ends = [min(o + n, most) for o, n, most in zip(origin, size, shape, strict=True)]
+            part = tuple(slice(o, end) for o, end in zip(origin, ends, strict=True))
+            extent = tuple(end - o for o, end in zip(origin, ends, strict=True))
+            values[part] = block(origin, extent)
+            advance()
+    return values
+
+
+@contextmanager
+def _warnings_once() -> Iterator[None]:
+    """Of warnings that differ by numbers only, as those of many blocks, the first, at the end."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    kinds = {(w.category, re.sub(r"[\d.]+", "", str(w.message))): w for w in reversed(caught)}
+    for warning in reversed(kinds.values()):
+        warnings.warn(
+            warning.message, warning.category, stacklevel=5
+        )  # who called `line` or the like
+
+
+def _lazy(block: FieldBlock, chunks: Any) -> Any:
+    arrays, core = required("dask.array"), required("dask.array.core")
+    shape, dtype = shape_of_grid(block.grid), block.settings.stored
+    try:
+        sizes = core.normalize_chunks(chunks, shape, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(
+            f"expected chunks as dask takes them, a number, a tuple of {len(shape)}, or 'auto', "
+            f"got {chunks!r}: {error}"
+        ) from None
+    token = required("dask.base").tokenize(pickle.dumps(block))
+    return arrays.map_blocks(
+        _part,
+        chunks=sizes,
+        dtype=dtype,
+        meta=np.empty((0,) * len(shape), dtype),
+        name=f"{block.method}-{token}",
+        block=block,
+    )
+
+
+def _part(block: FieldBlock, block_info: Any = None) -> Values:
+    place = block_info[None]["array-location"]
+    with nullcontext() if block.settings.engine == "numpy" else _POOL:
+        return block(tuple(a for a, _ in place), tuple(b - a for a, b in place))

@@ -1,0 +1,276 @@
+"""Fields on lines, planes, hemispheres and in volumes: the same numbers wherever they are asked."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, MissingExtraError, PolywignerError, PolywignerWarning
+from polywigner.propagation import datasets
+
+WAVELENGTH = 299792458 / 94e9
+K = 2 * math.pi / WAVELENGTH
+SQUARE = pw.shapes.square(10e-3)
+CHEVRONS = pw.shapes.chevron_pair(6e-3, 5e-3, 2e-3)
+BOX = ((-20e-3, -15e-3, 30e-3), (10e-3, 15e-3, 60e-3))
+SHAPE = (4, 3, 5)
+
+# Sums in other orders, of one computation.
+ROUNDING = 1e-12
+
+
+def _points(found: Any) -> np.ndarray:
+    """(..., 3) of a dataset, in the order of its variable's dimensions."""
+    variable = next(iter(found.data_vars.values()))
+    parts = [found[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
+    return np.stack([part.values for part in parts], axis=-1)
+
+
+def _builders(**options: Any) -> dict[str, Any]:
+    corners = ((-10e-3, 0, 30e-3), (10e-3, 0, 30e-3), (-10e-3, 5e-3, 50e-3))
+    flat = ((-5e-3, 2e-3, 30e-3), (5e-3, 2e-3, 60e-3))
+    return {
+        "line": lambda: pw.line(CHEVRONS, BOX, 5, WAVELENGTH, **options),
+        "plane": lambda: pw.plane(CHEVRONS, flat, (3, 4), WAVELENGTH, **options),
+        "tilted plane": lambda: pw.plane(CHEVRONS, corners, (3, 4), WAVELENGTH, **options),
+        "hemisphere": lambda: pw.hemisphere(
+            CHEVRONS, 50e-3, [-0.9, 0.0, 0.4], [0.0, 1.0], WAVELENGTH, **options
+        ),
+        "volume": lambda: pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, dtype="float64", **options),
+    }
+
+
+@pytest.mark.parametrize("name", _builders())
+def test_values_are_those_of_irradiance_and_amplitude_at_the_points(name: str) -> None:
+    """Side by side: each variable is named after its method."""
+    methods = ("wigner", "kirchhoff", "fraunhofer")
+    found = _builders(method=methods)[name]()
+    assert tuple(found.data_vars) == methods
+    points = _points(found)
+    for method in methods:
+        expected = pw.irradiance(CHEVRONS, points, WAVELENGTH, method)
+        assert found[method].values == pytest.approx(expected, rel=ROUNDING)
+    field = _builders(method="kirchhoff", quantity="amplitude")[name]()["kirchhoff"]
+    expected = pw.amplitude(CHEVRONS, points, WAVELENGTH, "kirchhoff")
+    assert field.values == pytest.approx(expected, rel=ROUNDING)
+    phase = _builders(method="kirchhoff", quantity="phase")[name]()["kirchhoff"]
+    assert phase.values == pytest.approx(np.angle(expected), abs=ROUNDING)
+    assert found["kirchhoff"].values == pytest.approx(np.abs(expected) ** 2, rel=1e-6)
+
+
+def test_a_plane_is_a_slice_of_a_volume_at_any_resolution() -> None:
+    (x0, y0, z0), (x1, y1, z1) = BOX
+    whole = pw.volume(CHEVRONS, BOX, (5, 7, 3), WAVELENGTH, method="kirchhoff", dtype="float64")
+    middle = (z0 + z1) / 2
+    plane = pw.plane(
+        CHEVRONS, ((x0, y0, middle), (x1, y1, middle)), (9, 4), WAVELENGTH, method="kirchhoff"
+    )
+    common = whole["kirchhoff"].sel(z=middle).values[:, ::2]
+    assert plane["kirchhoff"].values[::2] == pytest.approx(common, rel=1e-9)
+    half = pw.volume(
+        CHEVRONS, ((x0, y0, z0), (x1, y1, middle)), (5, 7, 2), WAVELENGTH, method="kirchhoff",
+        dtype="float64",
+    )  # fmt: skip
+    assert half["kirchhoff"].values == pytest.approx(whole["kirchhoff"].values[..., :2], rel=1e-9)
+    assert pw.volume(CHEVRONS, BOX, (1, 1, 1), WAVELENGTH, method="fraunhofer")["z"] == middle
+
+
+def test_the_far_hemisphere_receives_the_radiated_power() -> None:
+    """int |U|^2 r^2 dOmega, 1000 apertures away, is the power of the pattern."""
+    node, weight = np.polynomial.legendre.leggauss(40)
+    theta, phi, radius = (node + 1) * math.pi / 4, 2 * math.pi * np.arange(40) / 40, 10.0
+    found = pw.hemisphere(
+        SQUARE, radius, theta, phi, WAVELENGTH, method="rayleigh-sommerfeld-1"
+    )["rayleigh-sommerfeld-1"]  # fmt: skip
+    mean = found.values.mean(axis=1) * np.sin(theta)
+    power = radius**2 * 2 * math.pi * (mean @ weight) * math.pi / 4
+    expected = pw.radiation_pattern(SQUARE, WAVELENGTH, 0.0, 0.0).attrs["radiated_power"]
+    near = 1e-4  # what is left of the near field at 1000 apertures
+    assert power == pytest.approx(expected, rel=near)
+
+
+def test_the_phase_of_the_far_axis_advances_with_the_wave() -> None:
+    ends = ((0, 0, 2.0), (0, 0, 2.0 + WAVELENGTH / 3))
+    found = pw.line(SQUARE, ends, 2, WAVELENGTH, method="kirchhoff", quantity="phase")
+    first, last = found["kirchhoff"].values
+    assert (last - first) % (2 * math.pi) == pytest.approx(2 * math.pi / 3, abs=1e-4)
+
+
+def test_every_grid_knows_where_its_points_are() -> None:
+    builders = _builders(method="fraunhofer")
+    line = builders["line"]()
+    assert dict(line.sizes) == {"distance": 5}
+    assert line["distance"].values[-1] == pytest.approx(np.linalg.norm(np.subtract(*BOX)))
+    assert _points(line)[[0, -1]] == pytest.approx(np.array(BOX))
+    plane = builders["plane"]()
+    assert dict(plane.sizes) == {"x": 3, "z": 4}
+    assert float(plane["y"]) == 2e-3
+    tilted = builders["tilted plane"]()
+    assert dict(tilted.sizes) == {"u": 3, "v": 4}
+    assert _points(tilted)[2, 0] == pytest.approx([10e-3, 0, 30e-3])
+    assert _points(tilted)[0, 3] == pytest.approx([-10e-3, 5e-3, 50e-3])
+    sphere = builders["hemisphere"]()
+    assert np.linalg.norm(_points(sphere), axis=-1) == pytest.approx(np.full((3, 2), 50e-3))
+    assert sphere["x"].values[0, 0] < 0 < sphere["x"].values[2, 0]
+    volume = builders["volume"]()
+    assert dict(volume.sizes) == {"x": 4, "y": 3, "z": 5}
+    assert volume["x"].values[[0, -1]] == pytest.approx([-20e-3, 10e-3])
+
+
+def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path: Path) -> None:
+    import xarray
+
+    field = CHEVRONS.with_illumination(pw.steering((0.6, 0, 0.8), WAVELENGTH))
+    found = pw.line(field, BOX, 3, WAVELENGTH, method=("wigner", "kirchhoff"), order=3)
+    assert found["wigner"].attrs["units"] == "W m-2"
+    assert found["wigner"].attrs["order"] == 3
+    assert found["wigner"].attrs["obliquity"] == "rayleigh-sommerfeld-1"
+    assert "order" not in found["kirchhoff"].attrs
+    assert found["distance"].attrs["units"] == "m"
+    assert found.attrs["wavelength"] == WAVELENGTH
+    assert found.attrs["polywigner_version"] == pw.__version__
+    source = tmp_path / "source.json"
+    source.write_text(found.attrs["source"])
+    assert pw.read_source(source) == field
+    found.to_netcdf(tmp_path / "line.nc", engine="h5netcdf")
+    assert xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf").identical(found)
+
+
+def test_a_lazy_volume_computes_only_what_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    compute = datasets.field_on
+
+    def counted(source: Any, points: Any, *rest: Any) -> Any:
+        calls.append(points.shape)
+        return compute(source, points, *rest)
+
+    monkeypatch.setattr(datasets, "field_on", counted)
+    eager = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="kirchhoff")
+    calls.clear()
+    lazy = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="kirchhoff", chunks=2)
+    assert not calls
+    assert lazy["kirchhoff"].chunks == ((2, 2), (2, 1), (2, 2, 1))
+    part = lazy["kirchhoff"][3, 2, :2].values
+    assert calls == [(2, 1, 2, 3)]
+    assert part == pytest.approx(eager["kirchhoff"].values[3, 2, :2], rel=1e-6)
+    assert lazy["kirchhoff"].values == pytest.approx(eager["kirchhoff"].values, rel=1e-6)
+    assert lazy["kirchhoff"].dtype == eager["kirchhoff"].dtype == np.float32
+
+
+def test_blocks_of_any_size_give_one_volume(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points are computed some at a time, none is left out, and memory is what a block takes."""
+    whole = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="fraunhofer", dtype="float64")
+    monkeypatch.setattr(datasets, "_BLOCK", 7)
+    parts = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="fraunhofer", dtype="float64")
+    assert parts["fraunhofer"].values == pytest.approx(whole["fraunhofer"].values, rel=ROUNDING)
+
+
+def test_a_warning_of_many_blocks_is_said_once_and_to_the_caller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(datasets, "_BLOCK", 2)
+    near = ((0, 0, 0.5 * WAVELENGTH), (0, 0, 0.9 * WAVELENGTH))
+    with pytest.warns(PolywignerWarning, match="wavelengths") as caught:
+        pw.line(SQUARE, near, 6, WAVELENGTH)
+    assert len(caught) == 1
+    assert Path(caught[0].filename) == Path(__file__)
+
+
+def test_a_stored_volume_is_the_eager_one_and_is_taken_up(tmp_path: Path) -> None:
+    how: dict[str, Any] = {"method": "kirchhoff", "engine": "numpy"}
+    stored = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, chunks=3, out=tmp_path / "v", **how)
+    eager = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, **how)
+    assert stored["kirchhoff"].values == pytest.approx(eager["kirchhoff"].values, rel=1e-6)
+    assert stored["kirchhoff"].attrs["units"] == "W m-2"
+    assert stored.attrs["wavelength"] == WAVELENGTH
+    again = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, chunks=3, out=tmp_path / "v", **how)
+    assert (again["kirchhoff"].values == stored["kirchhoff"].values).all()
+    with pytest.raises(PolywignerError, match="wavelength"):
+        pw.volume(CHEVRONS, BOX, SHAPE, 2 * WAVELENGTH, chunks=3, out=tmp_path / "v", **how)
+
+
+def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    builders = _builders(method="fraunhofer")
+    builders["volume"]()
+    assert capfd.readouterr() == ("", "")
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    _builders(method="fraunhofer", progress=True)["volume"]()
+    assert "fraunhofer" in capfd.readouterr().err
+
+
+def test_without_xarray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(MissingExtraError, match=r"polywigner\[volume\]"):
+        pw.line(SQUARE, BOX, 3, WAVELENGTH)
+
+
+FLAT = ((-1.0, -1.0, 1.0), (1.0, 1.0, 1.0))
+REFUSED: dict[str, tuple[Any, str]] = {
+    "behind": (lambda: pw.volume(SQUARE, ((0, 0, -1), (1, 1, 1)), (2, 2, 2), 1.0), "z > 0"),
+    "an upside-down box": (
+        lambda: pw.volume(SQUARE, ((0, 0, 2), (1, 1, 1)), (2, 2, 2), 1.0),
+        "lowest",
+    ),
+    "two counts": (lambda: pw.volume(SQUARE, BOX, (2, 2), 1.0), "shape of 3"),
+    "no points": (lambda: pw.volume(SQUARE, BOX, (2, 2, 0), 1.0), "at least 1"),
+    "one count": (lambda: pw.plane(SQUARE, FLAT, 4, 1.0), "shape of 2"),
+    "a thick plane": (lambda: pw.plane(SQUARE, BOX, (2, 2), 1.0), "no thickness"),
+    "a line for a plane": (
+        lambda: pw.plane(SQUARE, ((0, 0, 1), (0, 0, 2)), (2, 2), 1.0),
+        "no thickness",
+    ),
+    "a rhombus": (
+        lambda: pw.plane(SQUARE, ((0, 0, 1), (1, 0, 1), (1, 1, 1)), (2, 2), 1.0),
+        "right angles",
+    ),
+    "a text": (lambda: pw.plane(SQUARE, "there", (2, 2), 1.0), "plane"),
+    "not a number": (lambda: pw.line(SQUARE, ((0, 0, 1), (0, 0, math.nan)), 2, 1.0), "finite"),
+    "a point": (lambda: pw.line(SQUARE, ((0, 0, 1), (0, 0, 1)), 2, 1.0), "twice"),
+    "the horizon": (lambda: pw.hemisphere(SQUARE, 1.0, math.pi / 2, 0.0, 1.0), "z > 0"),
+    "a negative radius": (lambda: pw.hemisphere(SQUARE, -1.0, 0.0, 0.0, 1.0), "radius"),
+    "two coordinates": (
+        lambda: pw.hemisphere(SQUARE, 1.0, 0.0, 0.0, 1.0, centre=(0, 0)),  # type: ignore[arg-type]
+        "centre",
+    ),
+    "a method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method="bpm"), "kirchhoff"),
+    "a method twice": (
+        lambda: pw.line(SQUARE, BOX, 2, 1.0, method=("wigner", "wigner")),
+        "different",
+    ),
+    "no method": (lambda: pw.line(SQUARE, BOX, 2, 1.0, method=()), "one method"),
+    "a ray's phase": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="phase"), "a phase"),
+    "a quantity": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="flux"), "irradiance"),  # type: ignore[arg-type]
+    "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "options among"),  # type: ignore[call-arg]
+    "a dtype": (lambda: pw.line(SQUARE, BOX, 2, 1.0, dtype="float16"), "float32"),
+    "chunks": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, chunks=(1, 2)), "chunks"),
+    "more than memory": (lambda: pw.volume(SQUARE, BOX, (2000, 2000, 2000), 1.0), "chunks"),
+    "slits": (lambda: pw.line(pw.Slits([[0, 1]]), BOX, 2, 1.0), "rectangles"),
+    "a cluster without a disk": (
+        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, scheduler="tcp://x"),
+        "where to write",
+    ),
+    "a store of two": (
+        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, out="v", method=("wigner", "kirchhoff")),
+        "one method",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_place_or_method_is_refused_in_words(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    call, words = REFUSED[name]
+    with pytest.raises(ArgumentError, match=words) as caught:
+        call()
+    assert "expected" in str(caught.value) and "got" in str(caught.value)
+    assert not list(tmp_path.iterdir())
