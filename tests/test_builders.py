@@ -123,6 +123,16 @@ def test_every_grid_knows_where_its_points_are() -> None:
     assert volume["x"].values[[0, -1]] == pytest.approx([-20e-3, 10e-3])
 
 
+def test_rays_and_the_far_field_share_an_obliquity_side_by_side() -> None:
+    """At 100 apertures they agree, where another obliquity differs by cos(theta)^2."""
+    how: dict[str, Any] = {"method": ("wigner", "fraunhofer"), "obliquity": "rayleigh-sommerfeld-2"}
+    found = pw.hemisphere(SQUARE, 1.0, [0.0, 0.5], 0.0, WAVELENGTH, **how)
+    assert found["wigner"].values == pytest.approx(found["fraunhofer"].values, rel=2e-2)
+    other = pw.hemisphere(SQUARE, 1.0, [0.0, 0.5], 0.0, WAVELENGTH, method="fraunhofer")
+    ratio = other["fraunhofer"].values / found["fraunhofer"].values
+    assert ratio[1, 0] == pytest.approx(math.cos(0.5) ** 2, rel=1e-9)
+
+
 def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path: Path) -> None:
     import xarray
 

@@ -26,13 +26,13 @@ from polywigner.propagation.places import (
     checked_wavelength,
 )
 
-__all__ = ["Obliquity", "amplitude"]
+__all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude"]
 
 Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
 _OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
 # By default, and the least that can be asked for: some tens of roundings.
-_TOLERANCE = {True: 1e-9, False: 1e-5}
+DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
 _LEAST = {True: 1e-13, False: 1e-6}
 # Of the Fourier transform, of the content.
 _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
@@ -123,7 +123,7 @@ def amplitude(
 
 def _checked_tolerance(tolerance: float | None, double: bool) -> float:
     if tolerance is None:
-        return _TOLERANCE[double]
+        return DEFAULT_TOLERANCE[double]
     least = _LEAST[double]
     meaning = f"a number from {least:g} to 0.1"
     number = checked_number(tolerance, "tolerance", meaning)

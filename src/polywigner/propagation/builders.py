@@ -86,7 +86,7 @@ def plane(
         "kirchhoff", "fresnel" and "fraunhofer", or several of these side by side.
     quantity : "irradiance" (default), |U|^2 in W/m^2 for |u|^2 in W/m^2; "amplitude", complex, or
         its "phase" in rad, which "wigner" does not have.
-    obliquity, order : of "wigner", as :func:`irradiance` takes them.
+    obliquity, order : of "wigner", as :func:`irradiance` takes them; obliquity of "fraunhofer" too.
     tolerance : as :func:`irradiance` and :func:`amplitude` take it; None: their own.
     dtype : "float64" (default) or "float32" to store values as (amplitudes as complex numbers).
     precision, engine : see :func:`fourier`.

@@ -48,6 +48,9 @@ _BLOCK = 1 << 16
 # Dr.Jit has one pool of threads in a process: of dask's threads one at a time computes.
 _POOL = threading.Lock()
 
+# The others have the obliquity of their own boundary condition.
+_WITH_OBLIQUITY = ("wigner", "fraunhofer")
+
 _UNITS = {"irradiance": "W m-2", "amplitude": "W0.5 m-1", "phase": "rad"}
 _LONG_NAMES = {
     "irradiance": "irradiance |U|^2",
@@ -64,7 +67,7 @@ class FieldOptions(TypedDict, total=False):
     quantity: Quantity
     """"irradiance" (default); "amplitude" or "phase", which "wigner" does not have."""
     obliquity: str | None
-    """Of "wigner": see :func:`irradiance`."""
+    """Of "wigner" and "fraunhofer": see :func:`irradiance`."""
     order: int
     """Of "wigner": 1 or 3."""
     tolerance: float | None
@@ -101,9 +104,10 @@ class FieldSettings:
     def of(self, method: str) -> dict[str, Any]:
         """The settings that matter for one method, as texts and numbers."""
         settings: dict[str, Any] = {"method": method, "quantity": self.quantity}
+        if method in _WITH_OBLIQUITY:
+            settings["obliquity"] = self.obliquity or "rayleigh-sommerfeld-1"
         if method == "wigner":
-            settings |= {"obliquity": self.obliquity or "rayleigh-sommerfeld-1"}
-            settings |= {"order": self.order}
+            settings["order"] = self.order
         if self.tolerance is not None:
             settings |= {"tolerance": self.tolerance}
         return settings
@@ -152,15 +156,18 @@ def _checked_methods(method: Any, quantity: str) -> tuple[str, ...]:
 
 def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSettings) -> Values:
     """The quantity of the settings at points (..., 3), by one of the methods: values (...)."""
-    how: dict[str, Any] = {"precision": settings.precision, "engine": settings.engine}
+    how: dict[str, Any] = {"method": method}
+    how |= {"precision": settings.precision, "engine": settings.engine}
     if settings.tolerance is not None:
         how["tolerance"] = settings.tolerance
+    if method in _WITH_OBLIQUITY:
+        how["obliquity"] = settings.obliquity
     if settings.quantity != "irradiance":
-        field = amplitude(source, points, settings.wavelength, method, **how)
+        field = amplitude(source, points, settings.wavelength, **how)
         return np.asarray(field if settings.quantity == "amplitude" else np.angle(field))
     if method == "wigner":
-        how |= {"obliquity": settings.obliquity, "order": settings.order}
-    return np.asarray(irradiance(source, points, settings.wavelength, method, **how))
+        how["order"] = settings.order
+    return np.asarray(irradiance(source, points, settings.wavelength, **how))
 
 
 @dataclass(frozen=True, eq=False)

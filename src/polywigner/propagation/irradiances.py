@@ -15,8 +15,14 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
 from polywigner.illumination.support import mutual_support
+from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
 from polywigner.propagation.obliquities import Obliquity, checked_obliquity, weighted_sources
-from polywigner.propagation.places import checked_points, checked_wavelength
+from polywigner.propagation.places import (
+    METHODS,
+    checked_method,
+    checked_points,
+    checked_wavelength,
+)
 from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate, by_gauss
 from polywigner.propagation.rays_sampling import Sampling, by_samples
@@ -54,12 +60,13 @@ def irradiance(
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
-    """Irradiance |U|^2 at points in front of a source, by Wigner rays.
+    """Irradiance |U|^2 at points in front of a source, by Wigner rays or one of the other methods.
 
     Each place on the automean sends a ray to each point, with the radiance W that it has in that
     direction: (T2) of docs/theory.md. It is |U|^2 itself, not the flux through a receiver that is
     tilted. To leading order that is the paper's method; with ``order=3`` lags count up to their
     third power, and the error falls with the fourth power of the distance, instead of the second.
+    All other methods are the square of :func:`amplitude`.
 
     Parameters
     ----------
@@ -67,15 +74,17 @@ def irradiance(
         illuminations.
     points : (..., 3) in m, z > 0.
     wavelength : in m.
-    method : "wigner".
+    method : "wigner", "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel" or
+        "fraunhofer".
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
         default), "kirchhoff" or "rayleigh-sommerfeld-2"; or "paper", a factor cos(theta) of no
         boundary condition, for order 1 only. Of fields of several waves it is applied to each pair
-        of waves.
+        of waves. Also that of "fraunhofer", "paper" excepted; the other methods have their own.
     order : 1 or 3.
     tolerance : error of the sum over places, relative to the irradiance where that is above 1e-3 of
         the largest that a source of this power and area can make at that distance, else relative
         to 1e-3 of that: (T6). It is not the error of rays as such, which docs/propagation.md has.
+        The other methods are at least as accurate as :func:`amplitude` is by default.
     return_error : return an estimate of that error as well.
     sampling : how places are chosen: "gauss", rules that know where W has kinks; or "sobol" and
         "monte-carlo", for study, with as many ``samples`` (default 16384; for Sobol rounded up to
@@ -103,8 +112,12 @@ def irradiance(
     source = checked_source(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
-    if method != "wigner":
-        raise ArgumentError(f'expected method to be "wigner", got {method!r}')
+    if checked_method(method, ("wigner", *METHODS)) != "wigner":
+        _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
+        how: dict[str, Any] = {"precision": precision, "engine": engine, "obliquity": obliquity}
+        if _checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
+            how["tolerance"] = tolerance
+        return _squared(source, places, length, method, return_error, how)
     if isinstance(order, bool) or order not in (1, 3):
         raise ArgumentError(f"expected order to be 1 or 3, got {order!r}")
     name = checked_obliquity(obliquity, order)
@@ -117,6 +130,29 @@ def irradiance(
     found = _summed(source, rays, flat, allowed, sampling, samples, seed)
     values = found.values.reshape(places.shape[:-1])[()]
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
+
+
+def _squared(
+    source: Aperture | Array,
+    points: Values,
+    wavelength: float,
+    method: Any,
+    return_error: bool,
+    how: dict[str, Any],
+) -> Any:
+    """|U|^2 of an amplitude, and its error."""
+    field, error = amplitude(source, points, wavelength, method, return_error=True, **how)
+    modulus = np.abs(field).astype(np.float64)
+    values = np.square(modulus)
+    return (values, (2 * modulus + error) * error) if return_error else values
+
+
+def _check_rays_only(method: str, **given: Any) -> None:
+    for name, value in given.items():
+        if value:
+            raise ArgumentError(
+                f'expected {name} with method="wigner" only, got it with {method!r}; leave it out'
+            )
 
 
 def _summed(
