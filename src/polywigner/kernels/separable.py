@@ -34,9 +34,10 @@ __all__ = [
     "wigner",
 ]
 
-# An outline counts as a rectangle if it misses one by less than this share of its shorter side,
-# and amplitudes as a product by this share of the largest: both move W by less than 1e-13.
-_RECTANGLE, _PRODUCT = 4e-15, 4e-15
+# An outline counts as a rectangle if it misses one by less than this share of its shorter side
+# (one that is turned and lies off the origin does by rounding), and amplitudes as a product by this
+# share of the largest: neither moves W by 1e-13 of the energy.
+_RECTANGLE, _PRODUCT = 1e-14, 4e-15
 # Frequencies along an axis that agree to this, in cycles per side or of the largest, are one.
 _EQUAL = 1e-14
 # What a pair of waves counts as, in cuts of an edge.
