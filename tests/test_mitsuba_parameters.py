@@ -110,6 +110,7 @@ def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: A
         (GOOD + '<float name="obliquity" value="1"/>', ['<string name="obliquity"', "float"]),
         (GOOD + '<string name="obliquity" value="rs1"/>', ["obliquity", "'rs1'", "kirchhoff"]),
         (GOOD + '<float name="sampling_weight" value="-1"/>', ["sampling_weight"]),
+        (GOOD + '<string name="antithetic" value="yes"/>', ['<boolean name="antithetic"', "str"]),
         (GOOD + '<emitter type="area"/>', ["no emitter inside", "brings its own"]),
         (
             GOOD + '<transform name="to_world"><scale value="2"/></transform>',

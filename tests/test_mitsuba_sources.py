@@ -23,6 +23,7 @@ from mitsuba_scenes import (
     propagating_part,
     uniform,
     use,
+    vectors,
 )
 from polywigner.errors import SceneError
 from polywigner.illumination.support import mutual_support
@@ -367,3 +368,54 @@ def test_a_source_radiates_from_its_mutual_support_or_from_the_hull_around_it(
         return
     whole = pw.automean(source.support).polygons
     assert region.symmetric_difference(whole).area < 1e-9 * whole.area
+
+
+def steered(degrees: float, columns: int = 12, rows: int = 16) -> pw.Array:
+    places = pw.arrays.grid_positions(columns, rows, 1.9e-3)
+    beam = np.array([np.sin(np.radians(degrees)), 0.0, np.cos(np.radians(degrees))])
+    weights = pw.arrays.steering_weights(places, beam, WAVELENGTH)
+    return pw.phased_array(PATCH, places, weights)
+
+
+def test_antithetic_samples_see_what_plain_ones_see_with_far_less_noise(llvm: object) -> None:
+    """Beside a beam at 40 degrees, where midpoints of elements cancel one another."""
+    mi = use("llvm_ad_mono")
+    count = 2**14
+    points = [(0.0, 0.3), (-0.25, 0.0), (-0.05, 0.02), (0.42, 0.0)]  # the last one in the beam
+    means, errors = np.zeros((2, len(points))), np.zeros((2, len(points)))
+    for row, antithetic in enumerate((False, True)):
+        emitter = emitter_of(light(steered(40.0), antithetic=antithetic))
+        for column, (x, y) in enumerate(points):
+            it = mi.Interaction3f()
+            it.p = vectors(mi, "Point", np.tile([1e3 * x, 1e3 * y, 500.0], (count, 1)))
+            ds, weight = emitter.sample_direction(it, uniform(mi, count, 2, seed=column), True)
+            values = np.array(weight, dtype=float).ravel()
+            radiance = np.array(emitter.eval_direction(it, ds, True), dtype=float).ravel()
+            density = np.array(ds.pdf, dtype=float).ravel()
+            np.testing.assert_allclose(values * density, radiance, rtol=1e-3, atol=1e-3)
+            means[row, column] = values.mean()
+            errors[row, column] = values.std() / np.sqrt(count)
+    assert (np.abs(means[1] - means[0]) < 5 * np.hypot(*errors)).all()
+    assert (errors[1, :3] < 0.3 * errors[0, :3]).all()
+
+
+def test_short_rows_and_other_sources_have_no_antithetic_samples() -> None:
+    from polywigner.mitsuba.radiator import radiator_of
+
+    for source, expected in (
+        (steered(10.0), 9),
+        (steered(10.0, columns=3), 3),
+        (steered(10.0, columns=2, rows=2), 1),
+        (PATCH, 1),
+        (any_elements(), 1),
+    ):
+        radiator = radiator_of(source, "paper", antithetic=True)
+        assert len(radiator.shifts) == expected
+        assert radiator.shifts[:, 2].sum() == 1
+        assert np.abs(radiator.shifts[:, 2] @ radiator.shifts[:, :2]).max() < 1e-18
+        plain = radiator_of(source, "paper")
+        assert len(plain.shifts) == 1
+        grown = radiator.support.moved(radiator.centre).polygons
+        for shift in radiator.shifts[:, :2]:  # nothing that radiates is left out
+            moved = plain.support.moved(plain.centre - shift).polygons
+            assert moved.difference(grown.buffer(1e-9)).area == 0

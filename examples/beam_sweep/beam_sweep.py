@@ -21,7 +21,7 @@ import numpy as np
 from polywigner.figures import level_db, picture_peak
 
 SCENE = Path(__file__).resolve().parents[1] / "phased_array_77ghz" / "scene.xml"
-FIRST, LAST = -25.0, 25.0
+FIRST, LAST = -45.0, 45.0
 """Degrees to the right of the array's normal."""
 FLOOR_DB = -25.0
 LEVELS, GREYS = 48, 12
@@ -30,7 +30,9 @@ LEVELS, GREYS = 48, 12
 
 def frame(azimuth: float, size: tuple[int, int], spp: int) -> np.ndarray:
     """Radiance (height, width) with the beam `azimuth` degrees to the right."""
-    scene = polywigner.mitsuba.load_scene(SCENE, steering=f"{azimuth:.3f} deg, 180 deg")
+    scene = polywigner.mitsuba.load_scene(
+        SCENE, steering=f"{azimuth:.3f} deg, 180 deg", antithetic="true"
+    )
     parameters = mi.traverse(scene.sensors()[0])
     parameters["film.size"] = size
     parameters.update()
@@ -74,7 +76,7 @@ def reduced(image: np.ndarray) -> Any:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", default="beam_sweep.gif", help="animated GIF")
-    parser.add_argument("--frames", type=int, default=11, help="from left to right")
+    parser.add_argument("--frames", type=int, default=13, help="from left to right")
     parser.add_argument("--spp", type=int, default=144)
     parser.add_argument("--width", type=int, default=320)
     options = parser.parse_args()

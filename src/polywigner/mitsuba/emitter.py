@@ -61,6 +61,10 @@ def emitter_class(variant: str) -> Any:
             self._unit = spec.scene_unit
             self._area = float(radiator.support.area) / self._unit**2
             self._centre = radiator.centre / self._unit
+            self._shifts = [
+                (m.Vector2f(x / self._unit, y / self._unit), weight)
+                for x, y, weight in radiator.shifts.tolist()
+            ]
             self._cells = cells_of(m, [ring / self._unit for ring in radiator.support.rings])
             self._ops = ops_for(m.Float)
             self._source = radiator.centred
@@ -172,7 +176,7 @@ def emitter_class(variant: str) -> Any:
             ds.dist = distance
             ds.pdf = dr.select(front, density, 0.0)
             ds.emitter = m.EmitterPtr(self) if jit else self
-            weight = self._radiance(x, direction) / density
+            weight = self._received(it, x) * self._area
             return ds, self._spectrum(weight, active)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
@@ -182,8 +186,20 @@ def emitter_class(variant: str) -> Any:
             return dr.select(front, density, 0.0)
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            direction, _ = self._seen_from(it, ds.uv)
-            return self._spectrum(self._radiance(ds.uv, direction), active)
+            direction, distance = self._seen_from(it, ds.uv)
+            front = direction.z > 0.0
+            per_angle = (distance * distance) / dr.select(front, direction.z, 1.0)
+            return self._spectrum(self._received(it, ds.uv) * per_angle, active)
+
+        def _received(self, it: Any, x: Any) -> Any:
+            """L cos/r^2 at the point ``it``, the mean over the places that a sample stands for."""
+            total = 0.0
+            for shift, weight in self._shifts:
+                place = x + shift
+                direction, distance = self._seen_from(it, place)
+                radiance = self._radiance(place, direction)
+                total = total + weight * radiance * direction.z / (distance * distance)
+            return total
 
         def _seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
             """Unit vector, in the frame, from x to the point ``it``; and the distance."""

@@ -46,6 +46,7 @@ PARAMETERS = (
     "to_world",
     "power",
     "obliquity",
+    "antithetic",
     "scene_unit",
     "sampling_weight",
 )
@@ -91,7 +92,8 @@ def read_parameters(props: Any) -> EmitterSpec:
     wavelength = _wavelength(values)
     scene_unit = _scene_unit(values.get("scene_unit", 1.0))
     texts = {name: _text(values, name, None) for name in FEEDING if name in values}
-    radiator = radiator_of(fed(_source(values), texts, wavelength), obliquity)
+    antithetic = _flag(values, "antithetic", False)
+    radiator = radiator_of(fed(_source(values), texts, wavelength), obliquity, antithetic)
     power = radiator.energy if given is None else given
     check_range(radiator, wavelength, power, scene_unit)
     return EmitterSpec(
@@ -238,6 +240,15 @@ def _number(values: dict[str, Any], name: str, parse: Any) -> float:
         return float(parse(value))
     except ValueError as error:
         raise SceneError(f"{name} of the wigner shape: {error}") from None
+
+
+def _flag(values: dict[str, Any], name: str, default: bool) -> bool:
+    value = values.get(name, default)
+    if not isinstance(value, bool):
+        raise SceneError(
+            f'expected <boolean name="{name}" .../>, got a parameter of type {type(value).__name__}'
+        )
+    return value
 
 
 def _text(values: dict[str, Any], name: str, default: str | None) -> str:

@@ -11,12 +11,16 @@ import numpy.typing as npt
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source, mutual_support
 from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.transforms import lag_marginal
 
 __all__ = ["Radiator", "radiator_of"]
+
+# Fewer midpoints in a row cancel less than three samples cost.
+_LEAST_ROW = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +34,9 @@ class Radiator:
     """A region relative to the centre outside of which W is zero."""
     energy: float
     """int |u|^2 dx, in m^2 for fields of unit 1."""
+    shifts: npt.NDArray[np.float64]
+    """(k, 3): a sample of a position stands for those at these shifts (x, y), by weights that add
+    up to 1; read-only."""
 
     @property
     def centred(self) -> Aperture | Array:
@@ -41,8 +48,10 @@ class Radiator:
         return moved_source(self.source, -self.centre)
 
 
-def radiator_of(source: Any, obliquity: str) -> Radiator:
+def radiator_of(source: Any, obliquity: str, antithetic: bool = False) -> Radiator:
     """An aperture, or an array of apertures in the plane z = 0, prepared for an emitter.
+
+    ``antithetic``: samples of arrays on a lattice stand for a few midpoints of elements at a time.
 
     Raises SceneError for other sources, for those whose field is zero, and for an obliquity that is
     not known.
@@ -54,16 +63,46 @@ def radiator_of(source: Any, obliquity: str) -> Radiator:
         )
     check_obliquity(obliquity)
     try:
-        return _prepared(source)
+        return _prepared(source, antithetic)
     except PolywignerError as error:
         raise SceneError(str(error)) from None
 
 
 # A scene entry is checked when it is made, and read when the scene is loaded.
 @lru_cache(maxsize=16)
-def _prepared(source: Aperture | Array) -> Radiator:
+def _prepared(source: Aperture | Array, antithetic: bool) -> Radiator:
+    shifts = _half_pitches(source) if antithetic else np.array([[0.0, 0.0, 1.0]])
+    shifts.setflags(write=False)
     support = mutual_support(source)
-    return Radiator(source, support.centre, support.moved(-support.centre), _energy(source))
+    if len(shifts) > 1:
+        support = Aperture(
+            union_on_grid([support.moved(-shift).polygons for shift in shifts[:, :2]])
+        )
+    energy = _energy(source)
+    return Radiator(source, support.centre, support.moved(-support.centre), energy, shifts)
+
+
+def _half_pitches(source: Aperture | Array) -> npt.NDArray[np.float64]:
+    """(k, 3): places half a pitch apart, about 0, along each direction of a lattice; weights.
+
+    W of a lattice of elements lives about the midpoints of pairs, half a pitch apart. Off the beams
+    it changes its sign from each of them to the next, while its size grows evenly towards the
+    middle (the number of pairs): second differences, 1/4, 1/2, 1/4, leave next to nothing.
+    """
+    lattice = None
+    if isinstance(source, Array) and source.phased is not None:
+        lattice = source.phased.sites.lattice
+    found = np.array([[0.0, 0.0, 1.0]])
+    if lattice is None:
+        return found
+    for count, pitch in zip(lattice.weights.shape, lattice.basis, strict=True):
+        if count >= _LEAST_ROW:
+            steps = np.outer([-0.5, 0.0, 0.5], [*pitch, 0.0])
+            steps[:, 2] = 0.25, 0.5, 0.25
+            places = found[:, None, :2] + steps[:, :2]
+            shares = found[:, None, 2:] * steps[:, 2:]
+            found = np.concatenate([places, shares], axis=-1).reshape(-1, 3)
+    return found
 
 
 def _advice(source: Any) -> str:
