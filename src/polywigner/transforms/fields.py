@@ -10,11 +10,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 
-__all__ = ["Field", "field_of"]
+__all__ = ["Field", "bound_of", "field_of", "is_lit_by_waves"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,21 +58,30 @@ class Field:
         return Field(tuple(map(_transposed, self.outlines)), self.weights)
 
 
-def field_of(source: Aperture | Array) -> Field:
-    """The outlines and weights of an aperture or an array of one plane.
+def is_lit_by_waves(source: Any) -> bool:
+    """Whether the field is not constant on an element of a source."""
+    elements = source.coplanar if isinstance(source, Array) else (source,)
+    return any(element.illumination is not None for element in elements)
 
-    Raises ArgumentError for fields that are not constant on an element.
-    """
-    elements = (source,) if isinstance(source, Aperture) else source.coplanar
-    if any(element.illumination is not None for element in elements):
-        raise ArgumentError(
-            "expected a source without illumination for projections, got one with an "
-            "Illumination; project it without, or evaluate the transforms at points"
-        )
+
+def field_of(source: Aperture | Array) -> Field:
+    """The outlines and weights of an aperture or an array of one plane, without waves on it."""
     if isinstance(source, Aperture):
         return Field((source,), np.ones(1))
-    outlines = tuple(element for element in elements if isinstance(element, Aperture))
+    outlines = tuple(element for element in source.coplanar if isinstance(element, Aperture))
     return Field(outlines, source.weights)
+
+
+def bound_of(source: Aperture | Array) -> Field:
+    """A field at least as large, on the same outlines: waves count by the sum of their sizes."""
+    field = field_of(source)
+    if not is_lit_by_waves(source):
+        return field
+    sizes = [
+        1.0 if o.illumination is None else float(np.abs(o.illumination.amplitudes).sum())
+        for o in field.outlines
+    ]
+    return Field(field.outlines, field.weights * np.array(sizes))
 
 
 def _transposed(aperture: Aperture) -> Aperture:

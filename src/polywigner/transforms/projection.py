@@ -13,6 +13,7 @@ from polywigner.errors import ArgumentError
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
+from polywigner.transforms.fields import is_lit_by_waves
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.tiles import Tile, tiles_of
 
@@ -67,7 +68,8 @@ def projections(
 
     Parameters
     ----------
-    source : Aperture or Slits, |u| = 1 on it, or an Array of either.
+    source : Aperture or Slits, |u| = 1 on it, or an Array of either. With an illumination, of
+        slits, and of apertures the first two tiles of each kind (both coordinates of one vector).
     kind : which function.
     samples : points along every axis, from 2 to 4096, or a mapping from coordinates to that; an
         odd number has zero frequency and zero lag among them.
@@ -82,9 +84,10 @@ def projections(
     -------
     xarray.Dataset if xarray can be imported, else a LabelledArrays, which has the same
     ``[name].values``, ``.dims``, ``.attrs``, ``.coords`` and ``.data_vars``. Complex for
-    "ambiguity", and for "autocorrelation" of an Array; real for all others. The attributes of a
-    tile: ``units``, ``long_name``, ``method`` (its closed form), ``exact`` (1: no quadrature) and
-    ``error``, the largest error that rounding makes in it, for \\|nu\\| times diameter up to 1e3.
+    "ambiguity", and for "autocorrelation" of an Array and under an illumination; real for all
+    others. The attributes of a tile: ``units``, ``long_name``, ``method`` (its closed form),
+    ``exact`` (1: no quadrature) and ``error``, the largest error that rounding makes in it, for
+    \\|nu\\| times diameter up to 1e3.
 
     Cost, with s samples along an axis and n edges: s overlaps of the outline with its mirror image
     and plane waves on some n edges at s^2 points for x_nu_x and upsilon_x_xi_x; up to n^2 pairs
@@ -93,8 +96,9 @@ def projections(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine.
+    ArgumentError for arguments of the wrong type, shape or range, and tiles that are for uniform
+    elements only; GeometryError for an Array whose elements do not lie in the plane z = 0;
+    EngineError without the engine.
     """
     if kind not in get_args(PhaseSpaceFunction):
         names = ", ".join(f'"{name}"' for name in get_args(PhaseSpaceFunction))
@@ -103,6 +107,7 @@ def projections(
     checked_engine(engine)
     available = tiles_of(dimension, kind)
     chosen = _chosen(available, tiles)
+    _check_fields(source, available, chosen)
     axes = _axes(source, available, samples, extent, coordinates)
     arrays = {tile.name: _array(tile, source, axes, engine) for tile in chosen}
     used = {name for array in arrays.values() for name in array.dims}
@@ -112,6 +117,18 @@ def projections(
             {name: _axis(name, axes[name]) for name in axes if name in used},
             {"kind": kind, "convention": "exp(-2 pi i nu.xi), exp(-2 pi i upsilon.x)"},
         )
+    )
+
+
+def _check_fields(
+    source: PhaseSpaceSource, available: Mapping[str, Tile], chosen: Iterable[Tile]
+) -> None:
+    if all(tile.of_any_field for tile in chosen) or not is_lit_by_waves(source):
+        return
+    possible = ", ".join(f'"{name}"' for name, tile in available.items() if tile.of_any_field)
+    raise ArgumentError(
+        "expected a source without illumination for projections onto a coordinate and that across "
+        f"or along it, got one with an Illumination; give tiles=[{possible}], or project it without"
     )
 
 

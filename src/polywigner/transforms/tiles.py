@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner.engines import Engine
 from polywigner.geometry import Slits
-from polywigner.transforms.fields import Field, field_of
+from polywigner.transforms.fields import Field, bound_of, field_of, is_lit_by_waves
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -75,11 +75,19 @@ class Tile:
 
     def error(self, source: Any) -> float:
         """Bound on the absolute rounding error."""
-        return _ROUNDING * self.scale(self._field(source))
-
-    def _field(self, source: Any) -> Any:
         if self.label == _LINE:
-            return source
+            return _ROUNDING * self.scale(source)
+        bound = bound_of(source)
+        if self.scale is _nothing and is_lit_by_waves(source):
+            return _ROUNDING * bound.amplitude**2
+        return _ROUNDING * self.scale(bound.transposed() if self.sees == "transposed" else bound)
+
+    @property
+    def of_any_field(self) -> bool:
+        """Whether sources may have waves on them: its closed form is one of the transforms."""
+        return self.sees == "source"
+
+    def _field(self, source: Any) -> Field:
         field = field_of(source)
         return field.transposed() if self.sees == "transposed" else field
 
@@ -105,6 +113,7 @@ def _column(field: Field) -> float:
 
 
 def _nothing(field: Field) -> float:
+    """Uniform fields are computed without rounding."""
     return 0.0
 
 
@@ -264,10 +273,13 @@ def _on_line(transform: Callable[..., Any]) -> Values:
 def _line_content(source: Any) -> float:
     """Bound on |W|/2 and |A|: the integral of |u| times the largest |u|, or more."""
     if isinstance(source, Slits):
-        return source.length
+        field = source.illumination
+        strength = 1.0 if field is None else float(np.abs(field.amplitudes).sum())
+        return strength**2 * source.length
     moduli = abs(source.weights)
     return float(
-        moduli.sum() * sum(m * s.length for m, s in zip(moduli, source.coplanar, strict=True))
+        moduli.sum()
+        * sum(m * _line_content(s) for m, s in zip(moduli, source.coplanar, strict=True))
     )
 
 
