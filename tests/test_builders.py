@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, MissingExtraError, PolywignerError, PolywignerWarning
 from polywigner.propagation import datasets
+from polywigner.propagation.grids import box_grid
 
 WAVELENGTH = 299792458 / 94e9
 K = 2 * math.pi / WAVELENGTH
@@ -190,6 +192,13 @@ def test_a_warning_of_many_blocks_is_said_once_and_to_the_caller(
         pw.line(SQUARE, near, 6, WAVELENGTH)
     assert len(caught) == 1
     assert Path(caught[0].filename) == Path(__file__)
+
+
+def test_a_block_can_be_sent_to_another_process() -> None:
+    settings = datasets.checked_settings(WAVELENGTH, {"method": "fraunhofer"})
+    block = datasets.FieldBlock(CHEVRONS, box_grid(BOX, SHAPE), "fraunhofer", settings)
+    there = pickle.loads(pickle.dumps(block))
+    assert (there((1, 0, 2), (2, 3, 1)) == block((1, 0, 2), (2, 3, 1))).all()
 
 
 def test_a_stored_volume_is_the_eager_one_and_is_taken_up(tmp_path: Path) -> None:

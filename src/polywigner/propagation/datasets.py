@@ -42,8 +42,9 @@ __all__ = [
 Quantity = Literal["irradiance", "amplitude", "phase"]
 Values = NDArray[Any]
 
-# Points at a time: the bar moves, and what a block needs stays in tens of megabytes.
-_BLOCK = 1 << 16
+# Points at a time: the bar moves, a block needs tens of megabytes, and one that is halved has enough
+# points left for the compiled engines.
+_BLOCK = 1 << 17
 
 # Dr.Jit has one pool of threads in a process: of dask's threads one at a time computes.
 _POOL = threading.Lock()
