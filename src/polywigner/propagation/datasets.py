@@ -42,8 +42,8 @@ __all__ = [
 Quantity = Literal["irradiance", "amplitude", "phase"]
 Values = NDArray[Any]
 
-# Points at a time: the bar moves, a block needs tens of megabytes, and one that is halved has enough
-# points left for the compiled engines.
+# Points at a time: the bar moves, a block needs tens of megabytes, and one that is halved still has
+# enough points for the compiled engines.
 _BLOCK = 1 << 17
 
 # Dr.Jit has one pool of threads in a process: of dask's threads one at a time computes.
