@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import resource
 import signal
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, EngineError, StoreError
+from polywigner.errors import ArgumentError, EngineError, MissingExtraError, StoreError
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout, chunks_within
 from polywigner.transforms.labelled import LabelledArray
@@ -105,6 +106,23 @@ def test_what_a_killed_run_left_half_written_is_swept(tmp_path: Path) -> None:
     write_dataset(store, LAYOUT, Beam(), SETTINGS)
     assert not partial.exists()
     assert hashes(store) == whole
+
+
+def test_what_was_killed_while_it_made_the_store_is_swept(tmp_path: Path) -> None:
+    (tmp_path / "beam.zarr.partial" / "x").mkdir(parents=True)
+    (tmp_path / "beam.zarr.partial" / "zarr.json").write_text("{")
+    write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+    assert [path.name for path in tmp_path.iterdir()] == ["beam.zarr"]
+
+
+@pytest.mark.parametrize("library", ["zarr", "xarray", "dask"])
+def test_without_the_extra_the_error_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtraError, match=r'pip install "polywigner\[volume\]"'):
+        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

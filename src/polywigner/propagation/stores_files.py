@@ -57,7 +57,7 @@ def create(path: Path, layout: Layout, fingerprint: str, settings: dict[str, Any
     Raises StoreError where it cannot be written.
     """
     zarr = required("zarr")
-    scratch = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(scratch, ignore_errors=True)
