@@ -69,17 +69,18 @@ def test_cells_are_not_looked_up_for_samples_in_no_order(
     np.testing.assert_allclose(rows, columns.T, rtol=0, atol=ROUNDING["double"])
 
 
-@pytest.mark.parametrize("columns", [64, 65, 1000, 4097, 349525])
+@pytest.mark.parametrize("columns", [64, 65, 1003, 4097, 349525])
 def test_samples_are_dealt_to_rows_and_columns_without_a_slip(llvm: Any, columns: int) -> None:
     rows = max(2, (1 << 20) // columns)
     x = np.arange(rows)[:, None, None] / rows
     nu = np.arange(columns)[:, None] / columns
     slits = pw.Slits([(-2.0, 3.0)])  # W is different for all of these
     found = pw.wigner(slits, x, nu, engine="llvm", precision="single")
-    for row in (0, rows // 2, rows - 1):
-        for part in (slice(0, 64), slice(-64, None)):
-            at_once = pw.wigner(slits, x[row], nu[part], engine="llvm", precision="single")
-            np.testing.assert_allclose(found[row, part], at_once, rtol=0, atol=1e-5)
+    for column in (0, columns - 1):  # where a sample would slip into another row
+        at_once = pw.wigner(slits, x[:, 0], nu[column], engine="llvm", precision="single")
+        np.testing.assert_allclose(found[:, column], at_once, rtol=0, atol=1e-5)
+    at_once = pw.wigner(slits, x[rows // 2], nu, engine="llvm", precision="single")
+    np.testing.assert_allclose(found[rows // 2], at_once, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(
