@@ -1,11 +1,13 @@
-"""How fast are Wigner tables written, within what memory, and do killed runs end bit-identical?
+"""How fast are large tables written, within what memory, and do killed runs end bit-identical?
 
-Run ``python benchmarks/large_tables.py`` (a minute); ``--gib 16`` writes a table of that size. Each
-question is answered in processes of its own, whose peak memory the system tells:
+Run ``python benchmarks/large_tables.py`` (two minutes); ``--gib 16 --volume 512`` asks for a table
+of 16 GiB and a volume of 512^3 points. Each question is answered in processes of its own, whose
+peak memory the system tells:
 
 - rate: a table in memory against ``pw.wigner`` at the same points, given one by one.
 - large: a table of so many GiB, written to disk; some values are compared with ``pw.wigner``, and
   then it is deleted.
+- volume: the irradiance of a square in a volume, exact (Rayleigh-Sommerfeld I), written to disk.
 - killed: a table whose run is killed (SIGKILL) at ten random moments and taken up each time.
 - cluster: the same on two processes of dask.distributed, of which one is killed at the half.
 
@@ -120,6 +122,37 @@ def large(folder: Path, side: int) -> dict[str, float]:
     }
 
 
+def volume(folder: Path, side: int) -> dict[str, float]:
+    """Seconds and peak memory of a volume of side^3 points, and its largest error."""
+    square, wavelength = pw.shapes.square(10e-3), 3.189e-3
+    box = ((-0.05, -0.05, 0.01), (0.05, 0.05, 0.11))
+    start, busy = time.perf_counter(), time.process_time()
+    found = pw.volume(
+        square,
+        box,
+        (side, side, side),
+        wavelength,
+        method="rayleigh-sommerfeld-1",
+        tolerance=1e-4,
+        precision="single",
+        engine="llvm",
+        out=folder / "volume.zarr",
+    )
+    wall, cpu = time.perf_counter() - start, time.process_time() - busy
+    index = np.random.default_rng(0).integers(0, side, (20, 3)).tolist()
+    (name,) = found.data_vars
+    values = [float(found[name][tuple(i)]) for i in index]
+    points = [[float(found[d][k]) for d, k in zip("xyz", i, strict=True)] for i in index]
+    exact = np.abs(pw.amplitude(square, points, wavelength)) ** 2
+    return {
+        "GiB": side**3 * 4 / 2**30,
+        "seconds": wall,
+        "CPU seconds": cpu,
+        "peak memory, GiB": peak_gib(),
+        "largest error": float(np.abs(values - exact).max()),
+    }
+
+
 def once(folder: Path, side: int) -> dict[str, float]:
     """One run of the table that is killed."""
     start = time.perf_counter()
@@ -127,7 +160,7 @@ def once(folder: Path, side: int) -> dict[str, float]:
     return {"seconds": time.perf_counter() - start}
 
 
-PARTS = {"rate": lambda *_: rate(), "large": large, "once": once}
+PARTS = {"rate": lambda *_: rate(), "large": large, "volume": volume, "once": once}
 
 
 # --- of whole runs
@@ -213,6 +246,7 @@ def lines(results: dict[str, dict[str, Any]]) -> Iterator[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--gib", type=float, default=1.0, help="size of the large table")
+    parser.add_argument("--volume", type=int, default=128, help="points along a volume's side")
     parser.add_argument("--folder", type=Path, help="where to write (default: a temporary folder)")
     parser.add_argument("--part", choices=PARTS, help=argparse.SUPPRESS)
     parser.add_argument("rest", nargs="*", help=argparse.SUPPRESS)
@@ -228,6 +262,7 @@ def main() -> None:
         side = round((options.gib * 2**30 / 4) ** 0.25)
         results["large"] = measured("large", str(folder), str(side))
         shutil.rmtree(folder / "large.zarr")
+        results["volume"] = measured("volume", str(folder), str(options.volume))
         results["unbroken"] = measured("once", str(folder), str(SIDE))
         unbroken = hashes(folder / "killed.zarr")
         shutil.rmtree(folder / "killed.zarr")
