@@ -139,20 +139,25 @@ class NumpyRanges:
         for number in np.unique(rule):
             if number < 0:
                 continue
-            mine = ... if rule.size and (rule == number).all() else rule == number
-            found = self._sums_over_table(
-                rules[int(number)], term, values, [array[mine].ravel() for array in arrays]
-            )
+            mine = ... if (rule == number).all() else rule == number
+            own = [array[mine].ravel() for array in arrays]
+            count = rule[mine].size
+            found = self._sums_over_table(rules[int(number)], term, values, count, own)
             for total, part in zip(totals, found, strict=True):
                 total[mine] = part.reshape(total[mine].shape)
         return totals
 
     def _sums_over_table(
-        self, table: Table, term: Callable[..., Values], values: int, samples: Sequence[Table]
+        self,
+        table: Table,
+        term: Callable[..., Values],
+        values: int,
+        count: int,
+        samples: Sequence[Table],
     ) -> list[Any]:
         rows = table.astype(self.dtype)[..., None]
-        totals = [np.zeros(samples[0].shape) for _ in range(values)]
-        block = max(1, _BLOCK // max(1, samples[0].size))
+        totals = [np.zeros(count) for _ in range(values)]
+        block = max(1, _BLOCK // max(1, count))
         for start in range(0, len(rows), block):
             terms = term(*np.moveaxis(rows[start : start + block], 1, 0), *samples)
             for total, part in zip(totals, terms, strict=True):

@@ -43,6 +43,8 @@ module               what is in it
 ``weight_tables``    array factors of any weights, from a table periodic in the frequency
 ``scattered_arrays`` arrays off any lattice: pairs near a sample
 ``pair_lists``       pairs of elements, sorted into cells
+``boundary``         exact fields at points as integrals along edges; ``fresnel`` parabolic ones
+``edge_waves``       what a wave at an edge adds to them; ``nodes`` rules to sum it up
 ``kernel``           what a transform is to an engine: enter the frame, sum, leave it
 ``line``             the transforms of slits
 ``plane``            the transforms of apertures, in their plane and in any pose

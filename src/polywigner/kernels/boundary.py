@@ -117,16 +117,19 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: E
     phase = (constant, slope, distance, along, start)
     pair = (first, *phase, b, z, along, across, pz, *seen)
 
-    far, rule, half = _far_rule(ops, corner, inner[9], sine, depth)
+    far, rule, far_expected, half = _far_rule(ops, corner, inner[9], sine, depth)
     node = partial(_far_node, ops, tables.share, wave)
     far_sums = ops.sum_over_rule(ops.select(far, rule, -1.0), tables.rules, node, SUMS, half, *pair)
-    rule, middle, span = _near_rule(ops, corner, inner[9], sine, depth)
+    rule, near_expected, middle, span = _near_rule(ops, corner, inner[9], sine, depth)
     node = partial(_near_node, ops, tables.share, wave)
     near_sums = ops.sum_over_rule(
         ops.select(far, -1.0, rule), tables.rules, node, SUMS, middle, span, ops.sqrt(foot2), *pair
     )
     sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
-    error = missed(ops, sums, abs(x) + abs(y) + length)
+    expected = tuple(
+        ops.select(far, a, b) for a, b in zip(far_expected, near_expected, strict=True)
+    )
+    error = missed(ops, sums, expected, abs(x) + abs(y) + length)
     e, mirrored, clinging = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
     closed = (wave.closed(ops, corner) * rest).scaled(clinging)
@@ -146,8 +149,8 @@ def _far_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> t
         nearest * sine if depth is None else ops.minimum(nearest, depth / ops.maximum(swing, 1e-30))
     )
     clear = ops.minimum(clear, nearest) / half
-    needed = nodes_needed(ops, digits, clear, 2 * math.pi * half * swing)
-    return nearest >= half, rule_of(ops, needed), half
+    needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * half * swing)
+    return nearest >= half, rule_of(ops, needed), expected, half
 
 
 def _near_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> tuple[Any, ...]:
@@ -162,8 +165,8 @@ def _near_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> 
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
     clear = ops.minimum(clear, _STRIP) / span
-    needed = nodes_needed(ops, digits, clear, 2 * math.pi * span * swing)
-    return rule_of(ops, needed), middle, span
+    needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * span * swing)
+    return rule_of(ops, needed), expected, middle, span
 
 
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:

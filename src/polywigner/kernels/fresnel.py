@@ -42,13 +42,13 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values) -> Valu
     free_r, free_i = free_wave(ops, cosines, offset, inner, start)
     half = 0.5 * length
     swing = ops.maximum(abs(first), abs(first + length)) / z
-    needed = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
+    needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
     sums = ops.sum_over_rule(
         rule_of(ops, needed), tables.rules, _node(ops), SUMS, half, first, b, z
     )
     real, imag = sums[0] * free_r - sums[1] * free_i, sums[0] * free_i + sums[1] * free_r
     turns = 0.5 * swing * (abs(first) + abs(b) + length)
-    return weighted(row, real, imag, missed(ops, sums, turns))
+    return weighted(row, real, imag, missed(ops, sums, expected, turns))
 
 
 def _node(ops: Any) -> Any:

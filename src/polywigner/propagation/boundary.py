@@ -34,6 +34,8 @@ _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
 _ROWS = 1 << 14
 # Points that miss their tolerance are computed again with so much higher demands, so many times.
 _HARDER, _ROUNDS = 1.6, 4
+# In the accuracy demanded of panels, for the sum over them and the estimate's caution.
+_MARGIN = 2.7
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def boundary_field(
     errors = np.full(len(points), np.inf)
     allowed = tolerance * field_size(radiator, points, wavelength)
     for todo, longest in strata(task, points):
-        digits = math.log(1 / tolerance) + 1.0
+        digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(_ROUNDS):
             value, error = _once(task, points[todo], digits, longest)
             better = error < errors[todo]
