@@ -21,11 +21,14 @@ TWICE = 10 * np.log10(2)
 
 
 def line(**values: np.ndarray) -> object:
+    """Along the z axis, as `polywigner.line` gives it."""
     return xarray.Dataset(
-        {"irradiance": (("method", "z"), np.stack(list(values.values())), {"units": "W m-2"})},
+        {name: ("distance", v, {"units": "W m-2"}) for name, v in values.items()},
         coords={
-            "z": ("z", Z, {"units": "m", "long_name": "distance"}),
-            "method": list(values),
+            "distance": ("distance", Z - Z[0], {"units": "m"}),
+            "x": ("distance", 0 * Z, {"units": "m"}),
+            "y": ("distance", 0 * Z, {"units": "m"}),
+            "z": ("distance", Z, {"units": "m"}),
         },
     )
 
@@ -66,23 +69,23 @@ def test_a_line_shows_levels_and_differences_of_all_methods() -> None:
     assert np.array_equal(np.isfinite(drawn.get_ydata()), near)
     np.testing.assert_allclose(drawn.get_ydata()[near], TWICE, rtol=1e-9)
     assert levels.get_xscale() == "log"  # two decades of distance
-    assert differences.get_xlabel() == "distance (mm)"
+    assert differences.get_xlabel() == "$z$ (mm)"
     assert "exact" in differences.get_ylabel() and "W/m²" in levels.get_ylabel()
 
 
 def test_a_curve_has_gaps_where_there_is_no_power() -> None:
     values = 1 / Z**2
     values[10:12] = [0.0, -1.0]
-    figure = draw_lines(line(wigner=values, exact=1 / Z**2))
-    curve = next(c for c in figure.axes[0].lines if c.get_label() == "wigner")
+    figure = draw_lines(line(rays=values, exact=1 / Z**2))
+    curve = next(c for c in figure.axes[0].lines if c.get_label() == "rays")
     assert np.flatnonzero(np.isnan(curve.get_ydata())).tolist() == [10, 11]
 
 
 def test_an_arc_is_drawn_over_degrees() -> None:
     angle = np.radians(np.linspace(-80, 80, 33))
     found = xarray.Dataset(
-        {"irradiance": ("theta", np.cos(angle) ** 4)},
-        coords={"theta": ("theta", angle, {"units": "rad", "long_name": "angle"})},
+        {"kirchhoff": (("theta", "phi"), np.cos(angle)[:, None] ** 4)},
+        coords={"theta": ("theta", angle, {"units": "rad", "long_name": "angle"}), "phi": [0.0]},
     )
     (axes,) = draw_lines(found).axes
     np.testing.assert_allclose(axes.lines[0].get_xdata(), np.degrees(angle))
@@ -92,10 +95,10 @@ def test_an_arc_is_drawn_over_degrees() -> None:
 X, Y = np.linspace(-3e-3, 3e-3, 7), np.linspace(-2e-3, 2e-3, 5)
 
 
-def plane(name: str, units: str, **values: np.ndarray) -> object:
+def plane(quantity: str, units: str, **values: np.ndarray) -> object:
+    about = {"units": units, "quantity": quantity}
     return xarray.Dataset(
-        {name: (("method", "x", "y"), np.stack(list(values.values())), {"units": units})},
-        coords={"x": X, "y": Y, "method": list(values)},
+        {name: (("x", "y"), v, about) for name, v in values.items()}, coords={"x": X, "y": Y}
     )
 
 
@@ -116,7 +119,7 @@ def test_a_plane_shows_levels_and_differences_at_their_places() -> None:
 
 def test_a_complex_field_shows_its_phase() -> None:
     phase = np.add.outer(np.linspace(-2, 2, 7), np.linspace(-1, 1, 5))
-    figure = draw_planes(plane("amplitude", "1", exact=np.exp(1j * phase)), name="amplitude")
+    figure = draw_planes(plane("amplitude", "1", exact=np.exp(1j * phase)))
     figure.savefig(io.BytesIO(), format="png")
     levels, phases = (a.images[0].get_array() for a in figure.axes if a.images)
     np.testing.assert_allclose(levels, 0, atol=1e-9)
@@ -124,11 +127,26 @@ def test_a_complex_field_shows_its_phase() -> None:
     assert any(axes.get_ylabel() == "phase (degrees)" for axes in figure.axes)
 
 
+def test_beams_go_across_a_plane_along_z() -> None:
+    values = np.add.outer(np.arange(7.0), np.arange(5.0)) + 1
+    found = plane("irradiance", "W m-2", exact=values).rename(y="z")
+    (axes, _) = draw_planes(found).axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("$z$ (mm)", "$x$ (mm)")
+    assert axes.images[0].get_array().shape == (7, 5)
+
+
+def test_rays_are_labelled_with_their_obliquity_and_order() -> None:
+    found = line(rays=1 / Z, kirchhoff=1 / Z)
+    found["rays"].attrs |= {"method": "wigner", "obliquity": "kirchhoff", "order": 3}
+    labels = [text.get_text() for text in draw_lines(found).axes[0].get_legend().get_texts()]
+    assert labels == ["Wigner, obliquity Kirchhoff, third order", "Kirchhoff"]
+
+
 def test_a_hemisphere_is_drawn_over_direction_cosines_all_around() -> None:
     theta, phi = np.radians(np.linspace(0, 90, 10)), np.radians(np.arange(0, 360, 30.0))
     values = np.cos(theta)[:, None] ** 2 * (1 + 0.5 * np.cos(phi))
     found = xarray.Dataset(
-        {"irradiance": (("phi", "theta"), values.T)}, coords={"theta": theta, "phi": phi}
+        {"fraunhofer": (("phi", "theta"), values.T)}, coords={"theta": theta, "phi": phi}
     )
     figure = draw_hemispheres(found)
     figure.savefig(io.BytesIO(), format="png")
@@ -148,8 +166,9 @@ def test_fields_that_cannot_be_drawn_are_refused() -> None:
         (draw_lines, flat, {}, "along one axis"),
         (draw_lines, line(exact=1 / Z), {"against": "kirchhoff"}, "kirchhoff"),
         (draw_lines, line(exact=1 / Z), {"along": "s"}, "coordinate"),
+        (draw_lines, line(exact=1 / Z).drop_vars("exact"), {}, "without variables"),
+        (draw_lines, line(exact=1 / Z).assign(other=flat["exact"]), {}, "same axes"),
         (draw_lines, line(exact=0 / Z), {}, "above zero"),
-        (draw_lines, line(exact=1 / Z), {"name": "flux"}, "flux"),
         (draw_planes, line(exact=1 / Z), {}, "two axes"),
         (draw_planes, flat, {"against": "wigner"}, "wigner"),
         (draw_planes, flat, {"floor_db": 0.0}, "floor"),

@@ -117,7 +117,7 @@ def beam(count: int = 24) -> object:
         7.0 * np.exp(-((x - 1e-3) ** 2 + (y + 1e-3) ** 2) / (1e-3 + z / 4) ** 2) / (1 + z / 1e-3)
     )
     return xarray.Dataset(
-        {"irradiance": (tuple(axes), values, {"units": "W m-2"})},
+        {"wigner": (tuple(axes), values, {"units": "W m-2"})},
         coords={name: (name, places, {"units": "m"}) for name, places in axes.items()},
     )
 
@@ -133,7 +133,7 @@ SQUARE = pw.shapes.rectangle(2e-3, 1e-3)
 
 def test_walls_show_the_projections_of_the_values() -> None:
     found = beam()
-    values = found["irradiance"].values
+    values = found["wigner"].values
     for projection, reduced in (("maximum", np.max), ("mean", np.mean)):
         figure = draw_volume(found, projection=projection, renderer="matplotlib", floor_db=-25)
         walls = [
@@ -223,9 +223,10 @@ def test_what_cannot_be_drawn_is_refused() -> None:
     renamed = found.rename(x="s")
     uneven = found.assign_coords(x=("x", found["x"].values ** 3))
     unfinished = found.copy(deep=True)
-    unfinished["irradiance"][0, 0, 0] = np.nan
+    unfinished["wigner"][0, 0, 0] = np.nan
     cases = [
-        (found, {"name": "amplitude"}, "amplitude"),
+        (found, {"name": "kirchhoff"}, "kirchhoff"),
+        (found.assign(kirchhoff=found["wigner"]), {}, "wigner, kirchhoff"),
         (renamed, {}, "x, y, z"),
         (uneven, {}, "evenly"),
         (unfinished, {}, "nan"),

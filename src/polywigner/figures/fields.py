@@ -14,11 +14,15 @@ from polywigner.errors import ArgumentError
 __all__ = [
     "Samples",
     "chosen_method",
+    "dims_of",
     "even_axis",
     "field_samples",
-    "methods_of",
+    "fields_of",
+    "first_of",
+    "label_of",
     "peak_of",
     "printed_unit",
+    "quantity_of",
 ]
 
 Floats = NDArray[np.float64]
@@ -28,7 +32,7 @@ _EVEN = 1e-3
 wavelengths of a thousand samples, and a tenth of a pixel is not seen."""
 
 # As printed: W m-2 is how files write it.
-_PRINTED = {"W m-2": "W/m²", "W m^-2": "W/m²", "1": "", "m": "m"}
+_PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +62,15 @@ class Samples:
         return float(reference)
 
 
-def field_samples(found: Any, name: str, dims: tuple[str, ...], most: int | None = None) -> Samples:
+def field_samples(
+    found: Any, name: str | None, dims: tuple[str, ...], most: int | None = None
+) -> Samples:
     """The real samples of ``found[name]`` over the axes ``dims``, in this order.
 
     Parameters
     ----------
     found : xarray.Dataset with evenly spaced coordinates in metres.
+    name : None: the only variable.
     most : along an axis; of longer ones every second, third, ... sample. Arrays that are read when
         asked are asked for these samples only. None: all.
 
@@ -72,8 +79,12 @@ def field_samples(found: Any, name: str, dims: tuple[str, ...], most: int | None
     ArgumentError : no such quantity or axes, fewer than two samples along an axis, uneven ones,
     samples that are nan (a file that has not been finished).
     """
-    if name not in found:
-        raise ArgumentError(f"expected {name!r} among what there is, got {', '.join(found)}")
+    if name is None and len(found.data_vars) == 1:
+        (name,) = found.data_vars
+    if name is None or name not in found.data_vars:
+        raise ArgumentError(
+            f"expected the name of one of {', '.join(map(str, found.data_vars))}, got {name!r}"
+        )
     array = found[name]
     if sorted(array.dims) != sorted(dims):
         raise ArgumentError(
@@ -92,9 +103,8 @@ def field_samples(found: Any, name: str, dims: tuple[str, ...], most: int | None
             f"expected {name} at all points, got nan at {np.isnan(values).mean():.1%} of them; "
             "finish the run that computes it"
         )
-    unit = str(array.attrs.get("units", ""))
     ends = np.array([[a[0], a[-1]] for a in axes])
-    return Samples(name, _PRINTED.get(unit, unit), values, (ends[:, 0], ends[:, 1]))
+    return Samples(quantity_of(array), printed_unit(array), values, (ends[:, 0], ends[:, 1]))
 
 
 def even_axis(name: str, places: Floats) -> Floats:
@@ -133,21 +143,60 @@ def printed_unit(array: Any) -> str:
     return _PRINTED.get(unit, unit)
 
 
-def methods_of(found: Any, name: str) -> dict[str, NDArray[Any]]:
-    """The values of ``found[name]`` by each method, over the other axes in their order.
-
-    Without an axis ``method``, one entry under what the attributes call it, or its name.
+def fields_of(found: Any) -> dict[str, NDArray[Any]]:
+    """The values of each variable by its name, over their common axes less those of one sample.
 
     Raises
     ------
-    ArgumentError : no such quantity, or values that are nan.
+    ArgumentError : no variables, or of different axes or quantities.
     """
-    if name not in found:
-        raise ArgumentError(f"expected {name!r} among what there is, got {', '.join(found)}")
-    array = found[name]
-    if "method" not in array.dims:
-        called = str(array.attrs.get("method", found.attrs.get("method", name)))
-        return {called: np.asarray(array.values)}
-    methods = [str(method) for method in found["method"].values]
-    ordered = array.transpose("method", ...)
-    return dict(zip(methods, np.asarray(ordered.values), strict=True))
+    arrays = {str(name): array.squeeze() for name, array in found.data_vars.items()}
+    if not arrays:
+        raise ArgumentError("expected a field to draw, got a dataset without variables")
+    first = next(iter(arrays.values()))
+    for name, array in arrays.items():
+        if array.dims != first.dims or quantity_of(array) != quantity_of(first):
+            raise ArgumentError(
+                f"expected fields of one quantity over the same axes, got {name!r}, another; draw "
+                "them one by one"
+            )
+    return {name: np.asarray(array.values) for name, array in arrays.items()}
+
+
+def dims_of(found: Any) -> tuple[str, ...]:
+    """The axes of more than one sample that the variables are given over."""
+    first = next(iter(found.data_vars.values()))
+    return tuple(str(d) for d in first.squeeze().dims)
+
+
+def quantity_of(array: Any) -> str:
+    """What a variable is: "irradiance" unless its attributes say something else."""
+    return str(array.attrs.get("quantity", "irradiance"))
+
+
+def first_of(found: Any) -> Any:
+    """The first variable, of which the others have the unit and the quantity."""
+    return next(iter(found.data_vars.values()))
+
+
+def label_of(array: Any, name: str) -> str:
+    """How a method is called in a figure: ``Wigner, Kirchhoff obliquity, third order``."""
+    about = array.attrs
+    method = str(about.get("method", name))
+    label = _CALLED.get(method, name)
+    if method == "wigner":
+        obliquity = str(about.get("obliquity", ""))
+        label += f", obliquity {_CALLED.get(obliquity, obliquity)}" if obliquity else ""
+        label += ", third order" if about.get("order") == 3 else ""
+    return label
+
+
+_CALLED = {
+    "wigner": "Wigner",
+    "rayleigh-sommerfeld-1": "Rayleigh-Sommerfeld I",
+    "rayleigh-sommerfeld-2": "Rayleigh-Sommerfeld II",
+    "kirchhoff": "Kirchhoff",
+    "fresnel": "Fresnel",
+    "fraunhofer": "Fraunhofer",
+    "paper": "cos θ",
+}

@@ -8,7 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.fields import chosen_method, methods_of, peak_of, printed_unit
+from polywigner.figures.fields import (
+    chosen_method,
+    dims_of,
+    fields_of,
+    first_of,
+    label_of,
+    peak_of,
+    printed_unit,
+    quantity_of,
+)
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
@@ -31,7 +40,6 @@ _RINGS = (30, 60)  # degrees from the axis
 def draw_hemispheres(
     found: Any,
     *,
-    name: str = "irradiance",
     against: str | None = None,
     floor_db: float = -40.0,
     title: str = "",
@@ -40,9 +48,10 @@ def draw_hemispheres(
 
     Parameters
     ----------
-    found : xarray.Dataset; ``found[name]`` over ``theta`` (from the axis) and ``phi`` (around it,
-        from x) in radians, and over ``method`` if there are several. Complex values are squared.
-    against : the method whose peak is 0 dB; None: the last one.
+    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.hemisphere`,
+        over ``theta`` (from the axis) and ``phi`` (around it, from x) in radians. Complex values
+        are squared.
+    against : the variable whose peak is 0 dB; None: the last one.
     floor_db : lowest level, dB; all that is less has its colour.
 
     Raises
@@ -52,11 +61,13 @@ def draw_hemispheres(
     import matplotlib as mpl
 
     check_floor(floor_db)
-    fields = methods_of(found, name)
+    fields = fields_of(found)
     against = chosen_method(fields, against)
-    dims = [d for d in found[name].dims if d != "method"]
+    dims = dims_of(found)
     if sorted(dims) != ["phi", "theta"]:
-        raise ArgumentError(f"expected {name} over theta and phi, got it over {', '.join(dims)}")
+        raise ArgumentError(f"expected fields over theta and phi, got them over {', '.join(dims)}")
+    first = first_of(found)
+    name, unit = quantity_of(first), printed_unit(first)
     theta, phi = (np.asarray(found[d].values, dtype=np.float64) for d in ("theta", "phi"))
     is_field = np.iscomplexobj(fields[against])
     powers = {
@@ -70,9 +81,8 @@ def draw_hemispheres(
         panels = figure.subplots(1, len(powers), squeeze=False, sharey=True)[0]
         for axes, (method, power) in zip(panels, powers.items(), strict=True):
             shown = _draw(axes, theta, phi, level_db(power, zero, floor_db), floor_db)
-            axes.set_title(method)
+            axes.set_title(label_of(found[method], method))
         panels[0].set_ylabel("$s_y$")
-        unit = printed_unit(found[name])
         unit = f"({unit})²" if is_field and unit else unit
         what = f"|{name}|²" if is_field else name
         text = f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {floor_db:g} dB"

@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.differences import COMPARED_DB, difference_db
-from polywigner.figures.fields import chosen_method, methods_of, peak_of, printed_unit
+from polywigner.figures.fields import (
+    chosen_method,
+    dims_of,
+    fields_of,
+    first_of,
+    label_of,
+    peak_of,
+    printed_unit,
+    quantity_of,
+)
 from polywigner.figures.levels import check_floor
 from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, quantity_text
 
@@ -35,7 +44,6 @@ by three decades along a line."""
 def draw_lines(
     found: Any,
     *,
-    name: str = "irradiance",
     along: str | None = None,
     against: str | None = None,
     floor_db: float = -40.0,
@@ -46,11 +54,11 @@ def draw_lines(
 
     Parameters
     ----------
-    found : xarray.Dataset; ``found[name]`` over one axis of places, and ``method`` if there are
-        several.
-    name : of the quantity, which is like a power.
-    along : the coordinate on the horizontal axis, in metres or radians; None: that of the places.
-    against : the method that the others are compared with; None: the last one.
+    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.line` and, for
+        a cut, :func:`polywigner.hemisphere`; of power-like values.
+    along : the coordinate on the horizontal axis, in metres or radians; None: x, y or z if the
+        line is parallel to it, else that of the dataset.
+    against : the variable that the others are compared with; None: the last one.
     floor_db : lowest level shown, dB below the peak of that method. Curves have gaps where values
         are not above zero.
     compared_db : lowest level of that method at which differences are shown.
@@ -62,11 +70,13 @@ def draw_lines(
     import matplotlib as mpl
 
     check_floor(floor_db)
-    curves = methods_of(found, name)
+    curves = fields_of(found)
     against = chosen_method(curves, against)
-    (dim,) = _places(found, name)
-    x, label, logarithmic = _axis(found, along or dim)
+    first = first_of(found)
+    name, unit = quantity_of(first), printed_unit(first)
+    x, label, logarithmic = _axis(found, along)
     zero = peak_of(curves[against], name)
+    labels = {method: label_of(found[method], method) for method in curves}
     with mpl.rc_context(TYPOGRAPHY):
         several = len(curves) > 1
         figure = new_figure(6.4, 5.4 if several else 3.6, spacing=0.03)
@@ -78,11 +88,10 @@ def draw_lines(
         for method, values in curves.items():
             levels = np.full(values.shape, np.nan)
             levels[values > 0] = 10 * np.log10(values[values > 0] / zero)
-            rows[0].plot(x, levels, label=method, **styles[method])
+            rows[0].plot(x, levels, label=labels[method], **styles[method])
         rows[0].set_ylim(*_range(list(curves.values()), zero, floor_db))
-        unit = printed_unit(found[name])
         rows[0].set_ylabel(
-            f"{name} (dB)\n0 dB: {quantity_text(zero, unit)}, the peak of {against}"
+            f"{name} (dB)\n0 dB: {quantity_text(zero, unit)}, the peak of {labels[against]}"
             if several
             else f"{name}\n(dB relative to {quantity_text(zero, unit)})"
         )
@@ -92,7 +101,7 @@ def draw_lines(
                 if method != against:
                     difference = difference_db(values, curves[against], compared_db)
                     rows[1].plot(x, difference, **styles[method])
-            _difference_axis(rows[1], against, compared_db)
+            _difference_axis(rows[1], labels[against], compared_db)
         for axes in rows:
             axes.grid(alpha=0.3, lw=0.5)
             axes.margins(x=0)
@@ -105,20 +114,19 @@ def draw_lines(
     return figure
 
 
-def _places(found: Any, name: str) -> list[str]:
-    dims = [str(d) for d in found[name].dims if d != "method"]
-    if len(dims) != 1:
-        raise ArgumentError(f"expected {name} along one axis, got it over {', '.join(dims)}")
-    return dims
-
-
-def _axis(found: Any, along: str) -> tuple[Floats, str, bool]:
+def _axis(found: Any, along: str | None) -> tuple[Floats, str, bool]:
     """Places as they are printed, the label of their axis, and whether it is logarithmic."""
+    dims = dims_of(found)
+    if len(dims) != 1:
+        raise ArgumentError(f"expected fields along one axis, got them over {', '.join(dims)}")
+    if along is None:
+        along = _parallel(found, dims[0])
     if along not in found.coords:
-        raise ArgumentError(f"expected the coordinate {along!r}, got {', '.join(found.coords)}")
-    places = np.asarray(found[along].values, dtype=np.float64)
+        names = ", ".join(map(str, found.coords))
+        raise ArgumentError(f"expected one of the coordinates {names}, got {along!r}")
+    places = np.asarray(found[along].squeeze().values, dtype=np.float64)
     kind = found[along].attrs.get("units", "")
-    called = str(found[along].attrs.get("long_name", along)).replace("_", " ")
+    called = str(found[along].attrs.get("long_name", f"${along}$" if len(along) == 1 else along))
     if kind == "rad":
         return np.degrees(places), f"{called} (degrees)", False
     if kind != "m":
@@ -126,6 +134,14 @@ def _axis(found: Any, along: str) -> tuple[Floats, str, bool]:
     unit = length_unit(float(np.abs(places).max()))
     logarithmic = bool(places.min() > 0 and places.max() > _DECADES * places.min())
     return places / unit.metres, f"{called} ({unit.name})", logarithmic
+
+
+def _parallel(found: Any, dim: str) -> str:
+    """The one of x, y and z that changes along a line, where the others do not."""
+    if found[dim].attrs.get("units") != "m":
+        return dim
+    changing = [k for k in "xyz" if k in found.coords and np.ptp(found[k].values) > 0]
+    return changing[0] if len(changing) == 1 else dim
 
 
 def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:

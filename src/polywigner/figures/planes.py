@@ -9,7 +9,17 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.differences import COMPARED_DB, difference_db
-from polywigner.figures.fields import chosen_method, even_axis, methods_of, peak_of, printed_unit
+from polywigner.figures.fields import (
+    chosen_method,
+    dims_of,
+    even_axis,
+    fields_of,
+    first_of,
+    label_of,
+    peak_of,
+    printed_unit,
+    quantity_of,
+)
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
@@ -38,7 +48,6 @@ _MOST_DB = 3.0
 def draw_planes(
     found: Any,
     *,
-    name: str = "irradiance",
     against: str | None = None,
     floor_db: float = -40.0,
     compared_db: float = COMPARED_DB,
@@ -48,11 +57,10 @@ def draw_planes(
 
     Parameters
     ----------
-    found : xarray.Dataset; ``found[name]`` over two axes in metres, evenly spaced, and over
-        ``method`` if there are several. The second axis is drawn upwards.
-    name : of the quantity, like a power if real, like a field if complex: then phases are shown
-        in the second row, paler where the field is weaker.
-    against : the method that 0 dB is taken from and the others are compared with; None: the last.
+    found : xarray.Dataset with a variable for each method, as from :func:`polywigner.plane`, over
+        two axes in metres, evenly spaced; the second is drawn upwards, except z. Complex values
+        have their phases in the second row, paler where the field is weaker.
+    against : the variable that 0 dB is taken from and the others are compared with; None: the last.
     floor_db : lowest level, dB below the peak of that method; all that is less, negative values
         included, has its colour.
     compared_db : lowest level of that method at which differences are shown.
@@ -64,10 +72,12 @@ def draw_planes(
     import matplotlib as mpl
 
     check_floor(floor_db)
-    fields = methods_of(found, name)
+    fields = fields_of(found)
     against = chosen_method(fields, against)
-    dims = tuple(str(d) for d in found[name].dims if d != "method")
-    extent, labels, shape = _axes(found, name, dims)
+    first = first_of(found)
+    name, unit = quantity_of(first), printed_unit(first)
+    dims, fields = _turned(dims_of(found), fields)
+    extent, labels, shape = _axes(found, dims)
     is_field = np.iscomplexobj(fields[against])
     powers = {m: np.abs(v) ** 2 if is_field else v for m, v in fields.items()}
     zero = peak_of(powers[against], name)
@@ -79,12 +89,11 @@ def draw_planes(
         figure = new_figure(*size)
         figure.set_layout_engine("compressed")  # panels of one shape, next to each other
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-        unit = printed_unit(found[name])
         top = []
         for axes, (method, power) in zip(panels[0], powers.items(), strict=True):
             levels = level_db(power, zero, floor_db)
             top.append(_show(axes, levels, extent, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0))
-            axes.set_title(method)
+            axes.set_title(label_of(found[method], method))
         what = f"|{name}|²" if is_field else name
         relative = (
             f"dB relative to {quantity_text(zero, f'({unit})²' if is_field and unit else unit)}"
@@ -93,7 +102,9 @@ def draw_planes(
         if is_field:
             _draw_phases(panels[1], fields, powers, zero, floor_db, extent)
         elif rows == 2:
-            _draw_differences(panels[1], powers, against, compared_db, extent)
+            _draw_differences(
+                panels[1], powers, (against, label_of(found[against], against)), compared_db, extent
+            )
         for axes in panels[-1]:
             axes.set_xlabel(labels[0])
         for axes in panels[:, 0]:
@@ -102,10 +113,19 @@ def draw_planes(
     return figure
 
 
-def _axes(found: Any, name: str, dims: tuple[str, ...]) -> tuple[Extent, tuple[str, ...], float]:
+def _turned(
+    dims: tuple[str, ...], fields: dict[str, NDArray[Any]]
+) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
+    """With z, along which beams go, as the first of two axes, the one across."""
+    if len(dims) != 2 or dims[1] != "z":
+        return dims, fields
+    return dims[::-1], {name: values.T for name, values in fields.items()}
+
+
+def _axes(found: Any, dims: tuple[str, ...]) -> tuple[Extent, tuple[str, ...], float]:
     """Extent for imshow in printed units, labels, and height over width."""
     if len(dims) != 2:
-        raise ArgumentError(f"expected {name} over two axes, got it over {', '.join(dims)}")
+        raise ArgumentError(f"expected fields over two axes, got them over {', '.join(dims)}")
     places = [even_axis(d, np.asarray(found[d].values, dtype=np.float64)) for d in dims]
     unit = length_unit(max(float(np.ptp(p)) for p in places))
     edges: list[float] = []
@@ -156,10 +176,11 @@ def _phase_scale() -> Any:
 def _draw_differences(
     panels: Any,
     powers: dict[str, NDArray[Any]],
-    against: str,
+    reference: tuple[str, str],
     compared_db: float,
     extent: Extent,
 ) -> None:
+    against, called = reference
     differences = {
         m: difference_db(power, powers[against], compared_db)
         for m, power in powers.items()
@@ -175,5 +196,5 @@ def _draw_differences(
         how: dict[str, Any] = {"cmap": SIGNED_MAP, "vmin": -bound, "vmax": bound}
         shown = _show(axes, differences[method], extent, **how)
         axes.set_facecolor("0.85")
-    text = f"difference from {against} (dB)\ngrey: below {compared_db:g} dB, not compared"
+    text = f"difference from {called} (dB)\ngrey: below {compared_db:g} dB, not compared"
     row_bar(panels, shown, text, "both" if largest > bound else "neither")

@@ -53,7 +53,7 @@ def draw_volume(
     found: Any,
     source: Aperture | Array | None = None,
     *,
-    name: str = "irradiance",
+    name: str | None = None,
     surfaces: tuple[float, ...] | None = None,
     floor_db: float = -40.0,
     reference: float | None = None,
@@ -71,7 +71,7 @@ def draw_volume(
         any order) in metres, each with at least two evenly spaced samples. Of axes with more than
         256 samples every second, third, ... one is read.
     source : its outline is drawn where it is, in the plane z = 0.
-    name : of the quantity, which is like a power.
+    name : of the variable, which is like a power; None: the only one.
     surfaces : levels of the isosurfaces, dB, from the floor to below 0; None: four, evenly spaced.
     floor_db : lowest level of the walls, dB; all below it gets its colour.
     reference : the value that is 0 dB, in the unit of the quantity; None: the largest in the box.
