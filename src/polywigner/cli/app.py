@@ -6,6 +6,22 @@ from typing import Annotated
 
 import typer
 
+from polywigner.cli.app_fields import propagate, volume
+from polywigner.cli.options import (
+    Array,
+    DbFloor,
+    Focus,
+    Out,
+    SourceFile,
+    Steering,
+    Taper,
+    Tolerance,
+    Unit,
+    Wavelength,
+    Window,
+    feeding_of,
+)
+
 __all__ = ["app"]
 
 app = typer.Typer(
@@ -15,8 +31,6 @@ app = typer.Typer(
     # Plain help text: half the start-up time of the boxed one, and it pipes into other tools.
     rich_markup_mode=None,
 )
-
-_OUT_HELP = "Folder, or path without suffix, of the files written (default: here)."
 
 
 def _show_version(wanted: bool) -> None:
@@ -56,10 +70,8 @@ def render(
         str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
-    db_floor: Annotated[
-        float, typer.Option(help="Lowest level of the picture, in dB below its peak.")
-    ] = -40.0,
-    out: Annotated[str | None, typer.Option(help=_OUT_HELP)] = None,
+    db_floor: DbFloor = -40.0,
+    out: Out = None,
 ) -> None:
     """Render a Mitsuba scene lit by a coherent aperture.
 
@@ -81,47 +93,21 @@ def render(
 
 @app.command()
 def transform(
-    aperture: Annotated[
-        str,
-        typer.Argument(
-            help="Aperture file: GeoJSON, WKT, SVG, DXF, or CSV with one ring; or a source file: "
-            "TOML or JSON."
-        ),
-    ],
-    unit: Annotated[
-        str | None,
-        typer.Option(help="Unit of an aperture file, where it does not say (default: mm)."),
-    ] = None,
-    tolerance: Annotated[
-        str | None,
-        typer.Option(help="Such as '1 um': how far chords may lie from curves (SVG, DXF)."),
-    ] = None,
-    taper: Annotated[
-        str | None,
-        typer.Option(help="Of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."),
-    ] = None,
-    array: Annotated[
-        str | None, typer.Option(help="Copies of the aperture, such as '12 x 16, 2 mm'.")
-    ] = None,
-    window: Annotated[
-        str | None,
-        typer.Option(help="Of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."),
-    ] = None,
-    steering: Annotated[
-        str | None, typer.Option(help="A beam towards theta, phi, such as '20 deg, 90 deg'.")
-    ] = None,
-    focus: Annotated[
-        str | None, typer.Option(help="Of the array: a point, such as '0 mm, 0 mm, 80 mm'.")
-    ] = None,
+    aperture: SourceFile,
+    unit: Unit = None,
+    tolerance: Tolerance = None,
+    taper: Taper = None,
+    array: Array = None,
+    window: Window = None,
+    steering: Steering = None,
+    focus: Focus = None,
     frequency: Annotated[
         str | None,
         typer.Option(
             help="Such as '94 GHz': shows |nu| up to 1/wavelength. Default: a source file's own."
         ),
     ] = None,
-    wavelength: Annotated[
-        str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")
-    ] = None,
+    wavelength: Wavelength = None,
     x: Annotated[
         str | None,
         typer.Option(help="Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."),
@@ -134,10 +120,8 @@ def transform(
         int | None,
         typer.Option(help="Samples along each frequency axis (default: 257, or up to 513)."),
     ] = None,
-    db_floor: Annotated[
-        float, typer.Option(help="Lowest level of the dB picture, below its peak.")
-    ] = -40.0,
-    out: Annotated[str | None, typer.Option(help=_OUT_HELP)] = None,
+    db_floor: DbFloor = -40.0,
+    out: Out = None,
 ) -> None:
     """Draw and save the transforms of an aperture or an array.
 
@@ -150,13 +134,7 @@ def transform(
         aperture,
         unit=unit,
         tolerance=tolerance,
-        feeding={
-            "taper": taper,
-            "array": array,
-            "window": window,
-            "steering": steering,
-            "focus": focus,
-        },
+        feeding=feeding_of(taper, array, window, steering, focus),
         frequency=frequency,
         wavelength=wavelength,
         x=x,
@@ -165,6 +143,10 @@ def transform(
         floor_db=db_floor,
         out=out,
     )
+
+
+app.command()(propagate)
+app.command()(volume)
 
 
 @app.command()

@@ -1,0 +1,108 @@
+"""Options that several commands have, each written once."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+__all__ = [
+    "Accuracy",
+    "Against",
+    "Array",
+    "DbFloor",
+    "EngineName",
+    "Focus",
+    "Formats",
+    "Frequency",
+    "Obliquity",
+    "Order",
+    "Out",
+    "Precision",
+    "SourceFile",
+    "Steering",
+    "Taper",
+    "Tolerance",
+    "Unit",
+    "Wavelength",
+    "Window",
+    "feeding_of",
+]
+
+SourceFile = Annotated[
+    str,
+    typer.Argument(
+        help="Aperture file: GeoJSON, WKT, SVG, DXF, or CSV with one ring; or a source file: "
+        "TOML or JSON."
+    ),
+]
+Unit = Annotated[
+    str | None,
+    typer.Option(help="Unit of an aperture file, where it does not say (default: mm)."),
+]
+Tolerance = Annotated[
+    str | None,
+    typer.Option(help="Such as '1 um': how far chords may lie from curves (SVG, DXF)."),
+]
+Taper = Annotated[
+    str | None,
+    typer.Option(help="Of the aperture: 'cosine', 'cosine 2 x', 'te10', 'taylor 30 dB 4'."),
+]
+Array = Annotated[str | None, typer.Option(help="Copies of the aperture, such as '12 x 16, 2 mm'.")]
+Window = Annotated[
+    str | None,
+    typer.Option(help="Of the array: 'taylor 25 dB', 'chebyshev 30 dB', 'hamming'."),
+]
+Steering = Annotated[
+    str | None, typer.Option(help="A beam towards theta, phi, such as '20 deg, 90 deg'.")
+]
+Focus = Annotated[
+    str | None, typer.Option(help="Of the array: a point, such as '0 mm, 0 mm, 80 mm'.")
+]
+Frequency = Annotated[str | None, typer.Option(help="Such as '94 GHz'.")]
+Wavelength = Annotated[str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")]
+DbFloor = Annotated[float, typer.Option(help="Lowest level of the picture, dB below its peak.")]
+Out = Annotated[
+    str | None,
+    typer.Option(help="Folder, or path without suffix, of the files written (default: here)."),
+]
+
+Order = Annotated[int, typer.Option(help="Of wigner rays: 1, or 3 for cubic lags as well.")]
+Obliquity = Annotated[
+    str | None,
+    typer.Option(
+        help="Boundary condition of wigner rays: rayleigh-sommerfeld-1 (default), "
+        "rayleigh-sommerfeld-2, kirchhoff, or paper."
+    ),
+]
+Accuracy = Annotated[
+    float | None,
+    typer.Option(help="Relative error allowed, such as 1e-3 (default: each method's)."),
+]
+Against = Annotated[
+    str | None,
+    typer.Option(help="Method that the others are compared with (default: the last exact one)."),
+]
+EngineName = Annotated[str, typer.Option("--engine", help="auto, numpy, llvm or cuda.")]
+Precision = Annotated[str | None, typer.Option(help="double (default) or single.")]
+Formats = Annotated[
+    list[str] | None,
+    typer.Option("--format", help="Of the values; several times for several of them."),
+]
+
+
+def feeding_of(
+    taper: str | None,
+    array: str | None,
+    window: str | None,
+    steering: str | None,
+    focus: str | None,
+) -> dict[str, str | None]:
+    """The texts of these options by their names."""
+    return {
+        "taper": taper,
+        "array": array,
+        "window": window,
+        "steering": steering,
+        "focus": focus,
+    }

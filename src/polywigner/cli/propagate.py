@@ -1,0 +1,190 @@
+"""``polywigner propagate``: fields in front of a source by several methods, and how they differ."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.sources import check_source_file, read_fed_source, required_wavelength
+from polywigner.cli.where import MethodText, Place, parse_method, parse_place
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_length
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from polywigner import Aperture
+    from polywigner import Array as ApertureArray
+
+__all__ = ["run_propagate"]
+
+_DEFAULT = ("wigner", "rayleigh-sommerfeld-1")
+
+
+def run_propagate(
+    source: str,
+    *,
+    where: Mapping[str, str | None],
+    samples: str | None,
+    methods: Sequence[str],
+    order: int,
+    obliquity: str | None,
+    amplitude: bool,
+    against: str | None,
+    accuracy: float | None,
+    frequency: str | None,
+    wavelength: str | None,
+    unit: str | None,
+    tolerance: str | None,
+    feeding: Mapping[str, str | None],
+    engine: str,
+    precision: str | None,
+    floor_db: float,
+    out: str | None,
+) -> None:
+    """Write NAME.png and NAME.nc, print the differences between the methods and the files' paths.
+
+    Raises
+    ------
+    PolywignerError : input that cannot be used; nothing is written then.
+    """
+    check_source_file(source)
+    place = parse_place(where, samples)
+    length = required_wavelength(frequency, wavelength)
+    reach = None if tolerance is None else parse_length(tolerance)
+    files = targets(output_stem(out, Path(source).stem), (".png", ".nc"))
+    check_writable(files)
+
+    # Everything cheap has been checked: only now the libraries that take a second to import.
+    from polywigner.figures import outline_of
+    from polywigner.figures.levels import check_floor
+    from polywigner.illumination.texts import FEEDING
+    from polywigner.propagation import METHODS, OBLIQUITIES
+    from polywigner.propagation.exports import write_netcdf
+
+    assert set(feeding) == set(FEEDING)
+    check_floor(floor_db)
+    known = ("wigner", *METHODS)
+    wanted = [
+        parse_method(text, known, OBLIQUITIES, obliquity, order) for text in methods or _DEFAULT
+    ]
+    reference = _reference(wanted, against)
+    radiator = read_fed_source(source, unit, reach, feeding, length)
+    check_wavelength(length, outline_of(radiator).diameter)
+    how = {
+        "quantity": "amplitude" if amplitude else "irradiance",
+        "tolerance": accuracy,
+        "engine": engine,
+        "precision": precision,
+    }
+    found = _fields(radiator, place, wanted, length, how)
+    figure = _figure(found, place, reference, floor_db, _title(source, length))
+    with writing(files) as (picture, values):
+        figure.savefig(picture, format="png")
+        write_netcdf(found, values)
+    if len(wanted) > 1:
+        _print_differences(found, reference)
+    for path in files:
+        print(path)
+
+
+def _reference(wanted: Sequence[MethodText], against: str | None) -> str:
+    """The name of the method that the others are compared with."""
+    names = [method.name for method in wanted]
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise ArgumentError(f"--method: expected different methods, got {twice[0]!r} twice")
+    if against is not None:
+        name = "-".join(against.split())
+        if name not in names:
+            raise ArgumentError(
+                f"--against: expected one of the methods, {', '.join(names)}, got {against!r}"
+            )
+        return name
+    exact = [m.name for m in wanted if m.method not in ("wigner", "fresnel", "fraunhofer")]
+    return (exact or names)[-1]
+
+
+def _fields(
+    source: Aperture | ApertureArray,
+    place: Place,
+    wanted: Sequence[MethodText],
+    wavelength: float,
+    how: Mapping[str, Any],
+) -> Any:
+    """A dataset with one variable for each method, named after it."""
+    found = None
+    for method in wanted:
+        options = {**how, "method": method.method}
+        if method.method == "wigner":
+            options |= {"obliquity": method.obliquity, "order": method.order}
+        one = _field(source, place, wavelength, options)
+        one = one.rename({method.method: method.name})
+        found = one if found is None else found.assign({method.name: one[method.name]})
+    return found
+
+
+def _field(
+    source: Aperture | ApertureArray, place: Place, wavelength: float, options: dict[str, Any]
+) -> Any:
+    import numpy as np
+
+    import polywigner as pw
+
+    if place.kind == "line":
+        return pw.line(source, place.points, place.shape[0], wavelength, **options)
+    if place.kind == "plane":
+        return pw.plane(source, place.points, place.shape, wavelength, **options)
+    if place.kind == "arc":
+        theta, phi = np.linspace(-place.reach, place.reach, place.shape[0]), place.phi
+    else:
+        theta = np.linspace(0.0, place.reach, place.shape[0])
+        phi = np.arange(place.shape[1]) * (2 * math.pi / place.shape[1])
+    return pw.hemisphere(source, place.radius, theta, phi, wavelength, **options)
+
+
+def _figure(found: Any, place: Place, reference: str, floor_db: float, title: str) -> Figure:
+    from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
+
+    if place.kind == "plane":
+        return draw_planes(found, against=reference, floor_db=floor_db, title=title)
+    if place.kind == "hemisphere":
+        return draw_hemispheres(found, against=reference, floor_db=floor_db, title=title)
+    return draw_lines(found, against=reference, floor_db=floor_db, title=title)
+
+
+def _title(source: str, wavelength: float) -> str:
+    from polywigner.figures.style import length_unit
+
+    unit = length_unit(wavelength)
+    return f"{Path(source).name}, wavelength {wavelength / unit.metres:.4g} {unit.name}"
+
+
+def _print_differences(found: Any, reference: str) -> None:
+    """One line for each method, of the largest and the rms difference."""
+    import numpy as np
+
+    from polywigner.figures.differences import COMPARED_DB, summary
+
+    powers = {
+        str(name): np.abs(array.values) ** 2 if np.iscomplexobj(array.values) else array.values
+        for name, array in found.data_vars.items()
+    }
+    print(
+        f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:"
+    )
+    width = max(len(name) for name in powers)
+    print(f"  {'method':{width}}  largest      rms  points")
+    for name, power in powers.items():
+        if name == reference:
+            continue
+        apart = summary(power, powers[reference])
+        left = f", {apart.negative} not above zero left out" if apart.negative else ""
+        print(
+            f"  {name:{width}}  {apart.largest:+7.3f}  {apart.rms:7.4f}  "
+            f"{apart.points} of {power.size}{left}"
+        )
