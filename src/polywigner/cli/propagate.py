@@ -5,11 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.sources import check_source_file, read_fed_source, required_wavelength
+from polywigner.cli.sources import (
+    check_source_file,
+    field_title,
+    read_fed_source,
+    required_wavelength,
+)
 from polywigner.cli.where import MethodText, Place, parse_method, parse_place
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_length
@@ -62,15 +67,14 @@ def run_propagate(
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import outline_of
     from polywigner.figures.levels import check_floor
-    from polywigner.illumination.texts import FEEDING
-    from polywigner.propagation import METHODS, OBLIQUITIES
-    from polywigner.propagation.exports import write_netcdf
+    from polywigner.propagation import METHODS, write_netcdf
+    from polywigner.propagation.obliquities import Obliquity
 
-    assert set(feeding) == set(FEEDING)
     check_floor(floor_db)
     known = ("wigner", *METHODS)
     wanted = [
-        parse_method(text, known, OBLIQUITIES, obliquity, order) for text in methods or _DEFAULT
+        parse_method(text, known, get_args(Obliquity), obliquity, order)
+        for text in methods or _DEFAULT
     ]
     reference = _reference(wanted, against)
     radiator = read_fed_source(source, unit, reach, feeding, length)
@@ -82,7 +86,7 @@ def run_propagate(
         "precision": precision,
     }
     found = _fields(radiator, place, wanted, length, how)
-    figure = _figure(found, place, reference, floor_db, _title(source, length))
+    figure = _figure(found, place, reference, floor_db, field_title(source, length))
     with writing(files) as (picture, values):
         figure.savefig(picture, format="png")
         write_netcdf(found, values)
@@ -157,13 +161,6 @@ def _figure(found: Any, place: Place, reference: str, floor_db: float, title: st
     return draw_lines(found, against=reference, floor_db=floor_db, title=title)
 
 
-def _title(source: str, wavelength: float) -> str:
-    from polywigner.figures.style import length_unit
-
-    unit = length_unit(wavelength)
-    return f"{Path(source).name}, wavelength {wavelength / unit.metres:.4g} {unit.name}"
-
-
 def _print_differences(found: Any, reference: str) -> None:
     """One line for each method, of the largest and the rms difference."""
     import numpy as np
@@ -174,9 +171,7 @@ def _print_differences(found: Any, reference: str) -> None:
         str(name): np.abs(array.values) ** 2 if np.iscomplexobj(array.values) else array.values
         for name, array in found.data_vars.items()
     }
-    print(
-        f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:"
-    )
+    print(f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:")
     width = max(len(name) for name in powers)
     print(f"  {'method':{width}}  largest      rms  points")
     for name, power in powers.items():

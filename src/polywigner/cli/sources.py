@@ -16,7 +16,13 @@ if TYPE_CHECKING:
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
-__all__ = ["check_source_file", "read_fed_source", "required_wavelength", "wavelength_from"]
+__all__ = [
+    "field_title",
+    "check_source_file",
+    "read_fed_source",
+    "required_wavelength",
+    "wavelength_from",
+]
 
 
 def check_source_file(path: str) -> None:
@@ -56,6 +62,14 @@ def required_wavelength(frequency: str | None, wavelength: str | None) -> float:
             'GHz"'
         )
     return length
+
+
+def field_title(path: str, wavelength: float) -> str:
+    """Above the figure of a field: the source's file and the wavelength."""
+    from polywigner.figures.style import length_unit
+
+    unit = length_unit(wavelength)
+    return f"{Path(path).name}, wavelength {wavelength / unit.metres:.4g} {unit.name}"
 
 
 def read_fed_source(

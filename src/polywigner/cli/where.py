@@ -213,9 +213,7 @@ def parse_method(
     words = text.split()
     method = words[0] if words else ""
     if method not in methods:
-        raise ArgumentError(
-            f"--method: expected one of {', '.join(methods)}, got {_shown(text)}"
-        )
+        raise ArgumentError(f"--method: expected one of {', '.join(methods)}, got {_shown(text)}")
     for word in words[1:]:
         if method != "wigner" or word not in (*obliquities, *_ORDERS):
             raise ArgumentError(

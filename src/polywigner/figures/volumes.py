@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from polywigner import Aperture, Array
 
-__all__ = ["Projection", "Renderer", "draw_volume"]
+__all__ = ["Projection", "Renderer", "check_volume_options", "draw_volume"]
 
 Renderer = Literal["auto", "pyvista", "matplotlib"]
 Projection = Literal["maximum", "mean"]
@@ -88,10 +88,7 @@ def draw_volume(
     """
     import matplotlib as mpl
 
-    check_floor(floor_db)
-    shells = _checked_surfaces(surfaces, floor_db)
-    _check_name("projection", projection, Projection)
-    _check_name("renderer", renderer, Renderer)
+    shells = check_volume_options(surfaces, floor_db, projection, renderer)
     volume = field_samples(found, name, ("x", "y", "z"), _MOST)
     zero = volume.zero_db(reference)
     lower, upper = volume.corners
@@ -119,8 +116,18 @@ def draw_volume(
     return figure
 
 
-def _checked_surfaces(surfaces: tuple[float, ...] | None, floor_db: float) -> tuple[float, ...]:
-    """Levels from the lowest to the highest."""
+def check_volume_options(
+    surfaces: tuple[float, ...] | None, floor_db: float, projection: str, renderer: str
+) -> tuple[float, ...]:
+    """The levels of the isosurfaces, dB, from the lowest to the highest.
+
+    Raises
+    ------
+    ArgumentError : options that :func:`draw_volume` does not have.
+    """
+    check_floor(floor_db)
+    _check_name("projection", projection, Projection)
+    _check_name("renderer", renderer, Renderer)
     if surfaces is None:
         return tuple(sorted(floor_db * part for part in _SURFACES))
     levels = tuple(sorted({float(level) for level in surfaces}))
