@@ -1,4 +1,4 @@
-"""The commands for fields in front of a source: ``propagate`` and ``volume``, with their options."""
+"""The commands for fields in front of a source, ``propagate`` and ``volume``: their options."""
 
 from __future__ import annotations
 

@@ -144,7 +144,8 @@ def _field(
     if place.kind == "plane":
         return pw.plane(source, place.points, place.shape, wavelength, **options)
     if place.kind == "arc":
-        theta, phi = np.linspace(-place.reach, place.reach, place.shape[0]), place.phi
+        theta = np.linspace(-place.reach, place.reach, place.shape[0])
+        phi = np.array([place.phi])
     else:
         theta = np.linspace(0.0, place.reach, place.shape[0])
         phi = np.arange(place.shape[1]) * (2 * math.pi / place.shape[1])

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 __all__ = [
-    "field_title",
     "check_source_file",
+    "field_title",
     "read_fed_source",
     "required_wavelength",
     "wavelength_from",
