@@ -79,7 +79,7 @@ def draw_lines(
     labels = {method: label_of(found[method], method) for method in curves}
     with mpl.rc_context(TYPOGRAPHY):
         several = len(curves) > 1
-        figure = new_figure(6.4, 5.4 if several else 3.6, spacing=0.03)
+        figure = new_figure(6.4, 5.6 if several else 3.7, spacing=0.03)
         rows = figure.subplots(
             2 if several else 1, 1, sharex=True, squeeze=False,
             height_ratios=(3, 2) if several else (1,),
@@ -90,10 +90,12 @@ def draw_lines(
             levels[values > 0] = 10 * np.log10(values[values > 0] / zero)
             rows[0].plot(x, levels, label=labels[method], **styles[method])
         rows[0].set_ylim(*_range(list(curves.values()), zero, floor_db))
-        rows[0].set_ylabel(
-            f"{name} (dB)\n0 dB: {quantity_text(zero, unit)}, the peak of {labels[against]}"
-            if several
-            else f"{name}\n(dB relative to {quantity_text(zero, unit)})"
+        rows[0].set_ylabel(f"{name} (dB)")
+        zero_text = quantity_text(zero, unit).rstrip()
+        rows[0].set_title(
+            f"0 dB: {zero_text}" + (f", the peak of {labels[against]}" if several else ""),
+            loc="left",
+            fontsize=8,
         )
         if several:
             rows[0].legend(frameon=False, fontsize=7.5, handlelength=2.6)
@@ -110,7 +112,7 @@ def draw_lines(
         rows[-1].set_xlabel(label)
         if logarithmic:
             _plain_ticks(rows[-1])
-        rows[0].set_title(title)
+        figure.suptitle(title)
     return figure
 
 
@@ -184,9 +186,9 @@ def _difference_axis(axes: Axes, against: str, compared_db: float) -> None:
     axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
     axes.yaxis.set_minor_locator(FixedLocator([]))
     axes.axhline(0, color="0.5", lw=0.6)
-    axes.set_ylabel(
-        f"difference from {against} (dB)\nwhere it is above {compared_db:g} dB".replace("-3", "−3")
-    )
+    axes.set_ylabel("difference (dB)")
+    text = f"less {against}, where that is above {compared_db:g} dB of its peak"
+    axes.set_title(text, loc="left", fontsize=8)
 
 
 def _plain_ticks(axes: Axes) -> None:

@@ -196,5 +196,6 @@ def _draw_differences(
         how: dict[str, Any] = {"cmap": SIGNED_MAP, "vmin": -bound, "vmax": bound}
         shown = _show(axes, differences[method], extent, **how)
         axes.set_facecolor("0.85")
-    text = f"difference from {called} (dB)\ngrey: below {compared_db:g} dB, not compared"
+        axes.set_title(f"less {called}", fontsize=8)
+    text = f"difference (dB)\ngrey: below {compared_db:g} dB"
     row_bar(panels, shown, text, "both" if largest > bound else "neither")
