@@ -1,4 +1,4 @@
-"""The command line: ``polywigner render``, ``transform`` and ``doctor``.
+"""The command line: ``polywigner render``, ``transform``, ``propagate``, ``volume``, ``doctor``.
 
 ``main`` turns every outcome into an exit code and, for a failure, one line on stderr. The heavy
 libraries are imported by the command that needs them, so that ``--help`` answers at once.

@@ -96,7 +96,7 @@ def run_volume(
         count,
         length,
         chunks=sizes,
-        path=store,
+        out=store,
         threads=threads,
         scheduler=scheduler,
         tolerance=accuracy,

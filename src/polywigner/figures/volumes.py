@@ -37,7 +37,7 @@ beam falls on the wall at the far end of the box and hides nothing of the apertu
 _MOST = 256
 """Samples along an axis that are drawn; of longer axes every second, third, ... sample."""
 
-_PIXELS = 1200
+_PIXELS = 1000
 """Of the surfaces along the larger side of the page: some two for each that is printed."""
 
 _INCHES = 5.6  # the larger side of the box on the page

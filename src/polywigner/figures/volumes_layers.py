@@ -23,9 +23,9 @@ _BELOW = 20.0
 """dB under the lowest isosurface at which values are cut off: nulls go down to minus infinity, and
 a surface between a null and its neighbour would be drawn beside its place."""
 
-_STEPS = 3
-"""Places along a ray from plane to plane at which it is looked: a ray that enters a surface and
-leaves it between two of them misses it, which with one place leaves steps along every outline."""
+_STEPS = 320
+"""Places along a ray, at least, at which it is looked: a ray that enters a surface and leaves it
+between two of them misses it. One place on each plane leaves steps along every outline."""
 
 _AMBIENT, _DIFFUSE, _SPECULAR, _SHININESS = 0.42, 0.58, 0.22, 24
 _RIM = 0.75
@@ -104,12 +104,13 @@ def cast_layers(
     lowest = levels.min()
     before = np.full(depths.shape[1:], lowest, dtype=np.float32)
     near, far = (0, len(planes) - 1) if view.towards[deep] < 0 else (len(planes) - 1, 0)
-    for s in np.linspace(near, far, _STEPS * (len(planes) - 1) + 1):
+    between = -(-_STEPS // (len(planes) - 1))
+    for s in np.linspace(near, far, between * (len(planes) - 1) + 1):
         whole = min(int(s), len(planes) - 2)
         plane = planes[whole] + np.float32(s - whole) * (planes[whole + 1] - planes[whole])
         rows, columns = (r + k * s for r, k in zip(rasters, shear, strict=True))
         now = _sheared(plane, rows, columns, lowest)
-        back = (near - far) / (abs(near - far) * _STEPS)
+        back = (near - far) / (abs(near - far) * between)
         for depth, missed, surface in zip(depths, misses, surfaces, strict=True):
             new = np.nonzero(missed & (now >= surface))
             depth[new] = s + back * (now[new] - surface) / (now[new] - before[new])

@@ -1,0 +1,209 @@
+"""``polywigner propagate``: its files and its table hold the fields, at the places asked for."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.cli.where import parse_method, parse_place
+from polywigner.errors import PolywignerError
+
+xarray = pytest.importorskip("xarray")
+pytest.importorskip("h5netcdf")
+
+Captured = pytest.CaptureFixture[str]
+
+WAVELENGTH = 299_792_458 / 94e9
+SQUARE = pw.shapes.square(10e-3)
+FREQUENCY = ("--frequency", "94 GHz")
+
+# The same sums, perhaps of points in other blocks.
+ROUNDING = 1e-12
+
+
+@pytest.fixture
+def square(tmp_path: Path) -> Path:
+    path = tmp_path / "square.wkt"
+    path.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    return path
+
+
+def propagated(path: Path, *options: str) -> object:
+    stem = path.parent / "out" / "field"
+    assert main(["propagate", str(path), *FREQUENCY, "--out", str(stem), *options]) == 0
+    assert stem.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    with xarray.open_dataset(stem.with_suffix(".nc"), engine="h5netcdf") as found:
+        return found.load()
+
+
+def points_of(found: object) -> np.ndarray:
+    variable = next(iter(found.data_vars.values()))
+    parts = [found[name].broadcast_like(variable).transpose(*variable.dims) for name in "xyz"]
+    return np.stack([part.values for part in parts], axis=-1)
+
+
+PLACES = {
+    "line": ("1 mm, 0 mm, 40 mm to 1 mm, 2 mm, 90 mm", "5"),
+    "arc": ("50 mm, 30 deg, 60 deg", "5"),
+    "plane": ("-20 mm to 20 mm, 3 mm, 40 mm to 60 mm", "4 x 3"),
+    "hemisphere": ("50 mm", "3 x 4"),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_the_values_are_those_of_irradiance_at_the_places(place: str, square: Path) -> None:
+    where, samples = PLACES[place]
+    found = propagated(
+        square, f"--{place}", where, "--samples", samples, "--method", "wigner kirchhoff 3",
+        "--method", "wigner", "--method", "fraunhofer", "--obliquity", "paper",
+    )  # fmt: skip
+    assert tuple(found.data_vars) == ("wigner-kirchhoff-3", "wigner", "fraunhofer")
+    points = points_of(found)
+    for name, how in (
+        ("wigner-kirchhoff-3", {"obliquity": "kirchhoff", "order": 3}),
+        ("wigner", {"obliquity": "paper"}),
+        ("fraunhofer", {"method": "fraunhofer"}),
+    ):
+        expected = pw.irradiance(SQUARE, points, WAVELENGTH, **how)
+        np.testing.assert_allclose(found[name], expected, rtol=ROUNDING, atol=ROUNDING)
+        assert found[name].attrs["units"] == "W m-2"
+
+
+def test_places_are_where_they_were_asked_for(square: Path) -> None:
+    found = propagated(square, "--arc", "50 mm, 30 deg, 60 deg", "--samples", "3",
+                       "--method", "fraunhofer")  # fmt: skip
+    s, c = 50e-3 * np.sin(np.pi / 3), 50e-3 * np.cos(np.pi / 3)
+    across = np.array([np.cos(np.pi / 6), np.sin(np.pi / 6)])
+    expected = [[*(-s * across), c], [0, 0, 50e-3], [*(s * across), c]]
+    np.testing.assert_allclose(points_of(found).reshape(3, 3), expected, atol=1e-12)
+
+
+def test_complex_fields_are_written_with_their_phase(square: Path) -> None:
+    found = propagated(square, "--plane", "-20 mm to 20 mm, -20 mm to 20 mm, 40 mm", "--samples",
+                       "5 x 4", "--method", "kirchhoff", "--amplitude")  # fmt: skip
+    field = found["kirchhoff_real"].values + 1j * found["kirchhoff_imag"].values
+    expected = pw.amplitude(SQUARE, points_of(found), WAVELENGTH, "kirchhoff")
+    np.testing.assert_allclose(field, expected, rtol=0, atol=1e-9)
+
+
+def test_the_table_says_how_far_methods_are_apart(square: Path, capfd: Captured) -> None:
+    found = propagated(
+        square, "--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "4",
+        "--method", "wigner", "--method", "rayleigh-sommerfeld-1", "--method", "fraunhofer",
+    )  # fmt: skip
+    printed = capfd.readouterr().out
+    assert "Differences from rayleigh-sommerfeld-1" in printed  # the exact one among them
+    rows = dict(re.findall(r"^  (\S+)\s+(.*) of 4$", printed, re.MULTILINE))
+    assert set(rows) == {"wigner", "fraunhofer"}
+    for name, row in rows.items():
+        largest, rms, points = map(float, row.split())
+        apart = 10 * np.log10(found[name].values / found["rayleigh-sommerfeld-1"].values)
+        np.testing.assert_allclose(largest, apart[np.argmax(abs(apart))], atol=5.1e-4)
+        np.testing.assert_allclose(rms, np.sqrt(np.mean(apart**2)), atol=5.1e-5)
+        assert points == 4
+    assert printed.splitlines()[-2:] == [
+        str(square.parent / "out" / name) for name in ("field.png", "field.nc")
+    ]
+
+
+def test_another_method_can_be_compared_with(square: Path, capfd: Captured) -> None:
+    options = ("--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "2")
+    propagated(square, *options, "--method", "wigner 3", "--method", "fraunhofer",
+               "--against", "wigner 3")  # fmt: skip
+    assert "Differences from wigner-3" in capfd.readouterr().out
+
+
+def test_tapers_arrays_and_steering_are_those_of_other_commands(square: Path) -> None:
+    found = propagated(
+        square, "--array", "3 x 2, 12 mm", "--taper", "cosine", "--steering", "20 deg, 90 deg",
+        "--arc", "500 mm, 90 deg, 40 deg", "--samples", "81", "--method", "fraunhofer",
+    )  # fmt: skip
+    places = pw.arrays.grid_positions(3, 2, 12e-3)
+    beam = (0.0, np.sin(np.radians(20)), np.cos(np.radians(20)))
+    source = pw.phased_array(
+        SQUARE.with_illumination(pw.cosine_taper(10e-3, 10e-3)),
+        places,
+        pw.arrays.steering_weights(places, beam, WAVELENGTH),
+    )
+    expected = pw.irradiance(source, points_of(found), WAVELENGTH, "fraunhofer")
+    scale = expected.max()
+    np.testing.assert_allclose(found["fraunhofer"], expected, rtol=0, atol=ROUNDING * scale)
+
+
+def test_texts_of_places_say_what_they_show() -> None:
+    texts = dict.fromkeys(PLACES)
+    line = parse_place({**texts, "line": "1 mm,0,.002 to 0 mm , -2 mm, 0.1 m"}, None)
+    assert line.points == ((1e-3, 0.0, 2e-3), (0.0, -2e-3, 0.1))
+    plane = parse_place({**texts, "plane": "-1 cm to 1 cm, 2 mm, 5 mm to 9 mm"}, "7 × 5")
+    assert plane.points == ((-1e-2, 2e-3, 5e-3), (1e-2, 2e-3, 9e-3)) and plane.shape == (7, 5)
+    arc = parse_place({**texts, "arc": "50 mm, 90 deg"}, "9")
+    assert (arc.radius, arc.phi, arc.reach) == pytest.approx((0.05, np.pi / 2, np.radians(80)))
+    methods, obliquities = ("wigner", "kirchhoff"), ("kirchhoff", "paper")
+    rays = parse_method("wigner 3 kirchhoff", methods, obliquities, "paper", 1)
+    assert rays == ("wigner-3-kirchhoff", "wigner", "kirchhoff", 3)
+    assert parse_method("wigner", methods, obliquities, "paper", 3)[2:] == ("paper", 3)
+
+
+LINE = ("--line", "0 mm, 0 mm, 20 mm to 0 mm, 0 mm, 90 mm")
+BAD = {
+    "no place": ([], ["--line", "--hemisphere", "got none"]),
+    "two places": ([*LINE, "--arc", "50 mm"], ["--line and --arc"]),
+    "one point": (["--line", "0 mm, 0 mm, 20 mm"], ["--line", "two points"]),
+    "two coordinates": (["--line", "0 mm, 20 mm to 0 mm, 90 mm"], ["a point", "0 mm, 20 mm"]),
+    "the same point": (["--line", "0, 0, 1 to 0, 0, 1"], ["two points"]),
+    "a line behind": (["--line", "0 mm, 0 mm, -2 mm to 0 mm, 0 mm, 9 mm"], ["z > 0"]),
+    "no plane": (["--plane", "-3 mm to 3 mm, 0 mm, 9 mm"], ["--plane", "two ranges"]),
+    "a falling range": (["--plane", "3 mm to -3 mm, -3 mm to 3 mm, 9 mm"], ["rising"]),
+    "an arc of words": (["--arc", "far"], ["--arc", "length", "far"]),
+    "a wide arc": (["--arc", "50 mm, 0 deg, 90 deg"], ["--arc", "between 0 and 90 deg"]),
+    "no radius": (["--hemisphere", "0 mm"], ["--hemisphere", "above zero"]),
+    "words for samples": ([*LINE, "--samples", "many"], ["--samples", "many"]),
+    "no samples": ([*LINE, "--samples", "0"], ["--samples", "'0'"]),
+    "samples of a plane": ([*LINE, "--samples", "3 x 3"], ["--samples", "3 x 3"]),
+    "too many": (["--plane", "-3 mm to 3 mm, 0 mm, 2 mm to 9 mm", "--samples", "99999 x 99999"],
+                 ["--samples", "polywigner volume"]),
+    "method": ([*LINE, "--method", "fdtd"], ["--method", "fdtd", "kirchhoff"]),
+    "words of a method": ([*LINE, "--method", "kirchhoff 3"], ["after wigner only"]),
+    "an order": ([*LINE, "--method", "wigner 2"], ["wigner 2", "1, 3"]),
+    "the order": ([*LINE, "--order", "2"], ["order", "1 or 3"]),
+    "obliquity": ([*LINE, "--obliquity", "lambert"], ["obliquity", "lambert"]),
+    "twice": ([*LINE, "--method", "wigner", "--method", "wigner"], ["'wigner' twice"]),
+    "against": ([*LINE, "--against", "kirchhoff"], ["--against", "kirchhoff"]),
+    "rays with a phase": ([*LINE, "--amplitude"], ["phase", "wigner"]),
+    "accuracy": ([*LINE, "--accuracy", "0"], ["tolerance"]),
+    "engine": ([*LINE, "--engine", "abacus"], ["engine", "abacus"]),
+    "precision": ([*LINE, "--precision", "half"], ["precision", "half"]),
+    "floor": ([*LINE, "--db-floor", "3"], ["below 0 dB"]),
+    "taper": ([*LINE, "--taper", "gauss"], ["taper", "gauss"]),
+    "wavelength": ([*LINE, "--wavelength", "3 mm"], ["both"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_used_is_refused(case: str, square: Path, capfd: Captured) -> None:
+    options, words = BAD[case]
+    out = square.parent / "out" / "field"
+    assert main(["propagate", str(square), *FREQUENCY, "--out", str(out), *options]) == 2
+    stdout, stderr = capfd.readouterr()
+    assert stdout == ""
+    errors = [line for line in stderr.splitlines() if "warning" not in line]
+    assert len(errors) == 1 and errors[0].startswith("polywigner: error: ")
+    for word in words:
+        assert word in errors[0]
+    assert sorted(path.name for path in square.parent.iterdir()) == ["square.wkt"]
+
+
+def test_a_wavelength_is_required(square: Path, capfd: Captured) -> None:
+    assert main(["propagate", str(square), *LINE]) == 2
+    assert "--frequency or --wavelength" in capfd.readouterr().err
+
+
+def test_a_text_without_end_is_refused_in_brief() -> None:
+    with pytest.raises(PolywignerError) as caught:
+        parse_place({"line": "0 mm, " * 100_000}, None)
+    assert len(str(caught.value)) < 400

@@ -1,0 +1,117 @@
+"""``polywigner volume``: a store that can be gone on with, a picture, and files for others."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+
+xarray = pytest.importorskip("xarray")
+pytest.importorskip("zarr")
+
+Captured = pytest.CaptureFixture[str]
+
+WAVELENGTH = 299_792_458 / 94e9
+SQUARE = pw.shapes.square(10e-3)
+BOX = ("--box", "-20 mm to 20 mm, -15 mm to 15 mm, 30 mm to 60 mm")
+SMALL = (*BOX, "--shape", "6 x 5 x 4", "--chunks", "3 x 3 x 4", "--engine", "numpy")
+
+SINGLE = 1e-6  # values are stored in float32
+
+
+@pytest.fixture
+def square(tmp_path: Path) -> Path:
+    path = tmp_path / "square.wkt"
+    path.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    return path
+
+
+@pytest.fixture(autouse=True)
+def few_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 100)
+
+
+def run(path: Path, *options: str) -> int:
+    out = path.parent / "out" / "field"
+    common = ("--frequency", "94 GHz", "--renderer", "matplotlib", "--out", str(out))
+    return main(["volume", str(path), *common, *options])
+
+
+def test_the_store_holds_the_irradiance_in_the_box(square: Path, capfd: Captured) -> None:
+    assert run(square, *SMALL, "--method", "wigner kirchhoff", "--format", "nc") == 0
+    out = square.parent / "out"
+    names = ("field.zarr", "field.png", "field.nc")
+    assert capfd.readouterr().out.splitlines() == [str(out / name) for name in names]
+    assert sorted(path.name for path in out.iterdir()) == sorted(names)
+    found = xarray.open_zarr(out / "field.zarr")
+    assert found["wigner"].dims == ("x", "y", "z") and found["wigner"].shape == (6, 5, 4)
+    assert dict(found.chunksizes) == {"x": (3, 3), "y": (3, 2), "z": (4,)}
+    np.testing.assert_allclose(found["y"], np.linspace(-15e-3, 15e-3, 5))
+    axes = np.meshgrid(*(found[name].values for name in "xyz"), indexing="ij")
+    expected = pw.irradiance(SQUARE, np.stack(axes, -1), WAVELENGTH, obliquity="kirchhoff")
+    np.testing.assert_allclose(found["wigner"], expected, rtol=SINGLE, atol=SINGLE)
+    with xarray.open_dataset(out / "field.nc", engine="h5netcdf") as copy:
+        assert np.array_equal(copy["wigner"], found["wigner"])
+
+
+def test_the_same_command_completes_what_is_missing(square: Path) -> None:
+    assert run(square, *SMALL) == 0
+    store = square.parent / "out" / "field.zarr"
+    before = xarray.open_zarr(store)["wigner"].load()
+    chunks = sorted(path for path in (store / "wigner" / "c").rglob("*") if path.is_file())
+    kept, lost = chunks[0], chunks[-1]
+    time = kept.stat().st_mtime_ns
+    lost.unlink()
+    assert run(square, *SMALL) == 0
+    assert kept.stat().st_mtime_ns == time and lost.exists()
+    assert xarray.open_zarr(store)["wigner"].identical(before)
+
+
+def test_a_store_of_other_settings_is_not_gone_on_with(square: Path, capfd: Captured) -> None:
+    assert run(square, *SMALL) == 0
+    store = square.parent / "out" / "field.zarr"
+    content = {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
+    assert run(square, *SMALL, "--obliquity", "kirchhoff") == 2
+    assert "obliquity" in capfd.readouterr().err
+    assert content == {path: path.read_bytes() for path in store.rglob("*") if path.is_file()}
+
+
+def test_paraview_gets_an_image(square: Path) -> None:
+    assert run(square, *SMALL, "--format", "vti", "--format", "vti") == 0
+    image = (square.parent / "out" / "field.vti").read_bytes()
+    assert b'WholeExtent="0 5 0 4 0 3"' in image
+
+
+BAD = {
+    "a flat box": (["--box", "-2 mm to 2 mm, 0 mm, 3 mm to 6 mm"], ["--box", "three ranges"]),
+    "two ranges": (["--box", "-2 mm to 2 mm, 3 mm to 6 mm"], ["--box", "x, y and z"]),
+    "a box behind": (["--box", "0 mm to 2 mm, 0 mm to 2 mm, -3 mm to 6 mm"], ["z > 0"]),
+    "two numbers": ([*BOX, "--shape", "6 x 5"], ["--shape", "6 x 5"]),
+    "no chunks": ([*BOX, "--chunks", "0 x 3 x 3"], ["--chunks"]),
+    "no threads": ([*SMALL, "--threads", "0"], ["threads"]),
+    "no scheduler": ([*SMALL, "--scheduler", "nowhere"], ["scheduler", "nowhere"]),
+    "words for levels": ([*SMALL, "--surfaces", "low"], ["--surfaces", "low"]),
+    "levels": ([*SMALL, "--surfaces", "-6, -50"], ["floor", "-50"]),
+    "projection": ([*SMALL, "--projection", "sum"], ["projection", "maximum"]),
+    "renderer": ([*SMALL, "--renderer", "povray"], ["renderer", "pyvista"]),
+    "format": ([*SMALL, "--format", "hdf4"], ["--format", "vti"]),
+    "method": ([*SMALL, "--method", "fdtd"], ["--method", "fdtd"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_used_is_refused(case: str, square: Path, capfd: Captured) -> None:
+    options, words = BAD[case]
+    assert run(square, *options) == 2
+    stdout, stderr = capfd.readouterr()
+    assert stdout == ""
+    assert stderr.startswith("polywigner: error: ") and stderr.count("\n") == 1
+    for word in words:
+        assert word in stderr
+    shutil.rmtree(square.parent / "out", ignore_errors=True)
+    assert list(square.parent.iterdir()) == [square]
