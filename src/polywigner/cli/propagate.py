@@ -14,6 +14,7 @@ from polywigner.cli.sources import (
     field_title,
     read_fed_source,
     required_wavelength,
+    wavelength_from,
 )
 from polywigner.cli.where import MethodText, Place, parse_method, parse_place
 from polywigner.errors import ArgumentError
@@ -59,7 +60,7 @@ def run_propagate(
     """
     check_source_file(source)
     place = parse_place(where, samples)
-    length = required_wavelength(frequency, wavelength)
+    asked = wavelength_from(frequency, wavelength)
     reach = None if tolerance is None else parse_length(tolerance)
     files = targets(output_stem(out, Path(source).stem), (".png", ".nc"))
     check_writable(files)
@@ -77,7 +78,8 @@ def run_propagate(
         for text in methods or _DEFAULT
     ]
     reference = _reference(wanted, against)
-    radiator = read_fed_source(source, unit, reach, feeding, length)
+    radiator, said = read_fed_source(source, unit, reach, feeding, asked)
+    length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
     how = {
         "quantity": "amplitude" if amplitude else "irradiance",

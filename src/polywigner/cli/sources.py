@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from polywigner.cli.output import check_text
 from polywigner.errors import ArgumentError, FileFormatError
@@ -23,6 +24,9 @@ __all__ = [
     "required_wavelength",
     "wavelength_from",
 ]
+
+# A frequency and the wavelength typed for it, with a few digits.
+_SAME_WAVELENGTH = 1e-3
 
 
 def check_source_file(path: str) -> None:
@@ -53,15 +57,14 @@ def wavelength_from(frequency: str | None, wavelength: str | None) -> float | No
     return None if wavelength is None else parse_length(wavelength)
 
 
-def required_wavelength(frequency: str | None, wavelength: str | None) -> float:
-    """As :func:`wavelength_from`; ArgumentError without either option."""
-    length = wavelength_from(frequency, wavelength)
-    if length is None:
+def required_wavelength(wavelength: float | None) -> float:
+    """The wavelength itself; ArgumentError where neither the options nor the file say one."""
+    if wavelength is None:
         raise ArgumentError(
             'expected --frequency or --wavelength, got neither; give for example --frequency "94 '
             'GHz"'
         )
-    return length
+    return wavelength
 
 
 def field_title(path: str, wavelength: float) -> str:
@@ -78,14 +81,18 @@ def read_fed_source(
     tolerance: float | None,
     feeding: Mapping[str, str | None],
     wavelength: float | None,
-) -> Aperture | ApertureArray:
+) -> tuple[Aperture | ApertureArray, float | None]:
     """The source of an aperture or source file, with its tapers, copies and steering.
 
     Parameters
     ----------
     unit, tolerance : of aperture files; None: mm, and the reader's own.
     feeding : texts by their option, of :data:`polywigner.illumination.texts.FEEDING`.
-    wavelength : in metres, for steering and focus.
+    wavelength : in metres, for steering and focus; None: that of the file, if it has one.
+
+    Returns
+    -------
+    The source, and the wavelength, None where neither says one.
 
     Raises
     ------
@@ -94,18 +101,36 @@ def read_fed_source(
     import polywigner as pw
     from polywigner.illumination.texts import fed
 
+    source: Aperture | ApertureArray
     if _is_source_file(path):
         for name, given in (("--unit", unit), ("--tolerance", tolerance)):
             if given is not None:
                 raise ArgumentError(
                     f"expected no {name} with a source file, got {given!r}; the file says its own"
                 )
-        source = pw.read_source(path)
+        source, wavelength = _read_source(path, wavelength)
     else:
         source = pw.read_aperture(path, unit=unit or "mm", tolerance=tolerance)
     texts = {name: text for name, text in feeding.items() if text is not None}
-    fed_source: Aperture | ApertureArray = fed(source, texts, wavelength)
-    return fed_source
+    return fed(source, texts, wavelength), wavelength
+
+
+def _read_source(path: str, wavelength: float | None) -> tuple[Any, float | None]:
+    """The source, and the wavelength that was asked for, or else its own."""
+    from polywigner.illumination.files.reading import read_with_wavelength
+
+    source, own = read_with_wavelength(path)
+    if wavelength is None or own is None:
+        return source, own if wavelength is None else wavelength
+    if abs(wavelength - own) > _SAME_WAVELENGTH * own:
+        warnings.warn(
+            f"the phases in {Path(path).name} are set for its own wavelength of {own:.6g} m, and "
+            f"its beam is shown at {wavelength:.6g} m, where it squints; leave --frequency and "
+            "--wavelength out to see it at its own",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return source, wavelength
 
 
 def _is_source_file(path: str) -> bool:

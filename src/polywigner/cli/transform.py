@@ -60,7 +60,7 @@ def run_transform(
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
-    source = read_fed_source(aperture, unit, reach, feeding, length)
+    source, length = read_fed_source(aperture, unit, reach, feeding, length)
     outline = outline_of(source)
     if length is not None:
         check_wavelength(length, outline.diameter)

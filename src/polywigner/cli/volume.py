@@ -13,6 +13,7 @@ from polywigner.cli.sources import (
     field_title,
     read_fed_source,
     required_wavelength,
+    wavelength_from,
 )
 from polywigner.cli.where import parse_box, parse_levels, parse_method, parse_shape
 from polywigner.errors import ArgumentError
@@ -62,7 +63,7 @@ def run_volume(
     corners, count = parse_box(box), parse_shape("--shape", shape, 3)
     sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
-    length = required_wavelength(frequency, wavelength)
+    asked = wavelength_from(frequency, wavelength)
     reach = None if tolerance is None else parse_length(tolerance)
     store, *files = targets(
         output_stem(out, Path(source).stem), (".zarr", ".png", *_suffixes(formats))
@@ -88,7 +89,8 @@ def run_volume(
     options: dict[str, Any] = {"method": wanted.method}
     if wanted.method == "wigner":
         options |= {"obliquity": wanted.obliquity, "order": wanted.order}
-    radiator = read_fed_source(source, unit, reach, feeding, length)
+    radiator, said = read_fed_source(source, unit, reach, feeding, asked)
+    length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
     found = pw.volume(
         radiator,
