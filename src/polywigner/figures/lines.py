@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,20 @@ _LINEAR_DB = 0.01
 by three decades along a line."""
 
 
+class _Curves(NamedTuple):
+    """What a column of panels shows: power-like values by method, their labels and their places."""
+
+    values: dict[str, Floats]
+    labels: dict[str, str]
+    against: str
+    zero: float
+    quantity: str
+    unit: str
+    places: Floats
+    along: str
+    logarithmic: bool
+
+
 def draw_lines(
     found: Any,
     *,
@@ -55,7 +69,8 @@ def draw_lines(
     Parameters
     ----------
     found : xarray.Dataset with a variable for each method, as from :func:`polywigner.line` and, for
-        a cut, :func:`polywigner.hemisphere`; of power-like values.
+        a cut, :func:`polywigner.hemisphere`; complex values are squared. Or several, by the titles
+        of the columns in which they are drawn beside each other, all of the same methods.
     along : the coordinate on the horizontal axis, in metres or radians; None: x, y or z if the
         line is parallel to it, else that of the dataset.
     against : the variable that the others are compared with; None: the last one.
@@ -70,50 +85,77 @@ def draw_lines(
     import matplotlib as mpl
 
     check_floor(floor_db)
-    curves = fields_of(found)
-    against = chosen_method(curves, against)
-    first = first_of(found)
-    name, unit = quantity_of(first), printed_unit(first)
-    x, label, logarithmic = _axis(found, along)
-    zero = peak_of(curves[against], name)
-    labels = {method: label_of(found[method], method) for method in curves}
+    columns = dict(found) if isinstance(found, dict) else {"": found}
+    curves = [_curves(one, along, against) for one in columns.values()]
+    rows = 2 if len(curves[0].values) > 1 else 1
     with mpl.rc_context(TYPOGRAPHY):
-        several = len(curves) > 1
-        figure = new_figure(6.4, 5.6 if several else 3.7, spacing=0.03)
-        rows = figure.subplots(
-            2 if several else 1, 1, sharex=True, squeeze=False,
-            height_ratios=(3, 2) if several else (1,),
-        )[:, 0]  # fmt: skip
-        styles = _styles(list(curves), against)
-        for method, values in curves.items():
-            levels = np.full(values.shape, np.nan)
-            levels[values > 0] = 10 * np.log10(values[values > 0] / zero)
-            rows[0].plot(x, levels, label=labels[method], **styles[method])
-        rows[0].set_ylim(*_range(list(curves.values()), zero, floor_db))
-        rows[0].set_ylabel(f"{name} (dB)")
-        zero_text = quantity_text(zero, unit).rstrip()
-        rows[0].set_title(
-            f"0 dB: {zero_text}" + (f", the peak of {labels[against]}" if several else ""),
-            loc="left",
-            fontsize=8,
+        size = 6.4 + 3.4 * (len(curves) - 1), 5.6 if rows == 2 else 3.7
+        figure = new_figure(*size, spacing=0.03)
+        ratios = (3, 2) if rows == 2 else (1,)
+        panels = figure.subplots(
+            rows, len(curves), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
         )
-        if several:
-            rows[0].legend(frameon=False, fontsize=7.5, handlelength=2.6)
-            for method, values in curves.items():
-                if method != against:
-                    difference = difference_db(values, curves[against], compared_db)
-                    rows[1].plot(x, difference, **styles[method])
-            _difference_axis(rows[1], labels[against], compared_db)
-        for axes in rows:
-            axes.grid(alpha=0.3, lw=0.5)
-            axes.margins(x=0)
-            if logarithmic:
-                axes.set_xscale("log")
-        rows[-1].set_xlabel(label)
-        if logarithmic:
-            _plain_ticks(rows[-1])
+        for column, one, name in zip(panels.T, curves, columns, strict=True):
+            _draw_levels(column[0], one, name)
+            if rows == 2:
+                _draw_differences(column[1], one, compared_db)
+            _draw_places(column, one)
+        panels[0, 0].set_ylim(*_range(curves, floor_db))
+        panels[0, 0].set_ylabel(f"{curves[0].quantity} (dB)")
+        if rows == 2:
+            panels[0, 0].legend(frameon=False, fontsize=7.5, handlelength=2.6)
+            _difference_axis(panels[1])
         figure.suptitle(title)
     return figure
+
+
+def _curves(found: Any, along: str | None, against: str | None) -> _Curves:
+    fields = fields_of(found)
+    first, reference = first_of(found), chosen_method(fields, against)
+    quantity, unit = quantity_of(first), printed_unit(first)
+    if np.iscomplexobj(fields[reference]):
+        fields = {name: np.abs(values) ** 2 for name, values in fields.items()}
+        quantity, unit = f"|{quantity}|²", f"({unit})²" if unit else unit
+    labels = {name: label_of(found[name], name) for name in fields}
+    zero = peak_of(fields[reference], quantity)
+    return _Curves(fields, labels, reference, zero, quantity, unit, *_axis(found, along))
+
+
+def _draw_levels(axes: Axes, curves: _Curves, name: str) -> None:
+    styles = _styles(list(curves.values), curves.against)
+    for method, values in curves.values.items():
+        levels = np.full(values.shape, np.nan)
+        levels[values > 0] = 10 * np.log10(values[values > 0] / curves.zero)
+        axes.plot(curves.places, levels, label=curves.labels[method], **styles[method])
+    text = f"0 dB: {quantity_text(curves.zero, curves.unit).rstrip()}"
+    if name:
+        text = f"{name}; {text}"
+    elif len(styles) > 1:
+        text += f", the peak of {curves.labels[curves.against]}"
+    axes.set_title(text, loc="left", fontsize=8)
+
+
+def _draw_differences(axes: Axes, curves: _Curves, compared_db: float) -> None:
+    styles = _styles(list(curves.values), curves.against)
+    reference = curves.values[curves.against]
+    for method, values in curves.values.items():
+        if method != curves.against:
+            difference = difference_db(values, reference, compared_db)
+            axes.plot(curves.places, difference, **styles[method])
+    called = curves.labels[curves.against]
+    text = f"less {called}, where that is above {compared_db:g} dB of its peak"
+    axes.set_title(text, loc="left", fontsize=8)
+
+
+def _draw_places(column: Any, curves: _Curves) -> None:
+    for axes in column:
+        axes.grid(alpha=0.3, lw=0.5)
+        axes.margins(x=0)
+        if curves.logarithmic:
+            axes.set_xscale("log")
+    column[-1].set_xlabel(curves.along)
+    if curves.logarithmic:
+        _plain_ticks(column[-1])
 
 
 def _axis(found: Any, along: str | None) -> tuple[Floats, str, bool]:
@@ -160,35 +202,37 @@ def _styles(methods: list[str], against: str) -> dict[str, dict[str, Any]]:
     return styles
 
 
-def _range(curves: list[Floats], zero: float, floor_db: float) -> tuple[float, float]:
+def _range(columns: list[_Curves], floor_db: float) -> tuple[float, float]:
     """From the floor, or just below all curves, to above them. They may pass the peak of the
     reference (0 dB), but not by so much that nothing else is seen."""
-    positive = np.concatenate([values[values > 0] for values in curves])
-    low, high = (10 * np.log10(end / zero) for end in (positive.min(), positive.max()))
+    levels = np.concatenate(
+        [v[v > 0] / curves.zero for curves in columns for v in curves.values.values()]
+    )
+    low, high = 10 * np.log10(levels.min()), 10 * np.log10(levels.max())
     top = min(high, -floor_db / 4)
     bottom = max(low, floor_db)
     margin = 0.04 * (top - bottom) + 0.1
-    return (bottom if low < floor_db else bottom - margin), top + margin
+    return float(bottom if low < floor_db else bottom - margin), float(top + margin)
 
 
-def _difference_axis(axes: Axes, against: str, compared_db: float) -> None:
+def _difference_axis(panels: Any) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     largest = max(
-        (float(np.nanmax(np.abs(line.get_ydata()), initial=0.0)) for line in axes.lines),
-        default=0.0,
+        float(np.nanmax(np.abs(line.get_ydata()), initial=0.0))
+        for axes in panels
+        for line in axes.lines
     )
     bound = min(max(largest * 1.3, 3 * _LINEAR_DB), 30.0)
-    axes.set_yscale("symlog", linthresh=_LINEAR_DB, linscale=0.6)
-    axes.set_ylim(-bound, bound)
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
-    axes.yaxis.set_major_locator(FixedLocator([-d for d in decades[::-1]] + [0.0, *decades]))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
-    axes.yaxis.set_minor_locator(FixedLocator([]))
-    axes.axhline(0, color="0.5", lw=0.6)
-    axes.set_ylabel("difference (dB)")
-    text = f"less {against}, where that is above {compared_db:g} dB of its peak"
-    axes.set_title(text, loc="left", fontsize=8)
+    panels[0].set_ylabel("difference (dB)")
+    for axes in panels:
+        axes.set_yscale("symlog", linthresh=_LINEAR_DB, linscale=0.6)
+        axes.set_ylim(-bound, bound)
+        axes.yaxis.set_major_locator(FixedLocator([-d for d in decades[::-1]] + [0.0, *decades]))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+        axes.yaxis.set_minor_locator(FixedLocator([]))
+        axes.axhline(0, color="0.5", lw=0.6)
 
 
 def _plain_ticks(axes: Axes) -> None:
