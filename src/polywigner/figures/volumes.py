@@ -44,8 +44,8 @@ _INCHES = 5.6  # the larger side of the box on the page
 _LEFT, _RIGHT, _BELOW, _ABOVE = 0.75, 1.6, 0.55, 0.3
 
 _SURFACES = (0.15, 0.3, 0.45, 0.6)  # parts of the floor
-_FAINTEST, _DENSEST = 0.13, 0.85  # opacities of the outermost and innermost surface
-_SURFACE_COLOURS = ("#3f6fd8", "#2fa8a0", "#f2b632", "#d7301f")
+_FAINTEST, _DENSEST = 0.08, 0.95  # opacities of the outermost and innermost surface
+_SURFACE_COLOURS = ("#2f6be0", "#0fb5a6", "#ffb000", "#e01a10")
 _WALL_COLOURS = ("#ffffff", "#c9ced6", "#6a7686")  # quiet: surfaces stand before them
 
 
@@ -202,7 +202,7 @@ def _page(view: View, lower: Floats, upper: Floats) -> tuple[Figure, Axes, Axes]
 
 
 def _draw_layers(axes: Axes, layers: Layers, colours: Floats, view: View) -> None:
-    opacities = np.linspace(_FAINTEST, _DENSEST, len(colours))
+    opacities = np.geomspace(_FAINTEST, _DENSEST, len(colours))
     draw_picture(
         axes,
         shaded(layers, colours, opacities, view),

@@ -22,7 +22,7 @@ __all__ = ["draw_box", "draw_outline", "draw_picture", "draw_wall"]
 Floats = NDArray[np.float64]
 
 _INK = "0.25"
-_APERTURE = "#c1440e"
+_APERTURE = "#101010"
 _TICK = 0.012  # of the diagonal of the page
 _LABEL = 0.035
 _NAME = 0.105

@@ -27,8 +27,8 @@ _STEPS = 320
 """Places along a ray, at least, at which it is looked: a ray that enters a surface and leaves it
 between two of them misses it. One place on each plane leaves steps along every outline."""
 
-_AMBIENT, _DIFFUSE, _SPECULAR, _SHININESS = 0.42, 0.58, 0.22, 24
-_RIM = 0.75
+_AMBIENT, _DIFFUSE, _SPECULAR, _SHININESS = 0.6, 0.5, 0.22, 24
+_RIM = 0.7
 """How much more opaque surfaces become where they are seen edgeways, as glass does."""
 
 
