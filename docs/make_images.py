@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from itertools import chain
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -25,9 +26,19 @@ EXAMPLES = ROOT / "examples"
 IMAGES = Path(__file__).parent / "images"
 WIDEST = 860  # pixels
 LARGEST = 300  # KiB
+SMALLER = {"two_chevrons_volume": 195}  # KiB, of pictures that lose nothing by it
 
 CHEVRONS = EXAMPLES / "two_chevrons" / "chevrons.geojson"
+VOLUME = {
+    "--frequency": "94 GHz",
+    "--method": "rayleigh-sommerfeld-1",
+    "--accuracy": "1e-4",
+    "--precision": "single",
+    "--box": "-36 mm to 36 mm, -36 mm to 36 mm, 2 mm to 120 mm",
+    "--shape": "97 x 97 x 119",
+}
 COMMANDS = {
+    "two_chevrons_volume": ["volume", str(CHEVRONS), *chain.from_iterable(VOLUME.items())],
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
     **{path.parent.name: ["render", str(path)] for path in sorted(EXAMPLES.glob("*/scene.xml"))},
 }
@@ -36,18 +47,21 @@ COMMANDS = {
 def main(names: list[str]) -> None:
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        for name in names or ["first_picture", "projections", "tapers", *COMMANDS]:
+        near = ["near_field_boresight", "near_field_off_axis"]
+        for name in names or ["first_picture", "projections", "tapers", *near, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
             elif name == "projections":
                 made = projections(Path(folder))
             elif name == "tapers":
                 made = tapers(Path(folder))
+            elif name in near:
+                made = near_field(Path(folder)) / f"{name.removeprefix('near_field_')}.png"
             else:
                 made = Path(folder) / f"{name}.png"
                 if polywigner([*COMMANDS[name], "--out", str(made)]) != 0:
                     sys.exit(f"{name} failed")
-            reduce(made, IMAGES / f"{name}.png")
+            reduce(made, IMAGES / f"{name}.png", SMALLER.get(name, LARGEST))
 
 
 def first_picture(folder: Path) -> Path:
@@ -55,6 +69,13 @@ def first_picture(folder: Path) -> Path:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script)], cwd=folder, env=environment, check=True)
     return folder / "wigner.png"
+
+
+def near_field(folder: Path) -> Path:
+    if not (folder / "boresight.png").exists():
+        script = EXAMPLES / "near_field" / "near_field.py"
+        subprocess.run([sys.executable, str(script), "--out", str(folder)], check=True)
+    return folder
 
 
 def projections(folder: Path) -> Path:
@@ -103,7 +124,7 @@ def decibels(amplitudes: np.ndarray) -> np.ndarray:
     return 10 * np.log10(np.maximum(power / power.max(), 1e-12))
 
 
-def reduce(source: Path, target: Path) -> None:
+def reduce(source: Path, target: Path, largest: int) -> None:
     with Image.open(source) as picture:
         colours = picture.convert("RGB")
     for width in range(min(WIDEST, colours.width), 0, -50):
@@ -111,7 +132,7 @@ def reduce(source: Path, target: Path) -> None:
         small = colours.resize((width, height), Image.Resampling.LANCZOS)
         # Six bits of each channel look like eight and compress better.
         small.point(lambda value: value & 0xFC | value >> 6).save(target, optimize=True)
-        if target.stat().st_size <= LARGEST * 1024:
+        if target.stat().st_size <= largest * 1024:
             break
     print(f"{target} ({target.stat().st_size / 1024:.0f} KiB)")
 

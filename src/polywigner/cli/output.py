@@ -11,7 +11,7 @@ from polywigner.errors import ArgumentError
 
 __all__ = ["check_text", "check_writable", "output_stem", "targets", "writing"]
 
-_KNOWN_SUFFIXES = (".png", ".exr", ".json", ".npz")
+_KNOWN_SUFFIXES = (".png", ".exr", ".json", ".npz", ".nc", ".vti", ".zarr")
 
 
 def check_text(name: str, path: str) -> None:

@@ -141,16 +141,17 @@ def _field(
 
     import polywigner as pw
 
+    first, *more = place.shape
     if place.kind == "line":
-        return pw.line(source, place.points, place.shape[0], wavelength, **options)
+        return pw.line(source, place.points, first, wavelength, **options)
     if place.kind == "plane":
-        return pw.plane(source, place.points, place.shape, wavelength, **options)
+        return pw.plane(source, place.points, (first, more[0]), wavelength, **options)
     if place.kind == "arc":
-        theta = np.linspace(-place.reach, place.reach, place.shape[0])
+        theta = np.linspace(-place.reach, place.reach, first)
         phi = np.array([place.phi])
     else:
-        theta = np.linspace(0.0, place.reach, place.shape[0])
-        phi = np.arange(place.shape[1]) * (2 * math.pi / place.shape[1])
+        theta = np.linspace(0.0, place.reach, first)
+        phi = np.arange(more[0]) * (2 * math.pi / more[0])
     return pw.hemisphere(source, place.radius, theta, phi, wavelength, **options)
 
 

@@ -86,24 +86,27 @@ def run_volume(
     }
     check_volume_options(**drawn)
     wanted = parse_method(method, ("wigner", *METHODS), get_args(Obliquity), obliquity, order)
-    options: dict[str, Any] = {"method": wanted.method}
+    options: dict[str, Any] = {
+        "method": wanted.method,
+        "tolerance": accuracy,
+        "engine": engine,
+        "precision": precision,
+    }
     if wanted.method == "wigner":
         options |= {"obliquity": wanted.obliquity, "order": wanted.order}
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
+    nx, ny, nz = count
     found = pw.volume(
         radiator,
         corners,
-        count,
+        (nx, ny, nz),
         length,
         chunks=sizes,
         out=store,
         threads=threads,
         scheduler=scheduler,
-        tolerance=accuracy,
-        engine=engine,
-        precision=precision,
         **options,
     )
     title = f"{label_of(found[wanted.method], wanted.method)}: {field_title(source, length)}"

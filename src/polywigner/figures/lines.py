@@ -89,7 +89,9 @@ def draw_lines(
     curves = [_curves(one, along, against) for one in columns.values()]
     rows = 2 if len(curves[0].values) > 1 else 1
     with mpl.rc_context(TYPOGRAPHY):
-        size = 6.4 + 3.4 * (len(curves) - 1), 5.6 if rows == 2 else 3.7
+        side_by_side = len(curves) > 1
+        width = 1.0 + 3.0 * len(curves) if side_by_side else 6.4
+        size = width, (5.6 if rows == 2 else 3.7) + 0.3 * side_by_side
         figure = new_figure(*size, spacing=0.03)
         ratios = (3, 2) if rows == 2 else (1,)
         panels = figure.subplots(
@@ -103,8 +105,13 @@ def draw_lines(
         panels[0, 0].set_ylim(*_range(curves, floor_db))
         panels[0, 0].set_ylabel(f"{curves[0].quantity} (dB)")
         if rows == 2:
-            panels[0, 0].legend(frameon=False, fontsize=7.5, handlelength=2.6)
-            _difference_axis(panels[1])
+            _difference_axis(panels[1], curves[0], compared_db)
+            how: dict[str, Any] = {"frameon": False, "fontsize": 7.5, "handlelength": 2.6}
+            if side_by_side:
+                handles = panels[0, 0].get_legend_handles_labels()
+                figure.legend(*handles, loc="outside lower center", ncols=len(handles[0]), **how)
+            else:
+                panels[0, 0].legend(**how)
         figure.suptitle(title)
     return figure
 
@@ -142,9 +149,6 @@ def _draw_differences(axes: Axes, curves: _Curves, compared_db: float) -> None:
         if method != curves.against:
             difference = difference_db(values, reference, compared_db)
             axes.plot(curves.places, difference, **styles[method])
-    called = curves.labels[curves.against]
-    text = f"less {called}, where that is above {compared_db:g} dB of its peak"
-    axes.set_title(text, loc="left", fontsize=8)
 
 
 def _draw_places(column: Any, curves: _Curves) -> None:
@@ -215,7 +219,7 @@ def _range(columns: list[_Curves], floor_db: float) -> tuple[float, float]:
     return float(bottom if low < floor_db else bottom - margin), float(top + margin)
 
 
-def _difference_axis(panels: Any) -> None:
+def _difference_axis(panels: Any, curves: _Curves, compared_db: float) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     largest = max(
@@ -225,7 +229,10 @@ def _difference_axis(panels: Any) -> None:
     )
     bound = min(max(largest * 1.3, 3 * _LINEAR_DB), 30.0)
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
+    called = curves.labels[curves.against]
     panels[0].set_ylabel("difference (dB)")
+    text = f"less {called}, where above {compared_db:g} dB of its peak"
+    panels[0].set_title(text, loc="left", fontsize=8)
     for axes in panels:
         axes.set_yscale("symlog", linthresh=_LINEAR_DB, linscale=0.6)
         axes.set_ylim(-bound, bound)
