@@ -268,6 +268,18 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "a ray's phase": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="phase"), "a phase"),
     "a quantity": (lambda: pw.line(SQUARE, BOX, 2, 1.0, quantity="flux"), "irradiance"),  # type: ignore[arg-type]
     "an option": (lambda: pw.line(SQUARE, BOX, 2, 1.0, methods="wigner"), "options among"),  # type: ignore[call-arg]
+    "a second order": (
+        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, order=2, chunks=2),
+        "1 or 3",
+    ),
+    "an obliquity": (
+        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, obliquity="cosine", chunks=2),
+        "obliquity",
+    ),
+    "no tolerance": (
+        lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, tolerance=0.0, chunks=2),
+        "tolerance",
+    ),
     "a dtype": (lambda: pw.line(SQUARE, BOX, 2, 1.0, dtype="float16"), "float32"),
     "chunks": (lambda: pw.volume(SQUARE, BOX, SHAPE, 1.0, chunks=(1, 2)), "chunks"),
     "more than memory": (lambda: pw.volume(SQUARE, BOX, (2000, 2000, 2000), 1.0), "chunks"),

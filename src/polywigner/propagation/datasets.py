@@ -21,7 +21,8 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.grids import Grid, shape_of_grid
-from polywigner.propagation.irradiances import irradiance
+from polywigner.propagation.irradiances import checked_order, checked_tolerance, irradiance
+from polywigner.propagation.obliquities import checked_obliquity
 from polywigner.propagation.patterns import SPEED_OF_LIGHT
 from polywigner.propagation.places import METHODS, checked_method, checked_name
 from polywigner.propagation.progress import progress_bar
@@ -127,13 +128,15 @@ def checked_settings(
         raise ArgumentError(f"expected options among {', '.join(known)}, got {unknown[0]!r}")
     quantity = checked_name("quantity", options.get("quantity", "irradiance"), get_args(Quantity))
     stored = checked_name("dtype", options.get("dtype", dtype), ("float32", "float64"))
+    order, tolerance = checked_order(options.get("order", 1)), options.get("tolerance")
+    obliquity = options.get("obliquity")
     return FieldSettings(
         checked_wavelength(wavelength),
         _checked_methods(options.get("method", "wigner"), quantity),
         quantity,
-        options.get("obliquity"),
-        options.get("order", 1),
-        options.get("tolerance"),
+        None if obliquity is None else checked_obliquity(obliquity, order),
+        order,
+        None if tolerance is None else checked_tolerance(tolerance),
         stored,
         checked_precision(options.get("precision")),
         checked_engine(options.get("engine", "auto")),

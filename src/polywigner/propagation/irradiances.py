@@ -29,7 +29,7 @@ from polywigner.propagation.rays_sampling import Sampling, by_samples
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import lag_marginal
 
-__all__ = ["irradiance"]
+__all__ = ["checked_order", "checked_tolerance", "irradiance"]
 
 Values = NDArray[np.float64]
 
@@ -115,13 +115,11 @@ def irradiance(
     if checked_method(method, ("wigner", *METHODS)) != "wigner":
         _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
         how: dict[str, Any] = {"precision": precision, "engine": engine, "obliquity": obliquity}
-        if _checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
+        if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
             how["tolerance"] = tolerance
         return _squared(source, places, length, method, return_error, how)
-    if isinstance(order, bool) or order not in (1, 3):
-        raise ArgumentError(f"expected order to be 1 or 3, got {order!r}")
-    name = checked_obliquity(obliquity, order)
-    allowed = _checked_tolerance(tolerance)
+    name = checked_obliquity(obliquity, checked_order(order))
+    allowed = checked_tolerance(tolerance)
     checked_engine(engine)
     double = checked_precision(precision) != "single"
     rays = Rays(weighted_sources(source, name, length, order), length, order, engine, double)
@@ -187,7 +185,15 @@ def _summed(
     return found
 
 
-def _checked_tolerance(tolerance: Any) -> float:
+def checked_order(order: Any) -> int:
+    """1 or 3; ArgumentError for anything else."""
+    if isinstance(order, bool) or order not in (1, 3):
+        raise ArgumentError(f"expected order to be 1 or 3, got {order!r}")
+    return int(order)
+
+
+def checked_tolerance(tolerance: Any) -> float:
+    """A number above 0 and below 1; ArgumentError for anything else."""
     value = checked_number(tolerance, "tolerance", "a number above 0 and below 1")
     if not 0.0 < value < 1.0:
         raise ArgumentError(

@@ -1,0 +1,74 @@
+"""Irradiance by each of the methods: the square of the amplitude, unless by rays."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+
+WAVELENGTH = 299792458 / 94e9
+SQUARE = pw.shapes.square(10e-3)
+POINTS = np.array([[0.0, 0.0, 2 * WAVELENGTH], [4e-3, -9e-3, 30e-3], [0.1, 0.05, 0.2]])
+
+
+@pytest.mark.parametrize(
+    ("method", "value"),
+    [
+        ("rayleigh-sommerfeld-1", 1.9824987166920205),
+        ("rayleigh-sommerfeld-2", 2.372383397428932),
+        ("kirchhoff", 2.1697865164617647),
+    ],
+)
+def test_boresight_at_two_wavelengths_has_the_known_values(method: str, value: float) -> None:
+    """Found independently, by adaptive quadrature over the square, to 1e-6."""
+    assert pw.irradiance(SQUARE, POINTS[0], WAVELENGTH, method) == pytest.approx(value, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["kirchhoff", "fresnel", "fraunhofer"])
+def test_the_error_of_a_square_follows_from_that_of_the_amplitude(method: Any) -> None:
+    """| |U + e|^2 - |U|^2 | <= (2 |U| + |e|) |e|; a coarse tolerance makes a larger estimate."""
+    field, error = pw.amplitude(SQUARE, POINTS, WAVELENGTH, method, return_error=True)
+    values, errors = pw.irradiance(SQUARE, POINTS, WAVELENGTH, method, return_error=True)
+    assert values == pytest.approx(np.abs(field) ** 2, rel=1e-14)
+    assert errors == pytest.approx((2 * np.abs(field) + error) * error, rel=1e-12)
+    assert values.dtype == np.float64 and values.shape == (3,)
+
+
+def test_a_tolerance_finer_than_the_default_is_passed_on() -> None:
+    how: dict[str, Any] = {"method": "kirchhoff", "return_error": True}
+    _, fine = pw.irradiance(SQUARE, POINTS[1], WAVELENGTH, tolerance=1e-12, **how)
+    field = abs(pw.amplitude(SQUARE, POINTS[1], WAVELENGTH, "kirchhoff"))
+    incident = 1.0
+    assert fine <= 2 * (field + incident * 1e-12) * 1e-12 * incident * (1 + 1e-9)
+
+
+def test_the_far_field_takes_the_obliquity_it_is_of() -> None:
+    """g of Rayleigh-Sommerfeld I over that of II is cos^2."""
+    values = [
+        pw.irradiance(SQUARE, POINTS[2], WAVELENGTH, "fraunhofer", obliquity=obliquity)
+        for obliquity in ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2")
+    ]
+    cosine = POINTS[2, 2] / math.hypot(*POINTS[2])
+    assert values[0] / values[1] == pytest.approx(cosine**2, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"order": 3}, "order"),
+        ({"sampling": "sobol"}, "sampling"),
+        ({"samples": 100}, "samples"),
+        ({"obliquity": "rayleigh-sommerfeld-1"}, "obliquity"),
+        ({"tolerance": 2.0}, "tolerance"),
+    ],
+)
+def test_what_rays_alone_have_is_refused_with_other_methods(options: Any, words: str) -> None:
+    with pytest.raises(ArgumentError, match=words):
+        pw.irradiance(SQUARE, POINTS, WAVELENGTH, "kirchhoff", **options)
+    with pytest.raises(ArgumentError, match="kirchhoff"):
+        pw.irradiance(SQUARE, POINTS, WAVELENGTH, "helmholtz")
