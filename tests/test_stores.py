@@ -125,6 +125,17 @@ def test_without_the_extra_the_error_names_it(
     assert not list(tmp_path.iterdir())
 
 
+def test_a_zarr_that_writes_files_in_place_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import zarr
+
+    monkeypatch.delattr(zarr.Array, "with_config")
+    with pytest.raises(MissingExtraError, match=r"expected zarr 3\.1\.6 or newer"):
+        write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("layout", "settings", "named"),
     [

@@ -21,6 +21,7 @@ from polywigner.propagation.stores_files import (
     ChunkWriter,
     create,
     missing,
+    recent_zarr,
     recorded,
     required,
 )
@@ -74,7 +75,8 @@ def write_dataset(
     """
     if threads is not None:
         threads = checked_count(threads, "threads", 1)
-    for module in ("zarr", "xarray", "dask"):
+    recent_zarr()
+    for module in ("xarray", "dask"):
         required(module)
     folder = checked_path(path)
     fingerprint, whole = fingerprint_of(layout, settings)

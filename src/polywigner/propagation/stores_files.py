@@ -26,7 +26,7 @@ from polywigner import engines
 from polywigner.errors import ArgumentError, MissingExtraError, StoreError
 from polywigner.propagation.stores_layout import Index, Layout, versions
 
-__all__ = ["Block", "ChunkWriter", "create", "missing", "recorded", "required"]
+__all__ = ["Block", "ChunkWriter", "create", "missing", "recent_zarr", "recorded", "required"]
 
 Block = Callable[[Index, Index], NDArray[Any]]
 """(origin, shape), in samples -> the values there."""
@@ -51,12 +51,23 @@ def required(name: str) -> Any:
         ) from error
 
 
+def recent_zarr() -> Any:
+    """zarr with a local store that renames finished files into place; else MissingExtraError."""
+    zarr = required("zarr")
+    if not hasattr(zarr.Array, "with_config"):  # is as old as that: 3.1.6
+        raise MissingExtraError(
+            f"expected zarr 3.1.6 or newer, got {zarr.__version__}, which may leave half a file; "
+            'upgrade it by `pip install --upgrade "polywigner[volume]"`'
+        )
+    return zarr
+
+
 def create(path: Path, layout: Layout, fingerprint: str, settings: dict[str, Any]) -> None:
     """A store without chunks, whole or not at all.
 
     Raises StoreError where it cannot be written.
     """
-    zarr = required("zarr")
+    zarr = recent_zarr()
     scratch = path.with_name(f"{path.name}.partial")  # one name: swept by the next run
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -133,7 +144,7 @@ def missing(path: Path, layout: Layout) -> list[Index]:
 
 
 def _array(path: str, name: str) -> Any:
-    array = required("zarr").open_array(Path(path) / name, mode="r+")
+    array = recent_zarr().open_array(Path(path) / name, mode="r+")
     # A chunk of nothing but NaN is finished as well. (zarr.open_array ignores ``config``.)
     return array.with_config({"write_empty_chunks": True})
 
