@@ -23,7 +23,14 @@ from polywigner.geometry.grid import grid_size, polygons_in
 from polywigner.illumination import Array
 from polywigner.illumination.support import mutual_support
 
-__all__ = ["Triangles", "kink_count", "kinks", "smooth_triangles", "triangulated"]
+__all__ = [
+    "Triangles",
+    "has_few_kinks",
+    "kink_count",
+    "kinks",
+    "smooth_triangles",
+    "triangulated",
+]
 
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
@@ -92,6 +99,28 @@ def _distinct(shapes: NDArray[np.float64], grid: float) -> NDArray[np.float64]:
     if shapes.shape[1] == 1:
         return result
     return result[(result[:, 0] != result[:, 1]).any(axis=-1)]
+
+
+# Segments of which more are not looked for, some seconds' work, and places where they meet.
+_MOST_KINKS, _MOST_MEETINGS = 1 << 16, 1 << 20
+_LOOKED_AT = 256
+
+
+@lru_cache(maxsize=64)
+def has_few_kinks(source: Aperture | Array) -> bool:
+    """Whether the arrangement can be had: up to 65,536 segments that meet some million times.
+
+    A regular polygon of 256 vertices is the last one; 40 squares at random have 48,000 cells.
+    """
+    if kink_count(source) > _MOST_KINKS:
+        return False
+    segments = kinks(source)
+    lines = shapely.linestrings(segments)
+    step = max(1, len(lines) // _LOOKED_AT)
+    tree = shapely.STRtree(lines)
+    looked_at = lines[::step]
+    found = tree.query(looked_at, predicate="intersects").shape[1]
+    return bool(found / len(looked_at) * len(lines) / 2 <= _MOST_MEETINGS)
 
 
 @lru_cache(maxsize=64)

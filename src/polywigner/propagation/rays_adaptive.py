@@ -14,7 +14,7 @@ from polywigner.illumination.direction_cosines import fields_of
 from polywigner.illumination.support import mutual_support
 from polywigner.propagation.arrangement import (
     Triangles,
-    kink_count,
+    has_few_kinks,
     smooth_triangles,
     triangulated,
 )
@@ -28,15 +28,16 @@ Values = NDArray[np.float64]
 # Nodes along a side beyond those that the phase needs, rule after rule. Two for the first: on cells
 # far smaller than a wavelength W is a quadratic, which it integrates exactly.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
+# Of so many cells each is small: there the sum with one node in each is worth a try.
+_MANY_CELLS = 500
 # A rule of more nodes than this is not tried: 64 MiB of them.
 _MOST_NODES = 1 << 22
 # Points with a phase rate within this fraction of 1/wavelength share their rules.
 _RATE_STEP = 0.25
 # Points whose error is so much smaller than allowed are not computed again.
 _SETTLED = 0.03
-# More kinks than this are not found one by one (64,000 take some seconds); ...
-_MOST_KINKS = 1 << 16
-# ... cells are then refined where they matter, up to so many, judged by some of the points.
+# Where there are too many kinks to find, cells are refined where they matter, up to so many, judged
+# by some of the points.
 _MOST_CELLS, _PROBES = 1 << 14, 12
 # Of the error of all cells, the share of those that are divided in one step.
 _SHARE = 0.8
@@ -74,7 +75,7 @@ def _raised(
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf), is_met=False)
     open_ = np.arange(len(points))
     before: Values | None = None
-    for extra in _LEVELS:
+    for extra in (1.0, *_LEVELS) if len(cells) > _MANY_CELLS else _LEVELS:
         rule = gauss_rule(cells, rate, extra)
         if before is not None and len(rule[0]) > _MOST_NODES:
             break
@@ -133,7 +134,7 @@ def _cells(
     W has a continuous gradient across most kinks, so that what a cell with one in it errs by falls
     as the fourth power of its size.
     """
-    if kink_count(source) <= _MOST_KINKS:
+    if has_few_kinks(source):
         return smooth_triangles(source)
     cells = triangulated(list(mutual_support(source).polygons.geoms))
     chosen = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))

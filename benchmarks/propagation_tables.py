@@ -1,0 +1,145 @@
+"""How far are Wigner rays, to leading and to third order, from the diffraction integrals?
+
+Tables of decibels against Rayleigh-Sommerfeld I and Kirchhoff, each with rays of its own obliquity:
+on boresight from 0.5 to 50 wavelengths, and over -80 to 80 degrees at 5, 10, 30 and 100
+wavelengths, as root mean square and largest value where the reference is within 30 dB of its peak.
+References are boundary integrals. With --write, docs/propagation_tables.md is written anew.
+
+    python benchmarks/propagation_tables.py [--write]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import polywigner as pw
+from polywigner.errors import PolywignerWarning
+
+WAVELENGTH = 299_792_458 / 94e9
+SIDE = 10e-3
+CONDITIONS = {"rayleigh-sommerfeld-1": "RS-I", "kirchhoff": "Kirchhoff"}
+BORESIGHT = (0.5, 1, 1.5, 2, 2.5, 3, 4, 5, 7, 10, 20, 50)
+DISTANCES = (5, 10, 30, 100)
+DEGREES = np.arange(-80, 81, 1.0)
+SEEN = 1e-3  # of the peak
+TOLERANCE = 1e-5  # of sums over places, so that what is left is the rays' own error
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "propagation_tables.md"
+
+
+def sources() -> dict[str, Any]:
+    """About 10 mm wide, at 94 GHz: three wavelengths; the array 12 mm, the chevrons 26 mm."""
+    square = pw.shapes.square(SIDE)
+    l_shape = [(-5, -5), (5, -5), (5, -1.5), (-1.5, -1.5), (-1.5, 5), (-5, 5)]
+    chevron = pw.shapes.chevron(12e-3, 8e-3, 3e-3)
+    pair = [*chevron.moved((-7e-3, 0)).rings, *chevron.moved((7e-3, 0)).rings]
+    places = pw.arrays.grid_positions(4, 4, WAVELENGTH)
+    phases = np.exp(2j * np.pi * places[:, 0] * np.sin(np.radians(20)) / WAVELENGTH)
+    return {
+        "square": square,
+        "triangle": pw.shapes.triangle(SIDE, SIDE),
+        "L": pw.Aperture(np.array(l_shape) * 1e-3),
+        "chevrons": pw.Aperture(pair),
+        "TE10 horn": square.with_illumination(pw.te_mode(SIDE, SIDE)),
+        "array, 20 deg": pw.phased_array(pw.shapes.square(0.7 * WAVELENGTH), places, phases),
+    }
+
+
+def centre_of(source: Any) -> np.ndarray:
+    outline = source.support if isinstance(source, pw.Array) else source
+    return np.append(outline.centre, 0.0)
+
+
+def decibels(source: Any, points: np.ndarray, condition: str) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of both orders, (2, n), not a number where the sum is below zero; the reference."""
+    reference = pw.irradiance(source, points, WAVELENGTH, condition)
+    rays = [
+        pw.irradiance(
+            source, points, WAVELENGTH, obliquity=condition, order=order, tolerance=TOLERANCE
+        )
+        for order in (1, 3)
+    ]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return 10 * np.log10(np.array(rays) / reference), reference
+
+
+def on_boresight(source: Any, condition: str) -> np.ndarray:
+    points = centre_of(source) + np.array([(0, 0, z * WAVELENGTH) for z in BORESIGHT])
+    return decibels(source, points, condition)[0]
+
+
+def off_axis(source: Any, condition: str, distance: float) -> np.ndarray:
+    """(order, (rms, largest)) over the cut phi = 0."""
+    theta = np.radians(DEGREES)
+    arc = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
+    errors, reference = decibels(source, centre_of(source) + distance * WAVELENGTH * arc, condition)
+    errors = abs(errors[:, reference > SEEN * reference.max()])
+    return np.stack([np.sqrt((errors**2).mean(axis=1)), errors.max(axis=1)], axis=-1)
+
+
+def number(value: float) -> str:
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:.3f}" if abs(value) < 1 else f"{value:.2f}"
+
+
+def boresight_table(condition: str) -> list[str]:
+    heads = [f"{z:g}" for z in BORESIGHT]
+    lines = [f"| source, order | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
+    for name, source in sources().items():
+        for order, errors in zip((1, 3), on_boresight(source, condition), strict=True):
+            lines.append(f"| {name}, {order} | {' | '.join(map(number, errors))} |")
+    return lines
+
+
+def off_axis_table(condition: str) -> list[str]:
+    heads = [f"{d:g}" for d in DISTANCES]
+    lines = [f"| source, order | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
+    for name, source in sources().items():
+        found = np.array([off_axis(source, condition, d) for d in DISTANCES])
+        for k, order in enumerate((1, 3)):
+            cells = [f"{number(rms)} ({number(largest)})" for rms, largest in found[:, k]]
+            lines.append(f"| {name}, {order} | {' | '.join(cells)} |")
+    return lines
+
+
+def page() -> str:
+    lines = [
+        "# Tables: Wigner rays against diffraction integrals",
+        "",
+        "Errors in dB of leading (1) and third (3) order, with rays of the integral's own obliquity.",
+        "Apertures at 94 GHz (wavelength 3.19 mm): a 10 mm square, a triangle and an L as wide, two",
+        "chevrons 26 mm wide together, a square horn in TE10, 4 x 4 patches of 0.7 wavelengths at a",
+        "pitch of one, steered to 20 degrees. Made by `benchmarks/propagation_tables.py --write`; what",
+        "the numbers mean is in [propagation](propagation.md#wigner-rays).",
+    ]
+    for condition, short in CONDITIONS.items():
+        lines += ["", f"## {short}, on boresight, distance in wavelengths", ""]
+        lines += boresight_table(condition)
+        lines += ["", f"## {short}, over -80 to 80 degrees, distance in wavelengths", ""]
+        lines += ["Root mean square (largest) where the integral is within 30 dB of its peak.", ""]
+        lines += off_axis_table(condition)
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--write", action="store_true", help="write docs/propagation_tables.md")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore", PolywignerWarning)  # the tables show where rays fail
+    start = time.perf_counter()
+    text = page()
+    print(text)
+    print(f"{time.perf_counter() - start:.1f} s")
+    if options.write:
+        PAGE.write_text(text, encoding="utf-8")
+        print(f"wrote {PAGE.name}")
+
+
+if __name__ == "__main__":
+    main()
