@@ -112,11 +112,12 @@ def page() -> str:
     lines = [
         "# Tables: Wigner rays against diffraction integrals",
         "",
-        "Errors in dB of leading (1) and third (3) order, with rays of the integral's own obliquity.",
-        "Apertures at 94 GHz (wavelength 3.19 mm): a 10 mm square, a triangle and an L as wide, two",
-        "chevrons 26 mm wide together, a square horn in TE10, 4 x 4 patches of 0.7 wavelengths at a",
-        "pitch of one, steered to 20 degrees. Made by `benchmarks/propagation_tables.py --write`; what",
-        "the numbers mean is in [propagation](propagation.md#wigner-rays).",
+        "Errors in dB of leading (1) and third (3) order, with rays of the integral's own",
+        "obliquity; a dash where a sum of rays is below zero. At 94 GHz (wavelength 3.19 mm): a",
+        "10 mm square, a triangle and an L as wide, two chevrons 26 mm wide together, a square horn in",
+        "TE10, 4 x 4 patches of 0.7 wavelengths at a pitch of one, steered to 20 degrees. Made by",
+        "`benchmarks/propagation_tables.py --write`; what the numbers mean is in",
+        "[propagation](propagation.md#wigner-rays).",
     ]
     for condition, short in CONDITIONS.items():
         lines += ["", f"## {short}, on boresight, distance in wavelengths", ""]

@@ -33,6 +33,7 @@ SOURCES: dict[str, Any] = {
     "three waves": SQUARE.with_illumination(WAVES),
     "evanescent wave": SQUARE.with_illumination(EVANESCENT),
     "chevrons": pw.Aperture([*CHEVRON.rings, *CHEVRON.moved((2.2, 0.1)).rings]),
+    "two triangles": pw.Aperture([[(0, 0), (2, 0), (1, 1.5)], [(2.2, 0.3), (3.5, 1), (2.4, 2)]]),
     "array": pw.phased_array(
         pw.shapes.square(1.0), [(1.3 * i, 0.0) for i in range(3)], [1, 0.7j, -0.5]
     ),
@@ -98,10 +99,10 @@ def test_the_quadrature_that_rays_are_compared_with_has_its_reference_values() -
         assert found == pytest.approx(VALUES[name], rel=ACCURATE)
 
 
-CASES = [(name, condition) for name in ("square", "array with waves") for condition in CONDITIONS]
+CASES = [("square", condition) for condition in CONDITIONS]
 CASES += [(name, "rayleigh-sommerfeld-1") for name in ("TE10", "steered", "array")]
 CASES += [("evanescent wave", "kirchhoff"), ("three waves", "rayleigh-sommerfeld-2")]
-CASES += [("chevrons", "kirchhoff")]
+CASES += [("two triangles", "kirchhoff"), ("array with waves", "kirchhoff")]
 
 
 @pytest.mark.parametrize("order", [1, 3])
@@ -135,7 +136,7 @@ def test_third_order_is_right_on_axis_from_three_wavelengths_on() -> None:
 
 @pytest.mark.parametrize(("distance", "limit"), [(5, 0.2), (10, 0.04), (30, 0.002)])
 def test_third_order_is_right_off_axis_where_there_is_power(distance: float, limit: float) -> None:
-    points = on_arc(distance, np.arange(-80, 81, 2.0))
+    points = on_arc(distance, np.arange(-80, 81, 4.0))
     for condition in ("kirchhoff", "rayleigh-sommerfeld-1"):
         expected = irradiance_by_quadrature(SQUARE, points, 1.0, condition)
         seen = expected > 1e-3 * expected.max()
@@ -171,13 +172,13 @@ def test_without_obliquity_and_with_paraxial_rays_the_sum_is_fresnel_diffraction
     assert abs(found - expected).max() < 1e-10 * expected.max()
 
 
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-4, 1e-7])
-@pytest.mark.parametrize("name", ["square", "chevrons", "three waves"])
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-6])
+@pytest.mark.parametrize("name", ["chevrons", "three waves"])
 def test_errors_of_the_sum_are_within_the_tolerance_and_their_estimates(
     name: str, tolerance: float
 ) -> None:
-    points = on_arc(8.0, np.arange(-80, 81, 10), 15.0)
-    exact = pw.irradiance(SOURCES[name], points, 1.0, tolerance=1e-10)
+    points = on_arc(8.0, np.arange(-80, 81, 20), 15.0)
+    exact = pw.irradiance(SOURCES[name], points, 1.0, tolerance=1e-9)
     found, errors = pw.irradiance(
         SOURCES[name], points, 1.0, tolerance=tolerance, return_error=True
     )
@@ -243,6 +244,29 @@ def test_a_large_lattice_is_the_same_whether_it_is_seen_as_one_or_not() -> None:
     assert pw.irradiance(lattice, points, 1.0) == pytest.approx(pw.irradiance(single, points, 1.0))
 
 
+@pytest.mark.parametrize(
+    "method", ["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2", "fresnel"]
+)
+def test_other_methods_give_the_square_of_the_field_to_the_same_tolerance(method: Any) -> None:
+    points = on_arc(8.0, np.arange(-80, 81, 8), 15.0)
+    exact = abs(pw.amplitude(SQUARE, points, 1.0, method, tolerance=1e-12)) ** 2
+    for tolerance in (1e-2, 1e-5):
+        found, errors = pw.irradiance(
+            SQUARE, points, 1.0, method, tolerance=tolerance, return_error=True
+        )
+        allowed = tolerance * np.maximum(exact, 1e-3 * exact.max())
+        assert (abs(found - exact) <= allowed).all()
+        assert (abs(found - exact) <= errors + 1e-11 * exact.max()).all()
+
+
+def test_fraunhofer_irradiance_takes_an_obliquity() -> None:
+    far = on_arc(1e5, [0.0, 30.0, 60.0])
+    for obliquity in CONDITIONS:
+        rays = pw.irradiance(SQUARE, far, 1.0, obliquity=obliquity, tolerance=1e-8)
+        found = pw.irradiance(SQUARE, far, 1.0, "fraunhofer", obliquity=obliquity)
+        assert found == pytest.approx(rays, rel=1e-3, abs=1e-6 * rays.max())
+
+
 def test_points_may_have_any_shape_and_one_point_gives_a_number() -> None:
     points = on_arc(8.0, np.arange(0, 60, 10)).reshape(2, 3, 3)
     assert pw.irradiance(SQUARE, points, 1.0).shape == (2, 3)
@@ -293,6 +317,10 @@ def test_a_tolerance_out_of_reach_is_said(monkeypatch: pytest.MonkeyPatch) -> No
         {"sampling": "sobol", "samples": 3},
         {"sampling": "monte-carlo", "seed": "x"},
         {"method": "guess"},
+        {"method": "kirchhoff", "order": 3},
+        {"method": "kirchhoff", "obliquity": "kirchhoff"},
+        {"method": "kirchhoff", "sampling": "sobol"},
+        {"method": "fresnel", "samples": 64},
         {"engine": "gpu"},
         {"precision": "half"},
     ],
