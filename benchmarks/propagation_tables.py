@@ -114,8 +114,8 @@ def page() -> str:
         "",
         "Errors in dB of leading (1) and third (3) order, with rays of the integral's own",
         "obliquity; a dash where a sum of rays is below zero. At 94 GHz (wavelength 3.19 mm): a",
-        "10 mm square, a triangle and an L as wide, two chevrons 26 mm wide together, a square horn in",
-        "TE10, 4 x 4 patches of 0.7 wavelengths at a pitch of one, steered to 20 degrees. Made by",
+        "10 mm square, a triangle and an L as wide, two chevrons 26 mm wide together, a square horn",
+        "in TE10, 4 x 4 patches of 0.7 wavelengths at a pitch of one, steered to 20 degrees. Made by",
         "`benchmarks/propagation_tables.py --write`; what the numbers mean is in",
         "[propagation](propagation.md#wigner-rays).",
     ]
