@@ -247,7 +247,7 @@ def test_a_large_lattice_is_the_same_whether_it_is_seen_as_one_or_not() -> None:
 @pytest.mark.parametrize(
     "method", ["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2", "fresnel"]
 )
-def test_other_methods_give_the_square_of_the_field_to_the_same_tolerance(method: Any) -> None:
+def test_other_methods_give_the_square_of_the_field_at_least_to_the_tolerance(method: Any) -> None:
     points = on_arc(8.0, np.arange(-80, 81, 8), 15.0)
     exact = abs(pw.amplitude(SQUARE, points, 1.0, method, tolerance=1e-12)) ** 2
     for tolerance in (1e-2, 1e-5):

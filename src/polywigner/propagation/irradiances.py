@@ -62,10 +62,10 @@ def irradiance(
 ) -> Any:
     """Irradiance |U|^2 at points in front of a source, by Wigner rays or one of the other methods.
 
-    Each place on the automean sends a ray to each point, with the radiance W that it has in that
-    direction: (T2) of docs/theory.md. It is |U|^2 itself, not the flux through a receiver that is
-    tilted. To leading order that is the paper's method; with ``order=3`` lags count up to their
-    third power, and the error falls with the fourth power of the distance, instead of the second.
+    By rays, each place on the automean sends one to each point, with the radiance W that it has in
+    that direction: (T2) of docs/theory.md. To leading order that is the paper's method; with
+    ``order=3`` lags count up to their third power, and the error falls with the fourth power of the
+    distance, instead of the second. It is |U|^2, not the flux through a receiver that is tilted.
     All other methods are the square of :func:`amplitude`.
 
     Parameters
