@@ -19,6 +19,7 @@ RUNNER = $(if $(shell command -v python3 2>/dev/null),python3,"$(or $(PYTHON),py
 SETUP = $(RUNNER) tools/bootstrap $(if $(PYTHON),--python "$(PYTHON)")
 RENDER = $(BIN)/polywigner render
 TRANSFORM = $(BIN)/polywigner transform
+PROPAGATE = $(BIN)/polywigner propagate
 
 .DEFAULT_GOAL := help
 .PHONY: help demo pictures test fuzz lint format typecheck bench docs dist clean
@@ -26,7 +27,7 @@ TRANSFORM = $(BIN)/polywigner transform
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
 
-demo: ## render the example scenes and transform the example apertures into out/
+demo: ## render the example scenes, transforms and near fields of the example apertures into out/
 	@$(SETUP) --group demo
 	@$(MAKE) --no-print-directory pictures \
 	  SAMPLES="$$(if [ -n '$(DEMO_SPP)' ]; then echo --spp $(DEMO_SPP); else $(BIN)/python tools/demo_samples.py; fi)"
@@ -37,6 +38,8 @@ pictures:
 	$(RENDER) examples/two_chevrons/scene.xml $(SAMPLES) --out out/two_chevrons
 	$(RENDER) examples/street_77ghz/scene.xml $(SAMPLES) --out out/street_77ghz
 	$(RENDER) examples/phased_array_77ghz/scene.xml $(SAMPLES) --db-floor -30 --out out/phased_array_77ghz
+	$(PROPAGATE) examples/two_chevrons/chevrons.geojson --frequency "94 GHz" --method kirchhoff --accuracy 1e-4 \
+	  --plane "-40 mm to 40 mm, 0 mm, 2 mm to 120 mm" --samples "161 x 237" --out out/two_chevrons_near_field
 	@echo; echo "Pictures:"; find out -name '*.png' | sort | sed 's/^/  /'
 
 test: ## run the tests

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -39,7 +40,8 @@ def test_the_python_of_a_page_runs(
     run_script(script, tmp_path)
 
 
-def run_script(script: Path, folder: Path, *arguments: str) -> None:
+def run_script(script: Path, folder: Path, *arguments: str) -> str:
+    """What the script prints."""
     environment = {**os.environ, "MPLBACKEND": "agg"}
     run = subprocess.run(
         [sys.executable, str(script), *arguments],
@@ -50,6 +52,7 @@ def run_script(script: Path, folder: Path, *arguments: str) -> None:
         timeout=300,
     )
     assert run.returncode == 0, run.stderr
+    return run.stdout
 
 
 def test_the_readme_reaches_its_first_picture_in_five_lines(tmp_path: Path) -> None:
@@ -91,6 +94,39 @@ def test_an_example_renders(scene: Path, tmp_path: Path) -> None:
     record = json.loads((tmp_path / "a.json").read_text())
     assert record["picture"]["zero_db"] > 0
     assert record["radiance"]["fraction_not_positive"] < 0.9
+
+
+def test_third_order_rays_of_the_near_field_example_are_as_close_as_it_says(
+    tmp_path: Path,
+) -> None:
+    """In dB: at most 0.025 on boresight from 3 wavelengths on, and off the axis an rms of at most 0.2,
+    0.04 and 0.002 at 5, 10 and 30 wavelengths; rays of first order are several times as far."""
+    pytest.importorskip("xarray")
+    script = EXAMPLES / "near_field" / "near_field.py"
+    printed = run_script(script, tmp_path, "--out", str(tmp_path / "out"))
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"boresight.png", "off_axis.png"}
+    rows = re.findall(r"^  (third order|matched) +(\S+) +(\S+)$", printed, re.MULTILINE)
+    largest = {name: [abs(float(a)) for n, a, _ in rows if n == name] for name, *_ in rows}
+    rms = {name: [float(b) for n, _, b in rows if n == name] for name, *_ in rows}
+    assert largest["third order"][0] <= 0.025 < largest["matched"][0]
+    for found, bound, first in zip(
+        rms["third order"][1:], (0.2, 0.04, 0.002), rms["matched"][1:], strict=True
+    ):
+        assert found <= bound and 3 * found < first
+
+
+def test_the_command_of_the_volume_example_is_that_of_its_picture() -> None:
+    import shlex
+
+    text = (EXAMPLES / "two_chevrons_volume" / "README.md").read_text(encoding="utf-8")
+    block = re.search(r"```sh\n(.*?)```", text, re.DOTALL)
+    assert block is not None
+    given = set(shlex.split(block[1].replace("\\\n", " "))) - {"--out", "two_chevrons_volume"}
+    made = runpy.run_path(str(ROOT / "docs" / "make_images.py"))["COMMANDS"]["two_chevrons_volume"]
+    relative = [
+        str(Path(word).relative_to(ROOT)) if word.startswith("/") else word for word in made
+    ]
+    assert given == {"polywigner", *relative}
 
 
 @pytest.mark.llvm

@@ -23,6 +23,7 @@ __all__ = [
     "peak_of",
     "printed_unit",
     "quantity_of",
+    "squared_unit",
 ]
 
 Floats = NDArray[np.float64]
@@ -141,6 +142,12 @@ def printed_unit(array: Any) -> str:
     """The unit of a labelled array, as it is printed."""
     unit = str(array.attrs.get("units", ""))
     return _PRINTED.get(unit, unit)
+
+
+def squared_unit(array: Any) -> str:
+    """The unit of a labelled array's square, as it is printed."""
+    unit = printed_unit(array)
+    return {"√W/m": "W/m²", "": ""}.get(unit, f"({unit})²")
 
 
 def fields_of(found: Any) -> dict[str, NDArray[Any]]:

@@ -17,6 +17,7 @@ from polywigner.figures.fields import (
     peak_of,
     printed_unit,
     quantity_of,
+    squared_unit,
 )
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
@@ -83,7 +84,7 @@ def draw_hemispheres(
             shown = _draw(axes, theta, phi, level_db(power, zero, floor_db), floor_db)
             axes.set_title(label_of(found[method], method))
         panels[0].set_ylabel("$s_y$")
-        unit = f"({unit})²" if is_field and unit else unit
+        unit = squared_unit(first) if is_field else unit
         what = f"|{name}|²" if is_field else name
         text = f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {floor_db:g} dB"
         row_bar(panels, shown, text)

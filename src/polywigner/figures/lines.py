@@ -18,6 +18,7 @@ from polywigner.figures.fields import (
     peak_of,
     printed_unit,
     quantity_of,
+    squared_unit,
 )
 from polywigner.figures.levels import check_floor
 from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, quantity_text
@@ -122,7 +123,7 @@ def _curves(found: Any, along: str | None, against: str | None) -> _Curves:
     quantity, unit = quantity_of(first), printed_unit(first)
     if np.iscomplexobj(fields[reference]):
         fields = {name: np.abs(values) ** 2 for name, values in fields.items()}
-        quantity, unit = f"|{quantity}|²", f"({unit})²" if unit else unit
+        quantity, unit = f"|{quantity}|²", squared_unit(first)
     labels = {name: label_of(found[name], name) for name in fields}
     zero = peak_of(fields[reference], quantity)
     return _Curves(fields, labels, reference, zero, quantity, unit, *_axis(found, along))

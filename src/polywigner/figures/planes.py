@@ -19,6 +19,7 @@ from polywigner.figures.fields import (
     peak_of,
     printed_unit,
     quantity_of,
+    squared_unit,
 )
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
@@ -40,7 +41,7 @@ __all__ = ["draw_planes"]
 Extent = tuple[float, float, float, float]
 
 _PHASE_MAP = "twilight"  # cyclic: -180 and 180 degrees have one colour
-_INCHES = 3.0  # a panel without its colour bar
+_INCHES, _ALONE = 3.0, 4.8  # width of a panel without its colour bar: of several, of one
 _MOST_DB = 3.0
 """Largest difference with a colour of its own."""
 
@@ -81,11 +82,13 @@ def draw_planes(
     is_field = np.iscomplexobj(fields[against])
     powers = {m: np.abs(v) ** 2 if is_field else v for m, v in fields.items()}
     zero = peak_of(powers[against], name)
+    unit = squared_unit(first) if is_field else unit
     rows = 2 if is_field or len(fields) > 1 else 1
     with mpl.rc_context(TYPOGRAPHY):
         ratio = float(np.clip(shape, 0.4, 2.0))
         columns = len(fields)
-        size = (_INCHES * columns + 1.4, (_INCHES * ratio + 0.45) * rows + 0.3)
+        inches = _INCHES if rows * columns > 1 else _ALONE
+        size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
         figure = new_figure(*size)
         figure.set_layout_engine("compressed")  # panels of one shape, next to each other
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
@@ -95,9 +98,7 @@ def draw_planes(
             top.append(_show(axes, levels, extent, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0))
             axes.set_title(label_of(found[method], method))
         what = f"|{name}|²" if is_field else name
-        relative = (
-            f"dB relative to {quantity_text(zero, f'({unit})²' if is_field and unit else unit)}"
-        )
+        relative = f"dB relative to {quantity_text(zero, unit).rstrip()}"
         row_bar(panels[0], top[-1], f"{what}, {relative}\nfloor {floor_db:g} dB")
         if is_field:
             _draw_phases(panels[1], fields, powers, zero, floor_db, extent)
