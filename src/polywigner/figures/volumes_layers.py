@@ -101,21 +101,22 @@ def cast_layers(
         rasters.append(np.arange(min(0.0, drift), count + max(0.0, drift) + fine, fine))
     depths = np.full((len(surfaces), *(len(r) for r in rasters)), np.nan, dtype=np.float32)
     misses = np.ones(depths.shape, dtype=bool)
-    lowest = levels.min()
-    before = np.full(depths.shape[1:], lowest, dtype=np.float32)
+    before = np.full(depths.shape[1:], levels.min(), dtype=np.float32)
     near, far = (0, len(planes) - 1) if view.towards[deep] < 0 else (len(planes) - 1, 0)
     between = -(-_STEPS // (len(planes) - 1))
+    back = (near - far) / (abs(near - far) * between)
     for s in np.linspace(near, far, between * (len(planes) - 1) + 1):
         whole = min(int(s), len(planes) - 2)
         plane = planes[whole] + np.float32(s - whole) * (planes[whole + 1] - planes[whole])
         rows, columns = (r + k * s for r, k in zip(rasters, shear, strict=True))
-        now = _sheared(plane, rows, columns, lowest)
-        back = (near - far) / (abs(near - far) * between)
+        part = _within(rows, plane.shape[0]), _within(columns, plane.shape[1])
+        now = _sheared(plane, rows[part[0]], columns[part[1]])
         for depth, missed, surface in zip(depths, misses, surfaces, strict=True):
-            new = np.nonzero(missed & (now >= surface))
-            depth[new] = s + back * (now[new] - surface) / (now[new] - before[new])
-            missed[new] = False
-        before = now
+            new = np.nonzero(missed[part] & (now >= surface))
+            first, last = before[part][new], now[new]
+            depth[part][new] = s + back * (last - surface) / (last - first)
+            missed[part][new] = False
+        before[part] = now
     normals = _normals(levels, depths, rasters, shear, deep, step)
     origin = view.on_page(lower) + sum(
         r[0] * step[a] * axes[a] for a, r in zip(flat, rasters, strict=True)
@@ -124,16 +125,16 @@ def cast_layers(
     return Layers(normals, origin, down, along)
 
 
-def _sheared(
-    plane: NDArray[np.float32], rows: Floats, columns: Floats, outside: np.float32
-) -> NDArray[np.float32]:
+def _within(places: Floats, count: int) -> slice:
+    """Which of rising indices lie in 0 ... count - 1."""
+    return slice(*np.searchsorted(places, (0.0, count - 1), side="left"))
+
+
+def _sheared(plane: NDArray[np.float32], rows: Floats, columns: Floats) -> NDArray[np.float32]:
     """A plane (m, n) at real indices along both axes, linear between samples."""
     (i, fi), (j, fj) = (_index(k, n) for k, n in zip((rows, columns), plane.shape, strict=True))
     bands = plane[i] * (1 - fi)[:, None] + plane[i + 1] * fi[:, None]
-    found = bands[:, j] * (1 - fj) + bands[:, j + 1] * fj
-    found[(rows < 0) | (rows > plane.shape[0] - 1)] = outside
-    found[:, (columns < 0) | (columns > plane.shape[1] - 1)] = outside
-    return np.asarray(found, dtype=np.float32)
+    return np.asarray(bands[:, j] * (1 - fj) + bands[:, j + 1] * fj, dtype=np.float32)
 
 
 def _index(places: Floats, count: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
