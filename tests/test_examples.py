@@ -99,8 +99,8 @@ def test_an_example_renders(scene: Path, tmp_path: Path) -> None:
 def test_third_order_rays_of_the_near_field_example_are_as_close_as_it_says(
     tmp_path: Path,
 ) -> None:
-    """In dB: at most 0.025 on boresight from 3 wavelengths on, and off the axis an rms of at most 0.2,
-    0.04 and 0.002 at 5, 10 and 30 wavelengths; rays of first order are several times as far."""
+    """In dB: at most 0.025 on boresight from 3 wavelengths on, and off the axis an rms of at most
+    0.2, 0.04 and 0.002 at 5, 10 and 30 wavelengths; first order is several times as far."""
     pytest.importorskip("xarray")
     script = EXAMPLES / "near_field" / "near_field.py"
     printed = run_script(script, tmp_path, "--out", str(tmp_path / "out"))
