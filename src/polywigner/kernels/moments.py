@@ -107,30 +107,29 @@ def _sum_over_rows(
     return tuple(totals)
 
 
-class _Moments:
-    """The sums over edges at one frequency."""
+class RayFrame:
+    """Coordinates along a frequency and across, and the six functions in them."""
 
     def __init__(
-        self, clipper: Clipper, beat: Beat | RowBeat, nu: Sequence[Any], ray: Sequence[Any]
+        self, ops: Any, frame: Frame, nu: Sequence[Any], ray: Sequence[Any], is_aligned: bool
     ) -> None:
-        self.ops, self.beat = clipper.ops, beat
-        self.offset = clipper.tx, clipper.ty
-        self.nu = moved_off_zero(self.ops, *beat.detuned(nu))
-        fma = self.ops.fma
-        norm = self.ops.sqrt(fma(self.nu[0], self.nu[0], self.nu[1] * self.nu[1]))
-        along = self.nu[0] / norm, self.nu[1] / norm
-        self.along = along
-        is_detuned = any(clipper.tables.frame.carrier) or isinstance(beat, RowBeat)
-        self.is_aligned = not is_detuned and not any(beat.detuned((0.0, 0.0)))
+        """``nu``: the detuned frequency; ``ray`` the whole one, the same if ``is_aligned``."""
+        self.ops, self.is_aligned = ops, is_aligned
+        self.nu = moved_off_zero(ops, *nu)
+        norm = ops.sqrt(ops.fma(self.nu[0], self.nu[0], self.nu[1] * self.nu[1]))
+        self.along = self.nu[0] / norm, self.nu[1] / norm
         # tau = ray[0] p + ray[1] q
-        self.ray = (norm, 0.0) if self.is_aligned else self._turned(*ray)
-        self.metric = self._metric(clipper.tables.frame)
-        self.values = _COUNT if beat.is_real else 2 * _COUNT
+        self.ray = (norm, 0.0) if is_aligned else self.turned(*ray)
+        self.metric = self._metric(frame)
 
-    def _turned(self, x: Any, y: Any) -> tuple[Any, Any]:
+    def turned(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Components along the frequency and across."""
         fma, (c, s) = self.ops.fma, self.along
         return fma(c, x, s * y), fma(c, y, -s * x)
+
+    def turns(self, x: Any, y: Any) -> Any:
+        """nu.xi."""
+        return self.ops.fma(self.nu[0], x, self.nu[1] * y)
 
     def _metric(self, frame: Frame) -> tuple[Any, Any, Any]:
         """|xi|^2 = metric . (p^2, 2 p q, q^2)."""
@@ -144,30 +143,22 @@ class _Moments:
             fma(s * s, xx, fma(-2.0 * xy, c * s, c * c * yy)),
         )
 
-    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
-        ops, fma, (nu_x, nu_y) = self.ops, self.ops.fma, self.nu
-        start_x, start_y = 2.0 * edge.ax - self.offset[0], 2.0 * edge.ay - self.offset[1]
-        start = self._turned(start_x, start_y)
-        step = self._turned(edge.ex, edge.ey)
-        turns_at_start = fma(nu_x, start_x, nu_y * start_y)
-        turns_per_step = fma(nu_x, edge.ex, nu_y * edge.ey)
-        real: list[Any] = [0.0] * _COUNT
-        imag: list[Any] = [0.0] * _COUNT
-        for middle, extent, mutual_real, mutual_imag in cuts:
-            extent = 2.0 * extent
-            p = [fma(middle, step[0], start[0]), extent * step[0]]
-            q = [fma(middle, step[1], start[1]), extent * step[1]]
-            cosine, sine = cos_sin_turns(ops, fma(middle, turns_per_step, turns_at_start))
-            means = segment_moments(ops, extent * turns_per_step)
-            for k, polynomial in enumerate(self._integrals(p, q)):
-                even, odd = _contracted(ops, polynomial, means)
-                first = -p[1] * fma(cosine, even, sine * odd)
-                second = -p[1] * fma(cosine, odd, -sine * even)
-                real[k] = real[k] + _real_part(mutual_real, mutual_imag, first, second)
-                imag[k] = imag[k] + _real_part(mutual_real, mutual_imag, second, -first)
-        if self.values == 2 * _COUNT:
-            return (*real, *imag)
-        return tuple(b if odd else a for odd, a, b in zip(_ODD, real, imag, strict=True))
+    def of_part(
+        self, p: Polynomial, q: Polynomial, middle: Any, length: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """Real and imaginary parts of what a part of an edge contributes to the six E, by (T3).
+
+        p and q along it, for t from -1/2 to 1/2, and the turns nu.xi at its middle and over it.
+        """
+        ops = self.ops
+        cosine, sine = cos_sin_turns(ops, middle)
+        means = segment_moments(ops, length)
+        real, imag = [], []
+        for polynomial in self._integrals(p, q):
+            even, odd = _contracted(ops, polynomial, means)
+            real.append(-p[1] * ops.fma(cosine, even, sine * odd))
+            imag.append(-p[1] * ops.fma(cosine, odd, -sine * even))
+        return real, imag
 
     def _integrals(self, p: Polynomial, q: Polynomial) -> list[Polynomial]:
         """Integrals over q, from 0, of the six functions, as polynomials along a segment."""
@@ -192,6 +183,40 @@ class _Moments:
             rest = added(scaled(aa, 3 / 2), added(multiplied(a, b), scaled(bb, 1 / 4)))
             functions[5] = added(functions[5], multiplied(b, rest))
         return [multiplied(function, q) for function in functions]
+
+class _Moments:
+    """The sums over edges at one frequency."""
+
+    def __init__(
+        self, clipper: Clipper, beat: Beat | RowBeat, nu: Sequence[Any], ray: Sequence[Any]
+    ) -> None:
+        self.ops, self.beat = clipper.ops, beat
+        self.offset = clipper.tx, clipper.ty
+        frame = clipper.tables.frame
+        is_detuned = any(frame.carrier) or isinstance(beat, RowBeat)
+        is_aligned = not is_detuned and not any(beat.detuned((0.0, 0.0)))
+        self.axes = RayFrame(self.ops, frame, beat.detuned(nu), ray, is_aligned)
+        self.values = _COUNT if beat.is_real else 2 * _COUNT
+
+    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+        fma, axes = self.ops.fma, self.axes
+        place = 2.0 * edge.ax - self.offset[0], 2.0 * edge.ay - self.offset[1]
+        start, step = axes.turned(*place), axes.turned(edge.ex, edge.ey)
+        turns_at_start, turns_per_step = axes.turns(*place), axes.turns(edge.ex, edge.ey)
+        real: list[Any] = [0.0] * _COUNT
+        imag: list[Any] = [0.0] * _COUNT
+        for middle, extent, mutual_real, mutual_imag in cuts:
+            extent = 2.0 * extent
+            p = [fma(middle, step[0], start[0]), extent * step[0]]
+            q = [fma(middle, step[1], start[1]), extent * step[1]]
+            turns = fma(middle, turns_per_step, turns_at_start)
+            found = axes.of_part(p, q, turns, extent * turns_per_step)
+            for k, (first, second) in enumerate(zip(*found, strict=True)):
+                real[k] = real[k] + _real_part(mutual_real, mutual_imag, first, second)
+                imag[k] = imag[k] + _real_part(mutual_real, mutual_imag, second, -first)
+        if self.values == 2 * _COUNT:
+            return (*real, *imag)
+        return tuple(b if odd else a for odd, a, b in zip(_ODD, real, imag, strict=True))
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> list[Any]:
         """2 Re of amplitude times sum for even functions, -2 Im for odd ones."""
