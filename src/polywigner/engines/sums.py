@@ -92,9 +92,9 @@ def _looped(
     number = dr.uint32_array_t(real)
     parts = min(-(-_LEAST_LANES // len(points)), len(places))
     length = -(-len(places) // parts)
-    missing = parts * length - len(places)  # of weight zero
-    rows = np.concatenate([np.column_stack([places, weights]), np.zeros((missing, 3))])
-    rows[len(places) :, :2] = places[0]
+    rows = np.zeros((parts * length, places.shape[1] + 1))
+    rows[: len(places)] = np.column_stack([places, weights])
+    rows[len(places) :, :-1] = places[0]
     columns = [_sent(real, column) for column in rows.T]
     # Neighbouring lanes are points with the same place.
     point = [_sent(real, np.tile(column, parts)) for column in points.T]

@@ -184,6 +184,7 @@ class RayFrame:
             functions[5] = added(functions[5], multiplied(b, rest))
         return [multiplied(function, q) for function in functions]
 
+
 class _Moments:
     """The sums over edges at one frequency."""
 

@@ -14,11 +14,9 @@ from typing import Any
 from polywigner import kernels
 from polywigner.kernels import Kernel
 from polywigner.kernels.kernel import Values
+from polywigner.kernels.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
 
-__all__ = ["ARGUMENTS", "ray_kernel"]
-
-# x, y of the place; x, y, z of the point; the wavelength; the four obliquity coefficients
-ARGUMENTS = 10
+__all__ = ["part_kernel", "ray_kernel"]
 
 
 def ray_kernel(source: Any, order: int) -> Kernel:
@@ -34,18 +32,26 @@ def ray_kernel(source: Any, order: int) -> Kernel:
     return _composed(kernels.kernel_for(name, source), order)
 
 
+def part_kernel(order: int) -> Kernel:
+    """The same for one part of the lag slice at a place: ``x, y``, the part's columns, the rest."""
+    return _composed(PART_WIGNER if order == 1 else PART_MOMENTS, order, PART_COLUMNS)
+
+
 @lru_cache(maxsize=64)
-def _composed(base: Kernel, order: int) -> Kernel:
+def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
+    """``columns``: arguments of the base besides place and frequency, between the two."""
     factors = _leading if order == 1 else _third_order
     count = 1 if order == 1 else 6
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
+        own, rest = rest[:columns], rest[columns:]
         point, wavelength, forms = rest[:3], rest[3], rest[4:]
         along_x, along_y = point[0] - x, point[1] - y
         square = along_x * along_x + along_y * along_y + point[2] * point[2]
         inverse = 1.0 / ops.sqrt(square)
         scale = inverse / wavelength
-        inner = base.enter(ops, frame, x, y, along_x * scale, along_y * scale)
+        place = own or (x, y)
+        inner = base.enter(ops, frame, *place, along_x * scale, along_y * scale)
         return (*factors(point[2] * inverse, inverse, wavelength, forms), *inner)
 
     def edge_sum(ops: Any, tables: Any, *inner: Any) -> Values:

@@ -13,13 +13,19 @@ from polywigner import engines
 from polywigner.engines import Engine
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
+from polywigner.kernels import WIGNER, Kernel, kernel_for, tables_of
+from polywigner.kernels.slice_parts import slice_parts
 from polywigner.propagation.obliquities import Forms
-from polywigner.propagation.ray_kernels import ray_kernel
+from polywigner.propagation.ray_kernels import part_kernel, ray_kernel
 from polywigner.propagation.rays_rules import Rule
 
 __all__ = ["Rays"]
 
 Values = NDArray[np.float64]
+
+# Cuts that are made in NumPy beforehand, a few seconds' work; of more edges or places they are part
+# of the kernel.
+_MOST_CUTS = 1 << 29
 
 
 @dataclass(frozen=True)
@@ -37,16 +43,32 @@ class Rays:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
         total = np.zeros(len(points))
         for source, forms in self.sources:
+            kernel, places, weights = self._listed(source, rule)
             total += engines.evaluate_sums(
-                ray_kernel(source, self.order),
+                kernel,
                 source,
-                *rule,
+                places,
+                weights,
                 points,
                 (self.wavelength, *forms),
                 double=self.double,
                 engine=self.engine,
             )
         return total
+
+    def _listed(self, source: Aperture | Array, rule: Rule) -> tuple[Kernel, Values, Values]:
+        """The kernel, and what to sum it over: parts of slices, or places as they are."""
+        nodes, weights = rule
+        kernel = ray_kernel(source, self.order)
+        if not _is_by_edges(source, self.order):
+            return kernel, nodes, weights
+        tables = tables_of(source, True)
+        if tables.clips * len(nodes) > _MOST_CUTS:
+            return kernel, nodes, weights
+        host = engines.NumpyOperations(double=True)
+        owners, rows = slice_parts(host, tables, *tables.frame.position(host, *nodes.T))
+        places = np.column_stack([nodes[owners], rows])
+        return part_kernel(self.order), places, weights[owners]
 
     def integrand(self, places: Values, points: Values) -> Values:
         """What each place (m, 2) contributes per area at each point (n, 3): (n, m)."""
@@ -65,3 +87,8 @@ class Rays:
             total = total + values
         result: Values = total
         return result
+
+
+def _is_by_edges(source: Aperture | Array, order: int) -> bool:
+    """Whether W is a sum over the edges of all elements, not one of an array's short cuts."""
+    return order == 3 or kernel_for("wigner", source) is WIGNER
