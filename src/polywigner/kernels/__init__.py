@@ -14,6 +14,8 @@ module               what is in it
 ``stokes``           the plane-wave integral over one triangle, stable for all arguments
 ``clipping``         the parts of edges inside a mirrored or shifted copy; coincident edges
 ``wigner``           Wigner function and lag-slice area
+``moments``          moments of lag slices, W's derivatives; ``polynomials`` along edges
+``slice_parts``      parts of edges that bound lag slices, listed once for each position
 ``fourier``          Fourier transform
 ``ambiguity``        ambiguity function and position-slice area
 ``waves``            sums of plane waves on a source, and what pairs of them contribute

@@ -9,6 +9,7 @@ moments (T1) are plain sums, by a kernel that is the same for all sources.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -22,10 +23,14 @@ from polywigner.kernels.kernel import Kernel, Values, leave_real
 from polywigner.kernels.moments import LAG_MOMENTS, RayFrame
 from polywigner.kernels.plane import tables_of
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
-from polywigner.kernels.tables import Tables
+from polywigner.kernels.tables import Edge, Tables
+from polywigner.kernels.trigonometry import sin_turns, sinc
 from polywigner.kernels.waves import mean_beats
 
 __all__ = ["PART_COLUMNS", "PART_MOMENTS", "PART_WIGNER", "slice_parts"]
+
+# What rounding may part two pieces of a cut edge by, as a fraction of it.
+_ADJOINING = 1e-13
 
 PART_COLUMNS = 8
 """Middle and vector of a part, in the frame and as a lag; the complex weight; the shift of nu."""
@@ -45,11 +50,8 @@ def slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.in
         for other, waves in enumerate(tables.groups):
             beats = [(beat.shift, *beat.amplitude(ops, (x, y))) for beat in mean_beats(own, waves)]
             for edge in clipper.edges_of(group):
-                for middle, extent, real, imag in clipper.intervals(edge, MIRRORED, other):
-                    (found,) = np.nonzero(np.broadcast_to(extent, x.shape))
-                    if not len(found):
-                        continue
-                    t, s = (np.broadcast_to(v, x.shape)[found] for v in (middle, 2.0 * extent))
+                for found, low, high, real, imag in _joined(clipper, edge, other, x.shape):
+                    t, s = low + high, 2.0 * (high - low)
                     place = [
                         2.0 * edge.ax - clipper.tx[found] + t * edge.ex,
                         2.0 * edge.ay - clipper.ty[found] + t * edge.ey,
@@ -66,6 +68,32 @@ def slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.in
     return np.concatenate(owners), np.concatenate(rows)
 
 
+def _joined(
+    clipper: Clipper, edge: Edge, group: int, shape: tuple[int, ...]
+) -> Iterator[tuple[NDArray[np.intp], Any, Any, float, float]]:
+    """(whose, from, to, weight) of the parts of an edge, those in adjoining pieces as one."""
+    by_weight: dict[tuple[float, float], list[Any]] = {}
+    for middle, extent, real, imag in clipper.intervals(edge, MIRRORED, group):
+        ends = np.broadcast_arrays(
+            0.5 * (middle - extent), 0.5 * (middle + extent), np.empty(shape)
+        )
+        by_weight.setdefault((real, imag), []).append(ends[:2])
+    for (real, imag), intervals in by_weight.items():
+        low, high = np.array(intervals).swapaxes(0, 1)
+        low = np.where(high > low, low, np.inf)  # empty ones last
+        order = np.argsort(low, axis=0)
+        low, high = (np.take_along_axis(v, order, axis=0) for v in (low, high))
+        start, end = low[0], high[0]
+        for k in range(1, len(low) + 1):
+            last = k == len(low)
+            adjoins = np.zeros(shape, bool) if last else abs(low[k] - end) <= _ADJOINING
+            (found,) = np.nonzero(~adjoins & (start < np.inf))
+            if len(found):
+                yield found, start[found], end[found], real, imag
+            if not last:
+                start, end = np.where(adjoins, start, low[k]), high[k]
+
+
 def _stacked(columns: list[Any], shift: tuple[float, ...]) -> Rows:
     table = np.empty((len(columns[0]), PART_COLUMNS))
     table[:, :6] = np.stack(columns, axis=-1)
@@ -75,10 +103,11 @@ def _stacked(columns: list[Any], shift: tuple[float, ...]) -> Rows:
 
 @dataclass(frozen=True)
 class PartTables:
-    """What the kernels of parts need to know of a source: its frame, and whether waves differ."""
+    """What the kernels of parts need to know of a source: whether waves and weights differ."""
 
     frame: Frame
     is_aligned: bool
+    is_real: bool
     edges: tuple[int, ...] = (0,)  # one sum, of nothing that could be split
 
 
@@ -86,7 +115,8 @@ class PartTables:
 def _part_tables(source: Any, double: bool) -> PartTables:
     tables = tables_of(source, True)
     still = all(not any(wave.frequency) for group in tables.groups for wave in group)
-    return PartTables(tables.frame, still and not any(tables.frame.carrier))
+    is_real = len(tables.groups) == 1 and not tables.phased
+    return PartTables(tables.frame, still and not any(tables.frame.carrier), is_real)
 
 
 def _enter(ops: Any, frame: Frame, *arguments: Any) -> Values:
@@ -102,9 +132,14 @@ def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
     x, y, dx, dy, real, imag = inner[:6]
     nu_x, nu_y = moved_off_zero(ops, *inner[6:8])
     fma = ops.fma
-    sine, cosine = segment_wave(ops, fma(nu_x, dx, nu_y * dy), fma(nu_x, x, nu_y * y))
+    length, middle = fma(nu_x, dx, nu_y * dy), fma(nu_x, x, nu_y * y)
+    if tables.is_real:
+        wave = real * sinc(ops, length) * sin_turns(ops, middle)
+    else:
+        sine, cosine = segment_wave(ops, length, middle)
+        wave = fma(real, sine, -imag * cosine)
     square = math.pi * fma(nu_x, nu_x, nu_y * nu_y)
-    return (fma(nu_x, dy, -nu_y * dx) / square * fma(real, sine, -imag * cosine),)
+    return (fma(nu_x, dy, -nu_y * dx) * wave / square,)
 
 
 def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:

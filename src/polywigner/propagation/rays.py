@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,8 @@ Values = NDArray[np.float64]
 # Cuts that are made in NumPy beforehand, a few seconds' work; of more edges or places they are part
 # of the kernel.
 _MOST_CUTS = 1 << 29
+# Edges of all places whose parts are held at a time: of each perhaps one, in some 100 bytes.
+_EDGES_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -43,32 +45,43 @@ class Rays:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
         total = np.zeros(len(points))
         for source, forms in self.sources:
-            kernel, places, weights = self._listed(source, rule)
-            total += engines.evaluate_sums(
-                kernel,
-                source,
-                places,
-                weights,
-                points,
-                (self.wavelength, *forms),
-                double=self.double,
-                engine=self.engine,
-            )
+            for kernel, places, weights in self._listed(source, rule):
+                total += engines.evaluate_sums(
+                    kernel,
+                    source,
+                    places,
+                    weights,
+                    points,
+                    (self.wavelength, *forms),
+                    double=self.double,
+                    engine=self.engine,
+                )
         return total
 
-    def _listed(self, source: Aperture | Array, rule: Rule) -> tuple[Kernel, Values, Values]:
-        """The kernel, and what to sum it over: parts of slices, or places as they are."""
+    def _listed(
+        self, source: Aperture | Array, rule: Rule
+    ) -> Iterator[tuple[Kernel, Values, Values]]:
+        """Kernels, and what to sum them over: parts of slices, or places as they are."""
         nodes, weights = rule
-        kernel = ray_kernel(source, self.order)
-        if not _is_by_edges(source, self.order):
-            return kernel, nodes, weights
+        if not self._is_by_parts(source, len(nodes)):
+            yield ray_kernel(source, self.order), nodes, weights
+            return
         tables = tables_of(source, True)
-        if tables.clips * len(nodes) > _MOST_CUTS:
-            return kernel, nodes, weights
         host = engines.NumpyOperations(double=True)
-        owners, rows = slice_parts(host, tables, *tables.frame.position(host, *nodes.T))
-        places = np.column_stack([nodes[owners], rows])
-        return part_kernel(self.order), places, weights[owners]
+        step = max(1, _EDGES_AT_ONCE // len(tables.edges))
+        for start in range(0, len(nodes), step):
+            some, share = nodes[start : start + step], weights[start : start + step]
+            inner = tables.frame.position(host, *some.T)
+            owners, rows = slice_parts(host, tables, *inner)
+            yield part_kernel(self.order), np.column_stack([some[owners], rows]), share[owners]
+
+    def _is_by_parts(self, source: Aperture | Array, places: int) -> bool:
+        """Whether W is a sum over the edges of all elements, not one of an array's short cuts.
+
+        And there are not so many edges that finding those which matter is most of the work.
+        """
+        by_edges = self.order == 3 or kernel_for("wigner", source) is WIGNER
+        return by_edges and tables_of(source, True).clips * places <= _MOST_CUTS
 
     def integrand(self, places: Values, points: Values) -> Values:
         """What each place (m, 2) contributes per area at each point (n, 3): (n, m)."""
@@ -87,8 +100,3 @@ class Rays:
             total = total + values
         result: Values = total
         return result
-
-
-def _is_by_edges(source: Aperture | Array, order: int) -> bool:
-    """Whether W is a sum over the edges of all elements, not one of an array's short cuts."""
-    return order == 3 or kernel_for("wigner", source) is WIGNER
