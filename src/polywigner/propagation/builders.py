@@ -9,13 +9,8 @@ from typing import Any, Unpack
 
 from polywigner.engines.choice import resolved
 from polywigner.errors import ArgumentError
-from polywigner.propagation.datasets import (
-    FieldBlock,
-    FieldOptions,
-    checked_settings,
-    dataset,
-    described,
-)
+from polywigner.propagation.datasets import FieldBlock, dataset, described
+from polywigner.propagation.field_settings import FieldOptions, checked_settings
 from polywigner.propagation.grids import (
     box_grid,
     hemisphere_grid,

@@ -11,7 +11,6 @@ import json
 import os
 import platform
 import shutil
-import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,9 +32,6 @@ Block = Callable[[Index, Index], NDArray[Any]]
 
 _FINGERPRINT = "polywigner_fingerprint"
 _SETTINGS = "polywigner_settings"
-
-# Dr.Jit has one pool of threads in a process; two blocks at a time would only wait for each other.
-_POOL = threading.Lock()
 
 
 def required(name: str) -> Any:
@@ -211,5 +207,5 @@ class ChunkWriter:
     def _values(self, origin: Index, shape: Index) -> NDArray[Any]:
         if not self.exclusive:
             return np.asarray(self.block(origin, shape))
-        with _POOL, engines.kernel_threads(self.threads):
+        with engines.kernel_threads(self.threads):
             return np.asarray(self.block(origin, shape))
