@@ -10,7 +10,8 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.where import parse_method, parse_place
+from polywigner.cli.methods import parse_methods
+from polywigner.cli.where import parse_place
 from polywigner.errors import PolywignerError
 
 xarray = pytest.importorskip("xarray")
@@ -143,10 +144,9 @@ def test_texts_of_places_say_what_they_show() -> None:
     assert plane.points == ((-1e-2, 2e-3, 5e-3), (1e-2, 2e-3, 9e-3)) and plane.shape == (7, 5)
     arc = parse_place({**texts, "arc": "50 mm, 90 deg"}, "9")
     assert (arc.radius, arc.phi, arc.reach) == pytest.approx((0.05, np.pi / 2, np.radians(80)))
-    methods, obliquities = ("wigner", "kirchhoff"), ("kirchhoff", "paper")
-    rays = parse_method("wigner 3 kirchhoff", methods, obliquities, "paper", 1)
+    rays, plain = parse_methods(["wigner 3 kirchhoff", "wigner"], "paper", 1)
     assert rays == ("wigner-3-kirchhoff", "wigner", "kirchhoff", 3)
-    assert parse_method("wigner", methods, obliquities, "paper", 3)[2:] == ("paper", 3)
+    assert plain[2:] == ("paper", 1)
 
 
 LINE = ("--line", "0 mm, 0 mm, 20 mm to 0 mm, 0 mm, 90 mm")

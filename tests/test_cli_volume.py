@@ -72,6 +72,20 @@ def test_the_same_command_completes_what_is_missing(square: Path) -> None:
     assert xarray.open_zarr(store)["wigner"].identical(before)
 
 
+def test_methods_side_by_side_have_stores_of_their_own(square: Path, capfd: Captured) -> None:
+    methods = ("--method", "fraunhofer", "--method", "kirchhoff")
+    assert run(square, *SMALL, *methods) == 0
+    printed = capfd.readouterr().out
+    out = square.parent / "out"
+    first, second = (xarray.open_zarr(out / f"field-{m}.zarr")[m].values for m in methods[1::2])
+    apart = 10 * np.log10(first / second)[second > second.max() * 1e-3]
+    row = next(line.split() for line in printed.splitlines() if line.startswith("  fraunhofer"))
+    np.testing.assert_allclose(float(row[1]), apart.flat[np.argmax(abs(apart))], atol=5.1e-4)
+    np.testing.assert_allclose(float(row[2]), np.sqrt(np.mean(apart**2)), atol=5.1e-5)
+    assert int(row[3]) == apart.size < second.size == int(row[5])
+    assert (out / "field-kirchhoff.png").exists()
+
+
 def test_a_store_of_other_settings_is_not_gone_on_with(square: Path, capfd: Captured) -> None:
     assert run(square, *SMALL) == 0
     store = square.parent / "out" / "field.zarr"

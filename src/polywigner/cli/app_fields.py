@@ -122,14 +122,15 @@ def volume(
         str, typer.Option(help="Samples along x, y and z, such as '64 x 64 x 96'.")
     ] = "64 x 64 x 64",
     method: Annotated[
-        str,
+        list[str] | None,
         typer.Option(
-            help="wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or "
-            "fraunhofer."
+            help="wigner (default), rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, "
+            "fresnel or fraunhofer; several times to compare them."
         ),
-    ] = "wigner",
+    ] = None,
     order: Order = 1,
     obliquity: Obliquity = None,
+    against: Against = None,
     accuracy: Accuracy = None,
     frequency: Frequency = None,
     wavelength: Wavelength = None,
@@ -166,6 +167,7 @@ def volume(
 
     Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values for
     ParaView, or as NetCDF. A run that is killed goes on when the same command is started again.
+    Of several methods, each has files of its own, NAME-METHOD.zarr and so on.
     """
     from polywigner.cli.volume import run_volume
 
@@ -173,9 +175,10 @@ def volume(
         source,
         box=box,
         shape=shape,
-        method=method,
+        methods=method or [],
         order=order,
         obliquity=obliquity,
+        against=against,
         accuracy=accuracy,
         frequency=frequency,
         wavelength=wavelength,

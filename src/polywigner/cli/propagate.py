@@ -5,8 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
+from polywigner.cli.methods import (
+    MethodText,
+    compared_with,
+    parse_methods,
+    print_differences,
+)
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
@@ -16,8 +22,7 @@ from polywigner.cli.sources import (
     required_wavelength,
     wavelength_from,
 )
-from polywigner.cli.where import MethodText, Place, parse_method, parse_place
-from polywigner.errors import ArgumentError
+from polywigner.cli.where import Place, parse_place
 from polywigner.quantities import parse_length
 
 if TYPE_CHECKING:
@@ -68,16 +73,13 @@ def run_propagate(
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import outline_of
     from polywigner.figures.levels import check_floor
-    from polywigner.propagation import METHODS, write_netcdf
-    from polywigner.propagation.obliquities import Obliquity
+    from polywigner.propagation import write_netcdf
+    from polywigner.propagation.stores_files import required
 
     check_floor(floor_db)
-    known = ("wigner", *METHODS)
-    wanted = [
-        parse_method(text, known, get_args(Obliquity), obliquity, order)
-        for text in methods or _DEFAULT
-    ]
-    reference = _reference(wanted, against)
+    wanted = parse_methods(methods or _DEFAULT, obliquity, order)
+    reference = compared_with(wanted, against)
+    required("h5netcdf")  # now rather than after the work
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
@@ -93,26 +95,9 @@ def run_propagate(
         figure.savefig(picture, format="png")
         write_netcdf(found, values)
     if len(wanted) > 1:
-        _print_differences(found, reference)
+        print_differences(found.data_vars, reference)
     for path in files:
         print(path)
-
-
-def _reference(wanted: Sequence[MethodText], against: str | None) -> str:
-    """The name of the method that the others are compared with."""
-    names = [method.name for method in wanted]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise ArgumentError(f"--method: expected different methods, got {twice[0]!r} twice")
-    if against is not None:
-        name = "-".join(against.split())
-        if name not in names:
-            raise ArgumentError(
-                f"--against: expected one of the methods, {', '.join(names)}, got {against!r}"
-            )
-        return name
-    exact = [m.name for m in wanted if m.method not in ("wigner", "fresnel", "fraunhofer")]
-    return (exact or names)[-1]
 
 
 def _fields(
@@ -125,10 +110,7 @@ def _fields(
     """A dataset with one variable for each method, named after it."""
     found = None
     for method in wanted:
-        options = {**how, "method": method.method}
-        if method.method == "wigner":
-            options |= {"obliquity": method.obliquity, "order": method.order}
-        one = _field(source, place, wavelength, options)
+        one = _field(source, place, wavelength, {**how, **method.options})
         one = one.rename({method.method: method.name})
         found = one if found is None else found.assign({method.name: one[method.name]})
     return found
@@ -163,27 +145,3 @@ def _figure(found: Any, place: Place, reference: str, floor_db: float, title: st
     if place.kind == "hemisphere":
         return draw_hemispheres(found, against=reference, floor_db=floor_db, title=title)
     return draw_lines(found, against=reference, floor_db=floor_db, title=title)
-
-
-def _print_differences(found: Any, reference: str) -> None:
-    """One line for each method, of the largest and the rms difference."""
-    import numpy as np
-
-    from polywigner.figures.differences import COMPARED_DB, summary
-
-    powers = {
-        str(name): np.abs(array.values) ** 2 if np.iscomplexobj(array.values) else array.values
-        for name, array in found.data_vars.items()
-    }
-    print(f"Differences from {reference}, where it is above {COMPARED_DB:g} dB of its peak, in dB:")
-    width = max(len(name) for name in powers)
-    print(f"  {'method':{width}}  largest      rms  points")
-    for name, power in powers.items():
-        if name == reference:
-            continue
-        apart = summary(power, powers[reference])
-        left = f", {apart.negative} not above zero left out" if apart.negative else ""
-        print(
-            f"  {name:{width}}  {apart.largest:+7.3f}  {apart.rms:7.4f}  "
-            f"{apart.points} of {power.size}{left}"
-        )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any
 
+from polywigner.cli.methods import compared_with, parse_methods, print_differences
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
@@ -15,11 +16,16 @@ from polywigner.cli.sources import (
     required_wavelength,
     wavelength_from,
 )
-from polywigner.cli.where import parse_box, parse_levels, parse_method, parse_shape
+from polywigner.cli.where import parse_box, parse_levels, parse_shape
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_length
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = ["run_volume"]
+
+_DEFAULT = ("wigner",)
 
 _FORMATS = ("nc", "vti")
 
@@ -29,9 +35,10 @@ def run_volume(
     *,
     box: str,
     shape: str,
-    method: str,
+    methods: Sequence[str],
     order: int,
     obliquity: str | None,
+    against: str | None,
     accuracy: float | None,
     frequency: str | None,
     wavelength: str | None,
@@ -52,8 +59,9 @@ def run_volume(
 ) -> None:
     """Write NAME.zarr, NAME.png and what ``formats`` asks for, and print their paths.
 
-    The store grows chunk by chunk; a run that was killed leaves the finished ones, with which the
-    next run of the same settings goes on. Everything else is written whole or not at all.
+    Of several methods, each has its own files, NAME-METHOD.zarr and so on, and the differences are
+    printed. A store grows chunk by chunk; a run that was killed leaves the finished ones, with
+    which the next run of the same settings goes on. Everything else is written whole or not at all.
 
     Raises
     ------
@@ -65,18 +73,14 @@ def run_volume(
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
     asked = wavelength_from(frequency, wavelength)
     reach = None if tolerance is None else parse_length(tolerance)
-    store, *files = targets(
-        output_stem(out, Path(source).stem), (".zarr", ".png", *_suffixes(formats))
-    )
-    check_writable(files)
+    stem, suffixes = output_stem(out, Path(source).stem), _suffixes(formats)
+    check_writable(targets(stem, (".png", *suffixes)))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
     from polywigner.figures import draw_volume, outline_of
     from polywigner.figures.fields import label_of
     from polywigner.figures.volumes import check_volume_options
-    from polywigner.propagation import METHODS
-    from polywigner.propagation.obliquities import Obliquity
 
     drawn: dict[str, Any] = {
         "surfaces": levels,
@@ -85,38 +89,47 @@ def run_volume(
         "renderer": renderer,
     }
     check_volume_options(**drawn)
-    wanted = parse_method(method, ("wigner", *METHODS), get_args(Obliquity), obliquity, order)
-    options: dict[str, Any] = {
-        "method": wanted.method,
-        "tolerance": accuracy,
-        "engine": engine,
-        "precision": precision,
-    }
-    if wanted.method == "wigner":
-        options |= {"obliquity": wanted.obliquity, "order": wanted.order}
+    wanted = parse_methods(methods or _DEFAULT, obliquity, order)
+    reference = compared_with(wanted, against)
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
     nx, ny, nz = count
-    found = pw.volume(
-        radiator,
-        corners,
-        (nx, ny, nz),
-        length,
-        chunks=sizes,
-        out=store,
-        threads=threads,
-        scheduler=scheduler,
-        **options,
-    )
-    title = f"{label_of(found[wanted.method], wanted.method)}: {field_title(source, length)}"
-    figure = draw_volume(found, radiator, title=title, **drawn)
-    with writing(files) as (picture, *others):
-        figure.savefig(picture, format="png")
-        for suffix, path in zip(_suffixes(formats), others, strict=True):
-            (pw.write_vti if suffix == ".vti" else pw.write_netcdf)(found, path)
-    for path in (store, *files):
+    fields, written = {}, []
+    for method in wanted:
+        name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{method.name}")
+        store, *files = targets(name, (".zarr", ".png", *suffixes))
+        options: dict[str, Any] = {"engine": engine, "precision": precision, **method.options}
+        found = pw.volume(
+            radiator,
+            corners,
+            (nx, ny, nz),
+            length,
+            chunks=sizes,
+            out=store,
+            threads=threads,
+            scheduler=scheduler,
+            tolerance=accuracy,
+            **options,
+        )
+        fields[method.name] = found[method.method]
+        title = f"{label_of(found[method.method], method.method)}: {field_title(source, length)}"
+        _write(found, draw_volume(found, radiator, title=title, **drawn), files)
+        written += [store, *files]
+    if len(wanted) > 1:
+        print_differences(fields, reference)
+    for path in written:
         print(path)
+
+
+def _write(found: Any, figure: Figure, files: Sequence[Path]) -> None:
+    """The picture, and the values in each format whose suffix one of the other files has."""
+    import polywigner as pw
+
+    with writing(files) as partials:
+        figure.savefig(partials[0], format="png")
+        for path, partial in zip(files[1:], partials[1:], strict=True):
+            (pw.write_vti if path.suffix == ".vti" else pw.write_netcdf)(found, partial)
 
 
 def _suffixes(formats: Sequence[str]) -> tuple[str, ...]:

@@ -1,23 +1,22 @@
-"""Places and methods as commands are given them: texts to lines, planes, boxes and settings."""
+"""Places as commands are given them: texts to lines, planes and boxes."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
 __all__ = [
-    "MethodText",
     "Place",
     "parse_box",
     "parse_levels",
-    "parse_method",
     "parse_place",
     "parse_shape",
+    "shown",
 ]
 
 Point = tuple[float, float, float]
@@ -27,7 +26,6 @@ _WIDEST = 80.0  # degrees from the axis, of an arc that does not say
 _GRAZING = math.radians(89.5)  # of a hemisphere: the field is not asked for in the plane z = 0
 _MOST_POINTS = 1 << 26  # half a gigabyte for each method
 _SAMPLES = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
-_ORDERS = {"1": 1, "3": 3}
 
 
 class Place(NamedTuple):
@@ -78,7 +76,7 @@ def _line(text: str, shape: tuple[int, ...]) -> Place:
     if len(ends) != 2:
         raise QuantityError(
             'expected two points such as "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm", got '
-            f"{_shown(text)}"
+            f"{shown(text)}"
         )
     return Place("line", tuple(_point(end) for end in ends), shape)
 
@@ -88,14 +86,14 @@ def _arc(text: str, shape: tuple[int, ...]) -> Place:
     if not 1 <= len(parts) <= 3:
         raise QuantityError(
             'expected a distance such as "50 mm", and perhaps two angles, as in "50 mm, 45 deg, '
-            f'80 deg", got {_shown(text)}'
+            f'80 deg", got {shown(text)}'
         )
     phi, reach = (parse_angle(a) for a in (*parts[1:], "0 deg", f"{_WIDEST:g} deg")[:2])
     if len(parts) == 2:
         reach = math.radians(_WIDEST)
     if not 0 < reach < math.pi / 2:
         raise QuantityError(
-            f"expected a largest angle between 0 and 90 deg, got {_shown(text)}; write degrees "
+            f"expected a largest angle between 0 and 90 deg, got {shown(text)}; write degrees "
             'with their unit, such as "80 deg"'
         )
     return Place("arc", (), shape, parse_length(parts[0]), phi, reach)
@@ -106,7 +104,7 @@ def _plane(text: str, shape: tuple[int, ...]) -> Place:
     if ranges != 2:
         raise QuantityError(
             'expected two ranges and a coordinate such as "-30 mm to 30 mm, -30 mm to 30 mm, '
-            f'90 mm", got {_shown(text)}'
+            f'90 mm", got {shown(text)}'
         )
     return Place("plane", (low, high), shape)
 
@@ -130,7 +128,7 @@ def parse_box(text: str) -> tuple[Point, Point]:
         if ranges != 3:
             raise QuantityError(
                 'expected three ranges such as "-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm", '
-                f"got {_shown(text)}"
+                f"got {shown(text)}"
             )
     except QuantityError as error:
         raise QuantityError(f"--box: {error}") from None
@@ -141,14 +139,14 @@ def _ranges(text: str) -> tuple[Point, Point, int]:
     """Both ends along x, y and z, and how many of them differ."""
     parts = _split(text, ",")
     if len(parts) != 3:
-        raise QuantityError(f"expected x, y and z, separated by commas, got {_shown(text)}")
+        raise QuantityError(f"expected x, y and z, separated by commas, got {shown(text)}")
     ends = []
     for part in parts:
         ends.append([parse_coordinate(end) for end in _split(part, r"\s+to\s+")])
         if len(ends[-1]) > 2 or (len(ends[-1]) == 2 and not ends[-1][0] < ends[-1][1]):
             raise QuantityError(
                 f'expected a coordinate, or a rising range such as "-30 mm to 30 mm", got '
-                f"{_shown(part)}"
+                f"{shown(part)}"
             )
     low = (ends[0][0], ends[1][0], ends[2][0])
     high = (ends[0][-1], ends[1][-1], ends[2][-1])
@@ -165,7 +163,7 @@ def parse_shape(option: str, text: str, dimensions: int) -> tuple[int, ...]:
     parts = _split(text, "[x×]")
     if len(parts) != dimensions or not all(re.fullmatch(r"0*[1-9][0-9]{0,8}", p) for p in parts):
         example = " x ".join(("64", "64", "96")[:dimensions])
-        raise ArgumentError(f'{option}: expected samples such as "{example}", got {_shown(text)}')
+        raise ArgumentError(f'{option}: expected samples such as "{example}", got {shown(text)}')
     return tuple(int(part) for part in parts)
 
 
@@ -181,65 +179,26 @@ def parse_levels(option: str, text: str) -> tuple[float, ...]:
         match = re.fullmatch(r"([+-]?[0-9]{1,4}(?:\.[0-9]{0,6})?)(?:\s*dB)?", part)
         if match is None:
             raise QuantityError(
-                f'{option}: expected levels such as "-6, -12, -18", got {_shown(text)}'
+                f'{option}: expected levels such as "-6, -12, -18", got {shown(text)}'
             )
         levels.append(float(match[1]))
     return tuple(levels)
 
 
-class MethodText(NamedTuple):
-    """A method with its settings; ``name`` tells it from the others of a run."""
-
-    name: str
-    method: str
-    obliquity: str | None
-    order: int
-
-
-def parse_method(
-    text: str, methods: Sequence[str], obliquities: Sequence[str], obliquity: str | None, order: int
-) -> MethodText:
-    """A method, of wigner rays perhaps with an obliquity and an order: ``"wigner kirchhoff 3"``.
-
-    Parameters
-    ----------
-    methods, obliquities : the names there are.
-    obliquity, order : where the text says none.
-
-    Raises
-    ------
-    ArgumentError for other names.
-    """
-    words = text.split()
-    method = words[0] if words else ""
-    if method not in methods:
-        raise ArgumentError(f"--method: expected one of {', '.join(methods)}, got {_shown(text)}")
-    for word in words[1:]:
-        if method != "wigner" or word not in (*obliquities, *_ORDERS):
-            raise ArgumentError(
-                "--method: expected words after wigner only, an obliquity "
-                f"({', '.join(obliquities)}) or an order (1, 3), got {_shown(text)}"
-            )
-        if word in _ORDERS:
-            order = _ORDERS[word]
-        else:
-            obliquity = word
-    return MethodText("-".join(words), method, obliquity, order)
-
-
 def _point(text: str) -> Point:
     parts = _split(text, ",")
     if len(parts) != 3:
-        raise QuantityError(f'expected a point such as "0 mm, 0 mm, 80 mm", got {_shown(text)}')
+        raise QuantityError(f'expected a point such as "0 mm, 0 mm, 80 mm", got {shown(text)}')
     x, y, z = (parse_coordinate(part) for part in parts)
     return x, y, z
 
 
 def _split(text: str, pattern: str) -> list[str]:
     if len(text) > _LONGEST:
-        raise QuantityError(f"expected up to {_LONGEST} characters, got {_shown(text)}")
+        raise QuantityError(f"expected up to {_LONGEST} characters, got {shown(text)}")
     return [part.strip() for part in re.split(pattern, text)]
 
 
-def _shown(text: str) -> str:
+def shown(text: str) -> str:
+    """A text as messages quote it: in ASCII, and not without end."""
     return ascii(text) if len(text) <= _LONGEST else ascii(text[:_LONGEST]) + "..."
