@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,13 @@ def test_complex_fields_are_written_with_their_phase(square: Path) -> None:
     field = found["kirchhoff_real"].values + 1j * found["kirchhoff_imag"].values
     expected = pw.amplitude(SQUARE, points_of(found), WAVELENGTH, "kirchhoff")
     np.testing.assert_allclose(field, expected, rtol=0, atol=1e-9)
+
+
+def test_a_plane_is_an_image_for_others(square: Path) -> None:
+    out = square.parent / "out" / "field.vti"
+    plane = ("--plane", "-20 mm to 20 mm, 0 mm, 40 mm to 60 mm", "--samples", "5 x 4")
+    propagated(square, *plane, "--method", "kirchhoff", "--format", "vti", "--format", "nc")
+    assert b'WholeExtent="0 4 0 3 0 0"' in out.read_bytes()
 
 
 def test_the_table_says_how_far_methods_are_apart(square: Path, capfd: Captured) -> None:
@@ -180,6 +188,8 @@ BAD = {
     "precision": ([*LINE, "--precision", "half"], ["precision", "half"]),
     "floor": ([*LINE, "--db-floor", "3"], ["below 0 dB"]),
     "taper": ([*LINE, "--taper", "gauss"], ["taper", "gauss"]),
+    "format": ([*LINE, "--format", "zip"], ["--format", "zip", "nc, vti"]),
+    "a line as an image": ([*LINE, "--format", "vti"], ["--format", "--plane"]),
     "wavelength": ([*LINE, "--wavelength", "3 mm"], ["both"]),
 }  # fmt: skip
 
@@ -196,6 +206,16 @@ def test_what_cannot_be_used_is_refused(case: str, square: Path, capfd: Captured
     for word in words:
         assert word in errors[0]
     assert sorted(path.name for path in square.parent.iterdir()) == ["square.wkt"]
+
+
+def test_a_missing_library_is_told_before_the_work(
+    square: Path, capfd: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    out = square.parent / "out" / "field"
+    assert main(["propagate", str(square), *FREQUENCY, *LINE, "--out", str(out)]) == 2
+    assert "polywigner[volume]" in capfd.readouterr().err
+    assert list(square.parent.iterdir()) == [square]
 
 
 def test_a_wavelength_is_required(square: Path, capfd: Captured) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,16 @@ def test_paraview_gets_an_image(square: Path) -> None:
     assert run(square, *SMALL, "--format", "vti", "--format", "vti") == 0
     image = (square.parent / "out" / "field.vti").read_bytes()
     assert b'WholeExtent="0 5 0 4 0 3"' in image
+
+
+def test_a_missing_library_is_told_in_one_line(
+    square: Path, capfd: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    assert run(square, *SMALL) == 2
+    stderr = capfd.readouterr().err
+    assert "polywigner[volume]" in stderr and stderr.count("\n") == 1
+    assert list(square.parent.iterdir()) == [square]
 
 
 BAD = {

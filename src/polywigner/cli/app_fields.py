@@ -81,12 +81,14 @@ def propagate(
     engine: EngineName = "auto",
     precision: Precision = None,
     db_floor: DbFloor = -40.0,
+    formats: Formats = None,
     out: Out = None,
 ) -> None:
     """Compute the field of a source in front of it, by several methods side by side.
 
-    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc, and
-    prints how far the methods are apart. For volumes, see `polywigner volume`.
+    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc (of
+    planes with --format vti also for ParaView), and prints how far the methods are apart. For
+    volumes, see `polywigner volume`.
     """
     from polywigner.cli.propagate import run_propagate
 
@@ -108,6 +110,7 @@ def propagate(
         engine=engine,
         precision=precision,
         floor_db=db_floor,
+        formats=formats or [],
         out=out,
     )
 

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from polywigner.cli.fields import format_suffixes, write_field
 from polywigner.cli.methods import (
     MethodText,
     compared_with,
     parse_methods,
     print_differences,
 )
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import check_writable, output_stem, targets
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
     check_source_file,
@@ -23,6 +24,7 @@ from polywigner.cli.sources import (
     wavelength_from,
 )
 from polywigner.cli.where import Place, parse_place
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_length
 
 if TYPE_CHECKING:
@@ -55,9 +57,12 @@ def run_propagate(
     engine: str,
     precision: str | None,
     floor_db: float,
+    formats: Sequence[str],
     out: str | None,
 ) -> None:
     """Write NAME.png and NAME.nc, print the differences between the methods and the files' paths.
+
+    ``formats`` : of the values, "nc" if empty; "vti" for planes.
 
     Raises
     ------
@@ -67,19 +72,24 @@ def run_propagate(
     place = parse_place(where, samples)
     asked = wavelength_from(frequency, wavelength)
     reach = None if tolerance is None else parse_length(tolerance)
-    files = targets(output_stem(out, Path(source).stem), (".png", ".nc"))
+    suffixes = format_suffixes(formats or ("nc",))
+    if ".vti" in suffixes and place.kind != "plane":
+        raise ArgumentError(
+            f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc"
+        )
+    files = targets(output_stem(out, Path(source).stem), (".png", *suffixes))
     check_writable(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import outline_of
     from polywigner.figures.levels import check_floor
-    from polywigner.propagation import write_netcdf
     from polywigner.propagation.stores_files import required
 
     check_floor(floor_db)
     wanted = parse_methods(methods or _DEFAULT, obliquity, order)
     reference = compared_with(wanted, against)
-    required("h5netcdf")  # now rather than after the work
+    if ".nc" in suffixes:
+        required("h5netcdf")  # now rather than after the work
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
@@ -91,9 +101,7 @@ def run_propagate(
     }
     found = _fields(radiator, place, wanted, length, how)
     figure = _figure(found, place, reference, floor_db, field_title(source, length))
-    with writing(files) as (picture, values):
-        figure.savefig(picture, format="png")
-        write_netcdf(found, values)
+    write_field(found, figure, files)
     if len(wanted) > 1:
         print_differences(found.data_vars, reference)
     for path in files:

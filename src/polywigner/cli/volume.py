@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from polywigner.cli.fields import format_suffixes, write_field
 from polywigner.cli.methods import compared_with, parse_methods, print_differences
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import check_writable, output_stem, targets
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
     check_source_file,
@@ -17,17 +18,11 @@ from polywigner.cli.sources import (
     wavelength_from,
 )
 from polywigner.cli.where import parse_box, parse_levels, parse_shape
-from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_length
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["run_volume"]
 
 _DEFAULT = ("wigner",)
-
-_FORMATS = ("nc", "vti")
 
 
 def run_volume(
@@ -73,7 +68,7 @@ def run_volume(
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
     asked = wavelength_from(frequency, wavelength)
     reach = None if tolerance is None else parse_length(tolerance)
-    stem, suffixes = output_stem(out, Path(source).stem), _suffixes(formats)
+    stem, suffixes = output_stem(out, Path(source).stem), format_suffixes(formats)
     check_writable(targets(stem, (".png", *suffixes)))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
@@ -114,30 +109,9 @@ def run_volume(
         )
         fields[method.name] = found[method.method]
         title = f"{label_of(found[method.method], method.method)}: {field_title(source, length)}"
-        _write(found, draw_volume(found, radiator, title=title, **drawn), files)
+        write_field(found, draw_volume(found, radiator, title=title, **drawn), files)
         written += [store, *files]
     if len(wanted) > 1:
         print_differences(fields, reference)
     for path in written:
         print(path)
-
-
-def _write(found: Any, figure: Figure, files: Sequence[Path]) -> None:
-    """The picture, and the values in each format whose suffix one of the other files has."""
-    import polywigner as pw
-
-    with writing(files) as partials:
-        figure.savefig(partials[0], format="png")
-        for path, partial in zip(files[1:], partials[1:], strict=True):
-            (pw.write_vti if path.suffix == ".vti" else pw.write_netcdf)(found, partial)
-
-
-def _suffixes(formats: Sequence[str]) -> tuple[str, ...]:
-    """Of the files beside the store and the picture, each once."""
-    for name in formats:
-        if name not in _FORMATS:
-            raise ArgumentError(
-                f"--format: expected one of {', '.join(_FORMATS)}, got {name!r}; a zarr store is "
-                "written in any case"
-            )
-    return tuple(f".{name}" for name in dict.fromkeys(formats))
