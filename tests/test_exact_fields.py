@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import polywigner as pw
 from oracles.references import ENGINES
 from oracles.surface_integrals import surface_field
 from polywigner.errors import ArgumentError, GeometryError
+from polywigner.propagation import boundary
 
 METHODS = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
 methods = pytest.mark.parametrize("method", METHODS)
@@ -256,6 +258,21 @@ def test_an_array_is_the_sum_of_its_elements_in_their_places() -> None:
     expected = pw.amplitude(element, shifted, 1.0, "kirchhoff", tolerance=TIGHT) @ weights
     # 1024 terms of modulus about 1
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-10)
+
+
+def test_memory_does_not_grow_with_the_number_of_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond as many panels as are taken at a time, here fewer than usual."""
+    monkeypatch.setattr(boundary, "_ROWS", 512)
+    points = np.array([(0.0, 0.0, 3.0), (5.0, 1.0, 20.0)])
+    peaks = []
+    for count in (128, 1024):
+        positions = np.random.default_rng(2).uniform(-30, 30, (count, 2))
+        array = pw.phased_array(pw.shapes.square(0.4), positions)
+        tracemalloc.start()
+        pw.amplitude(array, points, 1.0, tolerance=1e-2, engine="numpy")
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.5 * peaks[0]
 
 
 def test_elements_of_an_array_may_be_of_any_kind() -> None:

@@ -117,18 +117,18 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: E
     phase = (constant, slope, distance, along, start)
     pair = (first, *phase, b, z, along, across, pz, *seen)
 
-    far, rule, far_expected, half = _far_rule(ops, corner, inner[9], sine, depth)
+    far, clear, swing, half = _lengthwise(ops, corner, sine, depth)
+    near_clear, near_swing, middle, span = _anglewise(ops, corner, sine, depth)
+    clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
+    needed, expected = nodes_needed(ops, inner[9], clear, 2 * math.pi * swing)
+    rule = rule_of(ops, needed)
     node = partial(_far_node, ops, tables.share, wave)
     far_sums = ops.sum_over_rule(ops.select(far, rule, -1.0), tables.rules, node, SUMS, half, *pair)
-    rule, near_expected, middle, span = _near_rule(ops, corner, inner[9], sine, depth)
     node = partial(_near_node, ops, tables.share, wave)
     near_sums = ops.sum_over_rule(
         ops.select(far, -1.0, rule), tables.rules, node, SUMS, middle, span, ops.sqrt(foot2), *pair
     )
     sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
-    expected = tuple(
-        ops.select(far, a, b) for a, b in zip(far_expected, near_expected, strict=True)
-    )
     error = missed(ops, sums, expected, abs(x) + abs(y) + length)
     e, mirrored, clinging = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
@@ -136,8 +136,9 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: E
     return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 
-def _far_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Whether a rule in the length along the panel will do, which one, and half the length."""
+def _lengthwise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """Whether a rule in the length along the panel will do; for it the distance of singularities
+    and the turns of phase, for and over half of the panel, and half the length."""
     half = 0.5 * corner.length
     outside = ops.maximum(ops.maximum(corner.first, -corner.last), 0.0)
     nearest = ops.sqrt(outside * outside + (corner.b * corner.b + corner.z * corner.z))
@@ -145,16 +146,13 @@ def _far_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> t
         abs(corner.first / corner.radius_first + corner.along),
         abs(corner.last / corner.radius_last + corner.along),
     )
-    clear = (
-        nearest * sine if depth is None else ops.minimum(nearest, depth / ops.maximum(swing, 1e-30))
-    )
-    clear = ops.minimum(clear, nearest) / half
-    needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * half * swing)
-    return nearest >= half, rule_of(ops, needed), expected, half
+    clear = nearest * sine if depth is None else depth / ops.maximum(swing, 1e-30)
+    return nearest >= half, ops.minimum(clear, nearest) / half, half * swing, half
 
 
-def _near_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Which rule in v, s = sqrt(b^2 + z^2) sinh v, and its interval as middle and half-length."""
+def _anglewise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """The same for a rule in v, s = sqrt(b^2 + z^2) sinh v: distance, turns, and the interval of v
+    as middle and half-length."""
     away = ops.sqrt(corner.b * corner.b + corner.z * corner.z)
     low = _inverse_sinh(ops, corner.first / away, corner.radius_first / away)
     high = _inverse_sinh(ops, corner.last / away, corner.radius_last / away)
@@ -164,9 +162,7 @@ def _near_rule(ops: Any, corner: Corner, digits: Any, sine: Any, depth: Any) -> 
         abs(corner.last + corner.along * corner.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    clear = ops.minimum(clear, _STRIP) / span
-    needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * span * swing)
-    return rule_of(ops, needed), expected, middle, span
+    return ops.minimum(clear, _STRIP) / span, span * swing, middle, span
 
 
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:

@@ -22,11 +22,13 @@ __all__ = ["SUMS", "Rules", "gauss_rules", "missed", "node_sums", "nodes_needed"
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 
-# Steps of an eighth: on average a sixteenth too many nodes.
-_SIZES = (
-    4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 16, 18, 20, 22, 25, 28, 32, 36, 40, 45, 51, 58, 65, 73,
-    82, 93, 105, 118, 133, 150, 169, 190, 215, 242, 273, 308, 347, 391, 441, 497, 560, 631, 711,
-)  # fmt: skip
+# Of the rules: so many to a factor of two, from the smallest on. On average a rule has a sixteenth
+# more nodes than are needed.
+_STEPS, _SMALLEST, _LARGEST = 8, 4, 724
+_SIZES = tuple(
+    math.ceil(_SMALLEST * 2 ** (k / _STEPS))
+    for k in range(math.ceil(_STEPS * math.log2(_LARGEST / _SMALLEST)) + 1)
+)
 # Ellipses tried, by u. The smallest goes through i: nearer singularities have a rule of their own.
 _ELLIPSES = (math.asinh(1.0), 1.2, 1.6, 2.1, 2.8)
 # u >= 0.88 sinh u and sinh u <= 1.135 u for sinh u up to 1
@@ -94,11 +96,10 @@ def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tup
 
 
 def rule_of(ops: Any, needed: Any) -> Any:
-    """The number of the smallest rule with so many nodes; the largest where none has."""
-    number: Any = 0.0
-    for size in _SIZES[:-1]:
-        number = number + ops.select(needed > float(size), 1.0, 0.0)
-    return number
+    """The number of a rule with at least so many nodes; the largest where none has."""
+    # less than the step to the next rule by rounding does no harm
+    steps = (_STEPS / math.log(2)) * ops.log(ops.maximum(needed, 1.0) * (1 / _SMALLEST))
+    return ops.minimum(ops.maximum(ops.round(steps + 0.4999), 0.0), len(_SIZES) - 1.0)
 
 
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:

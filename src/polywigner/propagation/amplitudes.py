@@ -16,7 +16,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source
-from polywigner.propagation.boundary import boundary_field, field_size
+from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
@@ -114,8 +114,9 @@ def amplitude(
             " the other methods have their own"
         )
     else:
-        values, errors = boundary_field(radiator, flat, length, name, allowed, double, engine)
-        _warn_of(errors, allowed * field_size(radiator, flat, length))
+        found = boundary_field(radiator, flat, length, name, allowed, double, engine)
+        values, errors = found[:2]
+        _warn_of(*found[1:])
     shape = places.shape[:-1]
     result = values.reshape(shape).astype(np.complex128 if double else np.complex64)[()]
     return (result, errors.reshape(shape)[()]) if return_error else result

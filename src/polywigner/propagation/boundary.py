@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import engines
+from polywigner.engines.choice import resolved
 from polywigner.errors import ArgumentError
 from polywigner.kernels import boundary
 from polywigner.kernels.fresnel import fresnel_edge_sum
@@ -17,13 +18,15 @@ from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of
 
-__all__ = ["boundary_field", "field_size"]
+__all__ = ["boundary_field"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 # Share of the second boundary term: (B3).
 _SHARES = {"rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5, "rayleigh-sommerfeld-1": 1.0}
+# An edge costs about as much as so many terms of other kernels, for the choice of an engine.
+_TERMS = 16
 # Of Fresnel fields a panel has at most so many turns of phase in half of it.
 _FRESNEL_TURNS = 60.0
 _MOST_ROWS = 1 << 20
@@ -68,18 +71,21 @@ def boundary_field(
     tolerance: float,
     double: bool,
     engine: str,
-) -> tuple[NDArray[np.complex128], Floats]:
-    """The field at points (n, 3) and an estimate of its error, both (n,).
+) -> tuple[NDArray[np.complex128], Floats, Floats]:
+    """The field at points (n, 3), an estimate of its error, and what was allowed, all (n,).
 
-    ``tolerance``: error allowed, as a fraction of :func:`field_size`.
+    ``tolerance``: what is allowed as a fraction of the incident amplitude or, where that is less,
+    of what could come from all of the source.
     """
     paraxial = method == "fresnel"
     # phases of Fresnel's parabolas far off the axis are worth float64 in any case
+    edges = sum(e.edges for e in radiator.elements)
+    engine = resolved(engine, len(points), _TERMS * edges)
     task = _Task(radiator, wavelength, _kernel(method), paraxial, double or paraxial, engine)
     strata = _paraxial_strata if paraxial else _strata
     values = np.zeros(len(points), np.complex128)
     errors = np.full(len(points), np.inf)
-    allowed = tolerance * field_size(radiator, points, wavelength)
+    allowed = tolerance * _size(radiator, points, wavelength)
     for todo, longest in strata(task, points):
         digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(_ROUNDS):
@@ -90,14 +96,13 @@ def boundary_field(
             if not len(todo):
                 break
             digits *= _HARDER
-    return values, errors
+    return values, errors, allowed
 
 
-def field_size(radiator: Radiator, points: Floats, wavelength: float) -> Floats:
+def _size(radiator: Radiator, points: Floats, wavelength: float) -> Floats:
     """The incident amplitude, or where that is less, what can come from all of the source."""
-    away = points - np.append(radiator.centre, 0.0)
-    distance = np.linalg.norm(away, axis=1)
-    return np.minimum(radiator.amplitude, radiator.content / (wavelength * distance))
+    whole = radiator.content / (wavelength * radiator.distance_of_centre(points))
+    return np.minimum(radiator.amplitude, whole)
 
 
 def _strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, float]]:

@@ -34,6 +34,11 @@ class _Element:
     shifts: Floats
     weights: NDArray[np.complex128]
 
+    @property
+    def edges(self) -> int:
+        """Of all copies, once for each wave."""
+        return sum(map(len, self.outline.rings)) * len(self.amplitudes) * len(self.weights)
+
 
 @dataclass(frozen=True)
 class Radiator:
@@ -77,8 +82,16 @@ class Radiator:
 
     def distance(self, points: Floats) -> Floats:
         """From points (n, 3) to the box around the source."""
-        beside = np.maximum(np.maximum(self.low - points[:, :2], points[:, :2] - self.high), 0.0)
-        return np.sqrt((beside**2).sum(axis=1) + points[:, 2] ** 2)
+        x, y, z = points.T
+        aside = np.maximum(np.maximum(self.low[0] - x, x - self.high[0]), 0.0)
+        beside = np.maximum(np.maximum(self.low[1] - y, y - self.high[1]), 0.0)
+        return np.sqrt(aside * aside + beside * beside + z * z)
+
+    def distance_of_centre(self, points: Floats) -> Floats:
+        """Of points (n, 3)."""
+        x, y, z = points.T
+        dx, dy = x - self.centre[0], y - self.centre[1]
+        return np.sqrt(dx * dx + dy * dy + z * z)
 
 
 def radiator_of(source: object) -> Radiator:

@@ -42,8 +42,8 @@ def checked_points(points: Any) -> NDArray[np.float64]:
         raise ArgumentError(f"{expected}, in metres, got {error}") from None
     if array.ndim == 0 or array.shape[-1] != 3:
         raise ArgumentError(f"{expected}, components x, y, z last, got shape {shape_of(points)}")
-    bad = ~np.isfinite(array).all(axis=-1)
-    if bad.any():
+    if not np.isfinite(array).all():
+        bad = ~np.isfinite(array).all(axis=-1)
         raise ArgumentError(
             f"expected finite points, got {array[bad][0].tolist()}; leave such points out"
         )
