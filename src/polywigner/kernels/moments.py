@@ -206,7 +206,9 @@ class _Moments:
         turns_at_start, turns_per_step = axes.turns(*place), axes.turns(edge.ex, edge.ey)
         real: list[Any] = [0.0] * _COUNT
         imag: list[Any] = [0.0] * _COUNT
-        for middle, extent, mutual_real, mutual_imag in cuts:
+        for somewhere, extent, mutual_real, mutual_imag in cuts:
+            # What is left of an edge may be nothing in the far distance, whose powers overflow.
+            middle = self.ops.select(extent == 0.0, 1.0, somewhere)
             extent = 2.0 * extent
             p = [fma(middle, step[0], start[0]), extent * step[0]]
             q = [fma(middle, step[1], start[1]), extent * step[1]]
