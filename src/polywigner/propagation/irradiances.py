@@ -83,7 +83,8 @@ def irradiance(
     order : 1 or 3.
     tolerance : error of the sum over places, relative to the irradiance where that is above 1e-3 of
         the largest that a source of this power and area can make at that distance, else relative
-        to 1e-3 of that: (T6). It is not the error of rays as such, which docs/propagation.md has.
+        to 1e-3 of that: (T6); in single precision at least 1e-5 of the largest. It is not the error
+        of rays as such, which docs/propagation.md has.
         The other methods are at least as accurate as :func:`amplitude` is by default.
     return_error : return an estimate of that error as well.
     sampling : how places are chosen: "gauss", rules that know where W has kinks; or "sobol" and
@@ -172,13 +173,12 @@ def _summed(
             f"expected samples with sampling='sobol' or 'monte-carlo' only, got {samples!r}; "
             "Gauss rules follow the tolerance"
         )
-    floor = _FLOOR * _largest(source, points, rays.wavelength)
-    reachable = tolerance if rays.double else max(tolerance, _SINGLE / _FLOOR)
-    found = by_gauss(source, rays, points, reachable, floor)
-    if not found.is_met or reachable > tolerance:
+    share = _FLOOR if rays.double else max(_FLOOR, _SINGLE / tolerance)
+    floor = share * _largest(source, points, rays.wavelength)
+    found = by_gauss(source, rays, points, tolerance, floor)
+    if not found.is_met:
         warnings.warn(
-            "the tolerance asked for is not met at all points; return_error=True tells where"
-            + ("" if rays.double else ", and precision='double' is more accurate"),
+            "the tolerance asked for is not met at all points; return_error=True tells where",
             PolywignerWarning,
             stacklevel=3,
         )
