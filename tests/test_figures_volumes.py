@@ -183,6 +183,12 @@ def test_ticks_lie_outside_of_the_box_at_their_coordinates() -> None:
         nearest = np.min(np.linalg.norm(corners - middle, axis=-1))
         assert np.linalg.norm(place - middle) > 0.8 * nearest
     numbers = [text.get_text() for text in axes.texts if "$" not in text.get_text()]
+    apart = [
+        np.subtract(a.get_position(), b.get_position()) for a in axes.texts for b in axes.texts
+    ]
+    assert sum(np.linalg.norm(d) < 0.03 * np.ptp(corners, axis=0).max() for d in apart) == len(
+        axes.texts
+    )  # each from itself alone
     assert {"0", "−2", "4"} <= set(numbers)
 
 

@@ -108,7 +108,8 @@ def draw_volume(
         _draw_layers(axes, layers, colours, view)
         if source is not None:
             draw_outline(axes, view, source)
-        bar = figure.colorbar(shown, cax=beside)
+        extend = "max" if np.max(volume.values) > zero else "neither"
+        bar = figure.colorbar(shown, cax=beside, extend=extend)
         bar.outline.set_linewidth(0.6)
         bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
         bar.set_label(_label(volume, zero, reference, shells, floor_db, projection))

@@ -26,6 +26,8 @@ _APERTURE = "#101010"
 _TICK = 0.012  # of the diagonal of the page
 _LABEL = 0.035
 _NAME = 0.105
+_APART = 0.055
+_MANY = 20  # outlines, as of arrays, which lines of the usual width would fill
 
 
 def _affine(origin: Floats, along: Floats, down: Floats) -> Affine2D:
@@ -115,8 +117,8 @@ def draw_box(axes: Axes, view: View, lower: Floats, upper: Floats, unit: LengthU
     for edge in back_edges(view, lower, upper):
         axes.plot(*view.on_page([edge.start, edge.end]).T, color=_INK, lw=0.7, zorder=2)
     size = float(np.ptp(view.corners(lower, upper), axis=0).max())
-    for axis, name in enumerate("xyz"):
-        _label(axes, view, label_edge(view, axis, lower, upper), name, size, unit)
+    for axis in (2, 1, 0):
+        _label(axes, view, label_edge(view, axis, lower, upper), "xyz"[axis], size, unit)
 
 
 def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: LengthUnit) -> None:
@@ -133,7 +135,9 @@ def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: Len
         end = place + _TICK * size * edge.outward
         axes.plot(*np.stack([place, end]).T, color=_INK, lw=0.7, zorder=2)
         x, y = place + _LABEL * size * edge.outward
-        axes.text(x, y, f"{value:g}".replace("-", "−"), ha="center", va="center", fontsize=8)
+        # Two axes may end at one corner of the outline, each with a number.
+        if all(np.hypot(x - a, y - b) > _APART * size for a, b in _places_of_texts(axes)):
+            axes.text(x, y, f"{value:g}".replace("-", "−"), ha="center", va="center", fontsize=8)
     middle = (first + last) / 2 + _NAME * size * edge.outward
     along = last - first if last[0] >= first[0] else first - last
     angle = np.degrees(np.arctan2(along[1], along[0]))
@@ -143,6 +147,10 @@ def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: Len
     )  # fmt: skip
 
 
+def _places_of_texts(axes: Axes) -> list[tuple[float, float]]:
+    return [text.get_position() for text in axes.texts]
+
+
 def draw_outline(axes: Axes, view: View, source: Aperture | Array) -> None:
     """The outline of a source in the plane z = 0, holes cut out."""
     from matplotlib.patches import PathPatch
@@ -150,11 +158,12 @@ def draw_outline(axes: Axes, view: View, source: Aperture | Array) -> None:
 
     shape = outline_of(source).polygons
     rings = [ring for p in shape.geoms for ring in (p.exterior, *p.interiors)]
+    width = 1.0 if len(rings) <= _MANY else 0.3
     path = Path.make_compound_path(
         *(Path(_on_aperture(view, np.asarray(ring.coords)), closed=True) for ring in rings)
     )
     axes.add_patch(PathPatch(path, facecolor=_APERTURE, alpha=0.35, edgecolor="none", zorder=4))
-    axes.add_patch(PathPatch(path, fill=False, edgecolor=_APERTURE, lw=1.0, zorder=4))
+    axes.add_patch(PathPatch(path, fill=False, edgecolor=_APERTURE, lw=width, zorder=4))
 
 
 def _on_aperture(view: View, points: ArrayLike) -> Floats:
