@@ -17,11 +17,11 @@ import shapely
 
 import polywigner as pw
 from oracles.references import ENGINES
-from oracles.surface_integrals import surface_field
+from oracles.surface_integrals import surface_fields
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.propagation import boundary
 
-METHODS = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
+METHODS: tuple[Any, ...] = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
 methods = pytest.mark.parametrize("method", METHODS)
 engines = pytest.mark.parametrize("engine", ENGINES)
 
@@ -68,6 +68,7 @@ SOURCES: dict[str, Any] = {
     "disjoint": DISJOINT,
     "oblique": tilted(ELL, 0.5, -0.3),
     "nearly grazing": tilted(SQUARE, 0.97, 0.1),
+    "grazing": tilted(SQUARE, 1.0, 0.0),
     "evanescent": tilted(HOLED, 0.9, 0.9),
     "TE10": TE10,
     "steered array": STEERED,
@@ -90,12 +91,14 @@ HARD_POINTS = np.array(
 
 
 @pytest.mark.parametrize("name", SOURCES)
-@methods
-def test_integrals_along_edges_are_those_over_the_opening(name: str, method: Any) -> None:
+def test_integrals_along_edges_are_those_over_the_opening(name: str) -> None:
     source = SOURCES[name]
-    expected = np.array([surface_field(source, p, 1.0, method) for p in HARD_POINTS])
-    got = pw.amplitude(source, HARD_POINTS, 1.0, method, tolerance=TIGHT)
-    assert np.all(np.abs(got - expected) <= QUADRATURE * np.abs(expected))
+    expected = np.array([surface_fields(source, p, 1.0) for p in HARD_POINTS])
+    for k, method in enumerate(METHODS):
+        got = pw.amplitude(source, HARD_POINTS, 1.0, method, tolerance=TIGHT)
+        # of the wave that grazes the plane, the slope is zero: up to rounding of terms of order 1
+        allowed = QUADRATURE * np.abs(expected[:, k]) + 1e-15
+        assert np.all(np.abs(got - expected[:, k]) <= allowed)
 
 
 def test_values_computed_elsewhere_are_found_again() -> None:

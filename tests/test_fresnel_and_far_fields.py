@@ -131,5 +131,5 @@ def test_the_far_field_is_the_fourier_transform_with_its_obliquity(
 def test_waves_that_graze_the_plane_have_no_slope_and_no_far_field_of_it() -> None:
     source = RECTANGLE.with_illumination(pw.Illumination([1.0], [(1.0, 0.0)]))
     second = "rayleigh-sommerfeld-2"
-    assert pw.amplitude(source, (1, 2, 3), 1.0, second) == 0
+    assert abs(pw.amplitude(source, (1, 2, 3), 1.0, second)) <= 1e-15
     assert pw.amplitude(source, (1, 2, 3), 1.0, "fraunhofer", obliquity=second) == 0

@@ -16,7 +16,7 @@ import shapely
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
 
-__all__ = ["surface_field"]
+__all__ = ["surface_fields"]
 
 _ORDER = 18
 # Nodes at a time.
@@ -41,30 +41,24 @@ def _triangles(outline: pw.Aperture, point: np.ndarray, longest: float) -> np.nd
     return np.concatenate(done)
 
 
-def surface_field(source: Any, point: Any, wavelength: float, method: str) -> complex:
-    """U of an aperture, or an array of them, at one point (3,)."""
+def surface_fields(source: Any, point: Any, wavelength: float) -> np.ndarray:
+    """U of an aperture or an array at one point (3,): Rayleigh-Sommerfeld I, II, and Kirchhoff."""
     if isinstance(source, pw.Array):
         terms = zip(source.coplanar, source.weights, strict=True)
-        return sum((w * surface_field(e, point, wavelength, method) for e, w in terms), 0j)
+        return np.sum([w * surface_fields(e, point, wavelength) for e, w in terms], axis=0)
     place = np.asarray(point, float)
     field = source.illumination or pw.Illumination([1.0], [(0.0, 0.0)])
     k = 2 * math.pi / wavelength
-    total = 0j
+    dirichlet = neumann = 0j
     triangles = _triangles(source, place, 0.6 * wavelength)
     for first in range(0, len(triangles), _MANY):
         nodes, weights = triangle_nodes(triangles[first : first + _MANY], _ORDER)
-        r2 = ((nodes - place[:2]) ** 2).sum(axis=1) + place[2] ** 2
-        r = np.sqrt(r2)
-        wave = np.exp(1j * k * r) / r
+        r = np.sqrt(((nodes - place[:2]) ** 2).sum(axis=1) + place[2] ** 2)
+        wave = weights * np.exp(1j * k * r) / r
+        slope = place[2] / r * (1 / r - 1j * k)
         for amplitude, kappa in zip(field.amplitudes, field.frequencies, strict=True):
-            u = amplitude * np.exp(2j * math.pi * (nodes @ kappa))
+            u = amplitude * np.exp(2j * math.pi * (nodes @ kappa)) * wave
             p = np.sqrt(complex(1 - wavelength**2 * kappa @ kappa))
-            dirichlet = u * place[2] / r * (1 / r - 1j * k) * wave
-            neumann = -1j * k * p * u * wave
-            density = {
-                "rayleigh-sommerfeld-1": dirichlet,
-                "rayleigh-sommerfeld-2": neumann,
-                "kirchhoff": (dirichlet + neumann) / 2,
-            }[method]
-            total += weights @ density / (2 * math.pi)
-    return complex(total)
+            dirichlet += (u @ slope) / (2 * math.pi)
+            neumann -= 1j * k * p * u.sum() / (2 * math.pi)
+    return np.array([dirichlet, neumann, (dirichlet + neumann) / 2])
