@@ -14,8 +14,8 @@ from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
-from polywigner.illumination.support import mutual_support
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
+from polywigner.propagation.arrangement import bounds_of
 from polywigner.propagation.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.places import (
     METHODS,
@@ -215,14 +215,14 @@ def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Val
 
 
 def _centre(source: Aperture | Array) -> Values:
-    xmin, ymin, xmax, ymax = mutual_support(source).bounds
+    xmin, ymin, xmax, ymax = bounds_of(source)
     return np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2])
 
 
 def _warn_where_invalid(
     source: Aperture | Array, points: Values, wavelength: float, order: int
 ) -> None:
-    xmin, ymin, xmax, ymax = mutual_support(source).bounds
+    xmin, ymin, xmax, ymax = bounds_of(source)
     outside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
     gap = np.sqrt((outside**2).sum(axis=-1) + points[:, 2] ** 2)
     if (gap < _NEAREST * wavelength).any():
