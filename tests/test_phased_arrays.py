@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.illumination.lattices import lattice_of, separated
 from polywigner.kernels.lattice_arrays import is_on_lattice
 from polywigner.kernels.scattered_arrays import is_scattered
+from polywigner.kernels.weight_tables import mean_table
 
 # Relative to (sum |w|)^2 area, which bounds the sum over pairs in absolute values.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}
@@ -149,6 +151,21 @@ def test_tables_of_weights_agree_with_the_sum_over_pairs(
     lattice_arrays._tables.cache_clear()
     energy = float((np.abs(weights) ** 2).sum())
     assert np.abs(got - expected).max() < (1e-12 if precision == "double" else 2e-6) * energy
+
+
+@pytest.mark.parametrize("shape", [(2, 300), (300, 2)])
+def test_making_a_table_of_weights_takes_memory_for_the_table_alone(shape: tuple[int, int]) -> None:
+    """Waves of all midpoints of a long row at once would take thirty times as much."""
+    weights = _random(600).reshape(shape)
+    mean_table(_random(6).reshape(2, 3), double=True)  # what is made once
+    tracemalloc.start()
+    try:
+        table = mean_table(weights, double=True)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert table is not None
+    assert peak < 3 * table.values.nbytes
 
 
 @engines

@@ -23,6 +23,8 @@ from polywigner.kernels.interpolation import RATE, interpolation
 
 __all__ = ["Direction", "MeanTable", "Taps", "mean_table"]
 
+Complexes = NDArray[np.complex128]
+
 # Samples that are read at a time.
 _PACKET = 4
 # Larger tables are not made; the factors are then summed pair by pair.
@@ -136,7 +138,7 @@ class MeanTable:
         return total
 
 
-def mean_table(weights: NDArray[np.complex128], double: bool) -> MeanTable | None:
+def mean_table(weights: Complexes, double: bool) -> MeanTable | None:
     """The table of weights (n1, n2), or None if it would be too large."""
     first, second = (
         _direction(count, step) for count, step in zip(weights.shape, (1, _PACKET), strict=True)
@@ -146,16 +148,28 @@ def mean_table(weights: NDArray[np.complex128], double: bool) -> MeanTable | Non
     if entries * dtype.itemsize > _MOST_BYTES:
         return None
     values: NDArray[Any] = np.empty(entries, dtype)
-    ones, twos = _waves(first, double), _waves(second, double)
+    ones, twos = (
+        _midpoints(count, along, double)
+        for count, along in zip(weights.shape, (first, second), strict=True)
+    )
     begin = 0
-    for h, left in enumerate(ones):
-        for m, right in enumerate(twos):
-            i, k = _pairs(weights.shape[0], h), _pairs(weights.shape[1], m)
-            mutual = weights[np.ix_(i, k)] * weights[np.ix_(h - i, m - k)].conj()
-            block = (left @ mutual @ right.T).real.reshape(len(left), -1, _PACKET)
-            values[begin : begin + block.size] = block.swapaxes(0, 1).ravel()
-            begin += block.size
+    for one in ones:
+        for two in twos:
+            mutual = weights[one.sites, two.sites] * weights[one.partners, two.partners].conj()
+            samples = _samples(mutual, one, two).reshape(one.period, -1, _PACKET)
+            values[begin : begin + samples.size] = samples.swapaxes(0, 1).ravel()
+            begin += samples.size
     return MeanTable((first, second), values.reshape(-1, _PACKET))
+
+
+def _samples(mutual: Complexes, one: _Midpoint, two: _Midpoint) -> NDArray[np.float64]:
+    """One period of a midpoint's factor along both directions.
+
+    By FFT along one and the other, not by matrices of waves: those of a long row would take its
+    length cubed in memory, and small products of matrices starve where threads share a processor.
+    """
+    along = np.fft.fft(mutual * (one.gains[:, None] * two.gains), two.period, axis=1) * two.shifts
+    return (np.fft.fft(along, one.period, axis=0) * one.shifts[:, None]).real
 
 
 def _pairs(count: int, index_sum: int) -> NDArray[np.intp]:
@@ -170,12 +184,28 @@ def _direction(count: int, step: int) -> Direction:
     return Direction(step, tuple(periods.tolist()), tuple(starts.tolist()))
 
 
-def _waves(direction: Direction, double: bool) -> list[NDArray[Any]]:
-    """By midpoint, its pairs' waves at all samples, less what interpolating makes of them."""
-    count = (len(direction.periods) + 1) // 2
+@dataclass(frozen=True, eq=False)
+class _Midpoint:
+    """Along one direction: the pairs of a midpoint, and their waves at the samples of a period."""
+
+    sites: slice
+    partners: slice
+    """Of the same sites, in the opposite order."""
+    period: int
+    gains: NDArray[np.float64]
+    """By pair: what makes up for the interpolation."""
+    shifts: Complexes
+    """By sample: the wave of the first pair, from which an FFT counts."""
+
+
+def _midpoints(count: int, direction: Direction, double: bool) -> list[_Midpoint]:
+    transform = interpolation(double).transform
     result = []
     for h, period in enumerate(direction.periods):
-        kappa: NDArray[Any] = (_pairs(count, h) - h / 2) / period
-        waves = np.exp(-2j * np.pi * np.outer(np.arange(period), kappa))
-        result.append(waves / interpolation(double).transform(kappa))
+        pairs = _pairs(count, h)
+        sites = slice(int(pairs[0]), int(pairs[-1]) + 1)
+        kappa: NDArray[np.float64] = (pairs - h / 2) / period
+        shifts = np.exp(-2j * np.pi * kappa[0] * np.arange(period))
+        partners = slice(sites.stop - 1, sites.start - 1 if sites.start else None, -1)
+        result.append(_Midpoint(sites, partners, int(period), 1.0 / transform(kappa), shifts))
     return result
