@@ -204,8 +204,9 @@ def _midpoints(count: int, direction: Direction, double: bool) -> list[_Midpoint
     for h, period in enumerate(direction.periods):
         pairs = _pairs(count, h)
         sites = slice(int(pairs[0]), int(pairs[-1]) + 1)
-        kappa: NDArray[np.float64] = (pairs - h / 2) / period
-        shifts = np.exp(-2j * np.pi * kappa[0] * np.arange(period))
+        kappa: NDArray[Any] = (pairs - h / 2) / period
+        shifts: Complexes = np.exp(-2j * np.pi * kappa[0] * np.arange(period))
         partners = slice(sites.stop - 1, sites.start - 1 if sites.start else None, -1)
-        result.append(_Midpoint(sites, partners, int(period), 1.0 / transform(kappa), shifts))
+        gains: NDArray[np.float64] = np.reciprocal(transform(kappa))
+        result.append(_Midpoint(sites, partners, int(period), gains, shifts))
     return result
