@@ -149,3 +149,14 @@ def test_scattered_elements_up_to_ten_million_sizes_apart_are_taken() -> None:
     zero = np.zeros(2)
     assert pw.lag_marginal(far, zero) == pytest.approx(12 * PATCH.area)
     assert pw.wigner(far, PLACES[3] * 1e5, zero) == pytest.approx(4 * PATCH.area, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("engine", ENGINES)
+def test_values_too_large_for_single_precision_are_infinite_without_a_warning(engine: str) -> None:
+    field = 1e80 * pw.cosine_taper(1e-3, 1e-3)
+    source = pw.phased_array(PATCH.with_illumination(field), [[0, 0], [2e-3, 0]])
+    for tapered in (source, source.elements[0]):
+        assert (
+            pw.wigner(tapered, (0.0, 0.0), (0.0, 0.0), precision="single", engine=engine) == np.inf
+        )

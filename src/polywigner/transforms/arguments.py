@@ -114,7 +114,8 @@ def _near_the_largest_float(
         kernel, source, components, double=True, engine="numpy", outputs=outputs
     )
     values = np.array(values)
-    values[missing] = found[0] if outputs == 1 else _complex(*found)
+    with np.errstate(over="ignore"):  # too large for single precision: infinite, as elsewhere
+        values[missing] = found[0] if outputs == 1 else _complex(*found)
     return values
 
 
