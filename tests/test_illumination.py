@@ -429,3 +429,10 @@ def test_amplitudes_whose_products_would_leave_the_floats_are_refused(amplitude:
     for within in (1e-100, 1e100):
         source = square.with_illumination(within * pw.uniform())
         assert pw.lag_marginal(source, (0, 0)).real == pytest.approx(within**2)
+
+
+def test_a_fit_in_place_of_its_illumination_is_refused_with_the_way_out() -> None:
+    fit = pw.fit_illumination([[0.0, 0.0], [0.5, 0.5]], [1.0, 1.0], [[0.0, 0.0]])
+    with pytest.raises(ArgumentError, match=r"got FittedIllumination; give its \.illumination"):
+        pw.shapes.square(1).with_illumination(fit)  # type: ignore[arg-type]
+    assert pw.shapes.square(1).with_illumination(fit.illumination).illumination == fit.illumination

@@ -35,10 +35,13 @@ def checked_field(field: Any, dimension: int) -> Field:
     dimension.
     """
     if not isinstance(field, Field):
-        raise ArgumentError(
-            f"expected an Illumination, got {type(field).__name__}; make one with "
-            "polywigner.Illumination(amplitudes, frequencies) or polywigner.steering(...)"
+        advice = (
+            "give its .illumination"
+            if isinstance(getattr(field, "illumination", None), Field)
+            else "make one with polywigner.Illumination(amplitudes, frequencies) or "
+            "polywigner.steering(...)"
         )
+        raise ArgumentError(f"expected an Illumination, got {type(field).__name__}; {advice}")
     if field.dimension != dimension:
         raise IlluminationError(
             f"expected an illumination with frequencies of {dimension} components, got "
