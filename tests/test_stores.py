@@ -6,7 +6,9 @@ from __future__ import annotations
 import json
 import resource
 import signal
+import socketserver
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -252,3 +254,21 @@ def test_a_scheduler_that_does_not_answer_is_named(
     for address in ("tcp://127.0.0.1:1", "nonsense://x"):
         with pytest.raises(EngineError, match=f"scheduler at '{address}'"):
             write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
+
+
+def test_a_server_that_is_no_scheduler_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Polite(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            self.request.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+    monkeypatch.setattr("polywigner.propagation.stores_running._PATIENCE", 0.3)
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Polite) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.server_address[1]}"
+        try:
+            with pytest.raises(EngineError, match=f"scheduler at '{address}'"):
+                write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
+        finally:
+            server.shutdown()
