@@ -150,6 +150,29 @@ app.command()(volume)
 
 
 @app.command()
+def figures(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[NAME]...",
+            help="amp_spec, indmk, marginals, xforms, projs, sampling, appendix (default: all).",
+        ),
+    ] = None,
+    quality: Annotated[
+        str, typer.Option(help="draft, or print: more samples and pixels, several minutes.")
+    ] = "draft",
+    out: Annotated[str | None, typer.Option(help="Folder to write to (default: figures).")] = None,
+) -> None:
+    """Regenerate the figures of the paper.
+
+    Writes NAME.png, NAME.pdf and the numbers behind them, NAME.npz, for each.
+    """
+    from polywigner.cli.figures import run_figures
+
+    run_figures(names or [], quality=quality, out=out)
+
+
+@app.command()
 def doctor(
     install_llvm: Annotated[
         bool,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.figures.drawing import draw_polygons, length_axes, letter_panels
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.slices import TransformSlices
 from polywigner.figures.style import (
@@ -56,7 +57,7 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
         _draw_lag_slice(panels[3], slices, unit)
         _draw_signed(panels[4], slices, slices.wigner, unit, "W(x, ν)", r"\nu")
         _draw_signed(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", r"\upsilon")
-        _letter(panels)
+        letter_panels(panels)
         figure.suptitle(_heading(title, slices.wavelength))
     return figure
 
@@ -66,14 +67,18 @@ def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> Non
     array = isinstance(slices.source, pw.Array)
     names = ("W is 0 outside", "elements") if array else ("automean", "aperture")
     overlap = pw.position_slice(slices.aperture, slices.xi)
-    _fill(axes, support, unit, facecolor=_TINT, edgecolor="none", label=names[0])
-    _fill(axes, slices.aperture.polygons, unit, facecolor=_INK, edgecolor="none", label=names[1])
-    _fill(axes, overlap, unit, facecolor="none", edgecolor=_ACCENT, label="position slice at ξ")
+    draw_polygons(axes, support, unit, facecolor=_TINT, edgecolor="none", label=names[0])
+    draw_polygons(
+        axes, slices.aperture.polygons, unit, facecolor=_INK, edgecolor="none", label=names[1]
+    )
+    draw_polygons(
+        axes, overlap, unit, facecolor="none", edgecolor=_ACCENT, label="position slice at ξ"
+    )
     x = np.asarray(slices.x) / unit.metres
     axes.plot(*x, "+", color=_ACCENT, markersize=8, markeredgewidth=1.4, label="x")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=4, **_LEGEND)
     axes.set_title(f"{names[1]}; ξ = {_point_text(slices.xi, unit)}")
-    _length_axes(axes, "x", unit)
+    length_axes(axes, "x", unit)
 
 
 def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
@@ -84,12 +89,16 @@ def _draw_lag_slice(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> No
         slices.aperture.polygons, (2, 0, 0, 2, -2 * slices.x[0], -2 * slices.x[1])
     )
     mirrored = shapely.affinity.scale(doubled, -1, -1, origin=(0, 0))
-    _fill(axes, doubled, unit, facecolor="none", edgecolor=_INK, label="2(Γ − x)")
-    _fill(axes, mirrored, unit, facecolor="none", edgecolor=_INK, linestyle="--", label="2(x − Γ)")
-    _fill(axes, lags, unit, facecolor=_ACCENT, edgecolor="none", alpha=0.35, label="lag slice")
+    draw_polygons(axes, doubled, unit, facecolor="none", edgecolor=_INK, label="2(Γ − x)")
+    draw_polygons(
+        axes, mirrored, unit, facecolor="none", edgecolor=_INK, linestyle="--", label="2(x − Γ)"
+    )
+    draw_polygons(
+        axes, lags, unit, facecolor=_ACCENT, edgecolor="none", alpha=0.35, label="lag slice"
+    )
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3, **_LEGEND)
     axes.set_title(f"lag slice at x = {_point_text(slices.x, unit)}")
-    _length_axes(axes, r"\xi", unit)
+    length_axes(axes, r"\xi", unit)
 
 
 def _draw_levels(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db: float) -> None:
@@ -129,22 +138,6 @@ _LEGEND: dict[str, Any] = {
 }
 
 
-def _fill(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
-    """A shapely polygon or multipolygon, holes cut out, in display units."""
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
-    rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
-    if not rings:
-        return
-    path = Path.make_compound_path(
-        *(Path(np.asarray(ring.coords) / unit.metres, closed=True) for ring in rings)
-    )
-    axes.add_patch(PathPatch(path, **how))
-    axes.update_datalim(path.vertices)
-
-
 def _show(
     axes: Axes, slices: TransformSlices, values: NDArray[Any], unit: LengthUnit, **how: Any
 ) -> Any:
@@ -168,14 +161,6 @@ def _frequency_axes(
     axes.set_ylabel(f"${symbol}_y$ (1/{unit.name})")
 
 
-def _length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.08)
-    axes.autoscale_view()
-    axes.set_xlabel(f"${symbol}_x$ ({unit.name})")
-    axes.set_ylabel(f"${symbol}_y$ ({unit.name})")
-
-
 def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:
     first, second = (f"{value / unit.metres:.4g}" for value in point)
     return f"({first}, {second}) {unit.name}"
@@ -187,8 +172,3 @@ def _heading(title: str, wavelength: float | None) -> str:
     unit = length_unit(wavelength)
     marked = f"λ = {wavelength / unit.metres:.4g} {unit.name}, dotted circle: |ν| = 1/λ"
     return f"{title}; {marked}" if title else marked
-
-
-def _letter(panels: Any) -> None:
-    for letter, axes in zip("abcdef", panels, strict=True):
-        axes.set_title(f"({letter})", loc="left", fontweight="bold")

@@ -1,0 +1,92 @@
+"""``polywigner figures``: the figures of the paper, as pictures and as the numbers behind them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polywigner.cli.output import check_text, check_writable, writing
+from polywigner.errors import ArgumentError
+
+if TYPE_CHECKING:
+    from polywigner.figures.paper import Made, Quality
+
+__all__ = ["run_figures"]
+
+_RESOLUTION = {"draft": 150, "print": 300}  # pixels per inch
+
+
+def run_figures(names: Sequence[str], *, quality: str, out: str | None) -> None:
+    """Write NAME.png, NAME.pdf and NAME.npz for each figure and print their paths.
+
+    Figures of several pictures are NAME_a, NAME_b, ... and have one NAME.npz.
+
+    Raises
+    ------
+    PolywignerError : no such figure or quality, or no place to write to; nothing is written then.
+    """
+    from polywigner.figures.paper import check_figures, make_figure
+    from polywigner.propagation.progress import progress_bar
+
+    chosen = check_figures(list(names), quality)
+    folder = _folder(out)
+    files = {name: _files(folder, name) for name in chosen}
+    check_writable([path for paths in files.values() for path in paths])
+    level: Quality = "draft" if quality == "draft" else "print"
+    with progress_bar("figures", len(chosen)) as advance:
+        for name in chosen:
+            _write(files[name], make_figure(name, level), level)
+            advance()
+            for path in files[name]:
+                print(path, flush=True)
+
+
+def _folder(out: str | None) -> Path:
+    if out is None:
+        return Path("figures")
+    if not out.strip():
+        raise ArgumentError(
+            "expected --out to name a folder, got nothing; leave it out to write to figures/"
+        )
+    check_text("--out", out)
+    folder = Path(out)
+    if folder.exists() and not folder.is_dir():
+        raise ArgumentError(f"expected --out to name a folder, got the file {out}; name another")
+    return folder
+
+
+def _files(folder: Path, name: str) -> tuple[Path, ...]:
+    """A .png and a .pdf of each picture, and the .npz."""
+    from polywigner.figures.paper import FIGURES
+
+    stems = [f"{name}_{part}" if part else name for part in FIGURES[name].parts]
+    pictures = (folder / f"{stem}{suffix}" for stem in stems for suffix in (".png", ".pdf"))
+    return *pictures, folder / f"{name}.npz"
+
+
+def _write(files: tuple[Path, ...], made: Made, quality: Quality) -> None:
+    import matplotlib as mpl
+
+    resolution = _RESOLUTION[quality]
+    # The same input makes the same file; letters stay text that can be searched.
+    with mpl.rc_context({"pdf.fonttype": 42}), writing(files) as partial:
+        for k, figure in enumerate(made.figures.values()):
+            figure.savefig(partial[2 * k], format="png", dpi=resolution)
+            figure.savefig(
+                partial[2 * k + 1], format="pdf", dpi=resolution, metadata={"CreationDate": None}
+            )
+        with partial[-1].open("wb") as file:
+            _save_values(file, made)
+
+
+def _save_values(file: Any, made: Made) -> None:
+    """The arrays under their names, and a JSON text ``metadata`` with units and axes."""
+    import numpy as np
+
+    import polywigner as pw
+
+    metadata = {"about": dict(made.about), "polywigner": pw.__version__}
+    arrays: dict[str, Any] = {**made.values, "metadata": np.asarray(json.dumps(metadata))}
+    np.savez_compressed(file, **arrays)

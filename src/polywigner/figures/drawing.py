@@ -1,0 +1,49 @@
+"""Parts of pictures that several figures have: polygons, axes of lengths, letters of panels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from string import ascii_lowercase
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from polywigner.figures.style import LengthUnit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["draw_polygons", "length_axes", "letter_panels"]
+
+
+def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
+    """A shapely polygon or multipolygon in metres, holes cut out, in the unit that is printed."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
+    rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
+    if not rings:
+        return
+    path = Path.make_compound_path(
+        *(Path(np.asarray(ring.coords) / unit.metres, closed=True) for ring in rings)
+    )
+    axes.add_patch(PathPatch(path, **how))
+    axes.update_datalim(path.vertices)
+
+
+def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
+    """Both axes to one scale, around what is drawn, labelled with the components of ``symbol``."""
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)
+    axes.autoscale_view()
+    # A position is (x, y), a lag (xi_x, xi_y).
+    across, up = ("x", "y") if symbol == "x" else (f"{symbol}_x", f"{symbol}_y")
+    axes.set_xlabel(f"${across}$ ({unit.name})")
+    axes.set_ylabel(f"${up}$ ({unit.name})")
+
+
+def letter_panels(panels: Iterable[Axes]) -> None:
+    """(a), (b), ... in the upper left corners."""
+    for letter, axes in zip(ascii_lowercase, panels, strict=False):
+        axes.set_title(f"({letter})", loc="left", fontweight="bold")

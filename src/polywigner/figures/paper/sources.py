@@ -1,0 +1,70 @@
+"""The apertures of the paper's figures, and its wavelength.
+
+The paper gives the sizes of one of them only, the square. Those of the others are chosen so that
+they show what its captions say, a few wavelengths across.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+import polywigner as pw
+from polywigner.quantities import wavelength_of
+
+__all__ = ["WAVELENGTH", "catalogue", "chevrons", "square", "triangle", "triangles"]
+
+WAVELENGTH = wavelength_of(94e9)
+"""3.19 mm, in metres."""
+
+_MM = 1e-3
+
+
+def square() -> pw.Aperture:
+    """The transmitter of the paper's comparison: 10 mm x 10 mm, about the origin."""
+    return pw.shapes.square(10 * _MM)
+
+
+def chevrons() -> pw.Aperture:
+    """Two chevrons of 9 mm x 12 mm, back to back, 24 mm from tip to tip (examples/two_chevrons)."""
+    left = np.array([(-12, 0), (-7, -6), (-3, -6), (-8, 0), (-3, 6), (-7, 6)])
+    return pw.Aperture([left * _MM, -left * _MM])
+
+
+def triangle() -> pw.Aperture:
+    """A triangle without symmetry, so that its mirror image is told from it; centroid at 0."""
+    corners = np.array([(-5.0, -4.0), (6.0, -2.0), (-1.0, 6.0)])
+    return pw.Aperture((corners - corners.mean(axis=0)) * _MM)
+
+
+def triangles() -> pw.Aperture:
+    """Two triangles, the second turned: convex elements whose automean is in three parts."""
+    one = triangle().rings[0] * 0.7
+    other = one @ _turned(140.0).T
+    return pw.Aperture([np.add(one, (-9 * _MM, 0)), np.add(other, (9 * _MM, 2 * _MM))])
+
+
+def _turned(degrees: float) -> NDArray[np.float64]:
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([(cosine, -sine), (sine, cosine)])
+
+
+@functools.cache
+def catalogue() -> dict[str, pw.Slits | pw.Aperture]:
+    """The nine apertures of the list in the paper's appendix, by their names there."""
+    shapes = pw.shapes
+    # Three unequal baselines in three directions.
+    stations = np.array([(-7.0, -4.0), (7.0, -5.0), (-1.0, 7.0)]) * _MM
+    return {
+        "single slit, 1D": shapes.slit(10 * _MM),
+        "double slit, 1D": shapes.slit_pair((4 * _MM, 2 * _MM), (-3 * _MM, 6 * _MM)),
+        "rectangle": shapes.rectangle(12 * _MM, 8 * _MM),
+        "circle": shapes.disc(5 * _MM),
+        "triangle": shapes.triangle(12 * _MM, 10 * _MM),
+        "double slit": shapes.double_slit((4 * _MM, 2 * _MM), 10 * _MM, (-3 * _MM, 6 * _MM)),
+        "V": shapes.vee(12 * _MM, 12 * _MM, 3 * _MM),
+        "U": shapes.u_shape(12 * _MM, 12 * _MM, 3 * _MM),
+        "interferometer": shapes.interferometer(stations, 2 * _MM),
+    }
