@@ -11,6 +11,7 @@ import pytest
 
 import polywigner as pw
 from oracles.references import ENGINES
+from polywigner.engines.operations import NumpyOperations
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.illumination.lattices import lattice_of, separated
 from polywigner.kernels.lattice_arrays import is_on_lattice
@@ -151,6 +152,24 @@ def test_tables_of_weights_agree_with_the_sum_over_pairs(
     lattice_arrays._tables.cache_clear()
     energy = float((np.abs(weights) ** 2).sum())
     assert np.abs(got - expected).max() < (1e-12 if precision == "double" else 2e-6) * energy
+
+
+def test_the_profile_of_a_long_row_is_made_an_array_once_for_all_its_terms(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Once for each term, a row of a thousand elements took a quarter of a second for a value."""
+    read: list[Any] = []
+    lookup = NumpyOperations.lookup
+
+    def noted(ops: NumpyOperations, table: Any, index: Any) -> Any:
+        read.append(table)
+        return lookup(ops, table, index)
+
+    monkeypatch.setattr(NumpyOperations, "lookup", noted)
+    row = pw.phased_array(SQUARE, grid(60, 1, 1.3), _random(60))
+    assert np.isfinite(pw.wigner(row, SQUARE.centre, [0.3, 0.2], engine="numpy"))
+    assert len(read) > 60
+    assert all(isinstance(table, np.ndarray) for table in read)
 
 
 @pytest.mark.parametrize("shape", [(2, 300), (300, 2)])

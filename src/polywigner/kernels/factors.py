@@ -137,9 +137,10 @@ class _Series:
         b: Any = 0.0 * start
         d: Any = 0.0 * start
         after: Any = b
+        held = ops.prepared(table)  # once: a row of a thousand has tables of a million
         for k in range(self.terms - 1, -1, -1):
             after = b
-            coefficient = ops.lookup(table, start + float(k))
+            coefficient = ops.lookup(held, start + float(k))
             d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
             b = ops.fma(basis.sign, b, d)
         first, second = ends
