@@ -155,7 +155,8 @@ def figures(
         list[str] | None,
         typer.Argument(
             metavar="[NAME]...",
-            help="amp_spec, indmk, marginals, xforms, projs, sampling, appendix (default: all).",
+            help="render, amp_spec, indmk, marginals, xforms, projs, volrender, compar, error, "
+            "emitters, sampling, appendix (default: all).",
         ),
     ] = None,
     quality: Annotated[

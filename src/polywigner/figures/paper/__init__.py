@@ -24,11 +24,16 @@ class Subject(NamedTuple):
 
 
 FIGURES = {
+    "render": Subject("a scene with a coherent transmitter"),
     "amp_spec": Subject("real part of the Fourier transform of two chevrons"),
     "indmk": Subject("two elements and their automean"),
     "marginals": Subject("position and lag marginals of two triangles"),
     "xforms": Subject("construction of the slices of the autocorrelation"),
     "projs": Subject("projections of R, W and A", ("a", "b", "c")),
+    "volrender": Subject("isosurfaces of the field of two chevrons"),
+    "compar": Subject("Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b")),
+    "error": Subject("error of each method against distance"),
+    "emitters": Subject("one scene by a Wigner, an FFT, a uniform and a cosine source"),
     "sampling": Subject("samples that a grid needs, and how exact they make it"),
     "appendix": Subject("patterns of nine apertures"),
 }

@@ -24,7 +24,7 @@ def make(quality: Quality) -> Made:
     values: dict[str, NDArray[Any]] = {}
     about: dict[str, str] = {}
     for letter, kind in KINDS.items():
-        found = pw.projections(chevrons(), kind, samples=number_samples(quality, 129, 513))
+        found = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
         title = f"({letter}) projected {_called(kind)}, two chevrons"
         figures[letter] = draw_projections(found, title=title)
         for name in (*found.coords, *found.data_vars):

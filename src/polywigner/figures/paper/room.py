@@ -1,0 +1,147 @@
+"""The scene of the rendered figures, with one source or another in it."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import polywigner as pw
+from polywigner.figures.paper.made import Quality
+from polywigner.figures.paper.sources import WAVELENGTH, square
+
+__all__ = [
+    "POSE",
+    "cosine_source",
+    "fft_source",
+    "intensity_by_fft",
+    "render_room",
+    "uniform_source",
+    "wigner_source",
+]
+
+POSE = '<lookat origin="0, -0.45, 0.16" target="0, -0.05, 0.02" up="0, 0, 1"/>'
+"""Of the source: its normal points 19 degrees down. Seen along the normal, up is up."""
+
+_ORIGIN = "0, -0.45, 0.16"
+_SIZES = {"draft": (270, 225), "print": (720, 600)}
+_SAMPLES = {"draft": 36, "print": 784}
+
+_CELLS_PER_WAVELENGTH = 8
+_PADDED = 1024
+_TANGENT = 12.0  # of the largest angle of the projected pattern from its axis, 85 degrees
+
+
+def render_room(
+    source: str, quality: Quality, images: Mapping[str, NDArray[np.float32]] | None = None
+) -> NDArray[np.float64]:
+    """Radiance (height, width) in W m^-2 sr^-1 of the room with a source in it.
+
+    Parameters
+    ----------
+    source : as XML of Mitsuba.
+    quality : of the film and of the samples of each pixel.
+    images : by the names of the EXR files to which ``source`` refers.
+    """
+    from polywigner.mitsuba import load_scene, render
+    from polywigner.mitsuba.images import write_exr
+
+    text = files(__package__).joinpath("room.xml").read_text(encoding="utf-8")
+    width, height = _SIZES[quality]
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "room.xml"
+        scene.write_text(text.replace("<!-- source -->", source), encoding="utf-8")
+        for name, image in (images or {}).items():
+            write_exr(Path(folder) / name, image)
+        Path(folder, "square.wkt").write_text(square().polygons.wkt, encoding="utf-8")
+        loaded = load_scene(scene, width=width, height=height)
+        image = render(loaded, spp=_SAMPLES[quality])
+    colours = 3 if image.shape[-1] >= 3 else 1  # one channel, but three in the scalar variants
+    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
+
+
+def wigner_source() -> str:
+    """The square as a coherent aperture: |u|^2 = 1 W/m^2."""
+    return f"""
+    <shape type="wigner">
+        <string name="aperture" value="square.wkt"/>
+        <string name="unit" value="m"/>
+        <float name="wavelength" value="{float(WAVELENGTH)!r}"/>
+        <transform name="to_world">{POSE}</transform>
+    </shape>"""
+
+
+def uniform_source(power: float) -> str:
+    """A point that radiates as much ahead as the square, the same into all directions."""
+    return f"""
+    <emitter type="point">
+        <point name="position" value="{_ORIGIN}"/>
+        <spectrum name="intensity" value="{float(power / (2 * np.pi))!r}"/>
+    </emitter>"""
+
+
+def cosine_source(power: float) -> str:
+    """The square as an incoherent surface of constant radiance."""
+    half = float(np.sqrt(square().area)) / 2
+    return f"""
+    <shape type="rectangle">
+        <transform name="to_world"><scale x="{half!r}" y="{half!r}"/>{POSE}</transform>
+        <bsdf type="null"/>
+        <emitter type="area">
+            <spectrum name="radiance" value="{float(power / (np.pi * square().area))!r}"/>
+        </emitter>
+    </shape>"""
+
+
+def intensity_by_fft(directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radiant intensity |F|^2 cos(theta) / wavelength^2 of the square by an FFT of its raster.
+
+    Parameters
+    ----------
+    directions : (..., 3) unit vectors in the square's frame.
+
+    Returns
+    -------
+    (...) W/sr, between the frequencies of the FFT by bilinear interpolation.
+    """
+    cell = WAVELENGTH / _CELLS_PER_WAVELENGTH
+    middles = (np.arange(_PADDED) - _PADDED // 2) * cell
+    points = np.stack(np.meshgrid(middles, middles), axis=-1)
+    raster = pw.autocorrelation(square(), points, np.zeros(2)).real  # |u|^2 = u
+    transform = np.fft.fftshift(np.fft.fft2(np.fft.ifftshift(raster))) * cell**2
+    places = directions[..., :2] / WAVELENGTH * _PADDED * cell + _PADDED // 2
+    low = np.floor(places).astype(int)
+    across, up = np.moveaxis(places - low, -1, 0)
+    i, j = np.moveaxis(low, -1, 0)
+    power = np.abs(transform) ** 2
+    below = (1 - across) * power[j, i] + across * power[j, i + 1]
+    above = (1 - across) * power[j + 1, i] + across * power[j + 1, i + 1]
+    return np.asarray(((1 - up) * below + up * above) * directions[..., 2] / WAVELENGTH**2)
+
+
+def fft_source(quality: Quality) -> tuple[str, dict[str, NDArray[np.float32]]]:
+    """A point with the square's far-field pattern, as a projector with the pattern for a slide.
+
+    The projector's irradiance E gives the intensity pi E / cos^3(theta).
+    """
+    count = 1025 if quality == "draft" else 2049
+    tangents = ((np.arange(count) + 0.5) / count * 2 - 1) * _TANGENT
+    x, y = np.meshgrid(tangents, tangents)
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    slide = intensity_by_fft(rays) * rays[..., 2] ** 3 / np.pi
+    fov = float(np.degrees(2 * np.arctan(_TANGENT)))
+    text = f"""
+    <emitter type="projector">
+        <texture type="bitmap" name="irradiance">
+            <string name="filename" value="slide.exr"/>
+            <boolean name="raw" value="true"/>
+        </texture>
+        <float name="fov" value="{fov!r}"/>
+        <transform name="to_world">{POSE}</transform>
+    </emitter>"""
+    return text, {"slide.exr": slide[..., None].astype(np.float32)}
