@@ -103,11 +103,7 @@ class NumpyOperations(_Unfused, NumpyRanges):
         """The same for terms of much code, that of so many clips: one after the other."""
         return _unrolled_sum(rows, term)
 
-    def prepared(self, table: Sequence[float]) -> Any:
-        """A table for many look-ups."""
-        return np.asarray(table, self.dtype)
-
-    def lookup(self, table: Any, index: Any) -> Any:
+    def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole floats that are in range."""
         return np.asarray(table, self.dtype)[np.asarray(index).astype(np.intp)]
 
@@ -168,11 +164,7 @@ class ScalarOperations(_Unfused, ScalarRanges):
         """The same for terms of much code, that of so many clips."""
         return _unrolled_sum(rows, term)
 
-    def prepared(self, table: Sequence[float]) -> Any:
-        """A table for many look-ups."""
-        return table
-
-    def lookup(self, table: Any, index: Any) -> Any:
+    def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for a whole float that is in range."""
         return table[int(index)]
 
@@ -218,14 +210,10 @@ class DrjitOperations(DrjitRanges):
             return _unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
 
-    def prepared(self, table: Sequence[float]) -> Any:
-        """A table for many look-ups."""
-        # A list: NumPy's memory would be used in place, and its alignment enters the kernel.
-        return self.float_type(list(table))
-
-    def lookup(self, table: Any, index: Any) -> Any:
+    def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole floats that are in range."""
-        memory = table if isinstance(table, self.float_type) else self.prepared(table)
+        # A list: NumPy's memory would be used in place, and its alignment enters the kernel.
+        memory = self.float_type(list(table))
         return self._dr.gather(
             self.float_type, memory, self._dr.uint32_array_t(self.float_type)(index)
         )

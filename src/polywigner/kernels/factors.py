@@ -12,10 +12,13 @@ with products c_k of two amplitudes. For equal amplitudes that is sin(pi N t)/si
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.illumination.lattices import Profile
 from polywigner.kernels.complex_pairs import Pair
@@ -24,6 +27,9 @@ from polywigner.kernels.trigonometry import cos_sin_turns, sin_turns
 __all__ = ["ProfileFactor", "profile_factor"]
 
 Coefficients = Sequence[complex]
+
+# Coefficients that are read at a time: one load, where each alone would be another.
+_PACKET = 4
 
 
 @dataclass(frozen=True)
@@ -100,24 +106,39 @@ def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:
     return ops.select(count > 0.0, quotient * (1.0 - 2.0 * odd), 0.0 * turns)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Coefficients by row and by term, as packets (rows * packets of a row, terms of one)."""
+
+    values: NDArray[np.float64]
+    held: dict[Hashable, Any] = field(default_factory=dict)
+
+    def in_memory(self, ops: Any) -> Any:
+        """In an engine's memory."""
+        if ops.key not in self.held:
+            self.held[ops.key] = ops.held(self.values)
+        return self.held[ops.key]
+
+
+@dataclass(frozen=True, eq=False)
 class _Series:
     """Sums of cosines and sines, coefficients by row and by term, from the middle outwards.
 
     In row r, p_k cos(2 pi t m_k) - i q_k sin(2 pi t m_k) with m_k = k or k + 1/2, p and q complex.
-    A table of zeros only is empty.
+    A table of zeros only is None.
     """
 
-    terms: int
-    p_real: tuple[float, ...]
-    p_imag: tuple[float, ...]
-    q_real: tuple[float, ...]
-    q_imag: tuple[float, ...]
+    packets: int
+    """Of a row."""
+    p_real: _Table | None
+    p_imag: _Table | None
+    q_real: _Table | None
+    q_imag: _Table | None
 
     def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
         """The sum of a row at ``turns``; 0 for rows that do not exist. ``pairs``: its length."""
         exists = (row >= 0.0) & (row <= last)
-        start = ops.select(exists, row, 0.0) * float(self.terms)
+        start = ops.select(exists, row, 0.0) * float(self.packets)
         is_even = ops.select(exists, pairs, 1.0)
         is_even = abs(is_even - 2.0 * ops.round(0.5 * is_even)) < 0.5  # middles between two terms
         basis = _Basis(ops, turns, is_even)
@@ -130,19 +151,20 @@ class _Series:
         return Pair(ops.select(exists, real + zero, zero), ops.select(exists, imag + zero, zero))
 
     def _sum(
-        self, ops: Any, basis: _Basis, table: tuple[float, ...], start: Any, ends: tuple[Any, Any]
+        self, ops: Any, basis: _Basis, table: _Table | None, start: Any, ends: tuple[Any, Any]
     ) -> Any:
-        if not table:
+        if table is None:
             return 0.0
         b: Any = 0.0 * start
         d: Any = 0.0 * start
         after: Any = b
-        held = ops.prepared(table)  # once: a row of a thousand has tables of a million
-        for k in range(self.terms - 1, -1, -1):
-            after = b
-            coefficient = ops.lookup(held, start + float(k))
-            d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
-            b = ops.fma(basis.sign, b, d)
+        memory = table.in_memory(ops)
+        for packet in range(self.packets - 1, -1, -1):
+            coefficients = ops.gather(memory, ops.truncated(start + float(packet)))
+            for coefficient in reversed(coefficients):
+                after = b
+                d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
+                b = ops.fma(basis.sign, b, d)
         first, second = ends
         return first * d + second * after
 
@@ -173,6 +195,9 @@ class _Basis:
 def _series(rows: Sequence[Coefficients]) -> _Series:
     """Rows of c_k in the order of growing multiples, symmetric about 0."""
     terms = max((len(row) + 1) // 2 for row in rows)
+    packet = min(terms, _PACKET)
+    packets = -(-terms // packet)
+    terms = packets * packet
     p, q = [], []
     for row in rows:
         n = len(row)
@@ -185,10 +210,13 @@ def _series(rows: Sequence[Coefficients]) -> _Series:
             odd = [a - b for a, b in zip(up, down, strict=True)]
         p += even + [0.0] * (terms - len(even))
         q += odd + [0.0] * (terms - len(odd))
-    return _Series(terms, *(_unless_zero(t, part) for t in (p, q) for part in ("real", "imag")))
+    tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
+    return _Series(packets, *tables)
 
 
-def _unless_zero(table: Sequence[complex], part: str) -> tuple[float, ...]:
-    values = tuple(float(getattr(complex(value), part)) for value in table)
-    size = max(abs(complex(value)) for value in table) if table else 0.0
-    return values if any(abs(value) > 1e-17 * size for value in values) else ()
+def _unless_zero(coefficients: Sequence[complex], part: str, packet: int) -> _Table | None:
+    values = np.array(coefficients, np.complex128)
+    parts: NDArray[np.float64] = getattr(values, part)
+    if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
+        return None
+    return _Table(np.ascontiguousarray(parts).reshape(-1, packet))
