@@ -70,9 +70,12 @@ bench: ## run the benchmarks
 	  echo "== $$script"; $(BIN)/python "$$script" || exit 1; \
 	done
 
-docs: ## check the documents: every link inside them leads somewhere
-	@$(SETUP) --group test
+docs: ## check the documents, and build the site from them: docs/_build/html/index.html
+	@$(SETUP) --group docs
 	$(BIN)/python tools/check_documents.py
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --conf-dir docs . docs/_build/html
+	$(BIN)/python tools/check_documents.py --site docs/_build/html
+	@echo "The site: docs/_build/html/index.html"
 
 dist: ## build wheel and sdist into dist/
 	@$(SETUP) --group dev

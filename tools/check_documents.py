@@ -1,15 +1,19 @@
 """Check the documents: links that lead nowhere, and code blocks that do not parse.
 
     python tools/check_documents.py
+    python tools/check_documents.py --site docs/_build/html
 
-Looks at every Markdown file of the project. Links to other sites are not followed.
+Looks at every Markdown file of the project. Links to other sites are not followed. With --site, checks
+the built site instead: its pages' links and pictures, and that every public name has an entry.
 """
 
 from __future__ import annotations
 
+import argparse
 import ast
 import re
 import sys
+import urllib.parse
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,16 +61,62 @@ def broken_code(path: Path) -> Iterator[str]:
             yield f"a python block does not parse: {error.msg}: {(error.text or '').strip()}"
 
 
+def faults_of_documents() -> Iterator[str]:
+    for path in documents():
+        for check in (dead_links, broken_code):
+            yield from (f"{path.relative_to(ROOT)}: {fault}" for fault in check(path))
+
+
+def pages_of(site: Path) -> list[Path]:
+    """All but the templates that the theme leaves beside its files."""
+    return sorted(set(site.rglob("*.html")) - set((site / "_static").rglob("*.html")))
+
+
+def dead_links_of_site(site: Path) -> Iterator[str]:
+    texts = {path: path.read_text(encoding="utf-8") for path in pages_of(site)}
+    identities = {path: set(re.findall(r"""\bid="([^"]+)\"""", text)) for path, text in texts.items()}
+    for path, text in texts.items():
+        for target in sorted(set(re.findall(r"""\b(?:href|src)="([^"]+)\"""", text))):
+            if re.match(r"[a-z]+:|//", target):
+                continue
+            file, _, anchor = urllib.parse.unquote(target).partition("#")
+            there = (path.parent / file.partition("?")[0]).resolve() if file else path
+            if not there.exists():
+                yield f"{path.relative_to(site)}: link to {target}, which does not exist"
+            elif anchor and there in identities and anchor not in identities[there]:
+                yield f"{path.relative_to(site)}: link to {target}: no such place"
+
+
+def names_without_an_entry(site: Path) -> Iterator[str]:
+    """Public names of the package, and of its modules for users, that the reference leaves out."""
+    import polywigner
+    from polywigner import errors, figures, testing
+
+    pages = "".join(path.read_text(encoding="utf-8") for path in (site / "docs/api").glob("*.html"))
+    entries = set(re.findall(r'<dt class="sig[^>]*id="([^"]+)"', pages))
+    modules = {"polywigner.geometry.shapes": polywigner.shapes}
+    modules |= {module.__name__: module for module in (polywigner, errors, figures, testing)}
+    modules["polywigner.illumination.arrays"] = polywigner.arrays
+    for module, names in modules.items():
+        for name in names.__all__:
+            thing = getattr(names, name)
+            if callable(thing) and f"{module}.{name}" not in entries:
+                yield f"the API reference lacks {module}.{name}"
+
+
 def main() -> int:
-    faults = [
-        f"{path.relative_to(ROOT)}: {fault}"
-        for path in documents()
-        for check in (dead_links, broken_code)
-        for fault in check(path)
-    ]
+    parser = argparse.ArgumentParser(description="Check the documents, or the site built from them.")
+    parser.add_argument("--site", type=Path, help="folder of the built site")
+    site = parser.parse_args().site
+    if site is None:
+        what, faults = f"{len(documents())} documents", list(faults_of_documents())
+    else:
+        site = site.resolve()
+        what = f"{len(pages_of(site))} pages of the site"
+        faults = [*dead_links_of_site(site), *names_without_an_entry(site)]
     for fault in faults:
         print(fault)
-    print(f"{len(documents())} documents, {len(faults)} faults")
+    print(f"{what}, {len(faults)} faults")
     return 1 if faults else 0
 
 

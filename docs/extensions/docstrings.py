@@ -1,0 +1,87 @@
+"""Docstrings as they are written here, prose with shapes and units, into what Sphinx reads.
+
+    x : (..., d) positions in m.
+    source : an Aperture, or an Array of
+        apertures.
+
+numpydoc and napoleon take what follows the colon for a type, and the next line for its description,
+which cuts such sentences in two; and `|u|` and `u*` mean something else to reStructuredText.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from polywigner import errors
+
+SECTION = re.compile(r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|Notes)\n-{3,}\n", re.M)
+ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) ?: (.*)$")
+# Literals, roles, links and emphasis are left as they are: odd pieces of a split by this.
+SINGLE = re.compile(r"(?<![`:\w])`([^`\n]+)`(?![`_])")
+MARKUP = re.compile(r"(``.+?``|:[\w:]+:`[^`]+`|`[^`]+`_)", re.DOTALL)
+SPECIAL = re.compile(r"[*|`\\]|(?<=\w)_(?=\W|$)")
+ERROR = re.compile(rf"\b({'|'.join(errors.__all__)})\b")
+
+
+def escaped(prose: str) -> str:
+    """Prose in which only the markup meant as such is left."""
+    pieces = MARKUP.split(SINGLE.sub(r"``\1``", prose))
+    pieces[::2] = [SPECIAL.sub(r"\\\g<0>", piece) for piece in pieces[::2]]
+    return "".join(pieces)
+
+
+def paragraphs(text: str) -> str:
+    """Escape a text but for its literal blocks, tables, and prompts of examples."""
+    written, literal = [], False
+    for block in re.split(r"(\n\s*\n)", text):
+        if not block.strip():
+            written.append(block)
+            continue
+        indented = block.startswith(" ")
+        literal = indented and literal
+        plain = literal or re.match(r"\s*(>>>|\+-|={3,}|\.\. )", block)
+        written.append(block if plain else escaped(block))
+        literal = literal or block.rstrip().endswith("::")
+    return "".join(written)
+
+
+def definitions(text: str) -> str:
+    """Parameters: one definition each, the whole sentence in its body."""
+    lines: list[str] = []
+    for line in text.splitlines():
+        in_prose = bool(lines) and re.match(r"\S", lines[-1])  # where a colon is a colon
+        item = None if in_prose else ITEM.match(line)
+        if item:
+            lines += [f"``{item[1]}``", f"    {item[2]}"]
+        else:
+            lines.append(line)
+    return escaped("\n".join(lines))
+
+
+def with_links(text: str) -> str:
+    """Exceptions by their names, as links."""
+    return ERROR.sub(r":class:`~polywigner.errors.\1`", text)
+
+
+def converted(docstring: str) -> str:
+    """A docstring of this project as reStructuredText."""
+    before, *sections = SECTION.split(docstring)
+    written = [paragraphs(before).rstrip(), ""]
+    for title, body in zip(sections[::2], sections[1::2], strict=True):
+        if title in ("Parameters", "Attributes"):
+            body = definitions(body)
+        else:
+            body = with_links(paragraphs(body)) if title in ("Raises", "Warns") else paragraphs(body)
+        indented = "\n".join(f"    {line}".rstrip() for line in body.strip("\n").splitlines())
+        written += [f":{title}:", indented, ""]
+    return "\n".join(written)
+
+
+def convert(_app: Any, _what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
+    lines[:] = converted("\n".join(lines)).splitlines()
+
+
+def setup(app: Any) -> dict[str, bool]:
+    app.connect("autodoc-process-docstring", convert)
+    return {"parallel_read_safe": True}
