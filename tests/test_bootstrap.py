@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import importlib.machinery
 import importlib.util
+import itertools
 import json
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -22,15 +24,20 @@ SCRIPT = Path(__file__).resolve().parent.parent / "tools" / "bootstrap"
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="make and flock are Unix's")
 
 
+def load_bootstrap() -> Any:
+    loader = importlib.machinery.SourceFileLoader("bootstrap", str(SCRIPT))
+    specification = importlib.util.spec_from_loader("bootstrap", loader)
+    assert specification is not None
+    module = importlib.util.module_from_spec(specification)
+    loader.exec_module(module)
+    return module
+
+
 class Project:
     """A project folder with the bootstrap in it, and a diary of its steps."""
 
     def __init__(self, root: Path) -> None:
-        loader = importlib.machinery.SourceFileLoader("bootstrap", str(SCRIPT))
-        specification = importlib.util.spec_from_loader("bootstrap", loader)
-        assert specification is not None
-        self.module: Any = importlib.util.module_from_spec(specification)
-        loader.exec_module(self.module)
+        self.module = load_bootstrap()
         self.steps: list[str] = []
         self.move(root)
 
@@ -92,6 +99,28 @@ def test_a_demo_after_the_tests_needs_nothing_and_tests_after_a_demo_only_their_
     assert project.set_up("demo") == []
     assert project.set_up("dev") == ["install dev", "llvm"]
     assert project.set_up("test") == []
+
+
+def test_the_site_takes_its_tools_beside_those_that_are_there(project: Project) -> None:
+    project.set_up("dev")
+    assert project.set_up("docs") == ["install docs", "llvm"]
+    assert project.set_up("test") == project.set_up("dev") == []
+
+
+def test_every_group_installs_what_the_groups_before_it_do() -> None:
+    """So a set-up for one may stand in for all that come before it."""
+    extras = tomllib.loads((SCRIPT.parent.parent / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+
+    def closure(names: str) -> set[str]:
+        found = set(filter(None, names.strip("[]").split(",")))
+        inner = [need[11:-1] for name in found for need in extras[name] if "polywigner[" in need]
+        return found.union(*map(closure, inner))
+
+    groups = load_bootstrap().EXTRAS
+    contents = [closure(names) for names in groups.values()]
+    assert all(before <= after for before, after in itertools.pairwise(contents))
 
 
 def test_new_requirements_are_installed_into_the_same_environment(project: Project) -> None:

@@ -3,8 +3,9 @@
     python tools/check_documents.py
     python tools/check_documents.py --site docs/_build/html
 
-Looks at every Markdown file of the project. Links to other sites are not followed. With --site, checks
-the built site instead: its pages' links and pictures, and that every public name has an entry.
+Looks at every Markdown file of the project. Links to other sites are not followed. With --site,
+checks the built site instead: its pages' links and pictures, and that every public name has an
+entry.
 """
 
 from __future__ import annotations
@@ -74,9 +75,11 @@ def pages_of(site: Path) -> list[Path]:
 
 def dead_links_of_site(site: Path) -> Iterator[str]:
     texts = {path: path.read_text(encoding="utf-8") for path in pages_of(site)}
-    identities = {path: set(re.findall(r"""\bid="([^"]+)\"""", text)) for path, text in texts.items()}
+    identities = {
+        path: set(re.findall(r"""\bid="([^"]+)\"""", text)) for path, text in texts.items()
+    }
     for path, text in texts.items():
-        for target in sorted(set(re.findall(r"""\b(?:href|src)="([^"]+)\"""", text))):
+        for target in sorted(set(re.findall(r'\b(?:href|src)="([^"]+)"', text))):
             if re.match(r"[a-z]+:|//", target):
                 continue
             file, _, anchor = urllib.parse.unquote(target).partition("#")
@@ -105,7 +108,7 @@ def names_without_an_entry(site: Path) -> Iterator[str]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Check the documents, or the site built from them.")
+    parser = argparse.ArgumentParser(description="Check the documents, or the site.")
     parser.add_argument("--site", type=Path, help="folder of the built site")
     site = parser.parse_args().site
     if site is None:

@@ -17,8 +17,9 @@ from polywigner import errors
 
 SECTION = re.compile(r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|Notes)\n-{3,}\n", re.M)
 ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) ?: (.*)$")
-# Literals, roles, links and emphasis are left as they are: odd pieces of a split by this.
+# Literals, roles and links are left as they are: odd pieces of a split by this.
 SINGLE = re.compile(r"(?<![`:\w])`([^`\n]+)`(?![`_])")
+PAGE = re.compile(r"docs/(\w+)\.md")
 MARKUP = re.compile(r"(``.+?``|:[\w:]+:`[^`]+`|`[^`]+`_)", re.DOTALL)
 SPECIAL = re.compile(r"[*|`\\]|(?<=\w)_(?=\W|$)")
 ERROR = re.compile(rf"\b({'|'.join(errors.__all__)})\b")
@@ -26,7 +27,8 @@ ERROR = re.compile(rf"\b({'|'.join(errors.__all__)})\b")
 
 def escaped(prose: str) -> str:
     """Prose in which only the markup meant as such is left."""
-    pieces = MARKUP.split(SINGLE.sub(r"``\1``", prose))
+    prose = PAGE.sub(r":doc:`docs/\1.md </docs/\1>`", SINGLE.sub(r"``\1``", prose))
+    pieces = MARKUP.split(prose)
     pieces[::2] = [SPECIAL.sub(r"\\\g<0>", piece) for piece in pieces[::2]]
     return "".join(pieces)
 
@@ -72,13 +74,17 @@ def converted(docstring: str) -> str:
         if title in ("Parameters", "Attributes"):
             body = definitions(body)
         else:
-            body = with_links(paragraphs(body)) if title in ("Raises", "Warns") else paragraphs(body)
+            body = (
+                with_links(paragraphs(body)) if title in ("Raises", "Warns") else paragraphs(body)
+            )
         indented = "\n".join(f"    {line}".rstrip() for line in body.strip("\n").splitlines())
         written += [f":{title}:", indented, ""]
     return "\n".join(written)
 
 
-def convert(_app: Any, _what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
+def convert(
+    _app: Any, _what: str, _name: str, _value: Any, _options: Any, lines: list[str]
+) -> None:
     lines[:] = converted("\n".join(lines)).splitlines()
 
 

@@ -3,7 +3,8 @@
 Lengths are in metres (any one consistent unit works). Unless a docstring says otherwise, the
 centre of the bounds is the origin. ``slit``, ``slit_pair`` and ``grating`` are one-dimensional
 (:class:`polywigner.Slits`), all others plane (:class:`polywigner.Aperture`). All raise
-ArgumentError for lengths that are not finite and above zero, and for sizes that do not fit together.
+ArgumentError for lengths that are not finite and above zero, and for sizes that do not fit
+together.
 """
 
 from __future__ import annotations

@@ -1,0 +1,51 @@
+"""The reference's pages show docstrings as they are meant: sentences whole, formulas unharmed."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+import polywigner as pw
+
+EXTENSION = Path(__file__).parent.parent / "docs" / "extensions" / "docstrings.py"
+CONVERTED = runpy.run_path(str(EXTENSION))["converted"]
+FUNCTIONS = [name for name in pw.__all__ if inspect.isfunction(getattr(pw, name))]
+
+
+def test_a_parameters_sentence_is_not_cut_where_its_line_ends() -> None:
+    text = "Law.\n\nParameters\n----------\nx, y : (..., 2) in m, or\n    a pair: both.\n"
+    body = ":Parameters:\n    ``x, y``\n        (..., 2) in m, or\n        a pair: both."
+    assert CONVERTED(text) == f"Law.\n\n{body}\n"
+
+
+def test_prose_after_the_parameters_keeps_its_colons() -> None:
+    text = "Parameters\n----------\nx : in m\n\nThere is one in\ncommon: the first.\n"
+    assert "\n    There is one in\n    common: the first." in CONVERTED(text)
+
+
+def test_formulas_are_no_markup_but_literals_and_roles_are() -> None:
+    assert CONVERTED("u* |u|^2 ``|u|*`` :func:`fourier`").splitlines() == [
+        r"u\* \|u\|^2 ``|u|*`` :func:`fourier`"
+    ]
+
+
+def test_a_literal_block_and_a_table_stay_as_they_are() -> None:
+    block = "So::\n\n    a * b | c\n\n===  ===\na*b  c|d\n===  ==="
+    assert CONVERTED(block).rstrip() == block
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_what_is_shown_as_an_argument_of_a_public_function_is_one(name: str) -> None:
+    function = getattr(pw, name)
+    shown = CONVERTED(inspect.getdoc(function))
+    section = re.search(r"^:Parameters:\n(.*?)(?=^:|\Z)", shown, re.MULTILINE | re.DOTALL)
+    terms = re.findall(
+        r"^    ``([\w, *]+)``\n        ", section[1] if section else "", re.MULTILINE
+    )
+    names = {part.strip(" *") for line in terms for part in line.split(",")}
+    assert names - set(inspect.signature(function).parameters) == set()
+    assert bool(names) == bool(section)
