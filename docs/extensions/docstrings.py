@@ -10,6 +10,7 @@ which cuts such sentences in two; and `|u|` and `u*` mean something else to reSt
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any
 
@@ -17,6 +18,7 @@ from polywigner import errors
 
 SECTION = re.compile(r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|Notes)\n-{3,}\n", re.M)
 ITEM = re.compile(r"^(\*{0,2}\w+(?:, \*{0,2}\w+)*) ?: (.*)$")
+TERM = re.compile(r"^\*{0,2}\w+(?:, \*{0,2}\w+)*\s*$")
 # Literals, roles and links are left as they are: odd pieces of a split by this.
 SINGLE = re.compile(r"(?<![`:\w])`([^`\n]+)`(?![`_])")
 PAGE = re.compile(r"docs/(\w+)\.md")
@@ -50,15 +52,18 @@ def paragraphs(text: str) -> str:
 
 def definitions(text: str) -> str:
     """Parameters: one definition each, the whole sentence in its body."""
-    lines: list[str] = []
-    for line in text.splitlines():
-        in_prose = bool(lines) and re.match(r"\S", lines[-1])  # where a colon is a colon
+    written: list[str] = []
+    lines = text.splitlines()
+    for line, following in itertools.zip_longest(lines, lines[1:], fillvalue=""):
+        in_prose = bool(written) and re.match(r"\S", written[-1])  # where a colon is a colon
         item = None if in_prose else ITEM.match(line)
         if item:
-            lines += [f"``{item[1]}``", f"    {item[2]}"]
+            written += [f"``{item[1]}``", f"    {item[2]}"]
+        elif TERM.match(line) and following.startswith("    "):
+            written.append(f"``{line.rstrip()}``")
         else:
-            lines.append(line)
-    return escaped("\n".join(lines))
+            written.append(line)
+    return escaped("\n".join(written))
 
 
 def with_links(text: str) -> str:
