@@ -73,6 +73,7 @@ bench: ## run the benchmarks
 docs: ## check the documents, and build the site from them: docs/_build/html/index.html
 	@$(SETUP) --group docs
 	$(BIN)/python tools/check_documents.py
+	@rm -rf docs/_build # a page that has not changed would keep its warnings to itself
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --conf-dir docs . docs/_build/html
 	$(BIN)/python tools/check_documents.py --site docs/_build/html
 	@echo "The site: docs/_build/html/index.html"
