@@ -26,7 +26,10 @@ EXAMPLES = ROOT / "examples"
 IMAGES = Path(__file__).parent / "images"
 WIDEST = 860  # pixels
 LARGEST = 300  # KiB
-SMALLER = {"two_chevrons_volume": 195}  # KiB, of pictures that lose nothing by it
+SMALLER = {
+    "two_chevrons_volume": 195,
+    "paper_emitters": 220,
+}  # KiB, of pictures that lose nothing by it
 
 CHEVRONS = EXAMPLES / "two_chevrons" / "chevrons.geojson"
 VOLUME = {
@@ -42,13 +45,15 @@ COMMANDS = {
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
     **{path.parent.name: ["render", str(path)] for path in sorted(EXAMPLES.glob("*/scene.xml"))},
 }
+PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
 
 
 def main(names: list[str]) -> None:
     IMAGES.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
-        for name in names or ["first_picture", "projections", "tapers", *near, *COMMANDS]:
+        paper = [f"paper_{name}" for name in PAPER]
+        for name in names or ["first_picture", "projections", "tapers", *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
             elif name == "projections":
@@ -57,6 +62,11 @@ def main(names: list[str]) -> None:
                 made = tapers(Path(folder))
             elif name in near:
                 made = near_field(Path(folder)) / f"{name.removeprefix('near_field_')}.png"
+            elif name in paper:
+                figure = name.removeprefix("paper_")
+                made = Path(folder) / f"{figure}.png"
+                if polywigner(["figures", figure, "--quality", "print", "--out", folder]) != 0:
+                    sys.exit(f"{name} failed")
             else:
                 made = Path(folder) / f"{name}.png"
                 if polywigner([*COMMANDS[name], "--out", str(made)]) != 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,16 @@ def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
     metadata = json.loads(str(values.pop("metadata")))
     assert set(metadata["about"]) == set(values)
     CHECKS[name](values)
+
+
+def test_what_a_later_figure_lacks_is_told_before_the_first_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    assert main(["figures", "--out", str(tmp_path / "new")]) == 2
+    assert "polywigner[volume]" in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
+    assert main(["figures", "xforms", "--out", str(tmp_path / "new")]) == 0
 
 
 @pytest.mark.parametrize(

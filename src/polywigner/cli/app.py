@@ -154,7 +154,7 @@ def figures(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[NAME]...",
+            metavar="NAME",
             help="render, amp_spec, indmk, marginals, xforms, projs, volrender, compar, error, "
             "emitters, sampling, appendix (default: all).",
         ),

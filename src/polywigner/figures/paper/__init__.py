@@ -12,15 +12,18 @@ from typing import NamedTuple
 
 from polywigner.errors import ArgumentError
 from polywigner.figures.paper.made import QUALITIES, Made, Quality
+from polywigner.propagation.stores_files import required
 
 __all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "check_figures", "make_figure"]
 
 
 class Subject(NamedTuple):
-    """What a figure shows, and the letters of its pictures if it has several."""
+    """What a figure shows, the letters of its pictures if it has several, and whether it takes the
+    labelled arrays that the extra ``volume`` brings."""
 
     text: str
     parts: tuple[str, ...] = ("",)
+    labelled: bool = False
 
 
 FIGURES = {
@@ -30,8 +33,8 @@ FIGURES = {
     "marginals": Subject("position and lag marginals of two triangles"),
     "xforms": Subject("construction of the slices of the autocorrelation"),
     "projs": Subject("projections of R, W and A", ("a", "b", "c")),
-    "volrender": Subject("isosurfaces of the field of two chevrons"),
-    "compar": Subject("Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b")),
+    "volrender": Subject("isosurfaces of the field of two chevrons", labelled=True),
+    "compar": Subject("Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b"), True),
     "error": Subject("error of each method against distance"),
     "emitters": Subject("one scene by a Wigner, an FFT, a uniform and a cosine source"),
     "sampling": Subject("samples that a grid needs, and how exact they make it"),
@@ -45,7 +48,8 @@ def check_figures(names: list[str], quality: str) -> list[str]:
 
     Raises
     ------
-    ArgumentError : no such figure, or no such quality.
+    ArgumentError : no such figure, or no such quality; MissingExtraError : a library that one of
+    the figures needs is missing.
     """
     for name in names:
         if name not in FIGURES:
@@ -53,7 +57,10 @@ def check_figures(names: list[str], quality: str) -> list[str]:
             raise ArgumentError(f"expected names of figures among {known}, got {name!r}")
     if quality not in QUALITIES:
         raise ArgumentError(f"expected quality to be draft or print, got {quality!r}")
-    return list(dict.fromkeys(names)) or list(FIGURES)
+    chosen = list(dict.fromkeys(names)) or list(FIGURES)
+    if any(FIGURES[name].labelled for name in chosen):
+        required("xarray")
+    return chosen
 
 
 def make_figure(name: str, quality: Quality = "draft") -> Made:

@@ -14,6 +14,8 @@ from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, colour_bar, length_u
 
 __all__ = ["make"]
 
+_MARGIN = 0.5e-3  # so that outlines do not lie on the frame
+
 
 def make(quality: Quality) -> Made:
     """R_x(x) with the automean's outline, and R_xi(xi): both areas of overlaps."""
@@ -23,8 +25,8 @@ def make(quality: Quality) -> Made:
     count = number_samples(quality, 241, 721)
     support = pw.automean(source)
     xmin, ymin, xmax, ymax = source.bounds
-    x = np.linspace(xmin, xmax, count)
-    y = np.linspace(ymin, ymax, count // 2 + 1)
+    x = np.linspace(xmin - _MARGIN, xmax + _MARGIN, count)
+    y = np.linspace(ymin - _MARGIN, ymax + _MARGIN, count // 2 + 1)
     xi_x = np.linspace(xmin - xmax, xmax - xmin, count)
     xi_y = np.linspace(ymin - ymax, ymax - ymin, count // 2 + 1)
     of_position = pw.position_marginal(source, np.stack(np.meshgrid(x, y), axis=-1))
