@@ -9,6 +9,7 @@ from polywigner.figures.drawing import letter_panels
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.paper.made import Made, Quality
 from polywigner.figures.paper.room import (
+    Film,
     cosine_source,
     fft_source,
     render_room,
@@ -21,6 +22,8 @@ from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, new_figure, quantity
 __all__ = ["make"]
 
 _FLOOR_DB = -40.0
+_FILMS = {"draft": Film(270, 225, 36), "print": Film(480, 400, 784)}
+_OTHERS = {"draft": 16, "print": 100}  # samples of sources that leave hardly any noise
 _UNIT = "W/(m² sr)"
 
 
@@ -29,12 +32,14 @@ def make(quality: Quality) -> Made:
     import matplotlib as mpl
 
     power = pw.power(square(), WAVELENGTH)
+    film = _FILMS[quality]
+    quiet = film._replace(samples=_OTHERS[quality])
     projector, slide = fft_source(quality)
     pictures = {
-        "wigner": render_room(wigner_source(), quality),
-        "fft": render_room(projector, quality, slide),
-        "uniform": render_room(uniform_source(power), quality),
-        "cosine": render_room(cosine_source(power), quality),
+        "wigner": render_room(wigner_source(), film),
+        "fft": render_room(projector, quiet, slide),
+        "uniform": render_room(uniform_source(power), quiet),
+        "cosine": render_room(cosine_source(power), quiet),
     }
     titles = ("Wigner, coherent aperture", "far field by FFT, from a point",
               "uniform, from a point", "cosine, incoherent surface")  # fmt: skip

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from polywigner.figures.paper.sources import WAVELENGTH, square
 
 __all__ = [
     "POSE",
+    "Film",
     "cosine_source",
     "fft_source",
     "intensity_by_fft",
@@ -28,38 +30,43 @@ POSE = '<lookat origin="0, -0.45, 0.16" target="0, -0.05, 0.02" up="0, 0, 1"/>'
 """Of the source: its normal points 19 degrees down. Seen along the normal, up is up."""
 
 _ORIGIN = "0, -0.45, 0.16"
-_SIZES = {"draft": (270, 225), "print": (720, 600)}
-_SAMPLES = {"draft": 36, "print": 784}
 
 _CELLS_PER_WAVELENGTH = 8
 _PADDED = 1024
 _TANGENT = 12.0  # of the largest angle of the projected pattern from its axis, 85 degrees
 
 
+class Film(NamedTuple):
+    """Pixels of a picture, and samples of each."""
+
+    width: int
+    height: int
+    samples: int
+
+
 def render_room(
-    source: str, quality: Quality, images: Mapping[str, NDArray[np.float32]] | None = None
+    source: str, film: Film, images: Mapping[str, NDArray[np.float32]] | None = None
 ) -> NDArray[np.float64]:
     """Radiance (height, width) in W m^-2 sr^-1 of the room with a source in it.
 
     Parameters
     ----------
     source : as XML of Mitsuba.
-    quality : of the film and of the samples of each pixel.
+    film : what to take the picture with.
     images : by the names of the EXR files to which ``source`` refers.
     """
     from polywigner.mitsuba import load_scene, render
     from polywigner.mitsuba.images import write_exr
 
     text = files(__package__).joinpath("room.xml").read_text(encoding="utf-8")
-    width, height = _SIZES[quality]
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "room.xml"
         scene.write_text(text.replace("<!-- source -->", source), encoding="utf-8")
         for name, image in (images or {}).items():
             write_exr(Path(folder) / name, image)
         Path(folder, "square.wkt").write_text(square().polygons.wkt, encoding="utf-8")
-        loaded = load_scene(scene, width=width, height=height)
-        image = render(loaded, spp=_SAMPLES[quality])
+        loaded = load_scene(scene, width=film.width, height=film.height)
+        image = render(loaded, spp=film.samples)
     colours = 3 if image.shape[-1] >= 3 else 1  # one channel, but three in the scalar variants
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
