@@ -4,7 +4,8 @@
 share, ``scene`` draws a rendered picture, ``slices`` computes what ``transforms`` draws as the
 figure of ``polywigner transform``, ``projections`` draws what ``polywigner.projections`` returns.
 Fields in front of a source: ``lines``, ``planes`` and ``hemispheres`` draw several methods side by
-side, ``volumes`` isosurfaces.
+side, ``volumes`` isosurfaces. ``paper`` has the figures of the paper, ``drawing`` what
+they share with the others.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
 
