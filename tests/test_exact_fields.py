@@ -380,3 +380,24 @@ def test_elements_off_the_plane_are_refused() -> None:
     lifted[2, 3] = 0.1
     with pytest.raises(GeometryError, match="z = 0"):
         pw.amplitude(pw.Array([SQUARE, SQUARE.placed(lifted)]), (0, 0, 1), 1.0)
+
+
+@methods
+@pytest.mark.filterwarnings("error")
+def test_the_field_of_a_source_far_below_a_wavelength_is_as_good_as_promised(method: Any) -> None:
+    """Well within a wavelength: exp(ikR)/R of a point, with the static field of its derivative."""
+    wide, away = 1e-9, 1e-3
+    patch = pw.shapes.square(wide)
+    value, error = pw.amplitude(patch, (0.0, 0.0, away), 1.0, method, return_error=True)
+    wave = wide**2 * np.exp(2j * math.pi * away) / away
+    with_share = {"rayleigh-sommerfeld-1": 1.0, "kirchhoff": 0.5}.get(method, 0.0)
+    expected = wave * (-1j + with_share / (2 * math.pi * away))
+    far_below = 1e-6  # corrections are (wide/away)^2; rounding of sums along edges that cancel
+    assert abs(value - expected) < far_below * abs(expected)
+    assert error < far_below * abs(expected)
+
+
+@pytest.mark.parametrize("wavelength", [1e-10, 1e-30])
+def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units(wavelength: float) -> None:
+    with pytest.raises(ArgumentError, match=r"edges of at most .* check the unit"):
+        pw.amplitude(pw.shapes.square(1.0), (0.0, 0.0, 1.0), wavelength)

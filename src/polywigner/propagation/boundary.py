@@ -30,6 +30,8 @@ _TERMS = 16
 # Of Fresnel fields a panel has at most so many turns of phase in half of it.
 _FRESNEL_TURNS = 60.0
 _MOST_ROWS = 1 << 20
+# Of other fields; so many take 2 GB, and a second of a core for each point.
+_MOST_PANELS = 1 << 24
 # Panels as long as twice the distance need the fewest nodes in all; upper ends of strata of
 # distance, and what is longest there, in wavelengths.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
@@ -85,7 +87,9 @@ def boundary_field(
     strata = _paraxial_strata if paraxial else _strata
     values = np.zeros(len(points), np.complex128)
     errors = np.full(len(points), np.inf)
-    allowed = tolerance * _size(radiator, points, wavelength)
+    allowed = tolerance * _size(radiator, points, wavelength, _SHARES.get(method, 0.0))
+    if not paraxial:
+        _check_panels(radiator, wavelength)
     for todo, longest in strata(task, points):
         digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(_ROUNDS):
@@ -99,10 +103,25 @@ def boundary_field(
     return values, errors, allowed
 
 
-def _size(radiator: Radiator, points: Floats, wavelength: float) -> Floats:
-    """The incident amplitude, or where that is less, what can come from all of the source."""
-    whole = radiator.content / (wavelength * radiator.distance_of_centre(points))
+def _size(radiator: Radiator, points: Floats, wavelength: float, share: float) -> Floats:
+    """The incident amplitude, or where that is less, what can come from all of the source.
+
+    That is a wave and, of the normal derivative of a wave, the static field that is all there is
+    well within a wavelength of a small source.
+    """
+    distance = radiator.distance_of_centre(points)
+    whole = radiator.content / distance * (1 / wavelength + share / (2 * math.pi * distance))
     return np.minimum(radiator.amplitude, whole)
+
+
+def _check_panels(radiator: Radiator, wavelength: float) -> None:
+    around = radiator.perimeter / wavelength
+    if not around <= _MOST_PANELS * _STRATA[-1][1]:
+        raise ArgumentError(
+            f"expected edges of at most {_MOST_PANELS * _STRATA[-1][1]:.3g} wavelengths in all, "
+            f"got {around:.3g}, of which a field is more than can be summed up; check the unit "
+            "of the wavelength"
+        )
 
 
 def _strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, float]]:
