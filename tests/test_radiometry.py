@@ -290,3 +290,13 @@ def test_drjit_arrays_are_sent_to_the_transforms() -> None:
 
     with pytest.raises(ArgumentError, match=r"polywigner\.wigner"):
         pw.radiant_intensity(SQUARE, drjit.scalar.Array3f64(0, 0, 1), WAVELENGTH)
+
+
+@pytest.mark.parametrize("wavelength", [1e-9, 1e-30])
+def test_integrals_over_directions_of_too_many_wavelengths_are_refused(wavelength: float) -> None:
+    with pytest.raises(ArgumentError, match="wavelengths across"):
+        pw.power(SQUARE, wavelength)
+    with pytest.raises(ArgumentError, match="wavelengths across"):
+        pw.flux_vector(SQUARE, (0.0, 0.0), wavelength)
+    with pytest.raises(ArgumentError, match="wavelengths across"):
+        pw.radiation_pattern(SQUARE, wavelength, [0.0], [0.0])

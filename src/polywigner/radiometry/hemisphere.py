@@ -17,6 +17,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.radiometry.directions import PlaneSource
 
@@ -24,6 +25,8 @@ __all__ = ["directions_and_weights", "largest_lag"]
 
 Array = NDArray[np.float64]
 
+# Of a source across; 1.5e11 directions, half a day of two cores for the power of a square.
+_MOST_WAVELENGTHS = 1e5
 # Directions at a time: some megabytes.
 _BLOCK = 1 << 17
 # Largest phase of a wave on one panel of theta: points of long panels cost their cube to find.
@@ -53,7 +56,15 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Arra
     Integrals over the hemisphere of functions that are band-limited as above by ``lag``, times
     polynomials of the direction's components, come out with an error of 1e-14 of the largest
     value. Some 15 (lag/wavelength)^2 points, and a hundred at least.
+
+    Raises ArgumentError for a lag of so many wavelengths that nobody would wait for the sum.
     """
+    if not lag / wavelength <= _MOST_WAVELENGTHS:
+        raise ArgumentError(
+            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths across, for an integral "
+            f"over all directions, got one of {lag / wavelength:.3g}; check the unit of the "
+            "wavelength (of wide sources, all but about perimeter wavelength/area is radiated)"
+        )
     phase = 2 * math.pi * lag / wavelength
     theta, weight = _polar(phase)
     counts = _azimuths(phase * np.sin(theta))
