@@ -9,6 +9,7 @@ import signal
 import socketserver
 import sys
 import threading
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -199,6 +200,19 @@ def test_more_than_the_disk_has_is_refused_before_the_work(tmp_path: Path) -> No
     vast = Layout("v", "float64", {"x": axis, "y": axis, "z": axis}, (2**20, 2**20, 2**20))
     with pytest.raises(StoreError, match="GiB of free space"):
         write_dataset(tmp_path / "vast.zarr", vast, Beam(), SETTINGS)
+
+
+def test_more_chunks_than_any_disk_has_are_refused_without_listing_them(tmp_path: Path) -> None:
+    axis = LabelledArray(np.arange(2.0**16), ("x",))
+    vast = Layout("v", "float64", {"x": axis, "y": axis, "z": axis}, (2**6, 2**6, 2**6))
+    tracemalloc.start()
+    try:
+        with pytest.raises(StoreError, match="GiB of free space"):
+            write_dataset(tmp_path / "vast.zarr", vast, Beam(), SETTINGS)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 100e6  # bytes; 2^30 chunks in a list would be some 100 GB
 
 
 def test_a_write_that_the_system_refuses_is_one_clear_error(tmp_path: Path) -> None:

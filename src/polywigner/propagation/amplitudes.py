@@ -69,7 +69,8 @@ def amplitude(
         points near the axis), "fraunhofer" (the far field, about the source's centre).
     tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of
         |u| area/(wavelength distance), which is what the field would be if all of the source were
-        in phase (within a wavelength with the static field, |u| area/(2 pi distance^2)). Default 1e-9 (single precision: 1e-5); at least 1e-13 (1e-6). Not for Fraunhofer.
+        in phase (within a wavelength with the static field, |u| area/(2 pi distance^2)). Default
+        1e-9 (single precision: 1e-5); at least 1e-13 (1e-6). Not for Fraunhofer.
     obliquity : of "fraunhofer" alone: that of the far field of "rayleigh-sommerfeld-1" (default),
         "kirchhoff" or "rayleigh-sommerfeld-2".
     return_error : also return the estimated error of each value, |.|: of the sum over nodes, not

@@ -128,16 +128,19 @@ def _short(value: Any) -> str:
 def _missing(path: Path, layout: Layout) -> list[Index]:
     """The chunks to compute, for which there is space."""
     try:
-        indices = missing(path, layout)
-        needed, free = len(indices) * layout.chunk_bytes, shutil.disk_usage(path).free
+        space = shutil.disk_usage(path)
+        # chunks that the whole disk could not hold may be too many to list
+        holds = layout.count * layout.chunk_bytes <= space.total
+        indices = missing(path, layout) if holds else []
     except OSError as error:
         raise StoreError(
             f"expected to read and write {path}, got {error.strerror or error}; check its "
             "permissions"
         ) from error
-    if needed > free:
+    needed = (len(indices) if holds else layout.count) * layout.chunk_bytes
+    if needed > space.free:
         raise StoreError(
-            f"expected {needed / 2**30:.3g} GiB of free space at {path}, got {free / 2**30:.3g} "
-            "GiB; free some, or ask for fewer samples"
+            f"expected {needed / 2**30:.3g} GiB of free space at {path}, got "
+            f"{space.free / 2**30:.3g} GiB; free some, or ask for fewer samples"
         )
     return indices

@@ -61,8 +61,8 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Arra
     """
     if not lag / wavelength <= _MOST_WAVELENGTHS:
         raise ArgumentError(
-            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths across, for an integral "
-            f"over all directions, got one of {lag / wavelength:.3g}; check the unit of the "
+            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths across, for integrals "
+            f"over directions, got one of {lag / wavelength:.3g}; check the unit of the "
             "wavelength (of wide sources, all but about perimeter wavelength/area is radiated)"
         )
     phase = 2 * math.pi * lag / wavelength
