@@ -172,6 +172,7 @@ BAD = {
     "no radius": (["--hemisphere", "0 mm"], ["--hemisphere", "above zero"]),
     "words for samples": ([*LINE, "--samples", "many"], ["--samples", "many"]),
     "no samples": ([*LINE, "--samples", "0"], ["--samples", "'0'"]),
+    "one sample along an axis": ([*LINE, "--samples", "1"], ["--samples", "two or more", "'1'"]),
     "samples of a plane": ([*LINE, "--samples", "3 x 3"], ["--samples", "3 x 3"]),
     "too many": (["--plane", "-3 mm to 3 mm, 0 mm, 2 mm to 9 mm", "--samples", "99999 x 99999"],
                  ["--samples", "polywigner volume"]),

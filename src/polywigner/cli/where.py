@@ -60,6 +60,11 @@ def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
     ((kind, text),) = given.items()
     default = _SAMPLES[kind]
     shape = default if samples is None else parse_shape("--samples", samples, len(default))
+    if min(shape) < 2:
+        raise ArgumentError(
+            f"--samples: expected two or more along each axis, got {shown(str(samples))}; "
+            "one point makes no picture"
+        )
     if math.prod(shape) > _MOST_POINTS:
         raise ArgumentError(
             f"--samples: expected at most {_MOST_POINTS} points, got {math.prod(shape)}; use "
