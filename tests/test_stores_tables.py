@@ -190,6 +190,8 @@ def test_a_worker_killed_at_the_half_costs_time_and_no_results(
             wait_for(store, CHUNKS // 2)
             os.kill(victim, signal.SIGKILL)
             at_death.append(finished(store))
+            # what a worker leaves that dies while it writes
+            (store / "W/c/0/0/0/0.of_the_dead.partial").touch()
 
         killer = threading.Thread(target=kill)
         killer.start()

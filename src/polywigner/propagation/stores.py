@@ -91,6 +91,8 @@ def write_dataset(
                 on_this_machine(writer, indices, threads, bar)
             else:
                 on_cluster(writer, indices, scheduler, bar)
+                # what killed workers had begun is swept; none of it is part of the store
+                _missing(folder, layout)
     return opened(folder)
 
 
