@@ -159,9 +159,10 @@ def test_a_folder_without_write_permission_is_refused(tmp_path: Path) -> None:
         check_writable([tmp_path / "locked" / "a.png"])
 
 
-def test_the_module_runs_as_a_script() -> None:
+@pytest.mark.parametrize("module", ["polywigner", "polywigner.cli"])
+def test_the_module_runs_as_a_script(module: str) -> None:
     run = subprocess.run(
-        [sys.executable, "-m", "polywigner.cli", "--version"],
+        [sys.executable, "-m", module, "--version"],
         capture_output=True,
         text=True,
         timeout=60,

@@ -97,7 +97,48 @@ def test_a_plane_is_an_image_for_others(square: Path) -> None:
     out = square.parent / "out" / "field.vti"
     plane = ("--plane", "-20 mm to 20 mm, 0 mm, 40 mm to 60 mm", "--samples", "5 x 4")
     propagated(square, *plane, "--method", "kirchhoff", "--format", "vti", "--format", "nc")
-    assert b'WholeExtent="0 4 0 3 0 0"' in out.read_bytes()
+    header = out.read_bytes()
+    assert b'WholeExtent="0 4 0 0 0 3"' in header  # x and z
+    assert b'Origin="-0.02 0.0 0.04"' in header
+
+
+def test_a_plane_of_an_image_lies_where_it_is_in_space(square: Path) -> None:
+    out = square.parent / "out" / "field.vti"
+    plane = ("--plane", "-20 mm to 20 mm, -1 mm to 1 mm, 30 mm", "--samples", "5 x 3")
+    propagated(square, *plane, "--method", "fraunhofer", "--format", "vti", "--format", "nc")
+    header = out.read_bytes()
+    assert b'WholeExtent="0 4 0 2 0 0"' in header and b'Origin="-0.02 -0.001 0.03"' in header
+
+
+ARC = ("--arc", "50 mm", "--samples", "5", "--method", "kirchhoff")
+
+
+def test_a_store_holds_the_same_complex_fields_as_other_formats(square: Path) -> None:
+    pytest.importorskip("zarr")
+    formats = ("--format", "zarr", "--format", "nc")
+    split = propagated(square, *ARC, "--amplitude", *formats)
+    store = square.parent / "out" / "field.zarr"
+    with xarray.open_zarr(store) as found:
+        whole = split["kirchhoff_real"].values + 1j * split["kirchhoff_imag"].values
+        assert np.array_equal(found["kirchhoff"].values, whole)
+        assert found.attrs["wavelength"] == split.attrs["wavelength"]
+    propagated(square, *ARC, *formats)  # an earlier run's is replaced, as files are
+    with xarray.open_zarr(store) as found:
+        assert found["kirchhoff"].dtype == np.float64
+    names = sorted(path.name for path in store.parent.iterdir())
+    assert names == ["field.nc", "field.png", "field.zarr"]
+
+
+def test_a_store_of_hours_of_work_is_not_replaced(square: Path, capfd: Captured) -> None:
+    pytest.importorskip("zarr")
+    store = square.parent / "out" / "field.zarr"
+    box = ((-0.02, -0.02, 0.04), (0.02, 0.02, 0.06))
+    pw.volume(SQUARE, box, (2, 2, 2), WAVELENGTH, method="fraunhofer", out=store)
+    out = ("--out", str(store.parent / "field"))
+    assert main(["propagate", str(square), *FREQUENCY, *ARC, "--format", "zarr", *out]) == 2
+    assert "choose another name" in capfd.readouterr().err
+    assert "fraunhofer" in xarray.open_zarr(store)
+    assert list(store.parent.iterdir()) == [store]
 
 
 def test_the_table_says_how_far_methods_are_apart(square: Path, capfd: Captured) -> None:
@@ -189,7 +230,7 @@ BAD = {
     "precision": ([*LINE, "--precision", "half"], ["precision", "half"]),
     "floor": ([*LINE, "--db-floor", "3"], ["below 0 dB"]),
     "taper": ([*LINE, "--taper", "gauss"], ["taper", "gauss"]),
-    "format": ([*LINE, "--format", "zip"], ["--format", "zip", "nc, vti"]),
+    "format": ([*LINE, "--format", "zip"], ["--format", "zip", "nc, zarr, vti"]),
     "a line as an image": ([*LINE, "--format", "vti"], ["--format", "--plane"]),
     "wavelength": ([*LINE, "--wavelength", "3 mm"], ["both"]),
 }  # fmt: skip
@@ -209,12 +250,13 @@ def test_what_cannot_be_used_is_refused(case: str, square: Path, capfd: Captured
     assert sorted(path.name for path in square.parent.iterdir()) == ["square.wkt"]
 
 
+@pytest.mark.parametrize(("kind", "library"), [("nc", "h5netcdf"), ("zarr", "zarr")])
 def test_a_missing_library_is_told_before_the_work(
-    square: Path, capfd: Captured, monkeypatch: pytest.MonkeyPatch
+    kind: str, library: str, square: Path, capfd: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "h5netcdf", None)
-    out = square.parent / "out" / "field"
-    assert main(["propagate", str(square), *FREQUENCY, *LINE, "--out", str(out)]) == 2
+    monkeypatch.setitem(sys.modules, library, None)
+    out = ("--out", str(square.parent / "out" / "field"), "--format", kind)
+    assert main(["propagate", str(square), *FREQUENCY, *LINE, *out]) == 2
     assert "polywigner[volume]" in capfd.readouterr().err
     assert list(square.parent.iterdir()) == [square]
 

@@ -101,8 +101,8 @@ def test_planes_and_lines_are_images_of_one_sample_across(table: Path, tmp_path:
     line = xarray.open_zarr(table).isel(x=2, nu_x=2, nu_y=3, drop=True)
     pw.write_vti(line, tmp_path / "line.vti")
     image, arrays = read_vti(tmp_path / "line.vti")
-    assert image["WholeExtent"] == "0 5 0 0 0 0"
-    np.testing.assert_array_equal(arrays["W"][:, 0, 0], line["W"])
+    assert image["WholeExtent"] == "0 0 0 5 0 0"  # along y
+    np.testing.assert_array_equal(arrays["W"][0, :, 0], line["W"])
 
 
 def test_vtk_itself_reads_what_is_written(table: Path, tmp_path: Path) -> None:

@@ -86,9 +86,9 @@ def propagate(
 ) -> None:
     """Compute the field of a source in front of it, by several methods side by side.
 
-    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc (of
-    planes with --format vti also for ParaView), and prints how far the methods are apart. For
-    volumes, see `polywigner volume`.
+    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc
+    (or what --format says: nc, zarr, and of planes vti, for ParaView), and prints how far the
+    methods are apart. For volumes, see `polywigner volume`.
     """
     from polywigner.cli.propagate import run_propagate
 
@@ -168,7 +168,7 @@ def volume(
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
-    Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values for
+    Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values also for
     ParaView, or as NetCDF. A run that is killed goes on when the same command is started again.
     Of several methods, each has files of its own, NAME-METHOD.zarr and so on.
     """

@@ -87,7 +87,9 @@ EngineName = Annotated[str, typer.Option("--engine", help="auto, numpy, llvm or 
 Precision = Annotated[str | None, typer.Option(help="double (default) or single.")]
 Formats = Annotated[
     list[str] | None,
-    typer.Option("--format", help="Of the values: nc, vti; several times for several of them."),
+    typer.Option(
+        "--format", help="Of the values: nc, zarr, vti; several times for several of them."
+    ),
 ]
 
 

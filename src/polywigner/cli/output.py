@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -110,8 +111,8 @@ def _scratch(path: Path) -> Path:
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
     """Give a scratch path beside each target; put all of them in place once the block is done.
 
-    Folders are created. A block that raises leaves neither targets nor scratch files; targets of
-    an earlier run stay as they were.
+    Folders are created. A target may be a folder itself, as stores are. A block that raises leaves
+    neither targets nor scratch files; targets of an earlier run stay as they were.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
         for partial in partials:
             partial.stat()  # all are there before the first takes its place
         for partial, path in zip(partials, paths, strict=True):
-            partial.replace(path)
+            _put_in_place(partial, path)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "
@@ -133,4 +134,26 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
         ) from error
     finally:
         for partial in partials:
-            partial.unlink(missing_ok=True)
+            _remove(partial)
+
+
+def _put_in_place(partial: Path, path: Path) -> None:
+    if not path.is_dir():
+        partial.replace(path)
+        return
+    # Folders cannot be replaced in one step: the old one goes aside, and back if that fails.
+    aside = path.with_name(f"{path.name}.{os.getpid()}.old.partial")
+    path.rename(aside)
+    try:
+        partial.rename(path)
+    except OSError:
+        aside.rename(path)
+        raise
+    _remove(aside)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

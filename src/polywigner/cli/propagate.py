@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from polywigner.cli.fields import format_suffixes, write_field
+from polywigner.cli.fields import check_files, format_suffixes, write_field
 from polywigner.cli.methods import (
     MethodText,
     compared_with,
     parse_methods,
     print_differences,
 )
-from polywigner.cli.output import check_writable, output_stem, targets
+from polywigner.cli.output import output_stem, targets
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
     check_source_file,
@@ -60,9 +60,9 @@ def run_propagate(
     formats: Sequence[str],
     out: str | None,
 ) -> None:
-    """Write NAME.png and NAME.nc, print the differences between the methods and the files' paths.
+    """Write NAME.png and the values; print how far methods are apart, and the files' paths.
 
-    ``formats`` : of the values, "nc" if empty; "vti" for planes.
+    ``formats`` : of the values, "nc" and "zarr", "nc" if empty; "vti" for planes.
 
     Raises
     ------
@@ -75,10 +75,11 @@ def run_propagate(
     suffixes = format_suffixes(formats or ("nc",))
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
-            f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc"
+            f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc "
+            "or zarr"
         )
     files = targets(output_stem(out, Path(source).stem), (".png", *suffixes))
-    check_writable(files)
+    check_files(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     from polywigner.figures import outline_of
@@ -88,8 +89,9 @@ def run_propagate(
     check_floor(floor_db)
     wanted = parse_methods(methods or _DEFAULT, obliquity, order)
     reference = compared_with(wanted, against)
-    if ".nc" in suffixes:
-        required("h5netcdf")  # now rather than after the work
+    for suffix, module in (("", "xarray"), (".nc", "h5netcdf"), (".zarr", "zarr")):
+        if not suffix or suffix in suffixes:
+            required(module)  # now rather than after the work
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)

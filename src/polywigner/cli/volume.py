@@ -17,7 +17,8 @@ from polywigner.cli.sources import (
     required_wavelength,
     wavelength_from,
 )
-from polywigner.cli.where import parse_box, parse_levels, parse_shape
+from polywigner.cli.where import parse_box, parse_levels, parse_shape, shown
+from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_length
 
 __all__ = ["run_volume"]
@@ -64,11 +65,18 @@ def run_volume(
     """
     check_source_file(source)
     corners, count = parse_box(box), parse_shape("--shape", shape, 3)
+    if min(count) < 2:
+        raise ArgumentError(
+            f"--shape: expected two or more samples along each axis, got {shown(shape)}; draw one "
+            "layer by `polywigner propagate --plane`"
+        )
     sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
     asked = wavelength_from(frequency, wavelength)
     reach = None if tolerance is None else parse_length(tolerance)
-    stem, suffixes = output_stem(out, Path(source).stem), format_suffixes(formats)
+    stem = output_stem(out, Path(source).stem)
+    # the store is written in any case
+    suffixes = tuple(suffix for suffix in format_suffixes(formats) if suffix != ".zarr")
     check_writable(targets(stem, (".png", *suffixes)))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.

@@ -1,6 +1,6 @@
-"""Datasets as files for other programs: NetCDF, and VTK image data for ParaView and the like.
+"""Datasets as files for other programs: NetCDF, zarr, VTK image data for ParaView and the like.
 
-Both are written part by part, so that a store on disk may be larger than memory, and appear whole
+All are written part by part, so that a store on disk may be larger than memory, and appear whole
 or not at all.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,9 +21,9 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_path
-from polywigner.propagation.stores_files import required
+from polywigner.propagation.stores_files import recent_zarr, required
 
-__all__ = ["write_netcdf", "write_vti"]
+__all__ = ["write_netcdf", "write_vti", "write_zarr"]
 
 # Samples read at a time for a VTK file.
 _SLAB = 1 << 24
@@ -55,11 +56,38 @@ def write_netcdf(dataset: Any, path: str | os.PathLike[str]) -> None:
         found.to_netcdf(scratch, engine="h5netcdf")
 
 
+def write_zarr(dataset: Any, path: str | os.PathLike[str]) -> None:
+    """Write a dataset to a zarr store (format 3), a folder, which has complex numbers.
+
+    For values that are there; :func:`write_dataset` fills stores chunk by chunk.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset, in memory or lazy.
+    path : the folder, which must not be there.
+
+    Raises
+    ------
+    ArgumentError for anything but a dataset, and a place that cannot be written to;
+    MissingExtraError without xarray and zarr.
+    """
+    recent_zarr()
+    found = _opened(dataset)
+    try:
+        with warnings.catch_warnings():
+            # zarr warns that other readers may not know the consolidated copy; they need not
+            warnings.simplefilter("ignore")
+            found.to_zarr(checked_path(path), mode="w-", zarr_format=3)
+    except OSError as error:
+        raise _not_written(Path(path), error) from error
+
+
 def write_vti(dataset: Any, path: str | os.PathLike[str]) -> None:
     """Write a dataset of up to three evenly spaced axes to VTK image data (XML, raw binary).
 
-    ParaView, VisIt, 3D Slicer and PyVista read it. Axes are x, y and z of the image in the order of
-    the dataset; of a complex variable A there are A_real and A_imag. Needs the extra ``volume``.
+    ParaView, VisIt, 3D Slicer and PyVista read it. Axes named x, y and z are those of the image, so
+    that a plane lies where it is; else they are so in the order of the dataset. Of a complex
+    variable A there are A_real and A_imag. Needs the extra ``volume``.
 
     Parameters
     ----------
@@ -93,9 +121,13 @@ def _whole(path: Path) -> Iterator[Path]:
         finally:
             scratch.unlink(missing_ok=True)
     except OSError as error:
-        raise ArgumentError(
-            f"expected to write {path}, got {error.strerror or error}; choose another place"
-        ) from error
+        raise _not_written(path, error) from error
+
+
+def _not_written(path: Path, error: OSError) -> ArgumentError:
+    return ArgumentError(
+        f"expected to write {path}, got {error.strerror or error}; choose another place"
+    )
 
 
 def _opened(dataset: Any) -> Any:
@@ -142,7 +174,7 @@ class _Image:
     """Axes x, y and z; those that a dataset lacks have one sample."""
 
     dims: tuple[str, ...]
-    shape: tuple[int, int, int]
+    shape: tuple[int, ...]
     origin: tuple[float, ...]
     spacing: tuple[float, ...]
 
@@ -158,10 +190,24 @@ def _image_of(dataset: Any) -> _Image:
     for name, array in dataset.data_vars.items():
         if array.dtype.name not in _VTK_TYPES:
             raise ArgumentError(f"expected {name} as floats, got {array.dtype}")
-    origin, spacing = zip(*(_even(name, dataset[name].values) for name in dims), strict=True)
-    more = 3 - len(dims)
-    shape = tuple(dataset.sizes[name] for name in dims) + (1,) * more
-    return _Image(dims, shape, (*origin, *[0.0] * more), (*spacing, *[1.0] * more))
+    in_space = tuple(sorted(dims)) == dims and set(dims) <= set("xyz")
+    axes = tuple("xyz") if in_space else (*dims, None, None)[:3]
+    even = [_even(name, dataset[name].values) if name in dims else None for name in axes]
+    return _Image(
+        dims,
+        tuple(dataset.sizes[name] if name in dims else 1 for name in axes),
+        tuple(
+            _place(dataset, name) if found is None else found[0]
+            for found, name in zip(even, axes, strict=True)
+        ),
+        tuple(1.0 if found is None else found[1] for found in even),
+    )
+
+
+def _place(dataset: Any, name: str | None) -> float:
+    """Of an axis that the values do not have."""
+    known = name in dataset.coords and dataset[name].ndim == 0
+    return float(dataset[name]) if known else 0.0
 
 
 def _even(name: str, values: Any) -> tuple[float, float]:

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from polywigner.propagation.stores_files import (
     required,
 )
 from polywigner.propagation.stores_layout import Index, Layout, fingerprint_of
-from polywigner.propagation.stores_running import on_cluster, on_this_machine
+from polywigner.propagation.stores_running import connected, on_cluster, on_this_machine
 
 __all__ = ["write_dataset"]
 
@@ -44,8 +45,9 @@ def write_dataset(
 ) -> Any:
     """Fill a zarr store (format 3) with the values of a block function, chunk by chunk.
 
-    If the store is there already, only the chunks that are missing are computed. Needs the extra
-    ``volume``. One run at a time writes to a store.
+    If the store is there already, only the chunks that are missing are computed. A run that fails
+    before a chunk is finished leaves no store behind. Needs the extra ``volume``. One run at a time
+    writes to a store.
 
     Parameters
     ----------
@@ -80,20 +82,41 @@ def write_dataset(
         required(module)
     folder = checked_path(path)
     fingerprint, whole = fingerprint_of(layout, settings)
-    if not os.path.lexists(folder):
-        create(folder, layout, fingerprint, whole)
-    _check_same_run(folder, fingerprint, whole)
+    is_new = not os.path.lexists(folder)
+    if not is_new:
+        _check_same_run(folder, fingerprint, whole)
     indices = _missing(folder, layout)
+    if not indices:
+        return opened(folder)
     writer = ChunkWriter(str(folder), fingerprint, layout, block, exclusive, threads)
-    if indices:
-        with progress_bar(folder.name, layout.count, layout.count - len(indices), progress) as bar:
-            if scheduler is None:
-                on_this_machine(writer, indices, threads, bar)
-            else:
-                on_cluster(writer, indices, scheduler, bar)
-                # what killed workers had begun is swept; none of it is part of the store
-                _missing(folder, layout)
+    with ExitStack() as stack:
+        client = None if scheduler is None else stack.enter_context(connected(scheduler))
+        if is_new:  # only now, when whoever computes has answered
+            create(folder, layout, fingerprint, whole)
+            stack.push(_removed_if_empty(folder, layout))
+        bar = stack.enter_context(
+            progress_bar(folder.name, layout.count, layout.count - len(indices), progress)
+        )
+        if client is None:
+            on_this_machine(writer, indices, threads, bar)
+        else:
+            on_cluster(writer, indices, client, bar)
+            missing(folder, layout)  # sweeps what killed workers had begun
     return opened(folder)
+
+
+def _removed_if_empty(path: Path, layout: Layout) -> Callable[..., None]:
+    """What leaves no store of a run that fails before a chunk is finished.
+
+    Nobody is writing then: threads have been waited for, and workers begin only when all of them
+    see the store.
+    """
+
+    def leave(kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None and len(missing(path, layout)) == layout.count:
+            shutil.rmtree(path, ignore_errors=True)
+
+    return leave
 
 
 def opened(path: str | os.PathLike[str]) -> Any:
@@ -130,7 +153,8 @@ def _short(value: Any) -> str:
 def _missing(path: Path, layout: Layout) -> list[Index]:
     """The chunks to compute, for which there is space."""
     try:
-        space = shutil.disk_usage(path)
+        there = next(place for place in (path, *path.absolute().parents) if place.exists())
+        space = shutil.disk_usage(there)
         # chunks that the whole disk could not hold may be too many to list
         holds = layout.count * layout.chunk_bytes <= space.total
         indices = missing(path, layout) if holds else []

@@ -115,10 +115,13 @@ def recorded(path: Path) -> tuple[str, dict[str, Any]] | None:
 
 
 def missing(path: Path, layout: Layout) -> list[Index]:
-    """The chunks that are not there yet. Removes what killed runs have left half written.
+    """The chunks that are not there yet; all, where there is no store.
 
-    A file of another size is one that the file system lost, as some do when the power fails.
+    Removes what killed runs have left half written. A file of another size is one that the file
+    system lost, as some do when the power fails.
     """
+    if not path.exists():
+        return list(layout.indices())
     sizes: dict[str, int] = {}
     folders = [str(path / layout.name)]
     while folders:
@@ -176,6 +179,10 @@ class ChunkWriter:
     """The block occupies all cores by itself, by Dr.Jit's pool of threads."""
     threads: int | None
     """Of that pool; None: as it is."""
+
+    def check(self) -> None:
+        """Raises StoreError where this process does not see the store of this run."""
+        _checked_array(self.path, self.layout.name, self.fingerprint)
 
     def __call__(self, index: Index) -> None:
         array = _checked_array(self.path, self.layout.name, self.fingerprint)

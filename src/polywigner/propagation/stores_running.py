@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 from polywigner.errors import EngineError, PolywignerError, StoreError
 from polywigner.propagation.stores_files import ChunkWriter, required
 from polywigner.propagation.stores_layout import Index
 
-__all__ = ["on_cluster", "on_this_machine"]
+__all__ = ["connected", "on_cluster", "on_this_machine"]
 
 Advance = Callable[[], None]
 
@@ -38,19 +40,10 @@ def on_this_machine(
             raise
 
 
-def on_cluster(
-    writer: ChunkWriter,
-    indices: Sequence[Index],
-    scheduler: str,
-    advance: Advance,
-) -> None:
-    """All chunks, by the workers of the scheduler at an address.
-
-    A worker that dies has its chunks computed by others. Raises EngineError without scheduler or
-    workers, else what the first chunk to fail raises.
-    """
+@contextmanager
+def connected(scheduler: str) -> Iterator[Any]:
+    """A client of the scheduler at an address, which has workers. Raises EngineError without."""
     distributed = required("distributed")
-    dask = required("dask")
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
     except Exception as error:  # of many kinds where something else answers, or it is no address
@@ -67,24 +60,46 @@ def on_cluster(
                 f"expected workers at the scheduler {scheduler!r}, got none within "
                 f"{_PATIENCE:g} s; start some by `dask worker {scheduler}`"
             ) from error
-        # As a node of the graph it is sent once, and again to whoever replaces a dead worker.
-        node = dask.delayed(writer, traverse=False, pure=False)
-        call = dask.delayed(_write, pure=False)
-        futures = client.compute([call(node, index) for index in indices])
-        try:
-            for future in distributed.as_completed(futures, loop=client.loop):
-                if future.status != "finished":
-                    future.result()
-                # Not kept by the worker, whose death would have it computed again.
-                future.release()
-                advance()
-        except PolywignerError:
-            raise
-        except distributed.KilledWorker as error:
-            raise StoreError(
-                f"expected workers that live, got a chunk at which several died: {error}; give "
-                "them more memory and start the same run again: what is finished stays"
-            ) from error
+        yield client
+
+
+def on_cluster(
+    writer: ChunkWriter, indices: Sequence[Index], client: Any, advance: Advance
+) -> None:
+    """All chunks, by the workers of a client's scheduler.
+
+    A worker that dies has its chunks computed by others. Raises, before any chunk is begun,
+    StoreError if a worker does not see the store and EngineError if one lacks polywigner; else what
+    the first chunk to fail raises.
+    """
+    distributed = required("distributed")
+    dask = required("dask")
+    for worker, answer in client.run(writer.check, on_error="return").items():
+        if isinstance(answer, PolywignerError):
+            raise answer
+        if isinstance(answer, Exception) and not isinstance(answer, OSError):  # has just died
+            raise EngineError(
+                f"expected workers with polywigner, got none that works at {worker} "
+                f"({type(answer).__name__}: {answer}); install the same everywhere"
+            ) from answer
+    # As a node of the graph it is sent once, and again to whoever replaces a dead worker.
+    node = dask.delayed(writer, traverse=False, pure=False)
+    call = dask.delayed(_write, pure=False)
+    futures = client.compute([call(node, index) for index in indices])
+    try:
+        for future in distributed.as_completed(futures, loop=client.loop):
+            if future.status != "finished":
+                future.result()
+            # Not kept by the worker, whose death would have it computed again.
+            future.release()
+            advance()
+    except PolywignerError:
+        raise
+    except distributed.KilledWorker as error:
+        raise StoreError(
+            f"expected workers that live, got a chunk at which several died: {error}; give "
+            "them more memory and start the same run again: what is finished stays"
+        ) from error
 
 
 def _write(writer: ChunkWriter, index: Index) -> None:
