@@ -9,7 +9,7 @@ import pytest
 import scipy.signal.windows
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 
 # Sums of up to 33 waves of amplitude below 1, each a few ulp wrong; fields are of size 1.
 ROUNDING = 1e-14
@@ -436,3 +436,52 @@ def test_a_fit_in_place_of_its_illumination_is_refused_with_the_way_out() -> Non
     with pytest.raises(ArgumentError, match=r"got FittedIllumination; give its \.illumination"):
         pw.shapes.square(1).with_illumination(fit)  # type: ignore[arg-type]
     assert pw.shapes.square(1).with_illumination(fit.illumination).illumination == fit.illumination
+
+
+# --- turns
+
+ANGLE = 0.7
+# Of W and of fields of a few waves: what rounding the vertices and the frequencies leaves.
+TURNED = 1e-13
+
+
+def _by(angle: float, at: np.ndarray) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return at @ np.array([[c, s], [-s, c]])
+
+
+def test_a_field_turns_about_the_origin_and_back() -> None:
+    field = pw.cosine_taper(A, B).moved((A / 3, -B)) * pw.Illumination([1j], [[70.0, -30.0]])
+    turned = field.turned(ANGLE)
+    assert np.abs(turned(_by(ANGLE, points())) - field(points())).max() < TURNED
+    assert np.abs(turned.turned(-ANGLE)(points()) - field(points())).max() < TURNED
+
+
+def test_an_aperture_turns_with_its_field() -> None:
+    ell = pw.Aperture([[0, 0], [A, 0], [A, B / 3], [A / 3, B / 3], [A / 3, B], [0, B]])
+    source = ell.with_illumination(pw.taylor_taper(2 * A, 2 * B, nbar=2))
+    turned = source.turned(ANGLE)
+    x = points() / 2 + source.centre
+    nu = np.random.default_rng(1).uniform(-3 / B, 3 / B, x.shape)
+    found = pw.wigner(turned, _by(ANGLE, x), _by(ANGLE, nu))
+    assert np.abs(found - pw.wigner(source, x, nu)).max() < TURNED * ell.area
+    assert turned.area == pytest.approx(ell.area, rel=1e-15)
+
+
+def test_quarter_turns_are_exact() -> None:
+    source = pw.shapes.rectangle(A, B).with_illumination(pw.cosine_taper(A, B))
+    quarter = source.turned(np.pi / 2)
+    assert quarter.bounds == (-B / 2, -A / 2, B / 2, A / 2)
+    assert quarter.illumination == pw.cosine_taper(B, A)
+    assert quarter.turned(np.pi / 2).turned(-np.pi) == source == source.turned(0.0)
+
+
+def test_turns_that_cannot_be_are_refused() -> None:
+    for angle in (np.nan, "30 deg", None, [1.0]):
+        with pytest.raises(ArgumentError, match="angle in radians"):
+            pw.shapes.square(A).turned(angle)  # type: ignore[arg-type]
+    with pytest.raises(IlluminationError, match="slits"):
+        pw.uniform(dimension=1).turned(ANGLE)
+    sliver = pw.shapes.rectangle(1e-14, 1e-14).moved((1.0, 1.0))
+    with pytest.raises(GeometryError, match="turned"):
+        sliver.turned(ANGLE)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polywigner.errors import GeometryError
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.exact import Ring, orientations, total_area
-from polywigner.geometry.field import Field, checked_field, checked_shift
+from polywigner.geometry.field import Field, checked_field, checked_shift, turned_points
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
 from polywigner.geometry.pose import rigid_pose
@@ -162,6 +162,23 @@ class Aperture:
             )
         field = self.illumination
         return copy if field is None else copy.with_illumination(field.moved(offset))
+
+    def turned(self, angle: float) -> Aperture:
+        """The aperture and the field on it turned about the origin by an angle in radians.
+
+        Counter-clockwise. Vertices and frequencies are rounded, except by quarter turns.
+
+        Raises ArgumentError for an angle that is not a finite number, GeometryError where rounding
+        leaves little of so slender an outline.
+        """
+        parts = [tuple(turned_points(ring, angle) for ring in part) for part in self._parts]
+        copy, field = Aperture._of_parts(parts), self.illumination
+        if not abs(copy.area - self.area) < 1e-3 * self.area:
+            raise GeometryError(
+                f"expected an outline that keeps its area {self.area:.3g} when its vertices are "
+                f"turned and rounded, got {copy.area:.3g}; turn it nearer to the origin"
+            )
+        return copy if field is None else copy.with_illumination(field.turned(angle))
 
     def placed(self, to_world: Any) -> PlacedAperture:
         """This aperture in a rigid pose (4, 4), for transforms with three-component nu.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.arguments import checked_number
 
-__all__ = ["Field", "checked_field", "checked_shift"]
+__all__ = ["Field", "checked_field", "checked_shift", "turned_points"]
 
 
 @runtime_checkable
@@ -26,6 +28,8 @@ class Field(Protocol):
     def dimension(self) -> int: ...
 
     def moved(self, shift: Any) -> Field: ...
+
+    def turned(self, angle: Any) -> Field: ...
 
 
 def checked_field(field: Any, dimension: int) -> Field:
@@ -59,3 +63,17 @@ def checked_shift(shift: Any, dimension: int) -> NDArray[np.float64]:
     if offset.shape != (dimension,) or not np.isfinite(offset).all():
         raise ArgumentError(f"expected a shift of {dimension} finite numbers, got {shift!r}")
     return offset
+
+
+def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64]:
+    """Points (n, 2) turned counter-clockwise about the origin by an angle in radians.
+
+    Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number.
+    """
+    turn = checked_number(angle, "angle", "an angle in radians")
+    quarters = round(turn / (math.pi / 2))
+    c, s = math.cos(turn), math.sin(turn)
+    if turn == quarters * (math.pi / 2):
+        c, s = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[quarters % 4]
+    x, y = points.T
+    return np.column_stack([c * x - s * y, s * x + c * y]) + 0.0  # no negative zeros

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.field import checked_shift
+from polywigner.geometry.field import checked_shift, turned_points
 
 __all__ = ["LARGEST_AMPLITUDE", "Illumination"]
 
@@ -72,6 +72,19 @@ class Illumination:
         return Illumination(
             self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies
         )
+
+    def turned(self, angle: Any) -> Illumination:
+        """The field carried along by a turn about the origin, by an angle in radians.
+
+        Counter-clockwise; quarter turns are exact. Of a field in two dimensions; to turn an
+        aperture with the field on it, see :meth:`polywigner.Aperture.turned`.
+
+        Raises ArgumentError for an angle that is not a finite number, IlluminationError for a field
+        of slits.
+        """
+        if self.dimension != 2:
+            raise IlluminationError("expected a field in two dimensions to turn, got one of slits")
+        return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
         if isinstance(other, Complex):

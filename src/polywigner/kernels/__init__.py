@@ -32,6 +32,7 @@ module               what is in it
 ``cell_edges``       the edges of a source as arrays
 ``cell_chains``      sides that an edge meets, as the bounds of convex sets
 ``cell_tables``      runs of edges and cuts of parts as tables
+``rectangles``       which outlines are rectangles
 ``separable``        fields f(x) g(y) on a rectangle
 ``line_fields``      a few waves on one interval, and their transforms
 ``products``         the transforms of rectangles with such fields, as kernels

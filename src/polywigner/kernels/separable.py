@@ -17,9 +17,10 @@ import numpy.typing as npt
 from polywigner.geometry import Aperture
 from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.frame import Frame, frame_along, power_of_two
+from polywigner.kernels.frame import Frame
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.line_fields import LineField, line_field
+from polywigner.kernels.rectangles import Rectangle, rectangle_of
 from polywigner.kernels.tables import Piece
 from polywigner.kernels.waves import Wave, Waves, carrier_of, waves_in_frame
 
@@ -34,16 +35,21 @@ __all__ = [
     "wigner",
 ]
 
-# An outline counts as a rectangle if it misses one by less than this share of its shorter side
-# (one that is turned and lies off the origin does by rounding), and amplitudes as a product by this
-# share of the largest: neither moves W by 1e-13 of the energy.
-_RECTANGLE, _PRODUCT = 1e-14, 4e-15
-# Frequencies along an axis that agree to this, in cycles per side or of the largest, are one.
-_EQUAL = 1e-14
+# Amplitudes are a product if they miss one by this share of the largest: it does not move W by
+# 1e-13 of the energy. Frequencies along an axis that agree to the other, in cycles per side or of
+# the largest, are one.
+_PRODUCT, _EQUAL = 4e-15, 1e-14
+# Both are known to a few roundings only: frequencies were turned (see rectangles.py), and
+# amplitudes hold the phases that they have at the origin.
+_ROUNDINGS = 8
+# but waves that differ by more, in cycles per side, always are two.
+_LARGEST_ROUNDING = 1e-6
+_UNIT = np.finfo(np.float64).eps / 2
 # What a pair of waves counts as, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5
 
 Floats = npt.NDArray[np.float64]
+Complexes = npt.NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,79 +79,70 @@ def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None
     illumination = aperture.illumination
     if illumination is None or len(illumination.amplitudes) < 2:
         return None
-    corners = _rectangle(aperture)
-    if corners is None:
+    rectangle = rectangle_of(aperture)
+    if rectangle is None:
         return None
-    frame = _frame(corners, carrier_of([illumination], 2))
-    profiles = _profiles(waves_in_frame(illumination, frame))
+    frame = replace(rectangle.frame(), carrier=carrier_of([illumination], 2))
+    profiles = _profiles(waves_in_frame(illumination, frame), *_roundings(aperture, rectangle))
     if profiles is None:
         return None
-    halves = np.abs(frame.vertices(corners)).max(axis=0).tolist()
+    halves = rectangle.halves(frame)
     one, two = (line_field(half, waves) for half, waves in zip(halves, profiles, strict=True))
     return SeparableTables(frame, (one, two))
 
 
-def _rectangle(aperture: Aperture) -> Floats | None:
-    """The four corners (4, 2) of an aperture that is a rectangle."""
-    if len(aperture.rings) != 1:
-        return None
-    (ring,) = aperture.rings
-    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-    turn = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    sizes = np.hypot(*before.T) * np.hypot(*after.T)
-    corners = ring[np.abs(turn) > 1e-12 * sizes]
-    if len(corners) != 4:
-        return None
-    first, second = corners[1] - corners[0], corners[3] - corners[0]
-    lengths = np.hypot(*first), np.hypot(*second)
-    skew = abs(first @ second) / max(lengths)
-    gap = np.abs(corners[2] - corners[1] - second).max()
-    straight = _distance_from_sides(ring, corners)
-    return corners if max(skew, gap, straight) <= _RECTANGLE * min(lengths) else None
+def _roundings(aperture: Aperture, rectangle: Rectangle) -> tuple[tuple[float, float], float]:
+    """How well frequencies along both sides are known, in cycles per side, and phases in radians.
+
+    To some ulps of the largest frequency, and to the angle of the rectangle, which is known to the
+    rounding of its coordinates over its length.
+    """
+    assert aperture.illumination is not None
+    largest = float(np.hypot(*aperture.illumination.frequencies.T).max())
+    place = float(np.abs(rectangle.corners).max())
+    length, width = rectangle.sides
+    share = _ROUNDINGS * _UNIT
+    phases = 2 * np.pi * share * largest * place
+    if rectangle.is_turned:
+        share += rectangle.rounding / length
+    return (share * largest * length, share * largest * width), phases
 
 
-def _distance_from_sides(ring: Floats, corners: Floats) -> float:
-    """How far the vertices lie from the nearest line through a side."""
-    along = np.roll(corners, -1, axis=0) - corners
-    along = along / np.hypot(*along.T)[:, None]
-    apart = ring[:, None] - corners
-    return float(np.abs(apart[..., 0] * along[:, 1] - apart[..., 1] * along[:, 0]).min(1).max())
-
-
-def _frame(corners: Floats, carrier: tuple[float, ...]) -> Frame:
-    first, second = corners[1] - corners[0], corners[3] - corners[0]
-    if first.all():  # not along an axis
-        length, width = (float(np.hypot(*side)) for side in (first, second))
-        direction = (float(first[0]) / length, float(first[1]) / length)
-    else:
-        length, width = np.ptp(corners, axis=0).tolist()
-        direction = (1.0, 0.0)
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    sizes = (power_of_two(length), power_of_two(width))
-    frame = frame_along(corners, low + (high - low) / 2, direction, sizes)
-    return replace(frame, carrier=carrier)
-
-
-def _profiles(waves: Waves) -> tuple[Waves, Waves] | None:
+def _profiles(
+    waves: Waves, frequency_rounding: tuple[float, float], phase_rounding: float
+) -> tuple[Waves, Waves] | None:
     """The waves along either axis of which these are the products."""
     frequencies = np.array([wave.frequency for wave in waves])
     amplitudes = np.array([wave.amplitude for wave in waves])
-    (own, i), (other, j) = (_distinct(column) for column in frequencies.T)
+    (own, i), (other, j) = (
+        _distinct(column, rounding)
+        for column, rounding in zip(frequencies.T, frequency_rounding, strict=True)
+    )
     if len(own) * len(other) != len(waves):
         return None
     table = np.zeros((len(own), len(other)), np.complex128)
     table[i, j] = amplitudes
+    product = _rank_one(table, phase_rounding)
+    return product and (_line_waves(product[0], own), _line_waves(product[1], other))
+
+
+def _rank_one(table: Complexes, phase_rounding: float) -> tuple[Complexes, Complexes] | None:
+    """The column and row whose product the table is."""
     k, m = np.unravel_index(int(np.argmax(np.abs(table))), table.shape)
+    largest = abs(table[k, m])
     column, row = table[:, m] / table[k, m], table[k, :]
-    if np.abs(np.outer(column, row) - table).max() > _PRODUCT * abs(table[k, m]):
-        return None
-    return _line_waves(column, own), _line_waves(row, other)
+    if np.abs(np.outer(column, row) - table).max() <= _PRODUCT * largest:
+        return column, row
+    left, sizes, right = np.linalg.svd(table, full_matrices=False)
+    column, row = left[:, 0], sizes[0] * right[0]
+    close = np.abs(np.outer(column, row) - table).max() <= (_PRODUCT + phase_rounding) * largest
+    return (column, row) if close else None
 
 
-def _distinct(values: Floats) -> tuple[Floats, npt.NDArray[np.intp]]:
+def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
     """The different ones in order, those that rounding alone tells apart as one; numbers of all."""
     order = np.argsort(values)
-    tolerance = _EQUAL * max(1.0, float(np.abs(values).max()))
+    tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
     number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
     found = np.empty(len(values), np.intp)
     found[order] = number
