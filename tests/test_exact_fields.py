@@ -397,6 +397,30 @@ def test_the_field_of_a_source_far_below_a_wavelength_is_as_good_as_promised(met
     assert error < far_below * abs(expected)
 
 
+@pytest.mark.filterwarnings("error")
+def test_on_an_edge_there_is_half_of_the_field_and_on_a_corner_a_quarter() -> None:
+    edge, corner, height = (1.5, 0.0), (1.5, 1.5), 1e-70
+    opening = pw.shapes.square(3.0)
+    assert pw.amplitude(opening, (*edge, height), 1.0) == pytest.approx(0.5, abs=1e-9)
+    assert pw.amplitude(opening, (*corner, height), 1.0) == pytest.approx(0.25, abs=1e-9)
+
+
+@methods
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("point", [(0, 0, 1e160), (1e160, 0, 1), (1.5, 1.5, 1e-300)])
+def test_lengths_whose_squares_floats_cannot_be_are_refused(method: Any, point: Any) -> None:
+    with pytest.raises(ArgumentError, match=r"expected lengths between .* use a unit"):
+        pw.amplitude(pw.shapes.square(3.0), point, 1.0, method)
+
+
+@methods
+@pytest.mark.filterwarnings("error")
+def test_a_point_as_far_away_as_the_universe_sees_a_spherical_wave(method: Any) -> None:
+    far = 1e40
+    value = pw.amplitude(pw.shapes.square(3.0), (0, 0, far), 1.0, method)
+    assert abs(value) == pytest.approx(9.0 / far, rel=1e-9)
+
+
 @pytest.mark.parametrize("wavelength", [1e-10, 1e-30])
 def test_edges_of_too_many_wavelengths_are_refused_with_a_word_on_units(wavelength: float) -> None:
     with pytest.raises(ArgumentError, match=r"edges of at most .* check the unit"):

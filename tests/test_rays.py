@@ -12,9 +12,9 @@ import polywigner as pw
 from oracles.diffraction import irradiance_by_quadrature
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
-from polywigner.propagation import rays_adaptive
+from polywigner.propagation import rays_adaptive, rays_sampling
 from polywigner.propagation.arrangement import smooth_triangles
-from polywigner.propagation.rays_rules import gauss_rule
+from polywigner.propagation.rays_rules import gauss_rule, node_count
 
 CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
@@ -209,6 +209,27 @@ def test_drawn_places_give_the_same_within_their_error(sampling: Any) -> None:
     assert (again == found).all()
 
 
+def test_places_are_drawn_until_the_tolerance_is_met() -> None:
+    points = on_arc(7.0, np.arange(-60, 61, 20))
+    exact = pw.irradiance(SQUARE, points, 1.0, tolerance=1e-8)
+    share = 1e-3 * exact.max()  # below, errors are relative to about as much
+    how: dict[str, Any] = {"sampling": "sobol", "seed": 3, "return_error": True}
+    errors = {}
+    for tolerance in (0.03, 1e-3):
+        found, errors[tolerance] = pw.irradiance(SQUARE, points, 1.0, tolerance=tolerance, **how)
+        assert (errors[tolerance] <= tolerance * np.maximum(found, 10 * share)).all()
+        assert (abs(found - exact) < 5 * errors[tolerance]).all()
+    fixed = pw.irradiance(SQUARE, points, 1.0, samples=1 << 14, **how)[1]
+    assert (errors[0.03] == fixed).all()  # which a coarse one is content with
+    assert errors[1e-3].max() < 0.6 * fixed.max()
+
+
+def test_a_tolerance_that_drawn_places_miss_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rays_sampling, "_MOST_SAMPLES", 1 << 15)
+    with pytest.warns(PolywignerWarning, match="more samples, or sampling='gauss'"):
+        pw.irradiance(SQUARE, on_arc(8.0, [40, 60]), 1.0, sampling="monte-carlo", seed=1)
+
+
 def test_sobol_places_are_much_better_than_random_ones() -> None:
     points = on_arc(7.0, np.arange(-60, 61, 20))
     scatter = [
@@ -303,6 +324,48 @@ def test_a_tolerance_out_of_reach_is_said(monkeypatch: pytest.MonkeyPatch) -> No
         pw.irradiance(SQUARE, on_arc(8.0, [40, 60]), 1.0, tolerance=1e-12)
 
 
+SCALES = 1e29, 1e-29  # sources and points of a few times these are within what rays take
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("order", [1, 3])
+def test_lengths_that_floats_have_room_for_give_the_same_and_others_are_refused(order: Any) -> None:
+    points = on_arc(8.0, np.arange(0, 60, 20))
+    known = pw.irradiance(SQUARE, points, 1.0, order=order)
+    for scale in SCALES:
+        square = pw.shapes.square(SIDE * scale)
+        found = pw.irradiance(square, scale * points, scale, order=order)
+        assert found == pytest.approx(known, rel=1e-9)
+    for scale in (1e60, 1e-60):
+        with pytest.raises(ArgumentError, match="expected lengths of Wigner rays between"):
+            pw.irradiance(pw.shapes.square(scale), scale * points, scale, order=order)
+    for point in ((0, 0, 1e160), (1e160, 0, 1), (SIDE / 2, SIDE / 2, 1e-300)):
+        with pytest.raises(ArgumentError, match="expected lengths of Wigner rays between"):
+            pw.irradiance(SQUARE, point, 1.0, order=order)
+
+
+def test_rules_of_any_number_of_nodes_integrate_waves_to_their_spectrum() -> None:
+    """As many cycles as need more nodes along a side than one Gauss rule has."""
+    triangle = pw.Aperture([(0.0, 0.0), (1.0, 0.1), (0.3, 0.8)])
+    for cycles in (20.0, 90.0, 300.0):
+        nu = cycles * np.array([0.6, 0.8])
+        nodes, weights = gauss_rule(smooth_triangles(triangle), cycles, 8)
+        total = weights @ np.exp(-2j * np.pi * (nodes @ nu))
+        assert abs(total - pw.fourier(triangle, nu)) < 1e-11 * triangle.area
+        assert len(nodes) == pytest.approx(node_count(smooth_triangles(triangle), cycles, 8), 0.1)
+
+
+def test_the_sum_over_hundreds_of_wavelengths_is_right_or_refused() -> None:
+    """Lobes of a strip of 400 wavelengths, far off its axis, where W turns hundreds of times."""
+    strip, wavelength = pw.shapes.rectangle(1.0, 0.02), 2.5e-3
+    lobes = 2000.0 * on_arc(1.0, [30.04, 45.0, 45.02])
+    found = pw.irradiance(strip, lobes, wavelength, tolerance=1e-7)
+    exact = pw.irradiance(strip, lobes, wavelength, "rayleigh-sommerfeld-1", tolerance=1e-12)
+    assert found == pytest.approx(exact, rel=1e-3)  # of leading order, at 5 L^2/wavelength
+    with pytest.raises(ArgumentError, match="fewer wavelengths"):
+        pw.irradiance(pw.shapes.square(1.0), (0.5, 0.0, 2.0), 1e-5)
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -316,6 +379,7 @@ def test_a_tolerance_out_of_reach_is_said(monkeypatch: pytest.MonkeyPatch) -> No
         {"samples": 100},
         {"sampling": "sobol", "samples": 3},
         {"sampling": "monte-carlo", "seed": "x"},
+        {"sampling": "sobol", "samples": 64, "tolerance": 1e-4},
         {"method": "guess"},
         {"method": "kirchhoff", "order": 3},
         {"method": "kirchhoff", "obliquity": "kirchhoff"},

@@ -162,7 +162,8 @@ def _anglewise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ..
         abs(corner.last + corner.along * corner.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
-    return ops.minimum(clear, _STRIP) / span, span * swing, middle, span
+    # far away the interval rounds to nothing, and the rule in the length is taken
+    return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
 
 
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:

@@ -21,6 +21,7 @@ from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
     Method,
+    check_reach,
     checked_method,
     checked_points,
     checked_wavelength,
@@ -91,9 +92,9 @@ def amplitude(
     Raises
     ------
     ArgumentError for arguments of the wrong type, shape or range, points behind the source, and
-    Fresnel fields of points so close that their number of nodes explodes, and edges of more than
-    2e8 wavelengths; GeometryError for arrays
-    in other planes; EngineError without the engine.
+    Fresnel fields of points so close that their number of nodes explodes, edges of more than 2e8
+    wavelengths, and lengths beyond 1e-75 to 1e75 m; GeometryError for arrays in other planes;
+    EngineError without the engine.
     """
     name = checked_method(method)
     places = checked_points(points)
@@ -102,6 +103,7 @@ def amplitude(
     engines.checked_engine(engine)
     allowed = _checked_tolerance(tolerance, double)
     radiator = radiator_of(source)
+    check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     flat = places.reshape(-1, 3)
     if name == "fraunhofer":
         kind = checked_method(obliquity or "rayleigh-sommerfeld-1", _OBLIQUITIES)

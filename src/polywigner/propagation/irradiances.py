@@ -19,6 +19,7 @@ from polywigner.propagation.arrangement import bounds_of
 from polywigner.propagation.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.places import (
     METHODS,
+    check_reach,
     checked_method,
     checked_points,
     checked_wavelength,
@@ -35,6 +36,7 @@ Values = NDArray[np.float64]
 
 # Relative to the largest irradiance that there can be at a distance: below, errors are absolute.
 _FLOOR = 1e-3
+_TOLERANCE = 1e-3
 # What float32 kernels can promise, relative to the same.
 _SINGLE = 1e-5
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
@@ -52,7 +54,7 @@ def irradiance(
     *,
     obliquity: Obliquity | None = None,
     order: int = 1,
-    tolerance: float = 1e-3,
+    tolerance: float = _TOLERANCE,
     return_error: bool = False,
     sampling: Sampling = "gauss",
     samples: int | None = None,
@@ -88,8 +90,9 @@ def irradiance(
         The other methods are at least as accurate as :func:`amplitude` is by default.
     return_error : return an estimate of that error as well.
     sampling : how places are chosen: "gauss", rules that know where W has kinks; or "sobol" and
-        "monte-carlo", for study, with as many ``samples`` (default 16384; for Sobol rounded up to
-        16 times a power of two) and a ``seed``. With these ``tolerance`` has no effect.
+        "monte-carlo", for study, with a ``seed``. They draw as many ``samples`` as given (for Sobol
+        rounded up to 16 times a power of two) instead of a tolerance; else 16384, and twice as many
+        until the estimate of each point's error is within the tolerance, up to 2^18.
     precision, engine : see :func:`polywigner.fourier`.
 
     Returns
@@ -100,9 +103,11 @@ def irradiance(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
-    elements do not lie in the plane z = 0; EngineError without the engine; MissingExtraError for
-    Sobol's numbers without scipy.
+    ArgumentError for arguments of the wrong type, shape or range, for sources of more wavelengths
+    than rays can be summed up of (some hundred for points aslant nearby, thousands far away), and
+    for lengths beyond 1e-30 to 1e30 m (other methods: 1e-75 to 1e75 m); GeometryError for an Array
+    whose elements do not lie in the plane z = 0; EngineError without the engine; MissingExtraError
+    for Sobol's numbers without scipy.
 
     Warns
     -----
@@ -124,6 +129,8 @@ def irradiance(
     checked_engine(engine)
     double = checked_precision(precision) != "single"
     rays = Rays(weighted_sources(source, name, length, order), length, order, engine, double)
+    xmin, ymin, xmax, ymax = bounds_of(source)
+    check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
     _warn_where_invalid(source, flat, length, order)
     found = _summed(source, rays, flat, allowed, sampling, samples, seed)
@@ -166,23 +173,38 @@ def _summed(
     if sampling not in get_args(Sampling):
         names = ", ".join(f'"{name}"' for name in get_args(Sampling))
         raise ArgumentError(f"expected sampling to be one of {names}, got {sampling!r}")
+    share = _FLOOR if rays.double else max(_FLOOR, _SINGLE / tolerance)
+    floor = share * _largest(source, points, rays.wavelength)
     if sampling != "gauss":
-        return by_samples(source, rays, points, sampling, samples, seed)
+        if samples is not None and tolerance != _TOLERANCE:
+            raise ArgumentError(
+                f"expected samples or a tolerance, got {samples!r} and {tolerance!r}; leave one "
+                "out: without samples they are doubled until the tolerance is met"
+            )
+
+        def allowed(values: Values, which: NDArray[np.intp]) -> Values:
+            return tolerance * np.maximum(np.abs(values), floor[which])
+
+        found = by_samples(source, rays, points, sampling, samples, seed, allowed)
+        _warn_of(found, "more samples, or sampling='gauss', would bring it")
+        return found
     if samples is not None:
         raise ArgumentError(
             f"expected samples with sampling='sobol' or 'monte-carlo' only, got {samples!r}; "
             "Gauss rules follow the tolerance"
         )
-    share = _FLOOR if rays.double else max(_FLOOR, _SINGLE / tolerance)
-    floor = share * _largest(source, points, rays.wavelength)
     found = by_gauss(source, rays, points, tolerance, floor)
+    _warn_of(found, "return_error=True tells where")
+    return found
+
+
+def _warn_of(found: Estimate, advice: str) -> None:
     if not found.is_met:
         warnings.warn(
-            "the tolerance asked for is not met at all points; return_error=True tells where",
+            f"the tolerance asked for is not met at all points; {advice}",
             PolywignerWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
-    return found
 
 
 def checked_order(order: Any) -> int:

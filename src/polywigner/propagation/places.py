@@ -15,6 +15,7 @@ from polywigner.geometry.numbers import real_numbers
 __all__ = [
     "METHODS",
     "Method",
+    "check_reach",
     "checked_method",
     "checked_name",
     "checked_points",
@@ -54,6 +55,34 @@ def checked_points(points: Any) -> NDArray[np.float64]:
             f"{array[behind][0].tolist()}; sources lie in the plane z = 0 and radiate to +z"
         )
     return array
+
+
+# Squares of lengths, and those of ratios of two, stay within what floats can be with these.
+_REACH = 1e75
+# Integrands of rays have up to the seventh power of a length, over the fourth of another.
+_REACH_OF_RAYS = 1e30
+
+
+def check_reach(points: NDArray[np.float64], size: float, wavelength: float, rays: bool) -> None:
+    """Raises ArgumentError for lengths whose powers floats cannot be.
+
+    ``points``: (..., 3) that :func:`checked_points` has passed; ``size``: of the source, in m.
+    """
+    reach = _REACH_OF_RAYS if rays else _REACH
+    farthest = float(np.abs(points).max(initial=wavelength))
+    nearest = float(points[..., 2].min(initial=wavelength))
+    for name, length in (
+        ("a wavelength", wavelength),
+        ("a source", size),
+        ("points at a distance", farthest),
+        ("points at z", nearest),
+    ):
+        if not 1 / reach <= length <= reach:
+            method = " of Wigner rays" if rays else ""
+            raise ArgumentError(
+                f"expected lengths{method} between {1 / reach:g} and {reach:g} m, got {name} of "
+                f"{length:.3g} m; use a unit in which they are"
+            )
 
 
 def checked_method(method: Any, allowed: Sequence[str] = METHODS) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.direction_cosines import fields_of
@@ -20,7 +21,7 @@ from polywigner.propagation.arrangement import (
     triangulated,
 )
 from polywigner.propagation.rays import Rays
-from polywigner.propagation.rays_rules import gauss_rule, rule_by_triangles
+from polywigner.propagation.rays_rules import gauss_rule, node_count, rule_by_triangles
 
 __all__ = ["Estimate", "by_gauss", "phase_rates"]
 
@@ -59,6 +60,9 @@ def by_gauss(
     """Irradiance at points (n, 3) to ``tolerance`` of itself, or of ``floor`` (n,) if larger.
 
     The estimate of the error is the difference between the last two rules.
+
+    Raises ArgumentError where the phase turns so often across the source that the first rule is too
+    large to be summed up.
     """
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
     for rate, group in _by_rate(source, rays.wavelength, points):
@@ -76,10 +80,11 @@ def _raised(
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf), is_met=False)
     open_ = np.arange(len(points))
     before: Values | None = None
+    _check_nodes(cells, rate, rays.wavelength)
     for extra in (1.0, *_LEVELS) if len(cells) > _MANY_CELLS else _LEVELS:
-        rule = gauss_rule(cells, rate, extra)
-        if before is not None and len(rule[0]) > _MOST_NODES:
+        if before is not None and node_count(cells, rate, extra) > _MOST_NODES:
             break
+        rule = gauss_rule(cells, rate, extra)
         values = rays.irradiance(rule, points[open_])
         result.values[open_] = values
         if before is None:
@@ -94,6 +99,18 @@ def _raised(
         kept = errors > _SETTLED * allowed
         open_, before = open_[kept], values[kept]
     return result
+
+
+def _check_nodes(cells: Triangles, rate: float, wavelength: float) -> None:
+    count = node_count(cells, rate, _LEVELS[0])
+    if not count <= _MOST_NODES:
+        across = float(np.ptp(cells.reshape(-1, 2), axis=0).max()) / wavelength
+        raise ArgumentError(
+            f"expected a source of fewer wavelengths for Wigner rays to these points, got one of "
+            f"{across:.3g} across, for which {count:.2g} places on it would have to be summed up; "
+            'use method="rayleigh-sommerfeld-1", which is exact, and check the unit of the '
+            "wavelength"
+        )
 
 
 def phase_rates(source: Aperture | Array, wavelength: float, points: Values) -> Values:
@@ -138,6 +155,7 @@ def _cells(
     if has_few_kinks(source):
         return smooth_triangles(source)
     cells = triangulated(list(mutual_support(source).polygons.geoms))
+    _check_nodes(cells, rate, rays.wavelength)
     chosen = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes, allowed = points[chosen], tolerance * floor[chosen]
     while len(cells) < _MOST_CELLS:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.propagation.arrangement import Triangles
 
-__all__ = ["Rule", "areas", "gauss_rule", "rule_by_triangles"]
+__all__ = ["Rule", "areas", "gauss_rule", "node_count", "rule_by_triangles"]
 
 Values = NDArray[np.float64]
 Rule = tuple[Values, Values]
@@ -19,8 +19,8 @@ Rule = tuple[Values, Values]
 # Nodes along a side for each cycle of the phase of W, which turns at twice the frequency: Gauss
 # needs pi/2 for each cycle of its integrand before it converges.
 _NODES_PER_CYCLE = 3.5
-# More are hardly ever needed, and their rules cost more to find than they save.
-_MOST_NODES = 200
+# Rules of more nodes are made of equal panels of half as many: they cost too much to find.
+_MOST_IN_ONE = 200
 
 
 def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
@@ -38,14 +38,21 @@ def rule_by_triangles(
 ) -> tuple[Values, Values, NDArray[np.intp]]:
     """The same, and to which triangle each node belongs, (n,)."""
     corners, long, short = _from_apex(triangles)
-    counts = np.column_stack(
-        [
-            np.clip(np.ceil(extra + _NODES_PER_CYCLE * rate * side), 1, _MOST_NODES).astype(int)
-            for side in (long, short)
-        ]
-    )
+    counts = _counts(long, short, rate, extra).astype(int)
     nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
     return np.concatenate(nodes), np.concatenate(weights), np.concatenate(owners)
+
+
+def node_count(triangles: Triangles, rate: float, extra: float) -> float:
+    """About how many nodes :func:`gauss_rule` has, before any is made."""
+    _, long, short = _from_apex(triangles)
+    return float(_counts(long, short, rate, extra).prod(axis=1).sum())
+
+
+def _counts(long: Values, short: Values, rate: float, extra: float) -> Values:
+    sides = np.column_stack([long, short])
+    result: Values = np.maximum(np.ceil(extra + _NODES_PER_CYCLE * rate * sides), 1.0)
+    return result
 
 
 def areas(triangles: Triangles) -> Values:
@@ -84,6 +91,8 @@ def _by_counts(
 
 @lru_cache(maxsize=256)
 def _legendre(count: int) -> tuple[Values, Values]:
-    """Nodes and weights on [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return (nodes + 1) / 2, weights / 2
+    """Nodes and weights on [0, 1]; of many, some more than ``count``."""
+    panels = 1 if count <= _MOST_IN_ONE else -(-2 * count // _MOST_IN_ONE)
+    nodes, weights = np.polynomial.legendre.leggauss(-(-count // panels))
+    places = (np.arange(panels)[:, None] + (nodes + 1) / 2) / panels
+    return places.ravel(), np.tile(weights / (2 * panels), panels)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -30,42 +30,70 @@ Values = NDArray[np.float64]
 
 # Independent batches, from whose scatter the error is estimated, to a fifth of itself.
 _BATCHES = 16
-_DEFAULT_SAMPLES = 1 << 14
+# To begin with, and the most that a tolerance brings: minutes for a plane of 256 x 256 points.
+_FIRST_SAMPLES, _MOST_SAMPLES = 1 << 14, 1 << 18
+
+Draw = Callable[[int], Values]
+"""How many -> numbers (n, 2) in [0, 1), others at each call."""
 
 
 def by_samples(
-    source: Aperture | Array, rays: Rays, points: Values, sampling: str, samples: Any, seed: Any
+    source: Aperture | Array,
+    rays: Rays,
+    points: Values,
+    sampling: str,
+    samples: Any,
+    seed: Any,
+    allowed: Callable[[Values, NDArray[np.intp]], Values],
 ) -> Estimate:
     """Irradiance at points (n, 3) as the mean over 16 batches of drawn places.
 
-    The estimate of the error is the standard deviation of that mean.
+    The estimate of the error is the standard deviation of that mean. Without a number of
+    ``samples`` they are doubled, up to 2^18, until it is at most ``allowed``: (values, numbers of
+    points) -> errors allowed.
     """
-    count = _DEFAULT_SAMPLES if samples is None else checked_count(samples, "samples", _BATCHES)
-    size = -(-count // _BATCHES)
-    means = []
-    for numbers in _numbers(sampling, size, seed):
-        places, density = sample_automean(source, numbers, engine=rays.engine)
-        means.append(rays.irradiance((places, 1.0 / (density * len(places))), points))
-    scatter = np.std(means, axis=0, ddof=1) / math.sqrt(_BATCHES)
-    return Estimate(np.mean(means, axis=0), scatter)
+    fixed = samples is not None
+    count = checked_count(samples, "samples", _BATCHES) if fixed else _FIRST_SAMPLES
+    draws, size, drawn = _draws(sampling, seed), -(-count // _BATCHES), 0
+    sums = np.zeros((_BATCHES, len(points)))
+    result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
+    open_ = np.arange(len(points))
+    while True:
+        for batch, draw in zip(sums, draws, strict=True):
+            places, density = sample_automean(source, draw(size), engine=rays.engine)
+            batch[open_] += rays.irradiance((places, 1.0 / density), points[open_])
+        drawn += len(places)
+        means = sums[:, open_] / drawn
+        result.values[open_] = means.mean(axis=0)
+        result.errors[open_] = np.std(means, axis=0, ddof=1) / math.sqrt(_BATCHES)
+        missed = result.errors[open_] > allowed(result.values[open_], open_)
+        result.is_met = fixed or not missed.any()
+        if result.is_met or 2 * drawn * _BATCHES > _MOST_SAMPLES:
+            return result
+        open_, size = open_[missed], drawn
 
 
-def _numbers(sampling: str, size: int, seed: Any) -> Iterator[Values]:
-    """Batches (size, 2) of numbers in [0, 1); those of Sobol are rounded up to a power of two."""
+def _draws(sampling: str, seed: Any) -> list[Draw]:
+    """Of each batch. Numbers of Sobol are rounded up to a power of two."""
     try:
         generator = np.random.default_rng(seed)
     except (TypeError, ValueError):
         raise ArgumentError(
             f"expected seed as a whole number of at least zero or a Generator, got {seed!r}"
         ) from None
-    sobol = _sobol() if sampling == "sobol" else None
-    for _ in range(_BATCHES):
-        if sobol is None:
-            yield generator.random((size, 2))
-            continue
-        sequence = sobol(2, scramble=True, seed=generator)
+    if sampling != "sobol":
+        return [lambda size: generator.random((size, 2))] * _BATCHES
+    sobol = _sobol()
+    return [_sobol_draw(sobol(2, scramble=True, seed=generator)) for _ in range(_BATCHES)]
+
+
+def _sobol_draw(sequence: Any) -> Draw:
+    def draw(size: int) -> Values:
+        numbers = sequence.random_base2(math.ceil(math.log2(size)))
         # The largest of the numbers that scrambling makes may round to 1.
-        yield np.minimum(sequence.random_base2(math.ceil(math.log2(size))), 1 - 2.0**-53)
+        return np.minimum(numbers, 1 - 2.0**-53)
+
+    return draw
 
 
 def _sobol() -> Any:
