@@ -118,9 +118,9 @@ def test_the_files_are_named_after_the_aperture_and_told(
 def test_a_wide_aperture_gets_more_samples_and_where_they_do_not_do_a_warning(
     rectangle: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    # The diagonal of 7.2 mm is 14.4 wavelengths of 0.5 mm: 28.8 lobes of four samples, in the
-    # frequencies up to the horizon on either side.
-    needed = 2 * 58 + 1
+    # Its 6 mm are 12 wavelengths of 0.5 mm: 24 lobes of four samples, in the frequencies up to the
+    # horizon on either side.
+    needed = 4 * 24 + 1
     options = ("--wavelength", "0.5 mm", "--samples")
     transformed(rectangle, *options, str(needed))
     assert capfd.readouterr().err == ""

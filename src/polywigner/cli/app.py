@@ -59,6 +59,13 @@ def render(
     spp: Annotated[
         int | None, typer.Option(help="Samples per pixel (default: the scene's).")
     ] = None,
+    error_db: Annotated[
+        float | None,
+        typer.Option(
+            help="In place of --spp: rms error in dB of what is 20 dB below the peak, by "
+            "independent samples of a far field; multijitter needs fewer."
+        ),
+    ] = None,
     variant: Annotated[
         str | None,
         typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
@@ -82,6 +89,7 @@ def render(
     run_render(
         scene,
         spp=spp,
+        error_db=error_db,
         variant=variant,
         integrator=integrator,
         sampler=sampler,

@@ -122,8 +122,12 @@ def volume(
         typer.Option(help="Three ranges: '-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm'."),
     ],
     shape: Annotated[
-        str, typer.Option(help="Samples along x, y and z, such as '64 x 64 x 96'.")
-    ] = "64 x 64 x 64",
+        str | None,
+        typer.Option(
+            help="Samples along x, y and z, such as '64 x 64 x 96' (default: enough, from 64 to "
+            "101 along each)."
+        ),
+    ] = None,
     method: Annotated[
         list[str] | None,
         typer.Option(

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from polywigner.cli.enough import samples_of_place
 from polywigner.cli.fields import check_files, format_suffixes, write_field
 from polywigner.cli.methods import (
     MethodText,
@@ -95,6 +96,7 @@ def run_propagate(
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
+    place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))
     how = {
         "quantity": "amplitude" if amplitude else "irradiance",
         "tolerance": accuracy,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 import sys
@@ -34,6 +35,7 @@ class RenderSettings:
 
     scene: str
     spp: int | None
+    error_db: float | None
     variant: str | None
     integrator: str | None
     sampler: str | None
@@ -45,6 +47,7 @@ def run_render(
     scene: str,
     *,
     spp: int | None,
+    error_db: float | None,
     variant: str | None,
     integrator: str | None,
     sampler: str | None,
@@ -58,7 +61,7 @@ def run_render(
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
-    settings = RenderSettings(scene, spp, variant, integrator, sampler, seed, floor_db)
+    settings = RenderSettings(scene, spp, error_db, variant, integrator, sampler, seed, floor_db)
     _check(settings)
     files = targets(output_stem(out, Path(scene).stem), (".exr", ".png", ".json"))
     check_writable(files)
@@ -78,7 +81,8 @@ def run_render(
     with to_list() as messages:
         loaded = load_scene(scene, chosen, sampler)
         _check_scene(loaded, scene)
-        samples = spp or default_spp(loaded)
+        samples = spp or (default_spp(loaded) if error_db is None else _enough(loaded, error_db))
+        check_spp(samples)
         ready = time.perf_counter()
         with _progress_bar() as progress:
             image = render(loaded, integrator, samples, seed, progress=progress)
@@ -110,6 +114,10 @@ def _check(settings: RenderSettings) -> None:
         )
     if settings.spp is not None and settings.spp < 1:
         raise ArgumentError(f"expected --spp of at least 1, got {settings.spp}")
+    if settings.spp is not None and settings.error_db is not None:
+        raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
+    if settings.error_db is not None and not 0 < settings.error_db < math.inf:
+        raise ArgumentError(f"expected --error-db above zero, got {settings.error_db:g}")
     if settings.seed < 0:
         raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
@@ -126,6 +134,19 @@ def _check_scene(scene: Any, name: str) -> None:
         )
     for spec in specs:
         check_wavelength(spec.wavelength, spec.radiator.support.diameter)
+
+
+def _enough(scene: Any, error_db: float) -> int:
+    """Samples per pixel for an error at 20 dB below the peak, of the source that needs most."""
+    import polywigner as pw
+
+    specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
+    return max(
+        pw.suggest_sampling(
+            spec.radiator.source, spec.wavelength, "render", error_db=error_db
+        ).samples
+        for spec in specs
+    )
 
 
 def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:

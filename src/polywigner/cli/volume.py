@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from polywigner.cli.enough import samples_of_box
 from polywigner.cli.fields import format_suffixes, write_field
 from polywigner.cli.methods import compared_with, parse_methods, print_differences
 from polywigner.cli.output import check_writable, output_stem, targets
@@ -30,7 +31,7 @@ def run_volume(
     source: str,
     *,
     box: str,
-    shape: str,
+    shape: str | None,
     methods: Sequence[str],
     order: int,
     obliquity: str | None,
@@ -64,10 +65,11 @@ def run_volume(
     PolywignerError : input that cannot be used; nothing is written then.
     """
     check_source_file(source)
-    corners, count = parse_box(box), parse_shape("--shape", shape, 3)
-    if min(count) < 2:
+    corners = parse_box(box)
+    count = None if shape is None else parse_shape("--shape", shape, 3)
+    if count is not None and min(count) < 2:
         raise ArgumentError(
-            f"--shape: expected two or more samples along each axis, got {shown(shape)}; draw one "
+            f"--shape: expected two or more samples along each axis, got {shown(str(shape))}; draw one "
             "layer by `polywigner propagate --plane`"
         )
     sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
@@ -97,7 +99,7 @@ def run_volume(
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
-    nx, ny, nz = count
+    nx, ny, nz = count or samples_of_box(radiator, corners, length)
     fields, written = {}, []
     for method in wanted:
         name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{method.name}")

@@ -23,15 +23,15 @@ Point = tuple[float, float, float]
 
 _LONGEST = 200
 _WIDEST = 80.0  # degrees from the axis, of an arc that does not say
-_GRAZING = math.radians(89.5)  # of a hemisphere: the field is not asked for in the plane z = 0
+_GRAZING = math.radians(89.5)  # of a hemisphere, as where suggested samples end
 _MOST_POINTS = 1 << 26  # half a gigabyte for each method
-_SAMPLES = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
+_DIMENSIONS = {"line": 1, "arc": 1, "plane": 2, "hemisphere": 2}
 
 
 class Place(NamedTuple):
     """Where a field is wanted: of a line ``points``; of an arc or hemisphere lists of angles.
 
-    ``kind`` is "line", "arc", "plane" or "hemisphere".
+    ``kind`` is "line", "arc", "plane" or "hemisphere"; ``shape`` is empty where nothing was said.
     """
 
     kind: str
@@ -58,9 +58,8 @@ def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:
             "field is wanted"
         )
     ((kind, text),) = given.items()
-    default = _SAMPLES[kind]
-    shape = default if samples is None else parse_shape("--samples", samples, len(default))
-    if min(shape) < 2:
+    shape = () if samples is None else parse_shape("--samples", samples, _DIMENSIONS[kind])
+    if shape and min(shape) < 2:
         raise ArgumentError(
             f"--samples: expected two or more along each axis, got {shown(str(samples))}; "
             "one point makes no picture"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,8 +25,6 @@ LARGEST_SAMPLES = 4096
 
 _LOBES = 8.0
 """Half width of the frequency axes without a wavelength, in 1/diameter: five lobes of a square."""
-
-_SAMPLES_PER_LOBE = 4
 
 
 @dataclass(frozen=True)
@@ -123,15 +120,15 @@ def _in_plane(source: pw.Aperture | pw.Array) -> pw.Aperture | pw.Array:
 
 
 def samples_needed(aperture: pw.Aperture, wavelength: float | None) -> int:
-    """Samples along each axis with which the lobes of F, 1/diameter wide, are still told apart.
+    """Samples along each axis that show all of |F|^2, W and A between them.
 
     Parameters
     ----------
     aperture : the outline of the source.
     wavelength : as for :func:`transform_slices`.
     """
-    lobes = 2 * _half_width(aperture, wavelength) * aperture.diameter
-    return 2 * math.ceil(_SAMPLES_PER_LOBE * lobes / 2) + 1
+    reach = _half_width(aperture, wavelength)
+    return max(axis.count for axis in pw.suggest_sampling(aperture, reach=reach).axes)
 
 
 def _half_width(aperture: pw.Aperture, wavelength: float | None) -> float:

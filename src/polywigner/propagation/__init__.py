@@ -18,6 +18,8 @@ module               what is in it
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
 ``exports``          datasets to NetCDF and VTK files
+``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields, and
+                     ``suggestions_noise`` samples per pixel
 ``wigner_tables``    W and A on grids of four coordinates
 ===================  ==========================================================================
 """
@@ -31,10 +33,13 @@ from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
+from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 
 __all__ = [
     "METHODS",
+    "AxisSampling",
+    "Sampling",
     "ambiguity_table",
     "amplitude",
     "hemisphere",
@@ -42,6 +47,7 @@ __all__ = [
     "line",
     "plane",
     "radiation_pattern",
+    "suggest_sampling",
     "volume",
     "wigner_table",
     "write_netcdf",

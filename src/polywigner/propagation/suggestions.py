@@ -1,0 +1,260 @@
+"""How many samples, and on what grid: from the bands of transforms and fields, not by trial."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_length, checked_number, checked_wavelength
+from polywigner.illumination import Array
+from polywigner.kernels import kernel_for
+from polywigner.propagation.suggestions_fields import (
+    Band,
+    bands_in_box,
+    bands_on_line,
+    bands_on_sphere,
+)
+from polywigner.propagation.suggestions_noise import samples_for_error
+from polywigner.radiometry.directions import checked_source
+from polywigner.transforms import PhaseSpaceSource
+
+__all__ = ["AxisSampling", "SampledQuantity", "Sampling", "suggest_sampling"]
+
+SampledQuantity = Literal[
+    "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance", "render"
+]
+
+# No grid that anybody could hold; a slip of units rather than a wish.
+_MOST_SAMPLES = 1 << 53
+
+
+@dataclass(frozen=True)
+class AxisSampling:
+    """An evenly spaced axis of a grid."""
+
+    name: str
+    """Of the coordinate, as in :func:`projections`, :func:`plane` and :func:`hemisphere`."""
+    unit: str
+    """"m", "1/m" or "rad"."""
+    low: float
+    """First value."""
+    high: float
+    """Last value; that of a flat box is the first."""
+    count: int
+    """How many, both ends included; odd where the axis is symmetric, so that 0 is among them."""
+    nyquist: float
+    """The largest step from which the values between follow (infinite: any)."""
+    band_limited: bool
+    """Whether they follow exactly (a sampling theorem holds); else detail beyond the band is
+    there, weaker the farther beyond: kinks at edges, waves that are not stationary."""
+
+    @property
+    def step(self) -> float:
+        """Distance between values, 0 for a single one."""
+        return (self.high - self.low) / (self.count - 1) if self.count > 1 else 0.0
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """(count,) the values."""
+        return np.linspace(self.low, self.high, self.count)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """What :func:`suggest_sampling` returns; ``sampling["nu_x"]`` is the axis of that name."""
+
+    quantity: SampledQuantity
+    """What is sampled."""
+    axes: tuple[AxisSampling, ...]
+    """In the order of the coordinates; none for "render"."""
+    samples: int
+    """Points of the whole grid; of "render", independent samples per pixel."""
+
+    def __getitem__(self, name: str) -> AxisSampling:
+        for axis in self.axes:
+            if axis.name == name:
+                return axis
+        names = ", ".join(axis.name for axis in self.axes) or "none at all"
+        raise ArgumentError(f"expected an axis among {names}, got {name!r}")
+
+
+def suggest_sampling(
+    source: PhaseSpaceSource,
+    wavelength: float | None = None,
+    quantity: SampledQuantity = "intensity",
+    *,
+    reach: float | None = None,
+    box: Any = None,
+    line: Any = None,
+    radius: float | None = None,
+    oversampling: float = 2.0,
+    error_db: float = 1.0,
+    level_db: float = -20.0,
+) -> Sampling:
+    """The grid that a source needs at a wavelength, or the samples per pixel of a render.
+
+    The widths b of the source's box and the largest frequency N shown bound the bands:
+
+    ============  =======================  =========================================================
+    quantity      axes                     largest step
+    ============  =======================  =========================================================
+    "fourier"     nu                       1/b for F, but for the wave of the box's centre
+    "intensity"   nu                       1/(2 b) for \\|F\\|^2, the transform of lags up to b
+    "wigner"      x, nu                    1/(2 b) along nu; 1/(4 (N + K)) along x
+    "ambiguity"   upsilon, xi              1/b along upsilon, as for F; 1/(2 (N + K)) along xi
+    "pattern"     theta, phi               wavelength/(2 D), D the diagonal of the box
+    "amplitude"   x, y, z or theta, phi    1/(2 largest local frequency)
+    "irradiance"  x, y, z or theta, phi    1/(2 largest difference of two of them at a point)
+    "render"      none                     samples per pixel
+    ============  =======================  =========================================================
+
+    K is the largest frequency of the waves on the source (0 of uniform ones). Local frequencies
+    are direction cosines of the rays from the source's box, over the wavelength. Source:
+    docs/sampling.md, (N1) to (N7).
+
+    Parameters
+    ----------
+    source : Aperture or Array of one plane; of the first four quantities Slits as well.
+    wavelength : in m. The first four quantities need it or ``reach``.
+    quantity : what is to be sampled; "amplitude" and "irradiance" need a place:
+        ``box``, ``line`` or ``radius``.
+    reach : N in 1/m, half of the axes of nu, and a quarter of those of upsilon. None:
+        1/wavelength, beyond which waves are evanescent.
+    box : ((x0, y0, z0), (x1, y1, z1)) in m, z0 > 0, as of :func:`volume`; flat along an axis
+        where both are equal. At z below a wavelength, evanescent waves add finer detail.
+    line : ((x0, y0, z0), (x1, y1, z1)) in m, its ends, as of :func:`line`; the axis: distance.
+    radius : in m, of a hemisphere around the origin, which ends half a degree before z = 0.
+    oversampling : Nyquist's step over the step, at least 1. 1 is for sinc interpolation over an
+        endless grid; 2 for pictures, and for interpolation from a dozen neighbours.
+    error_db, level_db : of "render": rms error in dB, from light paths of one bounce, at pixels
+        that lie level_db above (negative: below) the brightest. See docs/sampling.md, (N7).
+
+    Returns
+    -------
+    Sampling
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0.
+    """
+    if quantity not in get_args(SampledQuantity):
+        names = ", ".join(f'"{name}"' for name in get_args(SampledQuantity))
+        raise ArgumentError(f"expected quantity to be one of {names}, got {quantity!r}")
+    finer = checked_number(oversampling, "oversampling", "a number of at least 1")
+    if finer < 1:
+        raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
+    if quantity in ("fourier", "intensity", "wigner", "ambiguity"):
+        return _of(quantity, _phase_space_axes(source, wavelength, quantity, reach, finer))
+    plane = checked_source(source)
+    length = checked_wavelength(wavelength)
+    if quantity == "render":
+        return Sampling(quantity, (), samples_for_error(plane, length, error_db, level_db))
+    bounds = _bounds(plane)
+    if quantity == "pattern":
+        step = length / (2 * math.hypot(*np.subtract(bounds[2:], bounds[:2])))
+        bands = [
+            Band("theta", "rad", 0.0, math.pi / 2, step, True),
+            Band("phi", "rad", 0.0, 2 * math.pi, step, True),
+        ]
+    else:
+        places = {"box": box, "line": line, "radius": radius}
+        bands = _field_bands(bounds, length, places, coherent=quantity == "amplitude")
+    return _of(quantity, [_axis(band, finer) for band in bands])
+
+
+def _of(quantity: SampledQuantity, axes: list[AxisSampling]) -> Sampling:
+    total = math.prod(axis.count for axis in axes)
+    return Sampling(quantity, tuple(axes), total)
+
+
+def _field_bands(
+    bounds: tuple[float, ...], wavelength: float, places: dict[str, Any], coherent: bool
+) -> list[Band]:
+    given = [name for name, place in places.items() if place is not None]
+    if len(given) != 1:
+        raise ArgumentError(
+            f"expected one of {', '.join(places)}, got {' and '.join(given) or 'none'}; say where "
+            "the field is wanted"
+        )
+    if given == ["box"]:
+        return bands_in_box(bounds, wavelength, places["box"], coherent)
+    if given == ["line"]:
+        return bands_on_line(bounds, wavelength, places["line"], coherent)
+    radius = checked_length(places["radius"], "radius")
+    return bands_on_sphere(bounds, wavelength, radius, coherent)
+
+
+def _phase_space_axes(
+    source: Any, wavelength: Any, quantity: str, reach: Any, oversampling: float
+) -> list[AxisSampling]:
+    name = "fourier" if quantity == "intensity" else quantity
+    if not (isinstance(source, Array) and source.dimension == 3):
+        kernel_for(name, source)  # refuses what has no such transform
+    most = _largest_frequency(wavelength, reach)
+    bounds, waves = _bounds(source), most + _largest_wave(source)
+    half = len(bounds) // 2
+    bands = []
+    for k, suffix in enumerate(("",) if half == 1 else ("_x", "_y")):
+        low, high = bounds[k], bounds[k + half]
+        width = high - low
+        position = "xy"[k] if half == 2 else "x"
+        nu = Band(f"nu{suffix}", "1/m", -most, most, 1 / (2 * width), True)
+        bands += {
+            "fourier": [nu._replace(nyquist=1 / width)],
+            "intensity": [nu],
+            "wigner": [Band(position, "m", low, high, 1 / (4 * waves), False), nu],
+            "ambiguity": [
+                Band(f"upsilon{suffix}", "1/m", -2 * most, 2 * most, 1 / width, True),
+                Band(f"xi{suffix}", "m", -width, width, 1 / (2 * waves), False),
+            ],
+        }[quantity]
+    kinds = len(bands) // half
+    ordered = [bands[k * kinds + kind] for kind in range(kinds) for k in range(half)]
+    return [_axis(band, oversampling) for band in ordered]
+
+
+def _largest_frequency(wavelength: Any, reach: Any) -> float:
+    if reach is not None:
+        return checked_length(reach, "reach")  # a number above zero, of cycles per metre
+    if wavelength is None:
+        raise ArgumentError("expected a wavelength or a reach, got neither; give one in m or 1/m")
+    return 1 / checked_wavelength(wavelength)
+
+
+def _elements(source: Any) -> Any:
+    return source.coplanar if isinstance(source, Array) else (source,)
+
+
+def _bounds(source: Any) -> tuple[float, ...]:
+    """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of others."""
+    boxes = np.array([element.bounds for element in _elements(source)], dtype=np.float64)
+    half = boxes.shape[1] // 2
+    return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
+
+
+def _largest_wave(source: PhaseSpaceSource) -> float:
+    """The largest component of a frequency of the waves on the elements, 1/m."""
+    fields = [element.illumination for element in _elements(source)]
+    return max((float(np.abs(f.frequencies).max()) for f in fields if f is not None), default=0.0)
+
+
+def _axis(band: Band, oversampling: float) -> AxisSampling:
+    extent = band.high - band.low
+    steps = extent / band.nyquist * oversampling
+    if not steps < _MOST_SAMPLES:
+        raise ArgumentError(
+            f"expected an axis {band.name} of fewer than {_MOST_SAMPLES} samples, got one of "
+            f"{steps:.3g}; check the units of the wavelength and of the places"
+        )
+    count = 1 if extent == 0 else max(1, math.ceil(steps * (1 - 1e-12))) + 1
+    if band.low == -band.high and count % 2 == 0:
+        count += 1
+    return AxisSampling(
+        band.name, band.unit, band.low, band.high, count, band.nyquist, band.band_limited
+    )

@@ -1,0 +1,332 @@
+"""Suggested grids hold what lies between their points, coarser ones do not; and suggested numbers
+of samples keep the noise within what was asked for."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.errors import ArgumentError
+from polywigner.illumination.support import mutual_support
+
+WAVELENGTH = 299_792_458 / 94e9
+
+# Of a sinc under a Kaiser window over 12 neighbours on either side, at twice Nyquist's rate:
+# exp(-12 pi/2) = 7e-9, here relative to the largest value.
+TAPS = 12
+BAND_LIMITED = 1e-6
+# Fields have weak waves beyond their bands, from places that are not stationary.
+ASYMPTOTIC = 3e-3
+# Beside a kink of W or A over x or xi, slope 4, half a step of 1/(8 N) away, against values of
+# about 1/(pi N): some tenths.
+BESIDE_KINKS = 0.2
+# Half again Nyquist's step: a third of the band is folded over.
+TOO_COARSE = 1.5 * 2
+MISSED = 5e-3
+
+Function = Callable[[np.ndarray], np.ndarray]
+
+STEERED = pw.shapes.rectangle(9e-3, 5e-3).with_illumination(
+    pw.cosine_taper(9e-3, 5e-3) * pw.steering((0.4, 0.2, math.sqrt(0.8)), WAVELENGTH)
+)
+SOURCES = {
+    "square off centre": pw.shapes.square(10e-3).moved((20e-3, -7e-3)),
+    "chevron": pw.shapes.chevron(20e-3, 12e-3, 4e-3),
+    "steered taper": STEERED,
+    "array": pw.phased_array(
+        pw.shapes.rectangle(1e-3, 2e-3),
+        pw.arrays.grid_positions(4, 3, 2.3e-3, 3e-3),
+        np.exp(1j * np.arange(12)),
+    ),
+}
+SLITS = pw.Slits([[-4e-3, -1e-3], [2e-3, 2.5e-3]])
+
+
+def between(f: Function, points: np.ndarray, steps: list[float]) -> np.ndarray:
+    """f at points (n, d) from its samples at multiples of the steps around them."""
+    beta = np.pi * TAPS / 2
+    rows, weights = [], []
+    for k, step in enumerate(steps):
+        cells = np.floor(points[:, k] / step)[:, None] + np.arange(1 - TAPS, TAPS + 1)
+        t = points[:, k, None] / step - cells
+        window = np.i0(beta * np.sqrt(np.maximum(0, 1 - (t / TAPS) ** 2))) / np.i0(beta)
+        rows.append(cells * step)
+        weights.append(np.sinc(t) * window)
+    if len(steps) == 1:
+        return np.einsum("na,na->n", f(rows[0][..., None]), weights[0])
+    grid = np.broadcast_arrays(rows[0][:, :, None], rows[1][:, None, :])
+    return np.einsum("nab,na,nb->n", f(np.stack(grid, axis=-1)), *weights)
+
+
+def worst(f: Function, points: np.ndarray, steps: list[float], coarser: float = 1.0) -> float:
+    """Error of values between samples, relative to the largest of them."""
+    values = f(points)
+    found = between(f, points, [coarser * step for step in steps])
+    return float(np.abs(found - values).max() / np.abs(values).max())
+
+
+def box_of(source: object) -> tuple[np.ndarray, np.ndarray]:
+    elements = source.coplanar if isinstance(source, pw.Array) else [source]
+    bounds = np.array([element.bounds for element in elements])
+    half = bounds.shape[1] // 2
+    return bounds[:, :half].min(axis=0), bounds[:, half:].max(axis=0)
+
+
+def transform(source: object, quantity: str) -> tuple[Function, str]:
+    """A function that sampling theorems hold for, and the axes that it is sampled along."""
+    low, high = box_of(source)
+    centre, lag = (low + high) / 2, (high - low) / 20
+
+    def without_carrier(values: np.ndarray, nu: np.ndarray) -> np.ndarray:
+        return values * np.exp(2j * np.pi * (nu @ centre))
+
+    return {
+        "fourier": (lambda nu: without_carrier(pw.fourier(source, nu), nu), "nu"),
+        "intensity": (lambda nu: np.abs(pw.fourier(source, nu)) ** 2, "nu"),
+        "wigner": (lambda nu: pw.wigner(source, centre, nu), "nu"),
+        "ambiguity": (lambda v: without_carrier(pw.ambiguity(source, v, lag), v), "upsilon"),
+    }[quantity]
+
+
+@pytest.mark.parametrize("quantity", ["fourier", "intensity", "wigner", "ambiguity"])
+@pytest.mark.parametrize("name", [*SOURCES, "slits"])
+def test_values_between_follow_from_the_suggested_grid_and_not_from_a_coarser_one(
+    name: str, quantity: str
+) -> None:
+    source = SLITS if name == "slits" else SOURCES[name]
+    f, kind = transform(source, quantity)
+    sampling = pw.suggest_sampling(source, WAVELENGTH, quantity)
+    axes = [axis for axis in sampling.axes if axis.name.startswith(kind)]
+    assert all(axis.band_limited for axis in axes)
+    points = np.random.default_rng(3).uniform(-0.4, 0.4, (24, len(axes))) / WAVELENGTH
+    steps = [axis.nyquist / 2 for axis in axes]
+    assert worst(f, points, steps) < BAND_LIMITED
+    assert worst(f, points, steps, TOO_COARSE) > MISSED
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_fringes_over_position_and_lag_are_resolved(name: str) -> None:
+    source = SOURCES[name]
+    low, high = box_of(source)
+    rng = np.random.default_rng(4)
+    nu, v = np.array([0.7, 0.5]) / WAVELENGTH, np.array([1.1, 0.9]) / WAVELENGTH
+    for quantity, f, kinds, points in (
+        ("wigner", lambda x: pw.wigner(source, x, nu), "xy", rng.uniform(low, high, (60, 2))),
+        (
+            "ambiguity",
+            lambda xi: pw.ambiguity(source, v, xi),
+            ("xi_x", "xi_y"),
+            rng.uniform(low - high, high - low, (60, 2)) / 2,
+        ),
+    ):
+        sampling = pw.suggest_sampling(source, WAVELENGTH, quantity)
+        steps = [sampling[k].nyquist / 2 for k in kinds]
+        assert not sampling[kinds[0]].band_limited
+        error = worst(f, points, steps)
+        assert error < BESIDE_KINKS
+        assert worst(f, points, steps, TOO_COARSE) > 2 * error
+
+
+# Far away phases turn fast at the rim of a plane only, and a coarse grid does in its middle.
+PLANES = [
+    ("irradiance", "chevron", 2.0),
+    ("irradiance", "square off centre", 5.0),
+    ("irradiance", "steered taper", 5.0),
+    ("irradiance", "array", 40.0),
+    ("amplitude", "chevron", 2.0),
+    ("amplitude", "square off centre", 5.0),
+    ("amplitude", "steered taper", 5.0),
+]
+
+
+@pytest.mark.parametrize(("quantity", "name", "distance"), PLANES)
+def test_fields_between_follow_from_the_suggested_plane_and_not_from_a_coarser_one(
+    quantity: str, name: str, distance: float
+) -> None:
+    source, z = SOURCES[name], distance * WAVELENGTH
+    field, around = getattr(pw, quantity), max(5e-3, z)
+    low, high = (np.append(corner, z) for corner in box_of(source))
+    points = np.random.default_rng(6).uniform(low[:2] - 5e-3, high[:2] + 5e-3, (12, 2))
+    low[:2] -= around  # neighbours may lie that far outside
+    high[:2] += around
+
+    def on_plane(places: np.ndarray) -> np.ndarray:
+        full = np.append(places, np.full((*places.shape[:-1], 1), z), axis=-1)
+        return field(source, full, WAVELENGTH, method="kirchhoff")
+
+    plane = pw.suggest_sampling(source, WAVELENGTH, quantity, box=(low, high))
+    assert plane["z"].count == 1 and plane["z"].step == 0
+    steps = [axis.nyquist / 2 for axis in plane.axes[:2]]
+    assert worst(on_plane, points, steps) < ASYMPTOTIC
+    assert worst(on_plane, points, steps, TOO_COARSE) > 10 * ASYMPTOTIC
+
+
+@pytest.mark.parametrize("quantity", ["irradiance", "amplitude"])
+@pytest.mark.parametrize("name", ["chevron", "steered taper"])
+def test_fields_between_follow_along_lines_and_on_hemispheres(name: str, quantity: str) -> None:
+    source, field, wavelength = SOURCES[name], getattr(pw, quantity), WAVELENGTH / 5
+    start, end = np.array([-20e-3, 4e-3, 20e-3]), np.array([25e-3, 0.0, 60e-3])
+    length = float(np.linalg.norm(end - start))
+
+    def on_line(s: np.ndarray) -> np.ndarray:
+        return field(source, start + s / length * (end - start), wavelength, method="kirchhoff")
+
+    def on_sphere(angles: np.ndarray) -> np.ndarray:
+        theta, phi = angles[..., :1], angles[..., 1:]
+        parts = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+        points = 50e-3 * np.concatenate(parts, axis=-1)
+        return field(source, points, wavelength, method="kirchhoff")
+
+    (along,) = pw.suggest_sampling(source, wavelength, quantity, line=(start, end)).axes
+    assert (along.low, along.high) == (0.0, pytest.approx(length))
+    s = np.random.default_rng(7).uniform(0.4 * length, 0.6 * length, (20, 1))
+    assert worst(on_line, s, [along.nyquist / 2]) < ASYMPTOTIC
+    sphere = pw.suggest_sampling(source, wavelength, quantity, radius=50e-3)
+    angles = np.random.default_rng(8).uniform((0.3, 0.0), (0.4, 6.0), (12, 2))
+    steps = [axis.nyquist / 2 for axis in sphere.axes]
+    assert worst(on_sphere, angles, steps) < ASYMPTOTIC
+    assert worst(on_sphere, angles, steps, TOO_COARSE) > 10 * ASYMPTOTIC
+
+
+def test_boxes_near_and_far_have_the_steps_that_textbooks_have() -> None:
+    square, b, far = pw.shapes.square(10e-3), 10e-3, 10.0
+
+    def step(quantity: str, z: float, half: float = 0.0) -> float:
+        box = ((-half, -half, z), (half or 1e-9, half, z))
+        return pw.suggest_sampling(square, WAVELENGTH, quantity, box=box)["x"].nyquist
+
+    # a speckle is wavelength z/b wide, and half of it Nyquist's step
+    assert step("irradiance", far) == pytest.approx(WAVELENGTH * far / (2 * b), rel=1e-6)
+    # waves that graze from both sides make fringes half a wavelength apart
+    assert step("irradiance", 1e-6 * b) == pytest.approx(WAVELENGTH / 4, rel=1e-3)
+    assert step("amplitude", 1e-3, half=1.0) == pytest.approx(WAVELENGTH / 2, rel=1e-3)
+    pattern = pw.suggest_sampling(square, WAVELENGTH, "pattern")
+    assert pattern["theta"].nyquist == pytest.approx(WAVELENGTH / (2 * math.sqrt(2) * b))
+
+
+def test_axes_cover_the_waves_that_propagate_and_have_zero_among_them() -> None:
+    sampling = pw.suggest_sampling(SOURCES["chevron"], WAVELENGTH, "wigner")
+    nu, x = sampling["nu_x"], sampling["x"]
+    assert (nu.low, nu.high) == (-1 / WAVELENGTH, 1 / WAVELENGTH)
+    assert nu.values[nu.count // 2] == 0 and len(nu.values) == nu.count
+    assert (x.low, x.high) == SOURCES["chevron"].bounds[::2]
+    assert sampling.samples == math.prod(axis.count for axis in sampling.axes)
+    for axis in sampling.axes:
+        assert axis.step <= axis.nyquist / 2 < 1.2 * axis.step
+        np.testing.assert_allclose(np.diff(axis.values), axis.step)
+    shift = pw.suggest_sampling(SOURCES["chevron"], reach=100.0, quantity="ambiguity")["upsilon_y"]
+    assert shift.high == 200.0
+
+
+# Rms errors over so many repetitions scatter by a sixth, and over directions by more.
+REPETITIONS, SCATTER = 16, 1.5
+
+
+@pytest.mark.parametrize("name", ["chevron", "array", "steered taper"])
+@pytest.mark.parametrize("level", [-10.0, -20.0])
+def test_the_suggested_samples_per_pixel_keep_the_noise_within_what_was_asked_for(
+    name: str, level: float
+) -> None:
+    source = SOURCES[name]
+    sampling = pw.suggest_sampling(source, WAVELENGTH, "render", error_db=1.0, level_db=level)
+    assert sampling.axes == ()
+    rng = np.random.default_rng(11)
+    nu = rng.uniform(-1, 1, (60_000, 2)) / WAVELENGTH
+    nu = nu[np.linalg.norm(nu, axis=-1) < 1 / WAVELENGTH]
+    exact = np.abs(pw.fourier(source, nu)) ** 2
+    away = 10 * np.log10(exact / exact.max()) - level
+    chosen = rng.permutation(np.flatnonzero(np.abs(away) < 1))[:40]
+    nu, exact = nu[chosen], exact[chosen]
+
+    def rms_db(samples: int) -> np.ndarray:
+        errors = []
+        for _ in range(REPETITIONS):
+            x, density = pw.sample_automean(mutual_support(source), samples, seed=rng)
+            means = np.mean(pw.wigner(source, x[:, None], nu) / density[:, None], axis=0)
+            errors.append(means / exact - 1)
+        return 10 * np.log10(1 + np.sqrt(np.mean(np.square(errors), axis=0)))
+
+    assert np.quantile(rms_db(sampling.samples), 0.9) < SCATTER
+    assert np.median(rms_db(math.ceil(sampling.samples / 64))) > 1.0  # dB, as asked for
+
+
+WRONG = {
+    "an unknown quantity": ({"quantity": "radiance"}, "one of"),
+    "no wavelength": ({"wavelength": None, "quantity": "wigner"}, "neither"),
+    "no place": ({"quantity": "irradiance"}, "box, line, radius"),
+    "two places": (
+        {"quantity": "amplitude", "box": [[0] * 3] * 2, "radius": 1.0},
+        "box and radius",
+    ),
+    "a box behind": ({"quantity": "irradiance", "box": ((0, 0, -1), (1, 1, 1))}, "in front"),
+    "a box upside down": ({"quantity": "irradiance", "box": ((0, 0, 2), (1, 1, 1))}, "lowest"),
+    "too few": ({"oversampling": 0.5}, "at least 1"),
+    "no error": ({"quantity": "render", "error_db": 0.0}, "above zero"),
+    "above the peak": ({"quantity": "render", "level_db": 3.0}, "at most zero"),
+    "another unit": ({"wavelength": 1e-30}, "units"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_cannot_be_suggested_for_is_refused(case: str) -> None:
+    options, message = WRONG[case]
+    with pytest.raises(ArgumentError, match=message):
+        pw.suggest_sampling(SOURCES["chevron"], **{"wavelength": WAVELENGTH, **options})
+
+
+def test_fields_of_slits_are_refused_and_axes_asked_for_by_wrong_names() -> None:
+    with pytest.raises(ArgumentError, match="Aperture"):
+        pw.suggest_sampling(SLITS, WAVELENGTH, "irradiance", radius=1.0)
+    with pytest.raises(ArgumentError, match="nu"):
+        pw.suggest_sampling(SLITS, WAVELENGTH)["nu_x"]
+
+
+def test_the_command_line_samples_wide_sources_more_finely_and_says_where_that_is_not_enough(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    path = tmp_path / "rectangle.wkt"
+    path.write_text("POLYGON ((-300 -5, 300 -5, 300 5, -300 5, -300 -5))")
+    command = ["propagate", str(path), "--frequency", "94 GHz", "--method", "fraunhofer", "--line"]
+    counts = []
+    for line in ("0 mm, 0 mm, 2 m to 400 mm, 0 mm, 2 m", "-1 m, 0 mm, 1 m to 1 m, 0 mm, 1 m"):
+        assert main([*command, line, "--out", str(tmp_path / "out")]) == 0
+        with xarray.open_dataset(tmp_path / "out.nc", engine="h5netcdf") as found:
+            counts.append(found.sizes["distance"])
+    ends = ((-1, 0, 1), (1, 0, 1))
+    source = pw.shapes.rectangle(0.6, 10e-3)
+    wanted = pw.suggest_sampling(source, WAVELENGTH, "irradiance", line=ends).samples
+    assert counts == [401, wanted] and wanted > 401
+    assert "miss fringes" not in capfd.readouterr().err
+    assert main([*command, "-4 m, 0 mm, 1 m to 4 m, 0 mm, 1 m", "--out", str(tmp_path / "o")]) == 0
+    assert "1601 samples miss fringes" in capfd.readouterr().err
+
+
+@pytest.mark.drjit
+def test_a_render_takes_the_samples_that_its_error_needs(tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    example = Path(__file__).parent.parent / "examples" / "patch_above_floor"
+    small = (example / "scene.xml").read_text(encoding="utf-8")
+    for name in ("width", "height"):
+        small = re.sub(rf'(<integer name="{name}" value=")\d+', r"\g<1>8", small)
+    for file in example.iterdir():
+        if file.suffix != ".xml":
+            (tmp_path / file.name).write_bytes(file.read_bytes())
+    scene = tmp_path / "scene.xml"
+    scene.write_text(small, encoding="utf-8")
+    command = ["render", str(scene), "--out", str(tmp_path / "out"), "--error-db"]
+    assert main([*command, "6"]) == 0
+    record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    square = pw.shapes.square(10e-3)
+    wanted = pw.suggest_sampling(square, WAVELENGTH, "render", error_db=6.0).samples
+    assert record["used"]["spp"] == wanted
+    assert main([*command, "0"]) == main([*command, "6", "--spp", "4"]) == 2
