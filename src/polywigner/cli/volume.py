@@ -69,8 +69,8 @@ def run_volume(
     count = None if shape is None else parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
         raise ArgumentError(
-            f"--shape: expected two or more samples along each axis, got {shown(str(shape))}; draw one "
-            "layer by `polywigner propagate --plane`"
+            f"--shape: expected two or more samples along each axis, got {shown(str(shape))}; draw "
+            "one layer by `polywigner propagate --plane`"
         )
     sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
