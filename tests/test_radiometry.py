@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,7 @@ from scipy.special import j0, j1
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
 from polywigner.errors import ArgumentError, GeometryError, PolywignerError
+from polywigner.radiometry import hemisphere
 from polywigner.radiometry.hemisphere import directions_and_weights
 
 WAVELENGTH = 299792458 / 94e9
@@ -118,6 +122,30 @@ def test_directions_integrate_waves_of_every_lag_to_rounding(phase: float) -> No
         radiance = sum(w @ e for e, _, w in waves)
         assert flux == pytest.approx(2 * math.pi * j1(z) / z, abs=2e-14)
         assert radiance == pytest.approx(2 * math.pi * math.sin(z) / z, abs=2e-14)
+
+
+@pytest.mark.parametrize(("places", "is_shown"), [(1, False), (10**6, True)])
+def test_what_takes_long_shows_on_a_terminal_how_far_it_is(
+    places: int, is_shown: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    nodes = list(directions_and_weights(10.0, 1.0, places))
+    assert sum(map(len, (w for _, w in nodes))) > 1000
+    assert ("directions" in capsys.readouterr().err) == is_shown
+
+
+def test_the_bar_counts_all_directions(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[int] = []
+
+    @contextmanager
+    def counted(title: str, total: int, show: bool | None) -> Iterator[Callable[[int], None]]:
+        done: list[int] = []
+        yield done.append
+        seen.extend([total, sum(done)])
+
+    monkeypatch.setattr(hemisphere, "progress_bar", counted)
+    directions = sum(len(w) for _, w in directions_and_weights(30.0, 1.0))
+    assert seen == [directions, directions]
 
 
 def _power_by_lags(width: float, wavelength: float) -> float:

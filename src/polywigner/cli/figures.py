@@ -28,7 +28,7 @@ def run_figures(names: Sequence[str], *, quality: str, out: str | None) -> None:
     PolywignerError : no such figure or quality, or no place to write to; nothing is written then.
     """
     from polywigner.figures.paper import check_figures, make_figure
-    from polywigner.propagation.progress import progress_bar
+    from polywigner.radiometry.progress import progress_bar
 
     chosen = check_figures(list(names), quality)
     folder = _folder(out)

@@ -10,6 +10,7 @@ module               what is in it
 ``sums``             weighted sums over places, for many points
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
+``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``threads``          how many threads compiled kernels run on
 ``llvm``             finds and tries out the LLVM library before Dr.Jit is imported
 ===================  ==========================================================================
@@ -24,6 +25,7 @@ from polywigner.engines.drjit_arrays import (
     shifted_points,
     times_complex,
 )
+from polywigner.engines.drjit_hosted import evaluate_hosted
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.operations import (
@@ -44,6 +46,7 @@ __all__ = [
     "checked_engine",
     "checked_precision",
     "evaluate",
+    "evaluate_hosted",
     "evaluate_on_grid",
     "evaluate_sums",
     "evaluate_traced",

@@ -20,7 +20,9 @@ from polywigner.errors import ArgumentError
 from polywigner.kernels import Kernel
 
 __all__ = [
+    "checked_float",
     "evaluate_traced",
+    "from_components",
     "in_plane",
     "is_drjit",
     "product_of_complex",
@@ -165,6 +167,33 @@ def _float_type(name: str, value: Any) -> Any:
     return found
 
 
+def checked_float(name: str, value: Any, precision: str | None, engine: str) -> tuple[Any, bool]:
+    """The float type behind an array, and whether it is double. Raises ArgumentError."""
+    import drjit
+
+    found = _float_type(name, value)
+    double = drjit.itemsize_v(found) == 8
+    _check_request(found, double, precision, engine)
+    return found, double
+
+
+def from_components(
+    values: np.ndarray, float_type: Any, double: bool, tensor: tuple[Any, tuple[int, ...]] | None
+) -> Any:
+    """NumPy values as a ``Float``, a ``Complex2f`` or, of (type, shape), a tensor."""
+    is_complex = np.iscomplexobj(values)
+    parts = (values.real, values.imag) if is_complex else (values,)
+    floats = [
+        float_type(np.array(part, np.float64 if double else np.float32).ravel()) for part in parts
+    ]
+    if tensor is not None:
+        return _as_tensor_of(tensor[0], tuple(floats), tensor[1])
+    if not is_complex:
+        return floats[0]
+    module = sys.modules[float_type.__module__]
+    return (module.Complex2f64 if double else module.Complex2f)(*floats)
+
+
 def _common_float(points: Sequence[tuple[str, Any]]) -> Any:
     types = {_float_type(name, value) for name, value in points if is_drjit(value)}
     if len(types) > 1:
@@ -258,9 +287,13 @@ def _indices(shape: tuple[int, ...]) -> Any:
 
 
 def _as_tensor(results: tuple[Any, ...], shape: tuple[int, ...], points: Any) -> Any:
+    tensor_type = next(type(value) for _, value in points if _is_tensor(value))
+    return _as_tensor_of(tensor_type, results, shape)
+
+
+def _as_tensor_of(tensor_type: Any, results: tuple[Any, ...], shape: tuple[int, ...]) -> Any:
     import drjit
 
-    tensor_type = next(type(value) for _, value in points if _is_tensor(value))
     if len(results) == 1:
         return tensor_type(results[0], shape)
     flat = drjit.empty(type(results[0]), 2 * int(np.prod(shape)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -63,7 +64,8 @@ def amplitude(
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations.
-    points : (..., 3) in m, z > 0.
+    points : (..., 3) in m, z > 0; or a Dr.Jit array, without derivatives, for results as those of
+        :func:`fourier` are.
     wavelength : in m.
     method : "rayleigh-sommerfeld-1" (the field in the opening is given), "rayleigh-sommerfeld-2"
         (its normal derivative is), "kirchhoff" (their mean), "fresnel" (parabolic waves, for
@@ -96,6 +98,19 @@ def amplitude(
     wavelengths, and lengths beyond 1e-75 to 1e75 m; GeometryError for arrays in other planes;
     EngineError without the engine.
     """
+    if engines.is_drjit(points):
+        compute = partial(
+            amplitude,
+            source,
+            wavelength=wavelength,
+            method=method,
+            tolerance=tolerance,
+            obliquity=obliquity,
+            return_error=return_error,
+        )
+        return engines.evaluate_hosted(
+            compute, "points", points, 3, precision=precision, engine=engine
+        )
     name = checked_method(method)
     places = checked_points(points)
     length = checked_wavelength(wavelength)

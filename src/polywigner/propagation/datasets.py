@@ -22,10 +22,10 @@ from polywigner.propagation.field_settings import WITH_OBLIQUITY, FieldSettings
 from polywigner.propagation.grids import Grid, shape_of_grid
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.patterns import SPEED_OF_LIGHT
-from polywigner.propagation.progress import progress_bar
 from polywigner.propagation.stores_files import required
 from polywigner.propagation.stores_layout import Index, chunks_within, source_settings
 from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.progress import progress_bar
 
 __all__ = ["FieldBlock", "dataset", "described", "field_on"]
 

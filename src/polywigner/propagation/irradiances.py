@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 import warnings
+from functools import partial
 from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import Engine, Precision, checked_engine, checked_precision
+from polywigner.engines import (
+    Engine,
+    Precision,
+    checked_engine,
+    checked_precision,
+    evaluate_hosted,
+    is_drjit,
+)
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
@@ -74,7 +82,7 @@ def irradiance(
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
         illuminations.
-    points : (..., 3) in m, z > 0.
+    points : (..., 3) in m, z > 0; or a Dr.Jit array, without derivatives, for values in one.
     wavelength : in m.
     method : "wigner", "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel" or
         "fraunhofer".
@@ -115,12 +123,18 @@ def irradiance(
     order points nearer than 0.9 sqrt(L^3/wavelength) to the centre, L the longer side of the
     source's bounds; and where a tolerance cannot be met.
     """
+    how: dict[str, Any]
+    if is_drjit(points):
+        how = {"obliquity": obliquity, "order": order, "tolerance": tolerance, "samples": samples}
+        how |= {"return_error": return_error, "sampling": sampling, "seed": seed}
+        compute = partial(irradiance, source, wavelength=wavelength, method=method, **how)
+        return evaluate_hosted(compute, "points", points, 3, precision=precision, engine=engine)
     source = checked_source(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
     if checked_method(method, ("wigner", *METHODS)) != "wigner":
         _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
-        how: dict[str, Any] = {"precision": precision, "engine": engine, "obliquity": obliquity}
+        how = {"precision": precision, "engine": engine, "obliquity": obliquity}
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
             how["tolerance"] = tolerance
         return _squared(source, places, length, method, return_error, how)

@@ -16,7 +16,6 @@ from typing import Any
 
 from polywigner.errors import StoreError
 from polywigner.geometry.arguments import checked_count, checked_path
-from polywigner.propagation.progress import progress_bar
 from polywigner.propagation.stores_files import (
     Block,
     ChunkWriter,
@@ -28,6 +27,7 @@ from polywigner.propagation.stores_files import (
 )
 from polywigner.propagation.stores_layout import Index, Layout, fingerprint_of
 from polywigner.propagation.stores_running import connected, on_cluster, on_this_machine
+from polywigner.radiometry.progress import progress_bar
 
 __all__ = ["write_dataset"]
 

@@ -41,7 +41,8 @@ def flux_vector(
     Returns
     -------
     (..., 3) in W/m^2. Accurate to 1e-12 int |u|^2/lambda^2. Cost: W in some
-    15 (diameter/wavelength)^2 + 1000 directions for each position; memory is bounded.
+    15 (diameter/wavelength)^2 + 1000 directions for each position; memory is bounded. A terminal
+    shows a bar where that takes more than seconds.
 
     Raises
     ------
@@ -52,7 +53,9 @@ def flux_vector(
     positions = checked_positions(x)
     places = positions.reshape(-1, 1, 2)
     total = np.zeros((len(places), 3))
-    for directions, solid_angle in directions_and_weights(largest_lag(radiator), length):
+    for directions, solid_angle in directions_and_weights(
+        largest_lag(radiator), length, len(places)
+    ):
         weighted = directions * solid_angle[:, None]
         size = max(1, _BLOCK // len(directions))
         for first in range(0, len(places), size):
@@ -78,7 +81,7 @@ def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") ->
     Returns
     -------
     In W. Accurate to 1e-12 of int |u|^2. Cost: F in some 15 (diameter/wavelength)^2 + 1000
-    directions.
+    directions; a terminal shows a bar where that takes more than seconds.
 
     Raises
     ------

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.radiometry.directions import PlaneSource
+from polywigner.radiometry.progress import progress_bar
 
 __all__ = ["directions_and_weights", "largest_lag"]
 
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 _MOST_WAVELENGTHS = 1e5
 # Directions at a time: some megabytes.
 _BLOCK = 1 << 17
+# Values of F or W, a few seconds' work, from which on a terminal shows how far it is.
+_LONG = 1 << 25
 # Largest phase of a wave on one panel of theta: points of long panels cost their cube to find.
 _PANEL = 400.0
 
@@ -50,8 +53,12 @@ def _diameter(points: Array) -> float:
     return max(float(np.hypot(*(hull - point).T).max()) for point in hull)
 
 
-def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Array, Array]]:
+def directions_and_weights(
+    lag: float, wavelength: float, places: int = 1
+) -> Iterator[tuple[Array, Array]]:
     """Unit vectors (n, 3) of z > 0 and solid angles (n,), in blocks.
+
+    Draws a bar on a terminal if there is much to do in all ``places`` that a block is for.
 
     Integrals over the hemisphere of functions that are band-limited as above by ``lag``, times
     polynomials of the direction's components, come out with an error of 1e-14 of the largest
@@ -69,12 +76,15 @@ def directions_and_weights(lag: float, wavelength: float) -> Iterator[tuple[Arra
     theta, weight = _polar(phase)
     counts = _azimuths(phase * np.sin(theta))
     ends = np.cumsum(counts)
-    first = 0
-    while first < len(theta):
-        below = int(np.searchsorted(ends, ends[first] - counts[first] + _BLOCK, side="right"))
-        last = max(below, first + 1)
-        yield _rings(theta[first:last], weight[first:last], counts[first:last])
-        first = last
+    first, all_directions = 0, int(ends[-1])
+    show = None if places * all_directions > _LONG else False
+    with progress_bar("directions", all_directions, show=show) as advance:
+        while first < len(theta):
+            below = int(np.searchsorted(ends, ends[first] - counts[first] + _BLOCK, side="right"))
+            last = max(below, first + 1)
+            yield _rings(theta[first:last], weight[first:last], counts[first:last])
+            advance(int(counts[first:last].sum()))
+            first = last
 
 
 def _rings(theta: Array, weight: Array, counts: NDArray[np.intp]) -> tuple[Array, Array]:

@@ -12,13 +12,13 @@ __all__ = ["progress_bar"]
 @contextmanager
 def progress_bar(
     title: str, total: int, done: int = 0, show: bool | None = None
-) -> Iterator[Callable[[], None]]:
-    """What to call after each of ``total`` parts, of which ``done`` are done already.
+) -> Iterator[Callable[..., None]]:
+    """What to call after each of ``total`` parts, or with how many; ``done`` are done already.
 
     ``show``: None draws the bar if stderr is a terminal.
     """
     if not (sys.stderr.isatty() if show is None else show):
-        yield lambda: None
+        yield lambda parts=1: None
         return
     from rich.console import Console
     from rich.progress import (
@@ -40,4 +40,4 @@ def progress_bar(
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, completed=done)
-        yield lambda: bar.advance(task)
+        yield lambda parts=1: bar.advance(task, parts)
