@@ -36,7 +36,7 @@ nitpicky = True
 
 myst_heading_anchors = 3
 highlight_language = "none"  # indented blocks are formulas
-bibtex_bibfiles = ["references.bib"]
+bibtex_bibfiles = ["../src/polywigner/references.bib"]  # the one that pw.cite reads
 
 # Shapes and units are in the docstrings; the types of the code say little more than "array".
 autodoc_typehints = "none"

@@ -21,7 +21,7 @@ PACKAGE = Path(polywigner.__file__).parent
 # A room may import from those above it in this list, never from those below or beside it.
 ROOMS = [
     ("errors",),
-    ("quantities",),
+    ("quantities", "citations"),
     ("geometry",),
     ("illumination",),
     ("kernels",),

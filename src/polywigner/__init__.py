@@ -10,6 +10,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from polywigner.citations import cite
     from polywigner.geometry import (
         Aperture,
         Polyhedron,
@@ -83,6 +84,7 @@ _HOMES = {
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
     "automean": "polywigner.geometry",
+    "cite": "polywigner.citations",
     "irradiance": "polywigner.propagation",
     "lag_slice": "polywigner.geometry",
     "phased_array": "polywigner.illumination",
@@ -149,6 +151,7 @@ __all__ = [
     "arrays",
     "autocorrelation",
     "automean",
+    "cite",
     "cosine_taper",
     "energy_budget",
     "fit_illumination",

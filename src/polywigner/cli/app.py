@@ -182,6 +182,23 @@ def figures(
 
 
 @app.command()
+def cite(
+    methods: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="METHOD",
+            help="fourier, wigner, ambiguity, otf, radiometry, propagation, rendering, tapers, "
+            "arrays (default: the paper and this software).",
+        ),
+    ] = None,
+) -> None:
+    """Print BibTeX of what to cite for work made with polywigner, the paper first."""
+    from polywigner.citations import cite as citations
+
+    typer.echo(citations(*methods or []), nl=False)
+
+
+@app.command()
 def doctor(
     install_llvm: Annotated[
         bool,
