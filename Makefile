@@ -73,7 +73,7 @@ bench: ## run the benchmarks
 docs: ## check the documents, and build the site from them: docs/_build/html/index.html
 	@$(SETUP) --group docs
 	$(BIN)/python tools/check_documents.py
-	@rm -rf docs/_build # a page that has not changed would keep its warnings to itself
+	@rm -rf docs/_build docs/lessons # what has not changed would keep its warnings, and its errors, to itself
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --conf-dir docs . docs/_build/html
 	$(BIN)/python tools/check_documents.py --site docs/_build/html
 	@echo "The site: docs/_build/html/index.html"
@@ -83,5 +83,5 @@ dist: ## build wheel and sdist into dist/
 	$(BIN)/python -m build
 
 clean: ## remove .venv and everything made
-	rm -rf .venv out build dist docs/_build benchmarks/results .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf .venv out build dist docs/_build docs/lessons benchmarks/results .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,7 +1,8 @@
 """The documentation site: `make docs` builds it into docs/_build/html.
 
 Its sources are the pages of the repository where they stand (README, docs/, the examples), so that
-every link and picture works in both places; docs/toc.yml puts them into order.
+every link and picture works in both places; docs/toc.yml puts them into order. The lessons are run:
+an assertion that fails there fails the build.
 """
 
 from __future__ import annotations
@@ -26,9 +27,11 @@ extensions = [
     "sphinx_external_toc",
     "myst_parser",
     "sphinxcontrib.bibtex",
+    "sphinx_gallery.gen_gallery",
     "docstrings",
 ]
-include_patterns = ["*.md", "docs/*.md", "docs/api/*.rst", "examples/*/README.md"]
+include_patterns = ["*.md", "docs/*.md", "docs/api/*.rst", "docs/lessons/lesson_*.rst"]
+include_patterns += ["docs/theory/*.md", "docs/howto/*.md", "examples/*/README.md"]
 exclude_patterns = [".*", "build", "dist", "out", "src", "tests", "docs/_build"]
 external_toc_path = "docs/toc.yml"
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -37,6 +40,19 @@ nitpicky = True
 myst_heading_anchors = 3
 highlight_language = "none"  # indented blocks are formulas
 bibtex_bibfiles = ["../src/polywigner/references.bib"]  # the one that pw.cite reads
+
+sphinx_gallery_conf = {
+    "examples_dirs": "examples/lessons",
+    "gallery_dirs": "docs/lessons",
+    "filename_pattern": r"/lesson_\d+",
+    "within_subsection_order": "FileNameSortKey",
+    "reference_url": {"polywigner": None},
+    "image_srcset": ["2x"],
+    "write_computation_times": False,
+    "download_all_examples": False,
+    "min_reported_time": 3600,
+    "plot_gallery": True,
+}
 
 # Shapes and units are in the docstrings; the types of the code say little more than "array".
 autodoc_typehints = "none"
@@ -54,25 +70,27 @@ html_show_sourcelink = False
 html_theme_options = {
     "logo": {"text": "polywigner"},
     "show_prev_next": False,
-    "header_links_before_dropdown": 7,
+    "header_links_before_dropdown": 8,
     "navigation_with_keys": False,
     "footer_start": ["copyright"],
     "footer_end": [],
 }
 
-# A link to a folder shows its files on a code host; here it shows the folder's page.
+# A link to a folder shows its files on a code host, and one to a lesson its code; here they show
+# the folder's page, and the lesson with what it draws.
 LINK = re.compile(r"\]\(([^):#]+)\)")
+LESSON = re.compile(r"\]\([./]*examples/lessons/(lesson_\w+)\.py\)")
 
 
-def link_to_pages_of_folders(app: Any, page: str, text: list[str]) -> None:
+def link_to_pages(app: Any, page: str, text: list[str]) -> None:
     here = Path(app.env.doc2path(page)).parent
 
     def page_of(link: re.Match[str]) -> str:
         has_page = (here / link[1] / "README.md").is_file()
         return f"]({link[1]}/README.md)" if has_page else link[0]
 
-    text[0] = LINK.sub(page_of, text[0])
+    text[0] = LINK.sub(page_of, LESSON.sub(r"](/docs/lessons/\1.rst)", text[0]))
 
 
 def setup(app: Any) -> None:
-    app.connect("source-read", link_to_pages_of_folders)
+    app.connect("source-read", link_to_pages)
