@@ -29,6 +29,7 @@ extensions = [
     "sphinxcontrib.bibtex",
     "sphinx_gallery.gen_gallery",
     "docstrings",
+    "mathml",
 ]
 include_patterns = ["*.md", "docs/*.md", "docs/api/*.rst", "docs/lessons/lesson_*.rst"]
 include_patterns += ["docs/theory/*.md", "docs/howto/*.md", "examples/*/README.md"]
@@ -38,6 +39,9 @@ source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 nitpicky = True
 
 myst_heading_anchors = 3
+myst_enable_extensions = ["dollarmath"]
+myst_fence_as_directive = ["math"]  # ```math, as code hosts have it
+html_math_renderer = "mathml"
 highlight_language = "none"  # indented blocks are formulas
 bibtex_bibfiles = ["../src/polywigner/references.bib"]  # the one that pw.cite reads
 

@@ -160,3 +160,15 @@ def test_the_meshes_of_the_street_are_what_their_script_writes(
     written = {path.name: path.read_text() for path in (tmp_path / "meshes").glob("*.obj")}
     assert committed == written
     assert len(committed) == 4
+
+
+LESSONS = sorted((EXAMPLES / "lessons").glob("lesson_*.py"))
+
+
+@pytest.mark.parametrize("lesson", LESSONS, ids=lambda path: path.stem[:10])
+def test_a_lesson_is_listed_asserts_what_it_says_and_ends_with_exercises(lesson: Path) -> None:
+    """They are run by `make docs`, which fails where an assertion does."""
+    text = lesson.read_text(encoding="utf-8")
+    assert f"(../examples/lessons/{lesson.name})" in (ROOT / "docs" / "lessons.md").read_text()
+    assert text.count("\nassert ") + text.count("    assert ") >= 4
+    assert "# Exercises\n" in text.split("# %%")[-1]
