@@ -141,6 +141,16 @@ def test_a_store_of_hours_of_work_is_not_replaced(square: Path, capfd: Captured)
     assert list(store.parent.iterdir()) == [store]
 
 
+def test_a_file_in_the_place_of_a_store_is_left_alone(square: Path, capfd: Captured) -> None:
+    pytest.importorskip("zarr")
+    store = square.parent / "field.zarr"
+    store.touch()
+    out = ("--out", str(square.parent / "field"))
+    assert main(["propagate", str(square), *FREQUENCY, *ARC, "--format", "zarr", *out]) == 2
+    assert "choose another name" in capfd.readouterr().err
+    assert sorted(path.name for path in store.parent.iterdir()) == ["field.zarr", "square.wkt"]
+
+
 def test_the_table_says_how_far_methods_are_apart(square: Path, capfd: Captured) -> None:
     found = propagated(
         square, "--line", "0 mm, 0 mm, 60 mm to 0 mm, 0 mm, 90 mm", "--samples", "4",
@@ -225,6 +235,9 @@ BAD = {
     "twice": ([*LINE, "--method", "wigner", "--method", "wigner"], ["'wigner' twice"]),
     "against": ([*LINE, "--against", "kirchhoff"], ["--against", "kirchhoff"]),
     "rays with a phase": ([*LINE, "--amplitude"], ["phase", "wigner"]),
+    "accuracy of another method": ([*LINE, "--accuracy", "1e-15"], ["tolerance", "1e-13"]),
+    "lengths beyond floats": (["--line", "0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 1e200 m"], ["1e+75 m"]),
+    "radii beyond floats": (["--arc", "1e200 m"], ["1e+75 m"]),
     "accuracy": ([*LINE, "--accuracy", "0"], ["tolerance"]),
     "engine": ([*LINE, "--engine", "abacus"], ["engine", "abacus"]),
     "precision": ([*LINE, "--precision", "half"], ["precision", "half"]),
@@ -244,6 +257,7 @@ def test_what_cannot_be_used_is_refused(case: str, square: Path, capfd: Captured
     stdout, stderr = capfd.readouterr()
     assert stdout == ""
     errors = [line for line in stderr.splitlines() if "warning" not in line]
+    assert "encountered" not in stderr  # a warning of NumPy's
     assert len(errors) == 1 and errors[0].startswith("polywigner: error: ")
     for word in words:
         assert word in errors[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +44,7 @@ def check_files(files: Sequence[Path]) -> None:
     """
     check_writable([path for path in files if not (path.suffix == ".zarr" and path.is_dir())])
     for path in files:
-        if path.suffix == ".zarr" and path.is_dir() and not _is_written_whole(path):
+        if path.suffix == ".zarr" and os.path.lexists(path) and not _is_written_whole(path):
             raise ArgumentError(
                 f"expected {path} to be free, or a store that an earlier `polywigner propagate` "
                 "wrote, got something else there; choose another name with --out"

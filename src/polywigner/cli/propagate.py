@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from polywigner.cli.enough import samples_of_place
 from polywigner.cli.fields import check_files, format_suffixes, write_field
@@ -120,6 +120,10 @@ def _fields(
     how: Mapping[str, Any],
 ) -> Any:
     """A dataset with one variable for each method, named after it."""
+    from polywigner.propagation.field_settings import FieldOptions, checked_settings
+
+    for method in wanted:  # before the first is computed
+        checked_settings(wavelength, cast(FieldOptions, {**how, **method.options}))
     found = None
     for method in wanted:
         one = _field(source, place, wavelength, {**how, **method.options})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from polywigner.cli.enough import samples_of_box
 from polywigner.cli.fields import format_suffixes, write_field
@@ -86,6 +86,7 @@ def run_volume(
     from polywigner.figures import draw_volume, outline_of
     from polywigner.figures.fields import label_of
     from polywigner.figures.volumes import check_volume_options
+    from polywigner.propagation.field_settings import FieldOptions, checked_settings
 
     drawn: dict[str, Any] = {
         "surfaces": levels,
@@ -99,6 +100,9 @@ def run_volume(
     radiator, said = read_fed_source(source, unit, reach, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
+    for method in wanted:  # before the first is computed
+        how: dict[str, Any] = {"engine": engine, "precision": precision, "tolerance": accuracy}
+        checked_settings(length, cast(FieldOptions, how | method.options))
     nx, ny, nz = count or samples_of_box(radiator, corners, length)
     fields, written = {}, []
     for method in wanted:

@@ -100,7 +100,7 @@ def _arc(text: str, shape: tuple[int, ...]) -> Place:
             f"expected a largest angle between 0 and 90 deg, got {shown(text)}; write degrees "
             'with their unit, such as "80 deg"'
         )
-    return Place("arc", (), shape, parse_length(parts[0]), phi, reach)
+    return Place("arc", (), shape, _length(parse_length(parts[0]), parts[0]), phi, reach)
 
 
 def _plane(text: str, shape: tuple[int, ...]) -> Place:
@@ -114,7 +114,7 @@ def _plane(text: str, shape: tuple[int, ...]) -> Place:
 
 
 def _hemisphere(text: str, shape: tuple[int, ...]) -> Place:
-    return Place("hemisphere", (), shape, parse_length(text), 0.0, _GRAZING)
+    return Place("hemisphere", (), shape, _length(parse_length(text), text), 0.0, _GRAZING)
 
 
 _PARSERS = {"line": _line, "arc": _arc, "plane": _plane, "hemisphere": _hemisphere}
@@ -146,7 +146,7 @@ def _ranges(text: str) -> tuple[Point, Point, int]:
         raise QuantityError(f"expected x, y and z, separated by commas, got {shown(text)}")
     ends = []
     for part in parts:
-        ends.append([parse_coordinate(end) for end in _split(part, r"\s+to\s+")])
+        ends.append([_length(parse_coordinate(e), e) for e in _split(part, r"\s+to\s+")])
         if len(ends[-1]) > 2 or (len(ends[-1]) == 2 and not ends[-1][0] < ends[-1][1]):
             raise QuantityError(
                 f'expected a coordinate, or a rising range such as "-30 mm to 30 mm", got '
@@ -193,8 +193,17 @@ def _point(text: str) -> Point:
     parts = _split(text, ",")
     if len(parts) != 3:
         raise QuantityError(f'expected a point such as "0 mm, 0 mm, 80 mm", got {shown(text)}')
-    x, y, z = (parse_coordinate(part) for part in parts)
+    x, y, z = (_length(parse_coordinate(part), part) for part in parts)
     return x, y, z
+
+
+def _length(length: float, text: str) -> float:
+    """One that grids take."""
+    from polywigner.propagation.places import LARGEST
+
+    if not abs(length) <= LARGEST:
+        raise QuantityError(f"expected lengths of at most {LARGEST:g} m, got {shown(text)}")
+    return length
 
 
 def _split(text: str, pattern: str) -> list[str]:

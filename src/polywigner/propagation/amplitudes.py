@@ -28,7 +28,7 @@ from polywigner.propagation.places import (
     checked_wavelength,
 )
 
-__all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude"]
+__all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude", "checked_amplitude_tolerance"]
 
 Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
 _OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
@@ -116,7 +116,7 @@ def amplitude(
     length = checked_wavelength(wavelength)
     double = engines.checked_precision(precision) != "single"
     engines.checked_engine(engine)
-    allowed = _checked_tolerance(tolerance, double)
+    allowed = checked_amplitude_tolerance(tolerance, double)
     radiator = radiator_of(source)
     check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     flat = places.reshape(-1, 3)
@@ -141,7 +141,8 @@ def amplitude(
     return (result, errors.reshape(shape)[()]) if return_error else result
 
 
-def _checked_tolerance(tolerance: float | None, double: bool) -> float:
+def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
+    """A tolerance that :func:`amplitude` can keep; ArgumentError for others."""
     if tolerance is None:
         return DEFAULT_TOLERANCE[double]
     least = _LEAST[double]

@@ -11,6 +11,7 @@ import numpy as np
 from polywigner.engines import Engine, Precision, checked_engine, checked_precision
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.propagation.amplitudes import checked_amplitude_tolerance
 from polywigner.propagation.irradiances import checked_order, checked_tolerance
 from polywigner.propagation.obliquities import checked_obliquity
 from polywigner.propagation.places import METHODS, checked_method, checked_name
@@ -92,15 +93,22 @@ def checked_settings(
     stored = checked_name("dtype", options.get("dtype", dtype), ("float32", "float64"))
     order, tolerance = checked_order(options.get("order", 1)), options.get("tolerance")
     obliquity = options.get("obliquity")
+    methods = _checked_methods(options.get("method", "wigner"), quantity)
+    precision = checked_precision(options.get("precision"))
+    if tolerance is not None:
+        tolerance = checked_tolerance(tolerance)
+        if methods != ("wigner",):  # now, rather than when the first method is done
+            most = tolerance if quantity != "irradiance" else min(tolerance, 0.1)
+            checked_amplitude_tolerance(most, precision != "single")
     return FieldSettings(
         checked_wavelength(wavelength),
-        _checked_methods(options.get("method", "wigner"), quantity),
+        methods,
         quantity,
         None if obliquity is None else checked_obliquity(obliquity, order),
         order,
-        None if tolerance is None else checked_tolerance(tolerance),
+        tolerance,
         stored,
-        checked_precision(options.get("precision")),
+        precision,
         checked_engine(options.get("engine", "auto")),
     )
 

@@ -13,7 +13,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_count, checked_length, shape_of
 from polywigner.geometry.numbers import real_numbers
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.places import checked_points
+from polywigner.propagation.places import LARGEST, checked_points
 from polywigner.transforms.labelled import LabelledArray
 
 __all__ = [
@@ -111,8 +111,9 @@ def plane_grid(where: Any, shape: Any) -> Lattice:
         spans = {_AXES[k]: (low[k], high[k], n) for k, n in zip(sides, counts, strict=True)}
         origin = np.where(np.arange(3) == flat[0], low, 0.0)
         return _lattice(spans, origin, np.eye(3)[sides])
-    if corners.shape != (3, 3) or not np.isfinite(corners).all():
-        raise ArgumentError(f"{expected}, in m, finite, got {shape_of(where)}")
+    if corners.shape != (3, 3):
+        raise ArgumentError(f"{expected}, in m, got shape {shape_of(where)}")
+    _check_size(f"{expected}, in m", corners)
     along = corners[1:] - corners[0]
     lengths = np.linalg.norm(along, axis=1)
     if not lengths.all() or abs(along[0] @ along[1]) > 1e-9 * lengths.prod():
@@ -143,6 +144,7 @@ def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemispher
         raise ArgumentError(f"expected a centre (3,) in m, got {error}") from None
     if middle.shape != (3,):
         raise ArgumentError(f"expected a centre (3,) in m, got shape {shape_of(centre)}")
+    _check_size("expected a centre and a radius", np.append(middle, length))
     axes = {
         "theta": LabelledArray(
             checked_theta(theta), ("theta",), {"units": "rad", "long_name": "angle from z"}
@@ -187,9 +189,13 @@ def _corners(name: str, corners: Any, which: tuple[str, str]) -> Values:
         raise ArgumentError(f"{expected}, got {error}") from None
     if array.shape != (2, 3):
         raise ArgumentError(f"{expected}, got shape {shape_of(corners)}")
-    if not np.isfinite(array).all():
-        raise ArgumentError(f"{expected}, finite, got {array.tolist()}")
+    _check_size(expected, array)
     return array
+
+
+def _check_size(expected: str, values: Values) -> None:
+    if not (np.abs(values) <= LARGEST).all():
+        raise ArgumentError(f"{expected}, finite, at most {LARGEST:g} m, got {values.tolist()}")
 
 
 def _counts(shape: Any, dimensions: int) -> Index:

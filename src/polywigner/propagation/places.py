@@ -13,6 +13,7 @@ from polywigner.geometry.arguments import checked_wavelength, shape_of
 from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
+    "LARGEST",
     "METHODS",
     "Method",
     "check_reach",
@@ -57,8 +58,9 @@ def checked_points(points: Any) -> NDArray[np.float64]:
     return array
 
 
-# Squares of lengths, and those of ratios of two, stay within what floats can be with these.
-_REACH = 1e75
+LARGEST = 1e75
+"""In m: squares of such lengths, and of their inverses, and products of these are finite."""
+
 # Integrands of rays have up to the seventh power of a length, over the fourth of another.
 _REACH_OF_RAYS = 1e30
 
@@ -68,7 +70,7 @@ def check_reach(points: NDArray[np.float64], size: float, wavelength: float, ray
 
     ``points``: (..., 3) that :func:`checked_points` has passed; ``size``: of the source, in m.
     """
-    reach = _REACH_OF_RAYS if rays else _REACH
+    reach = _REACH_OF_RAYS if rays else LARGEST
     farthest = float(np.abs(points).max(initial=wavelength))
     nearest = float(points[..., 2].min(initial=wavelength))
     for name, length in (
