@@ -360,6 +360,8 @@ def test_one_point_gives_a_number_and_no_points_an_empty_array() -> None:
         ((SQUARE, (0, 0, -1), 1.0), {}, "z > 0"),
         ((SQUARE, (0, 0, 1), 0.0), {}, "wavelength"),
         ((SQUARE, (0, 0, 1), 1.0, "rs1"), {}, "rayleigh-sommerfeld-2"),
+        ((SQUARE, (0, 0, 1), 1.0, "wigner"), {}, "polywigner.irradiance"),
+        ((SQUARE.polygons, (0, 0, 1), 1.0), {}, "make one by Aperture("),
         ((SQUARE, (0, 0, 1), 1.0), {"tolerance": 1e-15}, "tolerance"),
         ((SQUARE, (0, 0, 1), 1.0), {"tolerance": 1e-9, "precision": "single"}, "double"),
         ((SQUARE, (0, 0, 1), 1.0), {"tolerance": 1.0}, "tolerance"),

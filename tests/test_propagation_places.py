@@ -48,6 +48,11 @@ def test_a_wavelength_is_a_length_above_zero(value: Any) -> None:
         checked_wavelength(value)
 
 
+def test_a_wavelength_with_a_unit_is_told_where_those_belong() -> None:
+    with pytest.raises(ArgumentError, match="number in metres, got the text '94 GHz'"):
+        checked_wavelength("94 GHz")
+
+
 def test_a_wavelength_in_metres_passes() -> None:
     assert checked_wavelength(np.float32(0.5)) == 0.5
 

@@ -55,6 +55,11 @@ def checked_length(value: Any, name: str, zero: bool = False) -> float:
 
 def checked_wavelength(value: Any) -> float:
     """A wavelength in metres, and that of which 1/wavelength^2 is finite; ArgumentError if not."""
+    if isinstance(value, str):
+        raise ArgumentError(
+            f"expected a wavelength as a number in metres, got the text {value[:40]!r}; quantities "
+            "with units are for files and the command line, here write 3e-3 or 299792458 / 94e9"
+        )
     wavelength = checked_length(value, "wavelength")
     if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
         raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")

@@ -21,6 +21,7 @@ from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
+    METHODS,
     Method,
     check_reach,
     checked_method,
@@ -110,6 +111,11 @@ def amplitude(
         )
         return engines.evaluate_hosted(
             compute, "points", points, 3, precision=precision, engine=engine
+        )
+    if method == "wigner":
+        raise ArgumentError(
+            f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
+            "phase; use polywigner.irradiance for them"
         )
     name = checked_method(method)
     places = checked_points(points)

@@ -33,7 +33,8 @@ def checked_source(source: Any) -> PlaneSource:
         advice = {
             "Slits": "; make rectangles of slits, power needs an area",
             "PlacedAperture": "; use its .aperture, and directions relative to it",
-        }.get(type(source).__name__, "")
+            "Polyhedron": "; a body has a Fourier transform only",
+        }.get(type(source).__name__, "; make one by Aperture(...) of a ring or of shapely polygons")
         raise ArgumentError(
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(source).__name__}{advice}"
