@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import tracemalloc
 from typing import Any
 
@@ -13,7 +14,8 @@ import polywigner as pw
 from oracles.references import ENGINES
 from polywigner.engines.operations import NumpyOperations
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.illumination.lattices import lattice_of, separated
+from polywigner.illumination.lattices import Profile, lattice_of, separated
+from polywigner.kernels.factors import ProfileFactor
 from polywigner.kernels.lattice_arrays import is_on_lattice
 from polywigner.kernels.scattered_arrays import is_scattered
 from polywigner.kernels.weight_tables import mean_table
@@ -175,6 +177,54 @@ def test_the_profile_of_a_long_row_is_made_an_array_once_for_all_its_terms(
     assert np.isfinite(pw.wigner(row, SQUARE.centre, [0.3, 0.2], engine="numpy"))
     assert len(read) > 10
     assert len(made) == len(set(map(id, read))) <= 4
+
+
+def test_rows_of_any_weights_take_their_factors_from_a_table_or_a_sum(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Rows above some length are tabulated; both ways give one W, and A has sums only."""
+    from polywigner.kernels import lattice_arrays, site_weights
+
+    weights = _random(300)
+    row = pw.phased_array(SQUARE, grid(300, 1, 1.3), weights)
+    x, _, nu = _points(row, 60, 8)
+    energy, made = float((np.abs(weights) ** 2).sum()), []
+
+    def table_and_noted(*arguments: Any) -> Any:
+        made.append(arguments)
+        return mean_table(*arguments)
+
+    monkeypatch.setattr(site_weights, "mean_table", table_and_noted)
+    found = pw.wigner(row, x, nu, engine="numpy")
+    assert made
+    monkeypatch.setattr(site_weights, "_LONGEST_SUM", 1000)
+    lattice_arrays._tables.cache_clear()
+    by_sum = pw.wigner(row, x, nu, engine="numpy")
+    lattice_arrays._tables.cache_clear()
+    assert len(made) == 1
+    assert np.abs(found - by_sum).max() < 1e-12 * energy
+
+
+def test_sums_of_a_thousand_weights_are_made_without_a_loop_over_their_pairs() -> None:
+    """A loop took 1.2 s for 1000 elements, a table made at once takes 0.1 s."""
+    a = _random(1000)
+    factor = ProfileFactor(Profile(tuple(a.tolist()), 0.0, 1.0))
+    calls: list[str] = []
+    sys.setprofile(lambda frame, event, argument: calls.append(event))
+    try:
+        means, differences = factor.means, factor.differences
+    finally:
+        sys.setprofile(None)
+    assert means is not None and differences is not None
+    assert len(calls) < 5000
+    h, turns = np.arange(990, 1010), 0.15
+    expected = []
+    for total in h:
+        i = np.arange(max(0, total - 999), min(total, 999) + 1)
+        waves = np.exp(-2j * np.pi * turns * (2 * i - total))
+        expected.append((a[i] * a[total - i].conj() * waves).sum())
+    found = factor.at_mean(NumpyOperations(double=True), h.astype(float), np.full(20, turns))
+    assert np.abs(found - np.array(expected)).max() < 1e-12 * float((np.abs(a) ** 2).sum())
 
 
 @pytest.mark.parametrize("shape", [(2, 300), (300, 2)])

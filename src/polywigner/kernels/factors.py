@@ -12,9 +12,9 @@ with products c_k of two amplitudes. For equal amplitudes that is sin(pi N t)/si
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,24 +26,51 @@ from polywigner.kernels.trigonometry import cos_sin_turns, sin_turns
 
 __all__ = ["ProfileFactor", "profile_factor"]
 
-Coefficients = Sequence[complex]
+Complexes = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 
 # Coefficients that are read at a time: one load, where each alone would be another.
 _PACKET = 4
+# Terms of a temporary array: a few tens of megabytes with its intermediates.
+_BLOCK = 1 << 18
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ProfileFactor:
     """The factors of a profile of n amplitudes, by midpoint (index sum) and by difference."""
 
-    count: int
-    uniform: bool
-    means: _Series | None
-    """For index sums 0 .. 2n - 2; None if uniform."""
-    differences: _Series | None
-    """For differences -(n - 1) .. n - 1, counted from 0; None if uniform."""
-    amplitudes: _Series | None
-    """One row: the amplitudes themselves; None if uniform."""
+    profile: Profile
+
+    @property
+    def count(self) -> int:
+        return len(self.profile.amplitudes)
+
+    @cached_property
+    def means(self) -> _Series | None:
+        """For index sums 0 .. 2n - 2, in the order of growing i - j; None if uniform."""
+        n, sums = self.count, np.arange(2 * self.count - 1)
+        return self._mutual(np.maximum(0, sums - n + 1), np.minimum(sums, n - 1), -1)
+
+    @cached_property
+    def differences(self) -> _Series | None:
+        """For i - j = -(n - 1) .. n - 1, in the order of growing i + j; None if uniform."""
+        apart = np.arange(1 - self.count, self.count)
+        return self._mutual(np.maximum(0, apart), np.maximum(0, -apart), 1)
+
+    @cached_property
+    def amplitudes(self) -> _Series | None:
+        """One row: the amplitudes themselves; None if uniform."""
+        if self.profile.is_uniform:
+            return None
+        own, zero = np.array(self.profile.amplitudes, np.complex128), np.zeros(1, np.intp)
+        return _series(_Rows(own, np.ones_like(own), zero, zero, 1, np.array([self.count])))
+
+    def _mutual(self, begin: Indices, other: Indices, step: int) -> _Series | None:
+        if self.profile.is_uniform:
+            return None
+        own = np.array(self.profile.amplitudes, np.complex128)
+        lengths = self.count - abs(np.arange(2 * self.count - 1) - (self.count - 1))
+        return _series(_Rows(own, own.conj(), begin, other, step, lengths))
 
     def at_mean(self, ops: Any, index_sum: Any, turns: Any) -> Any:
         """sum over i + j = index_sum of a_i a_j* exp(-2 pi i turns (i - j)), which is real."""
@@ -74,20 +101,7 @@ class ProfileFactor:
 @lru_cache(maxsize=64)
 def profile_factor(profile: Profile) -> ProfileFactor:
     """The factors of a profile, less its factor and its even phase."""
-    a = [complex(amplitude) for amplitude in profile.amplitudes]
-    n = len(a)
-    if profile.is_uniform:
-        return ProfileFactor(n, True, None, None, None)
-    # in the order of growing i - j for means, of growing i + j for differences
-    means = [
-        [a[i] * a[h - i].conjugate() for i in range(max(0, h - n + 1), min(n, h + 1))]
-        for h in range(2 * n - 1)
-    ]
-    differences = [
-        [a[j + d] * a[j].conjugate() for j in range(max(0, -d), min(n, n - d))]
-        for d in range(1 - n, n)
-    ]
-    return ProfileFactor(n, False, _series(means), _series(differences), _series([a]))
+    return ProfileFactor(profile)
 
 
 def _dirichlet(ops: Any, count: Any, turns: Any) -> Any:
@@ -192,30 +206,44 @@ class _Basis:
         )
 
 
-def _series(rows: Sequence[Coefficients]) -> _Series:
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of one[begin + m] other[begin_other + step m], 0 <= m < length."""
+
+    one: Complexes
+    other: Complexes
+    begin: Indices
+    begin_other: Indices
+    step: int
+    lengths: Indices
+
+    def terms(self, rows: slice, number: Indices) -> Complexes:
+        """Those with a number (rows, terms), 0 where a row has none."""
+        exists = (number >= 0) & (number < self.lengths[rows, None])
+        m = np.where(exists, number, 0)
+        found: Complexes = self.one[self.begin[rows, None] + m]
+        found = found * self.other[self.begin_other[rows, None] + self.step * m]
+        return np.where(exists, found, 0.0)
+
+
+def _series(rows: _Rows) -> _Series:
     """Rows of c_k in the order of growing multiples, symmetric about 0."""
-    terms = max((len(row) + 1) // 2 for row in rows)
+    count, terms = len(rows.lengths), (int(rows.lengths.max()) + 1) // 2
     packet = min(terms, _PACKET)
     packets = -(-terms // packet)
-    terms = packets * packet
-    p, q = [], []
-    for row in rows:
-        n = len(row)
-        up, down = row[n // 2 :], row[: (n + 1) // 2][::-1]
-        if n % 2:
-            even = [up[0], *(a + b for a, b in zip(up[1:], down[1:], strict=True))]
-            odd = [0.0, *(a - b for a, b in zip(up[1:], down[1:], strict=True))]
-        else:
-            even = [a + b for a, b in zip(up, down, strict=True)]
-            odd = [a - b for a, b in zip(up, down, strict=True)]
-        p += even + [0.0] * (terms - len(even))
-        q += odd + [0.0] * (terms - len(odd))
+    p, q = np.zeros((2, count, packets * packet), np.complex128)
+    k, size = np.arange(terms), max(1, _BLOCK // terms)
+    for block in (slice(start, start + size) for start in range(0, count, size)):
+        n = rows.lengths[block, None]
+        up, down = rows.terms(block, n // 2 + k), rows.terms(block, (n + 1) // 2 - 1 - k)
+        p[block, :terms], q[block, :terms] = up + down, up - down
+        odd = np.flatnonzero(n % 2) + block.start  # whose middle is one term
+        p[odd, 0] /= 2
     tables = (_unless_zero(t, part, packet) for t in (p, q) for part in ("real", "imag"))
     return _Series(packets, *tables)
 
 
-def _unless_zero(coefficients: Sequence[complex], part: str, packet: int) -> _Table | None:
-    values = np.array(coefficients, np.complex128)
+def _unless_zero(values: Complexes, part: str, packet: int) -> _Table | None:
     parts: NDArray[np.float64] = getattr(values, part)
     if not (np.abs(parts) > 1e-17 * np.abs(values).max(initial=0.0)).any():
         return None
