@@ -10,7 +10,7 @@ import shapely
 
 import polywigner as pw
 
-__all__ = ["ARRAY", "KINDS", "SHAPES", "TILES", "bounds_of", "box_of", "shapes", "tile"]
+__all__ = ["ARRAY", "KINDS", "LIT", "SHAPES", "TILES", "bounds_of", "box_of", "shapes", "tile"]
 
 SHAPES = {
     "square": pw.shapes.square(1.0),
@@ -31,6 +31,7 @@ ARRAY = pw.Array(
     ],
     [1.0, 0.7j, 0.6 - 0.8j],
 )
+LIT = SHAPES["triangle"].with_illumination(pw.Illumination([0.7, 0.4j], [[0.3, -0.2], [-0.4, 0.6]]))
 shapes = pytest.mark.parametrize("source", SHAPES.values(), ids=SHAPES)
 
 KINDS = ("autocorrelation", "wigner", "ambiguity")

@@ -159,17 +159,23 @@ def _split(name: str) -> list[str]:
     return [head, "_", tail] if tail else [head]
 
 
+WAVES = pw.Illumination([0.6, 0.3j, -0.2], [[0.3, -2.2], [-1.4, 0.6], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize("field", [None, WAVES], ids=["uniform", "waves"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_tiles_of_a_whole_are_those_of_its_pieces_together(kind: str) -> None:
-    whole = SHAPES["holed"]
+def test_tiles_of_a_whole_are_those_of_its_pieces_together(kind: str, field: Any) -> None:
+    whole = SHAPES["holed"].with_illumination(field)
     halves = [
-        pw.Aperture(shapely.intersection(whole.polygons, shapely.box(*box)))
+        pw.Aperture(shapely.intersection(whole.polygons, shapely.box(*box))).with_illumination(
+            field
+        )
         for box in ((-2, -2, 0.1, 2), (0.1, -2, 2, 2))
     ]
     twice = pw.Array([*halves, whole], [0.6 + 0.3j, 0.6 + 0.3j, 0.4 - 0.3j])
     coordinates = {
         name: np.linspace(-1.13, 1.17, 8)  # off the edges, where tiles jump
-        for name in {d for n in TILES[kind] for d in pw.projections(whole, kind)[n].dims}
+        for name in {d for n in TILES[kind] for d in pw.projections(whole, kind, samples=2)[n].dims}
     }
     one, other = (pw.projections(s, kind, coordinates=coordinates) for s in (whole, twice))
     for name in TILES[kind]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from projected import ARRAY, KINDS, SHAPES, TILES, bounds_of, box_of, shapes, tile
+from projected import ARRAY, KINDS, LIT, SHAPES, TILES, bounds_of, box_of, shapes, tile
 
 # Composite quadratures of thousands of nodes that do not know where the kinks are.
 PANELS = 2e-6
@@ -126,16 +125,17 @@ POINTS = {"x": 0.07, "y": 0.11, "nu_x": 0.31, "nu_y": -0.27}
 POINTS |= {"xi_x": 0.23, "xi_y": 0.19, "upsilon_x": 0.33, "upsilon_y": -0.29}
 
 
-@pytest.mark.parametrize("shape", ["chevrons", "triangle", "weighted"])
+@pytest.mark.parametrize("shape", ["chevrons", "triangle", "weighted", "lit"])
 @pytest.mark.parametrize(("kind", "name"), [(k, n) for k in KINDS for n in TILES[k]])
 def test_each_tile_is_its_function_integrated_over_the_other_coordinates(
     kind: str, name: str, shape: str
 ) -> None:
-    source = {**SHAPES, "weighted": ARRAY}[shape]
+    source = {**SHAPES, "weighted": ARRAY, "lit": LIT}[shape]
     dims = pw.projections(source, kind, tiles=[name], samples=2)[name].dims
     kept = {dim: POINTS[dim] for dim in dims}
     value = tile(source, kind, name, *kept.values())[0, 0]
-    peak = np.abs(pw.projections(source, kind, tiles=[name], samples=65)[name].values).max()
+    samples = 15 if shape == "lit" else 65
+    peak = np.abs(pw.projections(source, kind, tiles=[name], samples=samples)[name].values).max()
     assert abs(value) > 0.01 * peak  # else a point of no interest
     both = kind != "autocorrelation" and not any(d.startswith(("nu", "upsilon")) for d in dims)
     tolerance = BRUTE_TWICE if both else BRUTE
@@ -351,14 +351,44 @@ def test_projections_of_tapered_sources_are_their_marginals() -> None:
         assert np.abs(kind.values - expected).max() <= kind.attrs["error"]
 
 
-@pytest.mark.parametrize("kind", ["autocorrelation", "wigner", "ambiguity"])
-def test_tiles_for_uniform_elements_name_those_for_tapered_ones(kind: Any) -> None:
-    horn = pw.shapes.square(1.0).with_illumination(pw.te_mode(1.0, 1.0))
-    with pytest.raises(pw.errors.ArgumentError, match="Illumination; give tiles=") as caught:
-        pw.projections(horn, kind)
-    names = re.findall(r'"(\w+)"', str(caught.value))
-    assert len(names) == 2
-    found = pw.projections(horn, kind, tiles=names, samples=3)
-    assert set(found.data_vars) == set(names)
-    slits = pw.Slits([0, 1]).with_illumination(pw.cosine_taper(1.0, dimension=1))
-    assert len(pw.projections(slits, kind, samples=3).data_vars) == 1
+@pytest.mark.parametrize("name", ["x", "y"])
+def test_tiles_of_a_product_are_products_of_the_functions_of_slits(name: str) -> None:
+    """u(x, y) = f(x) g(y) on a rectangle; integrals of the functions of g are others of these."""
+    waves = [
+        ([1.0, 0.4j, -0.3 + 0.2j], [0.0, 0.71, -1.27]),
+        ([0.8, 0.5 - 0.4j, 0.2], [1.3, -0.45, 7.0]),
+    ]
+    ends = [(-0.7, 0.8), (-0.45, 0.35)]
+    f, g = (
+        pw.Slits([end]).with_illumination(pw.Illumination(*wave))
+        for end, wave in zip(ends, waves, strict=True)
+    )
+    rectangle = pw.Aperture(shapely.box(-0.7, -0.45, 0.8, 0.35))
+    along = [
+        pw.Illumination(amplitudes, np.outer(frequencies, axis))
+        for (amplitudes, frequencies), axis in zip(waves, np.eye(2), strict=True)
+    ]
+    source = rectangle.with_illumination(along[0] * along[1])
+    (own, other), across = ((f, g), "y") if name == "x" else ((g, f), "x")
+    at, lag = np.linspace(-0.6, 0.65, 8)[:, None, None], np.linspace(-0.7, 0.67, 9)[:, None]
+    nu, zero = np.linspace(-4, 5, 7)[:, None], np.zeros(1)
+
+    def check(kind: str, kept: str, first: Any, second: Any, expected: Any) -> None:
+        found = tile(source, kind, kept, np.ravel(first), np.ravel(second))
+        assert np.abs(found - expected).max() < ROUNDING * 20, kept
+
+    intensity = pw.lag_marginal(other, zero).real
+    check("wigner", f"{name}_nu_{name}", at, nu, pw.wigner(own, at, nu) * intensity)
+    here = pw.autocorrelation(own, at, zero).real
+    check("wigner", f"{name}_nu_{across}", at, nu, here * np.abs(pw.fourier(other, nu)) ** 2)
+    whole = np.abs(pw.fourier(other, zero)) ** 2
+    lags = pw.autocorrelation(own, at, lag) * whole
+    check("autocorrelation", f"{name}_xi_{name}", at, lag, lags)
+    mirrored = pw.wigner(own, at, zero) * pw.ambiguity(other, zero, lag)
+    check("autocorrelation", f"{name}_xi_{across}", at, lag, mirrored)
+    upsilon = nu[:, None]
+    opposite = pw.ambiguity(own, upsilon, lag) * pw.wigner(other, zero, zero)
+    check("ambiguity", f"upsilon_{name}_xi_{name}", nu, lag, opposite)
+    spectra = pw.fourier(own, upsilon / 2) * pw.fourier(own, -upsilon / 2).conj()
+    crossed = spectra * pw.autocorrelation(other, zero, lag)
+    check("ambiguity", f"upsilon_{name}_xi_{across}", nu, lag, crossed)

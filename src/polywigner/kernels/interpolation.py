@@ -56,8 +56,7 @@ class Interpolation:
         Up to 1/(2 RATE) periods, the most that a table has.
         """
         u = 2 * (2 * RATE * frequencies) ** 2 - 1
-        found: Floats = np.polynomial.chebyshev.chebval(u, self._transform)
-        return found
+        return np.asarray(np.polynomial.chebyshev.chebval(u, self._transform), dtype=np.float64)
 
     @cached_property
     def _transform(self) -> Floats:
@@ -73,8 +72,8 @@ class Interpolation:
         frequencies = np.sqrt((u + 1) / 2) / (2 * RATE)
         waves = np.cos(2 * np.pi * np.multiply.outer(frequencies, place))
         exact = (waves * (values * (weight / 2))).sum(axis=(-2, -1))
-        found: Floats = np.polynomial.chebyshev.chebfit(u, exact, _TERMS - 1)
-        return found
+        found = np.polynomial.chebyshev.chebfit(u, exact, _TERMS - 1)
+        return np.asarray(found, dtype=np.float64)
 
 
 def _polynomial(ops: Any, coefficients: list[float], x: Any) -> Any:

@@ -11,14 +11,17 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture
-from polywigner.illumination import Array
+from polywigner.illumination import Array, Illumination
 
 __all__ = ["Field", "bound_of", "field_of", "is_lit_by_waves"]
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """u = sum of weight_k 1_k over outlines that may overlap; real weights for real fields."""
+    """u = sum of weight_k u_k over outlines that may overlap; real weights for real fields.
+
+    u_k is the illumination of the outline, or 1.
+    """
 
     outlines: tuple[Aperture, ...]
     weights: NDArray[Any]
@@ -34,6 +37,19 @@ class Field:
         """Centre of the bounds, (2,)."""
         west, south, east, north = self.bounds
         return np.array([west / 2 + east / 2, south / 2 + north / 2])
+
+    @cached_property
+    def is_lit(self) -> bool:
+        """Whether there are waves on an outline."""
+        return any(outline.illumination is not None for outline in self.outlines)
+
+    def waves(self, k: int) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+        """Amplitudes (m,) at the centre and frequencies (m, 2) of the waves on an outline."""
+        illumination = self.outlines[k].illumination
+        if illumination is None:
+            return np.ones(1, np.complex128), np.zeros((1, 2))
+        centred = illumination.moved(-self.centre)
+        return centred.amplitudes, centred.frequencies
 
     @cached_property
     def content(self) -> float:
@@ -65,7 +81,7 @@ def is_lit_by_waves(source: Any) -> bool:
 
 
 def field_of(source: Aperture | Array) -> Field:
-    """The outlines and weights of an aperture or an array of one plane, without waves on it."""
+    """The outlines, with the waves on them, and weights of an aperture or array of one plane."""
     if isinstance(source, Aperture):
         return Field((source,), np.ones(1))
     outlines = tuple(element for element in source.coplanar if isinstance(element, Aperture))
@@ -85,6 +101,10 @@ def bound_of(source: Aperture | Array) -> Field:
 
 
 def _transposed(aperture: Aperture) -> Aperture:
-    return Aperture._of_parts(
+    copy = Aperture._of_parts(
         [tuple(ring[::-1, ::-1] for ring in part) for part in aperture._parts]
     )
+    field = aperture.illumination
+    if field is None:
+        return copy
+    return copy.with_illumination(Illumination(field.amplitudes, field.frequencies[:, ::-1]))

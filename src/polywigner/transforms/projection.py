@@ -13,7 +13,6 @@ from polywigner.errors import ArgumentError
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
-from polywigner.transforms.fields import is_lit_by_waves
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.tiles import Tile, tiles_of
 
@@ -68,8 +67,7 @@ def projections(
 
     Parameters
     ----------
-    source : Aperture or Slits, |u| = 1 on it, or an Array of either. With an illumination, of
-        slits, and of apertures the first two tiles of each kind (both coordinates of one vector).
+    source : Aperture or Slits, with or without an illumination, or an Array of either.
     kind : which function.
     samples : points along every axis, from 2 to 4096, or a mapping from coordinates to that; an
         odd number has zero frequency and zero lag among them.
@@ -92,13 +90,14 @@ def projections(
     Cost, with s samples along an axis and n edges: s overlaps of the outline with its mirror image
     and plane waves on some n edges at s^2 points for x_nu_x and upsilon_x_xi_x; up to n^2 pairs
     of edges at s^2 points for x_xi_y of the autocorrelation; all other tiles less. Of an Array,
-    overlaps of all pairs of elements whose boxes meet.
+    overlaps of all pairs of elements whose boxes meet. Under an illumination plane waves count once
+    for every different frequency along the axis that is integrated over, or every different shift
+    that pairs of waves make (m^2 or fewer for m waves), and x_xi_y takes s^2 overlaps.
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range, and tiles that are for uniform
-    elements only; GeometryError for an Array whose elements do not lie in the plane z = 0;
-    EngineError without the engine.
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
+    elements do not lie in the plane z = 0; EngineError without the engine.
     """
     if kind not in get_args(PhaseSpaceFunction):
         names = ", ".join(f'"{name}"' for name in get_args(PhaseSpaceFunction))
@@ -107,7 +106,6 @@ def projections(
     checked_engine(engine)
     available = tiles_of(dimension, kind)
     chosen = _chosen(available, tiles)
-    _check_fields(source, available, chosen)
     axes = _axes(source, available, samples, extent, coordinates)
     arrays = {tile.name: _array(tile, source, axes, engine) for tile in chosen}
     used = {name for array in arrays.values() for name in array.dims}
@@ -117,18 +115,6 @@ def projections(
             {name: _axis(name, axes[name]) for name in axes if name in used},
             {"kind": kind, "convention": "exp(-2 pi i nu.xi), exp(-2 pi i upsilon.x)"},
         )
-    )
-
-
-def _check_fields(
-    source: PhaseSpaceSource, available: Mapping[str, Tile], chosen: Iterable[Tile]
-) -> None:
-    if all(tile.of_any_field for tile in chosen) or not is_lit_by_waves(source):
-        return
-    possible = ", ".join(f'"{name}"' for name, tile in available.items() if tile.of_any_field)
-    raise ArgumentError(
-        "expected a source without illumination for projections onto a coordinate and that across "
-        f"or along it, got one with an Illumination; give tiles=[{possible}], or project it without"
     )
 
 

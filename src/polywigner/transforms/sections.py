@@ -54,6 +54,8 @@ class Sections:
     low: Array
     high: Array
     weight: NDArray[Any]
+    element: Indices
+    """Whose interval it is."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +103,9 @@ def sections(field: Field, x: Array) -> Sections:
     order = np.lexsort((height, edges.element[edge], row))
     # Going up, edges enter and leave an outline in turn.
     below, above = order[0::2], order[1::2]
-    weight = field.weights[edges.element[edge[below]]]
-    return Sections(len(x), row[below], height[below], height[above], weight)
+    element = edges.element[edge[below]]
+    weight = field.weights[element]
+    return Sections(len(x), row[below], height[below], height[above], weight, element)
 
 
 def section_lengths(found: Sections) -> NDArray[Any]:
@@ -152,6 +155,9 @@ class Overlaps:
     begin: Array
     end: Array
     weight: NDArray[Any]
+    first: Indices
+    second: Indices
+    """Which elements have the region in common."""
 
 
 Copies = Callable[[float], Callable[[Array], Array]]
@@ -172,7 +178,8 @@ def overlaps(field: Field, at: Array, ahead: Copies, behind: Copies) -> Overlaps
     points, ring = shapely.get_coordinates(rings, return_index=True)
     same = ring[:-1] == ring[1:]
     owner = piece[ring[:-1][same]]
-    return Overlaps(len(at), row[owner], points[:-1][same], points[1:][same], weight[owner])
+    begin, end = points[:-1][same], points[1:][same]
+    return Overlaps(len(at), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
 def _images(field: Field, at: Array, copies: Copies) -> NDArray[Any]:
@@ -206,14 +213,14 @@ def _outlines(geometries: NDArray[Any]) -> tuple[NDArray[Any], Indices]:
     return rings, owner[polygon]
 
 
-def overlap_spectra(found: Overlaps, nu: Array) -> Complex:
-    """(count, n) Fourier transforms of the regions at the frequencies (nu, 0). Source: (F2)."""
+def overlap_spectra(found: Overlaps, nu: Array, nu_y: float = 0.0) -> Complex:
+    """(count, n) Fourier transforms of the regions at the frequencies (nu, nu_y). Source: (F2)."""
     twice_area = found.begin[:, 0] * found.end[:, 1] - found.begin[:, 1] * found.end[:, 0]
     share = found.weight * twice_area
 
     def term(chosen: Indices) -> tuple[Any, Any]:
-        begin, end = found.begin[chosen, :1], found.end[chosen, :1]
-        cosine, sine = triangle_plane_wave(_OPS, nu * begin, nu * end)
+        turns = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (found.begin, found.end)]
+        cosine, sine = triangle_plane_wave(_OPS, *turns)
         return cosine * share[chosen, None], sine * share[chosen, None]
 
     return _row_sums(found.row, found.count, len(nu), term)

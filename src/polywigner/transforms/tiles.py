@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from polywigner.engines import Engine
 from polywigner.geometry import Slits
 from polywigner.transforms.fields import Field, bound_of, field_of, is_lit_by_waves
+from polywigner.transforms.lit_sections import column_integrals, column_spectra, mutual_spectra
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -19,16 +20,7 @@ from polywigner.transforms.phase_space import (
     position_marginal,
     wigner,
 )
-from polywigner.transforms.sections import (
-    Copies,
-    mirrored_correlation,
-    overlap_spectra,
-    overlaps,
-    phase,
-    section_lengths,
-    section_spectra,
-    sections,
-)
+from polywigner.transforms.sections import Copies, mirrored_correlation, overlaps, phase
 from polywigner.transforms.spectrum import fourier
 
 __all__ = ["Tile", "tiles_of"]
@@ -82,11 +74,6 @@ class Tile:
             return _ROUNDING * bound.amplitude**2
         return _ROUNDING * self.scale(bound.transposed() if self.sees == "transposed" else bound)
 
-    @property
-    def of_any_field(self) -> bool:
-        """Whether sources may have waves on them: its closed form is one of the transforms."""
-        return self.sees == "source"
-
     def _field(self, source: Any) -> Field:
         field = field_of(source)
         return field.transposed() if self.sees == "transposed" else field
@@ -130,12 +117,32 @@ def _position_integral(source: Any, xi_x: Array, xi_y: Array, engine: Engine) ->
 
 def _shadow_product(field: Field, x: Array, xi_x: Array, engine: Engine) -> Any:
     ahead, behind = (x[:, None] + half for half in (xi_x / 2, -xi_x / 2))
-    one, other = (section_lengths(sections(field, at.ravel())) for at in (ahead, behind))
+    one, other = (column_integrals(field, at.ravel()) for at in (ahead, behind))
     return (one * np.conj(other)).reshape(ahead.shape)
 
 
 def _mirrored_overlap(field: Field, x: Array, xi_y: Array, engine: Engine) -> Any:
-    return mirrored_correlation(field, x, xi_y)
+    if not field.is_lit:
+        return mirrored_correlation(field, x, xi_y)
+    centre = field.centre
+    found = np.empty((len(x), len(xi_y)), np.complex128)
+    for row, at in enumerate(x - centre[0]):
+        common = overlaps(
+            field,
+            xi_y,
+            lambda lag: lambda v: v - centre,
+            lambda lag, at=at: lambda v: (v - centre) * (-1.0, 1.0) + (2 * at, lag),  # type: ignore[misc]
+        )
+        places = np.column_stack([np.full(len(xi_y), at), xi_y])
+        spectra = mutual_spectra(field, common, np.zeros(1), places, _of_columns)
+        found[row] = 2 * spectra[:, 0]
+    return found
+
+
+def _of_columns(one: Array, other: Array) -> tuple[Array, Array]:
+    """(P5): the columns at a and 2x - a, one of them moved up."""
+    shift = np.column_stack([one[:, 0] + other[:, 0], one[:, 1] - other[:, 1]])
+    return shift, np.column_stack([-2 * other[:, 0], other[:, 1]])
 
 
 # --- Wigner function
@@ -153,12 +160,20 @@ def _wigner_of_rows(field: Field, x: Array, nu_x: Array, engine: Engine) -> Any:
     def image(sign: float) -> Copies:
         return lambda at: lambda v: (v - (at, field.centre[1])) * (2 * sign, 1.0)
 
-    # The overlap is its own mirror image, so its transform is real.
-    return overlap_spectra(overlaps(field, x, image(1.0), image(-1.0)), nu_x).real
+    # The overlap is its own mirror image, with the conjugate field: its transform is real.
+    found = overlaps(field, x, image(1.0), image(-1.0))
+    places = (x - field.centre[0])[:, None]
+    return mutual_spectra(field, found, nu_x, places, _of_one_row).real
 
 
-def _column_spectra(field: Field, x: Array, nu_y: Array, engine: Engine) -> Any:
-    return _squared(section_spectra(sections(field, x), nu_y))
+def _of_one_row(one: Array, other: Array) -> tuple[Array, Array]:
+    """(P8): points of one row, their middle at x."""
+    shift = np.column_stack([(one[:, 0] + other[:, 0]) / 2, one[:, 1] - other[:, 1]])
+    return shift, one[:, :1] - other[:, :1]
+
+
+def _column_powers(field: Field, x: Array, nu_y: Array, engine: Engine) -> Any:
+    return _squared(column_spectra(field, x, nu_y))
 
 
 def _squared(values: Any) -> Any:
@@ -184,14 +199,21 @@ def _ambiguity_of_rows(field: Field, upsilon_x: Array, xi_x: Array, engine: Engi
     def image(sign: float) -> Copies:
         return lambda lag: lambda v: (v - (centre + sign * lag / 2, 0.0)) * (1.0, sign)
 
-    spectra = overlap_spectra(overlaps(field, xi_x, image(1.0), image(-1.0)), upsilon_x)
+    found = overlaps(field, xi_x, image(1.0), image(-1.0))
+    places = np.column_stack([xi_x, np.full(len(xi_x), field.centre[1])])
+    spectra = mutual_spectra(field, found, upsilon_x, places, _of_opposite_rows)
     return 2 * (spectra * phase(centre, upsilon_x)).T
+
+
+def _of_opposite_rows(one: Array, other: Array) -> tuple[Array, Array]:
+    """(P12): points of the rows at eta and -eta, relative to the centre's x but not to its y."""
+    shift = np.column_stack([one[:, 0] - other[:, 0], one[:, 1] + other[:, 1]])
+    return shift, np.column_stack([(one[:, 0] + other[:, 0]) / 2, other[:, 1] - one[:, 1]])
 
 
 def _opposite_columns(field: Field, upsilon_y: Array, xi_x: Array, engine: Engine) -> Any:
     ahead, behind = (
-        section_spectra(sections(field, sign * xi_x / 2), sign * upsilon_y / 2)
-        for sign in (1.0, -1.0)
+        column_spectra(field, sign * xi_x / 2, sign * upsilon_y / 2) for sign in (1.0, -1.0)
     )
     return (ahead * np.conj(behind) * phase(float(field.centre[1]), upsilon_y)).T
 
@@ -236,7 +258,7 @@ _APERTURE: dict[str, list[Tile]] = {
         ),
         *_both(
             *("{0}", "nu_{1}", "m2", "W integrated over {1}, nu_{0}"),
-            *("P9", _column_spectra, _column),
+            *("P9", _column_powers, _column),
         ),
     ],
     "ambiguity": [
