@@ -1,7 +1,7 @@
 """Make the pictures of the README and the examples: ``python docs/make_images.py [NAME ...]``.
 
 Renders every example with its own settings (a few minutes), and reduces the results to what a page
-needs: at most 860 pixels wide and 300 KiB.
+needs: at most 860 pixels wide and 300 KiB; for the README, three of them to 560 pixels.
 """
 
 from __future__ import annotations
@@ -45,6 +45,8 @@ COMMANDS = {
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
     **{path.parent.name: ["render", str(path)] for path in sorted(EXAMPLES.glob("*/scene.xml"))},
 }
+README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
+README_WIDTH = 560
 PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
 
 
@@ -72,6 +74,8 @@ def main(names: list[str]) -> None:
                 if polywigner([*COMMANDS[name], "--out", str(made)]) != 0:
                     sys.exit(f"{name} failed")
             reduce(made, IMAGES / f"{name}.png", SMALLER.get(name, LARGEST))
+            if name in README:
+                small(IMAGES / f"{name}.png", IMAGES / f"small_{name}.png")
 
 
 def first_picture(folder: Path) -> Path:
@@ -144,6 +148,17 @@ def reduce(source: Path, target: Path, largest: int) -> None:
         small.point(lambda value: value & 0xFC | value >> 6).save(target, optimize=True)
         if target.stat().st_size <= largest * 1024:
             break
+    print(f"{target} ({target.stat().st_size / 1024:.0f} KiB)")
+
+
+def small(source: Path, target: Path) -> None:
+    """A copy that is shown beside others, of 256 colours."""
+    with Image.open(source) as picture:
+        colours = picture.convert("RGB")
+    height = round(colours.height * README_WIDTH / colours.width)
+    copy = colours.resize((README_WIDTH, height), Image.Resampling.LANCZOS)
+    palette = copy.quantize(256, method=Image.Quantize.MEDIANCUT)
+    copy.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG).save(target, optimize=True)
     print(f"{target} ({target.stat().st_size / 1024:.0f} KiB)")
 
 
