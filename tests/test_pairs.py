@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.engines import evaluation
+from polywigner.engines import on_drjit
 from polywigner.engines.pairs import pairs_of
 
 # Of areas of about 1. Sums are the same; arguments enter the frame in NumPy or in Dr.Jit, which
@@ -53,13 +53,13 @@ def test_cells_are_not_looked_up_for_samples_in_no_order(
 ) -> None:
     """Positions along the trailing axis would come from another cell with every sample."""
     taken = []
-    takes = evaluation.OnDrjit.takes
+    takes = on_drjit.OnDrjit.takes
 
     def watched(self: Any, pairs: Any) -> bool:
         taken.append(takes(self, pairs))
         return taken[-1]
 
-    monkeypatch.setattr(evaluation.OnDrjit, "takes", watched)
+    monkeypatch.setattr(on_drjit.OnDrjit, "takes", watched)
     source = SOURCES["by cells"]()
     rng = np.random.default_rng(3)
     x, nu = rng.normal(size=(70, 1, 2)) * 0.3, rng.normal(size=(80, 2))

@@ -6,7 +6,8 @@ module               what is in it
 ``operations``       the operations namespaces that kernels are written over
 ``choice``           which engine and precision a call runs on
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
-``pairs``            every position with every frequency, on Dr.Jit
+``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` the same, compiled
+``pairs``            every position with every frequency
 ``sums``             weighted sums over places, for many points
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable

@@ -70,7 +70,7 @@ class NumpyOperations(_Unfused, NumpyRanges):
 
     def prefers_rows(self, clips: int, like: Any) -> bool:
         """Whether edges are better taken as a table than one by one: few samples, many edges."""
-        return clips > _ROWS_ABOVE_NUMPY and np.size(like) <= _FEW_SAMPLES
+        return clips > _ROWS_ABOVE_NUMPY and max(np.size(like), self.at_once) <= _FEW_SAMPLES
 
     def sum_over(
         self,
@@ -86,9 +86,10 @@ class NumpyOperations(_Unfused, NumpyRanges):
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
         # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
-        table = np.array(rows, np.float64 if np.size(like) <= _FEW_SAMPLES else self.dtype)
+        samples = max(np.size(like), self.at_once)
+        table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
-        block = max(1, _BLOCK // max(1, np.size(like)))
+        block = max(1, _BLOCK // max(1, samples))
         totals: list[Any] = [0.0] * values
         for start in range(0, len(table), block):
             terms = term(*table[start : start + block].T.reshape(table.shape[1], -1, *axes))

@@ -43,6 +43,10 @@ class Pairs:
         """The components of a block."""
         return tuple(c[rows] if len(c) > 1 else c[:, columns] for c in self.components)
 
+    def transposed(self) -> Pairs:
+        """Rows as columns, and columns as rows."""
+        return Pairs(tuple(c.T for c in self.components), self.columns, self.rows)
+
 
 def pairs_of(components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
     """Components that broadcast to ``shape`` as rows and columns; None where they are none."""

@@ -38,6 +38,8 @@ class NumpyRanges:
     dtype: np.dtype[Any]
     samples = 0
     """Of the whole that comes in chunks, where it is known."""
+    at_once = 0
+    """Samples computed at a time, where what they share comes as shorter arrays."""
 
     @property
     def key(self) -> Hashable:
@@ -78,7 +80,7 @@ class NumpyRanges:
         first, count = np.atleast_1d(first), np.atleast_1d(end - first)
         longest = int(count.max(initial=0))
         totals: list[Any] = [np.zeros(count.shape)] * values
-        block = max(1, _BLOCK // max(1, count.size))
+        block = max(1, _BLOCK // max(1, count.size, self.at_once))
         for start in range(0, longest, block):
             step = np.arange(start, min(start + block, longest))
             step = step.reshape(-1, *(1,) * count.ndim)
@@ -96,13 +98,14 @@ class NumpyRanges:
         ``runs``: a table of first row, end of the rows, number of the weight.
         """
         first, end = np.atleast_1d(first), np.atleast_1d(end)
-        ranges, place = np.unique(np.stack([first, end]), axis=1, return_inverse=True)
+        ends = np.stack([first.ravel(), end.ravel()])
+        ranges, place = np.unique(ends, axis=1, return_inverse=True)
         rows, numbers, starts = [], [], [0]
         for a, b in ranges.T.tolist():
             mine = runs[a:b]
             lengths = mine[:, 1] - mine[:, 0]
-            ends = lengths.cumsum()
-            rows.append(np.arange(lengths.sum()) + np.repeat(mine[:, 0] - ends + lengths, lengths))
+            stops = lengths.cumsum()
+            rows.append(np.arange(lengths.sum()) + np.repeat(mine[:, 0] - stops + lengths, lengths))
             numbers.append(np.repeat(mine[:, 2], lengths))
             starts.append(starts[-1] + len(rows[-1]))
         row, number = np.concatenate(rows), np.concatenate(numbers)
@@ -289,7 +292,7 @@ class DrjitRanges:
         self, first: Any, end: Any, term: Callable[[Any], Values], values: int
     ) -> list[Any]:
         if self._drjit.itemsize_v(self.float_type) == 8:
-            return self._sum(first, end, term, values)
+            return self.plain_sum(first, end, term, values)
 
         # what rounding of the sum loses is summed up as well: of terms that cancel, it is the most
         def step(row: Any, *sums: Any) -> Values:
@@ -309,7 +312,11 @@ class DrjitRanges:
         of_b = total - a
         return (a - (total - of_b)) + (b - of_b)
 
-    def _sum(self, first: Any, end: Any, term: Callable[[Any], Values], values: int) -> list[Any]:
+    def plain_sum(
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+    ) -> list[Any]:
+        """:meth:`sum_over_range` for so few terms that rounding of the sum does not matter."""
+
         def step(row: Any, *sums: Any) -> Values:
             return row + 1, *(a + b for a, b in zip(sums, term(row), strict=True))
 
@@ -328,7 +335,7 @@ class DrjitRanges:
     ) -> list[Any]:
         def of_run(number: Any) -> Values:
             begin, stop, weight, _ = self.gather(runs, number)
-            return tuple(self._sum(begin, stop, lambda row: term(row, weight), values))
+            return tuple(self.plain_sum(begin, stop, lambda row: term(row, weight), values))
 
         return self.sum_over_range(first, end, of_run, values)
 

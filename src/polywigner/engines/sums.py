@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.engines.choice import resolved
-from polywigner.engines.evaluation import OnDrjit, evaluate
+from polywigner.engines.evaluation import evaluate
+from polywigner.engines.on_drjit import OnDrjit
 from polywigner.engines.ranges import aligned
 from polywigner.kernels import Kernel
 

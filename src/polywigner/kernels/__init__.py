@@ -15,7 +15,8 @@ module               what is in it
 ``clipping``         the parts of edges inside a mirrored or shifted copy; coincident edges
 ``wigner``           Wigner function and lag-slice area
 ``moments``          moments of lag slices, W's derivatives; ``polynomials`` along edges
-``slice_parts``      parts of edges that bound lag slices, listed once for each position
+``slice_parts``      parts of edges that bound slices, listed once for each position or lag
+``shared_slices``    W and A as sums over these parts, for many frequencies
 ``fourier``          Fourier transform
 ``ambiguity``        ambiguity function and position-slice area
 ``waves``            sums of plane waves on a source, and what pairs of them contribute
@@ -67,6 +68,7 @@ from polywigner.kernels.grids import GridTables, fourier_on_grid
 from polywigner.kernels.kernel import Kernel, parts_of
 from polywigner.kernels.plane import AMBIGUITY, WIGNER, tables_of
 from polywigner.kernels.separable import is_separable
+from polywigner.kernels.shared_slices import PartSum, SharedSlice, shared_slice
 from polywigner.kernels.tables import Tables
 
 __all__ = [
@@ -74,11 +76,14 @@ __all__ = [
     "WIGNER",
     "GridTables",
     "Kernel",
+    "PartSum",
+    "SharedSlice",
     "Tables",
     "fourier_on_grid",
     "is_separable",
     "kernel_for",
     "parts_of",
+    "shared_slice",
     "tables_of",
     "wigner",
 ]

@@ -1,9 +1,10 @@
-"""The parts of edges that bound lag slices, listed once for each position.
+"""The parts of edges that bound slices, listed once for each position or lag.
 
 Where W is wanted at each position for many frequencies, cutting edges for each pair of the two is
 most of the work, and most edges are found to lie outside. The parts that are left, with the waves
 and weights that go with them, do not depend on the frequency: a list of rows, over which W and the
-moments (T1) are plain sums, by a kernel that is the same for all sources.
+moments (T1) are plain sums, by a kernel that is the same for all sources. So it is with A at each
+lag for many frequency shifts.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.clipping import MIRRORED, Clipper
+from polywigner.kernels.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
 from polywigner.kernels.frame import Frame
 from polywigner.kernels.kernel import Kernel, Values, leave_real
 from polywigner.kernels.moments import LAG_MOMENTS, RayFrame
@@ -25,9 +26,16 @@ from polywigner.kernels.plane import tables_of
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.trigonometry import sin_turns, sinc
-from polywigner.kernels.waves import mean_beats
+from polywigner.kernels.waves import difference_beats, mean_beats
 
-__all__ = ["PART_COLUMNS", "PART_MOMENTS", "PART_WIGNER", "slice_parts"]
+__all__ = [
+    "PART_COLUMNS",
+    "PART_MOMENTS",
+    "PART_WIGNER",
+    "position_slice_parts",
+    "slice_parts",
+    "wigner_of_part",
+]
 
 # What rounding may part two pieces of a cut edge by, as a fraction of it.
 _ADJOINING = 1e-13
@@ -43,37 +51,79 @@ def slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.in
 
     ``ops`` are those of NumPy in double precision. One edge at a time; memory for the parts found.
     """
-    clipper = Clipper(ops, tables, 2.0 * x, 2.0 * y)
-    owners: list[Any] = []
-    rows: list[Any] = []
-    for group, own in enumerate(tables.groups):
-        for other, waves in enumerate(tables.groups):
-            beats = [(beat.shift, *beat.amplitude(ops, (x, y))) for beat in mean_beats(own, waves)]
-            for edge in clipper.edges_of(group):
-                for found, low, high, real, imag in _joined(clipper, edge, other, x.shape):
-                    t, s = low + high, 2.0 * (high - low)
-                    place = [
-                        2.0 * edge.ax - clipper.tx[found] + t * edge.ex,
-                        2.0 * edge.ay - clipper.ty[found] + t * edge.ey,
-                        s * edge.ex,
-                        s * edge.ey,
-                    ]
-                    for shift, cosine, sine in beats:
-                        a, b = (np.broadcast_to(v, x.shape)[found] for v in (cosine, sine))
-                        weight = [a * real - b * imag, a * imag + b * real]
-                        owners.append(found)
-                        rows.append(_stacked(place + weight, shift))
-    if not rows:
-        return np.empty(0, np.intp), np.empty((0, PART_COLUMNS))
-    return np.concatenate(owners), np.concatenate(rows)
+    found = _Parts(ops, tables, (2.0 * x, 2.0 * y), (x, y))
+    for own in range(len(tables.groups)):
+        for other in range(len(tables.groups)):
+            beats = mean_beats(tables.groups[own], tables.groups[other])
+            found.add(MIRRORED, own, other, _amplitudes(ops, beats, (x, y)), -0.5, 2.0)
+    return found.table()
+
+
+def position_slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.intp], Rows]:
+    """The same for the position slices at lags (n,); vectors and middles are those of positions."""
+    found = _Parts(ops, tables, (x, y), (x, y))
+    for own in range(len(tables.groups)):
+        for other in range(len(tables.groups)):
+            fields = tables.groups[own], tables.groups[other]
+            # the edges' field is the first factor in the view BEHIND, the second in AHEAD
+            for view, side, pair in ((BEHIND, -0.5, fields), (AHEAD, 0.5, fields[::-1])):
+                beats = _amplitudes(ops, difference_beats(*pair), (x, y))
+                found.add(view, own, other, beats, side, 1.0)
+    return found.table()
+
+
+def _amplitudes(ops: Any, beats: Any, place: tuple[Any, Any]) -> list[tuple[Any, Any, Any]]:
+    return [(beat.shift, *beat.amplitude(ops, place)) for beat in beats]
+
+
+class _Parts:
+    """Parts as they are found, for offsets T of the frame."""
+
+    def __init__(self, ops: Any, tables: Tables, offset: Any, place: Any) -> None:
+        self.clipper = Clipper(ops, tables, *offset)
+        self.shape = place[0].shape
+        self.owners: list[Any] = []
+        self.rows: list[Any] = []
+
+    def add(
+        self,
+        view: View,
+        group: int,
+        other: int,
+        beats: list[tuple[Any, Any, Any]],
+        side: float,
+        scale: float,
+    ) -> None:
+        """Those of one group's edges in another's pieces, seen at ``scale (p + side T)``."""
+        clipper = self.clipper
+        tx, ty = (np.broadcast_to(side * t, self.shape) for t in (clipper.tx, clipper.ty))
+        for edge in clipper.edges_of(group):
+            for found, low, high, real, imag in _joined(clipper, edge, view, other, self.shape):
+                t, s = 0.5 * (low + high), scale * (high - low)
+                place = [
+                    scale * (edge.ax + tx[found] + t * edge.ex),
+                    scale * (edge.ay + ty[found] + t * edge.ey),
+                    s * edge.ex,
+                    s * edge.ey,
+                ]
+                for shift, cosine, sine in beats:
+                    a, b = (np.broadcast_to(v, self.shape)[found] for v in (cosine, sine))
+                    weight = [a * real - b * imag, a * imag + b * real]
+                    self.owners.append(found)
+                    self.rows.append(_stacked(place + weight, shift))
+
+    def table(self) -> tuple[NDArray[np.intp], Rows]:
+        if not self.rows:
+            return np.empty(0, np.intp), np.empty((0, PART_COLUMNS))
+        return np.concatenate(self.owners), np.concatenate(self.rows)
 
 
 def _joined(
-    clipper: Clipper, edge: Edge, group: int, shape: tuple[int, ...]
+    clipper: Clipper, edge: Edge, view: View, group: int, shape: tuple[int, ...]
 ) -> Iterator[tuple[NDArray[np.intp], Any, Any, float, float]]:
     """(whose, from, to, weight) of the parts of an edge, those in adjoining pieces as one."""
     by_weight: dict[tuple[float, float], list[Any]] = {}
-    for middle, extent, real, imag in clipper.intervals(edge, MIRRORED, group):
+    for middle, extent, real, imag in clipper.intervals(edge, view, group):
         ends = np.broadcast_arrays(
             0.5 * (middle - extent), 0.5 * (middle + extent), np.empty(shape)
         )
@@ -127,19 +177,23 @@ def _enter(ops: Any, frame: Frame, *arguments: Any) -> Values:
     return (*part, *shifted, *frame.frequency(ops, *nu))
 
 
-def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
-    """A part's term of (W2)."""
-    x, y, dx, dy, real, imag = inner[:6]
-    nu_x, nu_y = moved_off_zero(ops, *inner[6:8])
+def wigner_of_part(ops: Any, is_real: bool, part: Values, nu: Values) -> Any:
+    """A part's term of (W2) at a detuned frequency: ``part`` is (x, y, dx, dy, real, imag)."""
+    x, y, dx, dy, real, imag = part
+    nu_x, nu_y = moved_off_zero(ops, *nu)
     fma = ops.fma
     length, middle = fma(nu_x, dx, nu_y * dy), fma(nu_x, x, nu_y * y)
-    if tables.is_real:
+    if is_real:
         wave = real * sinc(ops, length) * sin_turns(ops, middle)
     else:
         sine, cosine = segment_wave(ops, length, middle)
         wave = fma(real, sine, -imag * cosine)
     square = math.pi * fma(nu_x, nu_x, nu_y * nu_y)
-    return (fma(nu_x, dy, -nu_y * dx) * wave / square,)
+    return fma(nu_x, dy, -nu_y * dx) * wave / square
+
+
+def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
+    return (wigner_of_part(ops, tables.is_real, inner[:6], inner[6:8]),)
 
 
 def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:

@@ -21,7 +21,7 @@ from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.trigonometry import sin_turns
 from polywigner.kernels.waves import Beat, RowBeat, mean_beats, rows_of
 
-__all__ = ["lag_slice_area", "wigner"]
+__all__ = ["floored", "lag_slice_area", "ratio_along", "wigner"]
 
 Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
@@ -95,13 +95,13 @@ class _EvenBeat:
 
     def __init__(self, clipper: Clipper, beat: Beat, nu: tuple[Any, Any]) -> None:
         self.clipper, self.ops, self.beat = clipper, clipper.ops, beat
-        self.nu_x, self.nu_y = _floored(self.ops, *beat.detuned(nu))
+        self.nu_x, self.nu_y = floored(self.ops, *beat.detuned(nu))
         self.nu_t = self.ops.fma(self.nu_x, clipper.tx, self.nu_y * clipper.ty)
 
     def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any]:
         ops, nu_x, nu_y = self.ops, self.nu_x, self.nu_y
         along, ratio = self.clipper.shared(
-            edge, lambda: _ratio(ops, nu_x, nu_y, edge.ux, edge.uy), self.beat.shift
+            edge, lambda: ratio_along(ops, nu_x, nu_y, edge.ux, edge.uy), self.beat.shift
         )
         q = along * edge.length
         start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -self.nu_t))
@@ -152,14 +152,14 @@ class _PhasedBeat:
         return total * (2.0 / (math.pi * square))
 
 
-def _floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
+def floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
     """nu, moved off 0 by so little that W, even in nu, changes by less than rounding."""
     floor = 1e-9 if ops.double else 1e-6
     tiny = (abs(nu_x) < floor) & (abs(nu_y) < floor)  # false if either is not a number
     return ops.select(tiny, floor, nu_x), ops.select(tiny, 0.0, nu_y)
 
 
-def _ratio(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
+def ratio_along(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
     """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
     floor = 1e-30 if ops.double else 1e-20
     along = ops.fma(nu_x, ux, nu_y * uy)

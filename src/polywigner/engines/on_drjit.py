@@ -1,0 +1,197 @@
+"""A kernel of a source compiled by Dr.Jit, on NumPy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.engines.choice import drjit_float
+from polywigner.engines.operations import DrjitOperations, NumpyOperations
+from polywigner.engines.pairs import Pairs
+from polywigner.engines.ranges import aligned
+from polywigner.kernels import Kernel, SharedSlice, parts_of
+
+__all__ = ["OnDrjit"]
+
+# Samples at a time where arguments are pairs: nothing is fed from memory.
+_PAIRS_CHUNK = 1 << 20
+# To list the parts of a slice takes NumPy some microseconds, as much as so many samples gain.
+_LEAST_SHARED = 256
+# A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
+_FEW_CLIPS = 16
+# Samples of one slice that a lane of a compiled kernel computes together.
+_TOGETHER = 4
+# Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
+# than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
+_CLIPS_PER_KERNEL = 1000
+
+Array = npt.NDArray[Any]
+
+
+class OnDrjit:
+    """A kernel of a source, traced with Dr.Jit."""
+
+    block = shared_block = _PAIRS_CHUNK
+
+    def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
+        self.kernel, self.tables = kernel, tables
+        self.ops = DrjitOperations(drjit_float(engine, double), sorted_by_cell=True)
+        self.entry = DrjitOperations(drjit_float(engine, double=True))
+        self.dtype = np.dtype(np.float64 if double else np.float32)
+        self.memory: dict[int, Array] = {}
+        in_a_loop = kernel.copies and self.ops.prefers_rows(tables.clips, None)
+        if kernel.order is not None and self.ops.prefers_cells(tables.clips_for_cells, None):
+            in_a_loop = True
+        self.parts = [tables] if in_a_loop else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
+
+    def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        inner = self.kernel.enter(self.entry, self.tables.frame, *self._sent_all(arguments))
+        if not self.ops.double:
+            inner = tuple(self.ops.float_type(a) for a in inner)
+        return self._of_inner(inner)
+
+    def traced(self, part: Any, arguments: Sequence[Any]) -> tuple[Any, ...]:
+        """What one of the ``parts`` contributes to the results, for arrays of ``entry``'s type."""
+        inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
+        if not self.ops.double:
+            inner = tuple(self.ops.float_type(a) for a in inner)
+        sums = self.kernel.edge_sum(self.ops, part, *inner)
+        return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
+
+    def of_pairs(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns)."""
+        entered = self.entered(arguments)
+        shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
+        inner = self._looked_up(entered, shape, *_split(self.ops.float_type, *shape))
+        return tuple(values.reshape(shape) for values in self._of_inner(inner))
+
+    def of_parts(
+        self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
+    ) -> tuple[Array, ...]:
+        """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``.
+
+        A part is looked up once for several columns, since that takes as long as to compute its
+        term: the columns are taken in a few runs of one length, the last of which may overlap the
+        one before.
+        """
+        import drjit
+
+        ops, kind = self.ops, self.ops.float_type
+        rows, columns = np.broadcast_shapes(*(np.shape(a) for a in inner))
+        length = -(-columns // _TOGETHER)
+        row, column = _split(kind, rows, length)
+        limits = ops.held(ends[:, None].astype(np.uint32))
+        (first,), (end,) = (ops.gather(limits, row + k) for k in (0, 1))
+        held = ops.held(table if len(table) else np.zeros((1, table.shape[1])))
+        starts = [min(k * length, columns - length) for k in range(_TOGETHER)]
+        runs, arguments, lost = [], [], []
+        for start in starts:
+            at = column + drjit.opaque(type(column), start)
+            mine = self._looked_up(inner, (rows, columns), row, at)
+            frequency = mine[shared.frequency]
+            runs.append(shared.summed(ops, table.shape[1], is_real, *frequency))
+            arguments.append(mine)
+            # what lies at infinity or is not a number is so in the result
+            lost.append(sum(a - a for a in (*mine[shared.place], *frequency)))
+
+        def terms(number: Any) -> tuple[Any, ...]:
+            part = ops.gather(held, number)
+            return tuple(value for run in runs for value in run.term(*part))
+
+        count = runs[0].values
+        sums = ops.plain_sum(first, end, terms, _TOGETHER * count)
+        results: list[tuple[Any, ...]] = []
+        for k, run in enumerate(runs):
+            own = run.total(tuple(value + lost[k] for value in sums[k * count : (k + 1) * count]))
+            results.append(self.kernel.leave(ops, self.tables.frame, arguments[k], own))
+        drjit.eval(results)
+        found = tuple(np.empty((rows, columns), self.dtype) for _ in results[0])
+        for start, values in zip(starts, results, strict=True):
+            for whole, value in zip(found, values, strict=True):
+                whole[:, start : start + length] = value.numpy().reshape(rows, length)
+        return found
+
+    def _looked_up(
+        self, inner: Sequence[Any], shape: tuple[int, int], row: Any, column: Any
+    ) -> tuple[Any, ...]:
+        """Arguments in the frame, of one shape or another, at each sample's row and column."""
+        import drjit
+
+        kind, (rows, columns) = self.ops.float_type, shape
+
+        def found(slot: int, values: Any) -> Any:
+            if np.size(values) == 1:
+                return kind(float(np.ravel(values)[0]))
+            memory = self._sent(slot, values.ravel(), kind)
+            whole = drjit.fma(row, drjit.opaque(type(row), columns), column)
+            place = {(rows, 1): row, (1, columns): column}.get(values.shape, whole)
+            return drjit.gather(kind, memory, place)
+
+        return tuple(found(slot, values) for slot, values in enumerate(inner))
+
+    def takes(self, pairs: Pairs) -> bool:
+        """Whether samples of one row lie in one cell, where edges are looked up by cells."""
+        kernel, tables = self.kernel, self.tables
+        if kernel.order is None or not self.ops.prefers_cells(tables.clips_for_cells, None):
+            return True
+        few = slice(0, 2)
+        inner = self.entered(pairs.block(few, few))
+        return np.shape(kernel.order(NumpyOperations(double=True), tables, *inner))[-1] == 1
+
+    def shares(self, samples: int) -> bool:
+        """Whether a slice is worth cutting apart from its so many samples."""
+        clips = self.kernel.copies * self.tables.clips
+        return samples >= _LEAST_SHARED and clips > _FEW_CLIPS
+
+    def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
+        """The arguments in the frame, in the shapes that they have."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self.kernel.enter(NumpyOperations(double=True), self.tables.frame, *arguments)
+
+    def _of_inner(self, inner: tuple[Any, ...]) -> tuple[Array, ...]:
+        import drjit
+
+        frame = self.tables.frame
+        if len(self.parts) > 1:
+            drjit.eval(inner)
+        sums: tuple[Any, ...] = ()
+        for part in self.parts:
+            terms = self.kernel.edge_sum(self.ops, part, *inner)
+            sums = tuple(a + b for a, b in zip(sums, terms, strict=True)) if sums else terms
+            if len(self.parts) > 1:
+                drjit.eval(sums)
+        results = self.kernel.leave(self.ops, frame, inner, sums)
+        drjit.eval(results)
+        return tuple(np.asarray(r.numpy()) for r in results)
+
+    def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
+        kind = self.entry.float_type
+        return tuple(self._sent(slot, array, kind) for slot, array in enumerate(arrays))
+
+    def _sent(self, slot: int, array: Array, kind: Any) -> Any:
+        """The chunk as an engine's array, in memory that all chunks use in turn.
+
+        Dr.Jit uses NumPy's memory in place and compiles a kernel anew for each alignment that it
+        happens to have; here the alignment is always the same. Every chunk is finished, and its
+        results fetched, before the next one is sent.
+        """
+        if slot not in self.memory or len(self.memory[slot]) < array.size:
+            dtype = np.float64 if kind is self.entry.float_type else np.float32
+            self.memory[slot] = aligned(array.size, dtype)
+        memory = self.memory[slot][: array.size]
+        memory[...] = array
+        return kind(memory)
+
+
+def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
+    """Row and column of each of rows x columns samples."""
+    import drjit
+
+    index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
+    # Opaque, or there would be a kernel for each number of columns. A division of fewer than
+    # 2^21 samples: half a sample is more than two roundings, to float32, of the quotient.
+    row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
+    return row, index - row * drjit.opaque(type(index), columns)

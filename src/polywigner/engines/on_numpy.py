@@ -1,0 +1,110 @@
+"""A kernel of a source on NumPy arrays, chunk by chunk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.engines.operations import NumpyOperations
+from polywigner.engines.pairs import Pairs
+from polywigner.kernels import Kernel, PartSum, SharedSlice
+
+__all__ = ["CHUNK", "OnNumpy"]
+
+CHUNK = 1 << 13
+"""Samples at a time: a temporary array stays in the cache of one core."""
+# Where slices are cut once for many samples: rows enough to cut at a time.
+_SHARED_CHUNK = 1 << 18
+# To list the parts of a slice takes some microseconds, as much as so many samples gain.
+_LEAST_SHARED = 64
+
+Array = npt.NDArray[Any]
+
+
+class OnNumpy:
+    """A kernel of a source, computed by NumPy."""
+
+    block = CHUNK
+    shared_block = _SHARED_CHUNK
+
+    def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
+        self.kernel, self.tables = kernel, tables
+        self.host = NumpyOperations(double=True)
+        self.ops = NumpyOperations(double)
+
+    def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        frame = self.tables.frame
+        # what lies at infinity or is not a number is so in the result; no need to warn
+        with np.errstate(invalid="ignore", over="ignore"):
+            inner = self.kernel.enter(self.host, frame, *arguments)
+            if not self.ops.double:
+                inner = tuple(a.astype(np.float32) for a in inner)
+            sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
+            return self.kernel.leave(self.ops, frame, inner, sums)
+
+    def takes(self, pairs: Pairs) -> bool:
+        return True
+
+    def shares(self, samples: int) -> bool:
+        """Whether a slice is worth cutting apart from its so many samples."""
+        return samples >= _LEAST_SHARED
+
+    def of_pairs(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns).
+
+        NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
+        for each row.
+        """
+        self.ops.at_once = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
+        values = self(arguments)
+        self.ops.at_once = 0
+        return values
+
+    def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
+        """The arguments in the frame, in the shapes that they have."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self.kernel.enter(self.host, self.tables.frame, *arguments)
+
+    def of_parts(
+        self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
+    ) -> tuple[Array, ...]:
+        """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``."""
+        inner = tuple(np.asarray(a, self.ops.dtype) for a in inner)
+        rows, columns = np.broadcast_shapes((len(ends) - 1, 1), *(a.shape for a in inner))
+        nu = [np.broadcast_to(f, (1, columns)) for f in inner[shared.frequency]]
+        run = shared.summed(self.ops, table.shape[1], is_real, *nu)
+        sums = [np.zeros((rows, columns), self.ops.dtype) for _ in range(run.values)]
+        table = table.astype(self.ops.dtype)
+        with np.errstate(invalid="ignore", over="ignore"):
+            for some in _slices(columns, CHUNK):
+                run = shared.summed(self.ops, table.shape[1], is_real, *(f[:, some] for f in nu))
+                _sum_parts(run, ends, table, [total[:, some] for total in sums])
+            # what lies at infinity or is not a number is so in the result
+            for argument in (*inner[shared.place], *nu):
+                if not np.isfinite(argument).all():
+                    sums = [total + (argument - argument) for total in sums]
+            total = shared.summed(self.ops, table.shape[1], is_real, *nu).total(tuple(sums))
+            return self.kernel.leave(self.ops, self.tables.frame, inner, total)
+
+
+def _slices(length: int, step: int) -> Iterator[slice]:
+    return (slice(k, k + step) for k in range(0, length, step))
+
+
+def _sum_parts(run: PartSum, ends: Array, table: Array, sums: Sequence[Array]) -> None:
+    """Fill in the sums (rows, columns) over each row's parts.
+
+    Rows with as many parts are taken together, so that nothing is computed in vain.
+    """
+    counts = np.diff(ends)
+    for count in np.unique(counts[counts > 0]):
+        (rows,) = np.nonzero(counts == count)
+        for some in _slices(len(rows), max(1, CHUNK // (sums[0].shape[1] * count))):
+            parts = table[ends[rows[some]] + np.arange(count)[:, None]]
+            terms = run.term(*np.moveaxis(parts, -1, 0)[..., None])
+            for total, found in zip(sums, terms, strict=True):
+                total[rows[some]] = found.sum(axis=0)
