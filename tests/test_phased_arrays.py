@@ -145,13 +145,19 @@ def test_tables_of_weights_agree_with_the_sum_over_pairs(
     if shape[1] > 1:
         assert separated(weights.reshape(shape)) is None
     array = pw.phased_array(SQUARE, grid(*shape, 1.3), weights)
-    x, _, nu = _points(array, 60, 8)
+    x, xi, nu = _points(array, 60, 8)
     nu[:20] = np.round(nu[:20] * 4) / 4 / 1.3  # where sums repeat themselves
-    got = pw.wigner(array, x, nu, precision=precision, engine=engine)
+
+    def values(**how: str) -> np.ndarray:
+        w = pw.wigner(array, x, nu, **how)  # type: ignore[arg-type]
+        return np.concatenate([w, pw.ambiguity(array, nu, xi, **how)])  # type: ignore[arg-type]
+
+    got = values(precision=precision, engine=engine)
     monkeypatch.setattr(site_weights, "_LEAST_TABULATED", 10**6)
     lattice_arrays._tables.cache_clear()
-    expected = pw.wigner(array, x, nu, engine="numpy")
+    expected = values(engine="numpy")
     lattice_arrays._tables.cache_clear()
+    assert np.abs(expected[60:]).max() > 1.0
     energy = float((np.abs(weights) ** 2).sum())
     assert np.abs(got - expected).max() < (1e-12 if precision == "double" else 2e-6) * energy
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.factors import ProfileFactor
 from polywigner.kernels.trigonometry import cos_sin_turns
-from polywigner.kernels.weight_tables import MeanTable, mean_table
+from polywigner.kernels.weight_tables import (
+    DifferenceTable,
+    MeanTable,
+    difference_table,
+    mean_table,
+)
 
 __all__ = ["LatticeSites", "Weights"]
 
 Pair2 = tuple[Any, Any]
+Table = TypeVar("Table", MeanTable, DifferenceTable)
 
 # With fewer sites of any weights, the pairs of a midpoint are summed one by one.
 _LEAST_TABULATED = 32
@@ -45,16 +51,17 @@ class Weights:
         return tuple(self.values.imag.ravel().tolist())
 
     @cached_property
-    def _tables(self) -> dict[bool, MeanTable | None]:
+    def _tables(self) -> dict[tuple[Any, bool], Any]:
         return {}
 
-    def table(self, double: bool) -> MeanTable | None:
-        """The factors of midpoints as a table, where it is worth making and not too large."""
+    def table(self, make: Callable[[Any, bool], Table | None], double: bool) -> Table | None:
+        """The factors as ``make`` has them, where that is worth making and not too large."""
         if self.values.size < _LEAST_TABULATED:
             return None
-        if double not in self._tables:
-            self._tables[double] = mean_table(self.values, double)
-        return self._tables[double]
+        if (make, double) not in self._tables:
+            self._tables[make, double] = make(self.values, double)
+        found: Table | None = self._tables[make, double]
+        return found
 
     def at(self, ops: Any, i: Any, j: Any) -> tuple[Pair, Any]:
         """The weight of a site, and whether there is one; 0 if not."""
@@ -75,7 +82,7 @@ class LatticeSites:
 
     def at_means(self, ops: Any, turns: Pair2) -> Callable[[Pair2, Pair2, Any], Any]:
         """(steps from the first, index sums, whether the midpoint counts) -> its factor."""
-        table = self._table(ops.double)
+        table = self._table(mean_table, ops.double)
         if self.factors is not None and table is None:
             one, two = (
                 _remembered(partial(factor.at_mean, ops, turns=along))
@@ -84,28 +91,24 @@ class LatticeSites:
             return lambda steps, sums, counts: one(steps[0], sums[0]) * two(steps[1], sums[1])
         if table is None:
             return lambda steps, sums, counts: _mean_factor(ops, self.weights, sums, turns)
-        directions = table.directions
-        first, second = (
-            _remembered(partial(direction.taps, ops, turns=along))
-            for direction, along in zip(directions, turns, strict=True)
-        )
+        return _looked_up(ops, table, turns)
 
-        def factor(steps: Pair2, sums: Pair2, counts: Any) -> Any:
-            counts = counts & directions[0].has(sums[0]) & directions[1].has(sums[1])
-            taps = (first(steps[0], sums[0]), second(steps[1], sums[1]))
-            return ops.select(counts, table.at(ops, counts, taps), 0.0)
-
-        return factor
-
-    def _table(self, double: bool) -> MeanTable | None:
-        """The factors of midpoints as a table, if that is the best way."""
+    def _table(self, make: Callable[[Any, bool], Table | None], double: bool) -> Table | None:
+        """The factors as a table, if that is the best way."""
         terms = (f.count for f in self.factors or () if not f.profile.is_uniform)
         if self.factors is not None and sum(terms) <= _LONGEST_SUM:
             return None
-        return self.weights.table(double)
+        return self.weights.table(make, double)
 
     def at_differences(self, ops: Any, turns: Pair2) -> Callable[[Pair2, Pair2], Pair]:
         """(steps from the first, index differences) -> the factor of the difference."""
+        table = self._table(difference_table, ops.double)
+        if table is not None:
+            lowest = [float(n - 1) for n in self.weights.shape]
+            factor = _looked_up(ops, table, (0.5 * turns[0], 0.5 * turns[1]))
+            return lambda steps, apart: factor(
+                steps, (apart[0] + lowest[0], apart[1] + lowest[1]), True
+            )
         if self.factors is None:
             return lambda steps, apart: _difference_factor(ops, self.weights, apart, turns)
         one, two = (
@@ -127,6 +130,27 @@ def _remembered(compute: Callable[[Any], Any]) -> Callable[[Any, Any], Any]:
         return known[step]
 
     return of
+
+
+def _looked_up(
+    ops: Any, table: MeanTable | DifferenceTable, turns: Pair2
+) -> Callable[[Pair2, Pair2, Any], Any]:
+    """(steps from the first, numbers, whether they count) -> the factor."""
+    one, two = table.directions
+    first, second = (
+        _remembered(partial(direction.taps, ops, turns=along))
+        for direction, along in zip(table.directions, turns, strict=True)
+    )
+
+    def factor(steps: Pair2, numbers: Pair2, counts: Any) -> Any:
+        counts = counts & one.has(numbers[0]) & two.has(numbers[1])
+        taps = (first(steps[0], numbers[0]), second(steps[1], numbers[1]))
+        found = table.at(ops, counts, taps)
+        if isinstance(found, Pair):
+            return Pair(*(ops.select(counts, part, 0.0) for part in (found.real, found.imag)))
+        return ops.select(counts, found, 0.0)
+
+    return factor
 
 
 def _mean_factor(ops: Any, weights: Weights, sums: Any, turns: Any) -> Any:

@@ -8,20 +8,24 @@ interpolated: a non-uniform FFT of type 2.
 What a look-up costs is the memory that it touches, and how much there is of it. So a midpoint has
 one period of samples, as many as its own degree needs, and those of a look-up lie one after the
 other: as many along the first direction as it takes, four each of the second.
+
+Factors of differences (L2) are the same: a difference d has n - |d| pairs along a direction, as
+many as the index sum d + n - 1, and waves that turn half as fast. They are complex: two tables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.interpolation import RATE, interpolation
 
-__all__ = ["Direction", "MeanTable", "Taps", "mean_table"]
+__all__ = ["DifferenceTable", "Direction", "MeanTable", "Taps", "difference_table", "mean_table"]
 
 Complexes = NDArray[np.complex128]
 
@@ -138,47 +142,88 @@ class MeanTable:
         return total
 
 
+@dataclass(frozen=True, eq=False)
+class DifferenceTable:
+    """The factors of all differences, which count from 0 for the lowest, in real and imaginary."""
+
+    real: MeanTable
+    imag: MeanTable
+
+    @property
+    def directions(self) -> tuple[Direction, Direction]:
+        return self.real.directions
+
+    def at(self, ops: Any, counts: Any, taps: tuple[Taps, Taps]) -> Pair:
+        """As of a ``MeanTable``, for taps at half the turns."""
+        return Pair(self.real.at(ops, counts, taps), self.imag.at(ops, counts, taps))
+
+
 def mean_table(weights: Complexes, double: bool) -> MeanTable | None:
     """The table of weights (n1, n2), or None if it would be too large."""
-    first, second = (
-        _direction(count, step) for count, step in zip(weights.shape, (1, _PACKET), strict=True)
+    found = _tables(weights, double, _of_sum, ("real",))
+    return None if found is None else found[0]
+
+
+def difference_table(weights: Complexes, double: bool) -> DifferenceTable | None:
+    """The tables of weights (n1, n2), or None if they would be too large."""
+    found = _tables(weights, double, _of_difference, ("real", "imag"))
+    return None if found is None else DifferenceTable(*found)
+
+
+def _tables(
+    weights: Complexes, double: bool, pairs_of: Pairs, parts: tuple[str, ...]
+) -> list[MeanTable] | None:
+    directions = first, second = (
+        _direction(weights.shape[0], 1),
+        _direction(weights.shape[1], _PACKET),
     )
     entries = int(first.total * second.total)
     dtype = np.dtype(np.float64 if double else np.float32)
-    if entries * dtype.itemsize > _MOST_BYTES:
+    if entries * dtype.itemsize * len(parts) > _MOST_BYTES:
         return None
-    values: NDArray[Any] = np.empty(entries, dtype)
+    values: list[NDArray[Any]] = [np.empty(entries, dtype) for _ in parts]
     ones, twos = (
-        _midpoints(count, along, double)
-        for count, along in zip(weights.shape, (first, second), strict=True)
+        [_midpoint(pairs_of(count, h), int(period), double) for h, period in enumerate(d.periods)]
+        for count, d in zip(weights.shape, directions, strict=True)
     )
     begin = 0
     for one in ones:
         for two in twos:
             mutual = weights[one.sites, two.sites] * weights[one.partners, two.partners].conj()
-            samples = _samples(mutual, one, two).reshape(one.period, -1, _PACKET)
-            values[begin : begin + samples.size] = samples.swapaxes(0, 1).ravel()
+            samples = _samples(mutual, one, two).reshape(one.period, -1, _PACKET).swapaxes(0, 1)
+            for table, part in zip(values, parts, strict=True):
+                table[begin : begin + samples.size] = getattr(samples, part).ravel()
             begin += samples.size
-    return MeanTable((first, second), values.reshape(-1, _PACKET))
+    return [MeanTable(directions, table.reshape(-1, _PACKET)) for table in values]
 
 
-def _samples(mutual: Complexes, one: _Midpoint, two: _Midpoint) -> NDArray[np.float64]:
+def _samples(mutual: Complexes, one: _Midpoint, two: _Midpoint) -> Complexes:
     """One period of a midpoint's factor along both directions.
 
     By FFT along one and the other, not by matrices of waves: those of a long row would take its
     length cubed in memory, and small products of matrices starve where threads share a processor.
     """
     along = np.fft.fft(mutual * (one.gains[:, None] * two.gains), two.period, axis=1) * two.shifts
-    return (np.fft.fft(along, one.period, axis=0) * one.shifts[:, None]).real
+    return np.fft.fft(along, one.period, axis=0) * one.shifts[:, None]
 
 
-def _pairs(count: int, index_sum: int) -> NDArray[np.intp]:
-    """The first site of each pair with an index sum along one direction of so many sites."""
-    return np.arange(max(0, index_sum - count + 1), min(count, index_sum + 1))
+Pairs = Callable[[int, int], tuple[slice, slice]]
+"""(sites along a direction, number of the midpoint or difference) -> its pairs: sites, partners."""
+
+
+def _of_sum(count: int, index_sum: int) -> tuple[slice, slice]:
+    first, last = max(0, index_sum - count + 1), min(count - 1, index_sum)
+    return slice(first, last + 1), slice(last, first - 1 if first else None, -1)
+
+
+def _of_difference(count: int, number: int) -> tuple[slice, slice]:
+    apart = number - (count - 1)
+    length, sites, partners = count - abs(apart), max(0, apart), max(0, -apart)
+    return slice(sites, sites + length), slice(partners, partners + length)
 
 
 def _direction(count: int, step: int) -> Direction:
-    pairs = np.array([len(_pairs(count, h)) for h in range(2 * count - 1)])
+    pairs = count - abs(np.arange(2 * count - 1) - (count - 1))
     periods = np.ceil(RATE * pairs / step) * step
     starts = np.cumsum(periods) - periods
     return Direction(step, tuple(periods.tolist()), tuple(starts.tolist()))
@@ -190,7 +235,7 @@ class _Midpoint:
 
     sites: slice
     partners: slice
-    """Of the same sites, in the opposite order."""
+    """Of the same pairs, in the same order."""
     period: int
     gains: NDArray[np.float64]
     """By pair: what makes up for the interpolation."""
@@ -198,15 +243,10 @@ class _Midpoint:
     """By sample: the wave of the first pair, from which an FFT counts."""
 
 
-def _midpoints(count: int, direction: Direction, double: bool) -> list[_Midpoint]:
-    transform = interpolation(double).transform
-    result = []
-    for h, period in enumerate(direction.periods):
-        pairs = _pairs(count, h)
-        sites = slice(int(pairs[0]), int(pairs[-1]) + 1)
-        kappa: NDArray[Any] = (pairs - h / 2) / period
-        shifts: Complexes = np.exp(-2j * np.pi * kappa[0] * np.arange(period))
-        partners = slice(sites.stop - 1, sites.start - 1 if sites.start else None, -1)
-        gains: NDArray[np.float64] = np.reciprocal(transform(kappa))
-        result.append(_Midpoint(sites, partners, int(period), gains, shifts))
-    return result
+def _midpoint(pairs: tuple[slice, slice], period: int, double: bool) -> _Midpoint:
+    sites, partners = pairs
+    count = sites.stop - sites.start
+    kappa: NDArray[Any] = (np.arange(count) - (count - 1) / 2) / period
+    shifts: Complexes = np.exp(-2j * np.pi * kappa[0] * np.arange(period))
+    gains: NDArray[np.float64] = np.reciprocal(interpolation(double).transform(kappa))
+    return _Midpoint(sites, partners, period, gains, shifts)
