@@ -22,7 +22,7 @@ TRANSFORM = $(BIN)/polywigner transform
 PROPAGATE = $(BIN)/polywigner propagate
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test fuzz lint format typecheck bench docs dist clean
+.PHONY: help demo pictures test fuzz lint format typecheck hooks bench docs dist ci clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -64,6 +64,10 @@ typecheck: ## check the types
 	@$(SETUP) --group dev
 	$(BIN)/mypy
 
+hooks: ## check style, types and documents before each commit
+	@$(SETUP) --group dev
+	$(BIN)/pre-commit install
+
 bench: ## run the benchmarks
 	@$(SETUP) --group test
 	@for script in $$(grep -l __main__ benchmarks/*.py); do \
@@ -81,6 +85,9 @@ docs: ## check the documents, and build the site from them: docs/_build/html/ind
 dist: ## build wheel and sdist into dist/
 	@$(SETUP) --group dev
 	$(BIN)/python -m build
+
+ci: ## all checks, and the packages installed into empty environments
+	.ci/run
 
 clean: ## remove .venv and everything made
 	rm -rf .venv out build dist docs/_build docs/lessons benchmarks/results .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks

@@ -1,0 +1,78 @@
+"""CONTRIBUTING tells the truth: its walk happens, its rooms and targets exist, hooks are ours."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import sys
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import polywigner
+from polywigner.cli import main
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = Path(polywigner.__file__).resolve().parent
+TEXT = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+def section(title: str) -> str:
+    return TEXT.split(f"## {title}", 1)[1].split("\n## ", 1)[0]
+
+
+def steps() -> list[tuple[str, str]]:
+    rows = re.findall(r"^\| `([\w/]+\.py)` \| `([\w.]+)` \|", section("A walk"), flags=re.MULTILINE)
+    return [(file, name) for file, name in rows]
+
+
+def test_the_walk_from_file_to_picture_happens_in_its_order(tmp_path: Path) -> None:
+    calls: list[tuple[str, str]] = []
+    inside = f"{PACKAGE}{os.sep}"
+
+    def seen(frame: FrameType, event: str, _: Any) -> None:
+        code = frame.f_code
+        if event == "call" and code.co_filename.startswith(inside):
+            calls.append((code.co_filename.removeprefix(inside), code.co_qualname))
+
+    # of its own, since tables are kept for sources that were seen before
+    aperture = tmp_path / "chevron.geojson"
+    ring = [[-10.1, -6.2], [-10.1, -2.3], [0.4, 6.5], [10.6, -2.7], [10.6, -6.8], [0.4, 2.9]]
+    geometry = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
+    aperture.write_text(json.dumps(geometry), encoding="utf-8")
+    command = ["transform", str(aperture), "--frequency", "94 GHz", "--samples", "9"]
+    before = sys.getprofile()
+    sys.setprofile(seen)
+    try:
+        assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    finally:
+        sys.setprofile(before)
+    assert len(steps()) > 20
+    later = iter(calls)
+    for file, name in steps():
+        step = (file.replace("/", os.sep), name)
+        assert step in later, step  # takes calls up to the step
+
+
+def test_the_map_has_every_room() -> None:
+    rooms = {path.stem for path in PACKAGE.iterdir() if not path.name.startswith("_")}
+    rooms -= {"py", "references"}  # marks and data
+    assert set(re.findall(r"^\| `(\w+)` \|", section("The rooms"), flags=re.MULTILINE)) == rooms
+
+
+def test_every_target_of_make_is_explained_and_every_one_explained_exists() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = set(re.findall(r"^(\w+):.* ## ", makefile, flags=re.MULTILINE)) - {"help"}
+    explained = set(re.findall(r"`make (\w+)`", section("Start")))
+    assert targets <= explained | {"help"} and explained <= targets | {"help"}
+
+
+def test_hooks_run_what_make_runs_and_fetch_nothing() -> None:
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert re.findall(r"repo: (\S+)", hooks) == ["local"]
+    entries = re.findall(r"entry: \.venv/bin/(.+)", hooks)
+    assert len(entries) == hooks.count("- id:") == 4
+    for entry in entries:
+        assert f"$(BIN)/{entry.removesuffix(' --force-exclude')}" in makefile
