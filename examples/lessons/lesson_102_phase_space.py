@@ -141,7 +141,7 @@ picture = axes.imshow(
     a.T,
     "viridis",
     origin="lower",
-    extent=[-5.5, 5.5, -4, 4],
+    extent=(-5.5, 5.5, -4, 4),
     aspect="auto",
     interpolation="nearest",
 )

@@ -43,7 +43,7 @@ picture = axes.imshow(
     10 * np.log10(np.maximum(field.transpose("z", "x").values, 1e-4)),
     "inferno",
     origin="lower",
-    extent=[-40, 40, 0.5, 80],
+    extent=(-40, 40, 0.5, 80),
     vmin=-35,
     vmax=3,
     aspect="auto",
@@ -81,7 +81,7 @@ assert error < 3e-6  # and 16 times less for twice the sides
 distance = np.geomspace(0.7, 60, 240) * WAVELENGTH
 points = np.stack([0 * distance, 0 * distance, distance], axis=-1)
 exact = pw.irradiance(square, points, WAVELENGTH, "kirchhoff")
-methods = {
+methods: dict[str, dict] = {
     "rays, leading order": {"method": "wigner", "obliquity": "kirchhoff"},
     "rays, third order": {"method": "wigner", "obliquity": "kirchhoff", "order": 3},
     "Fresnel": {"method": "fresnel"},
@@ -131,7 +131,7 @@ assert error["Fraunhofer"][beyond].max() > 1
 def errors_at(multiple, **how):
     """Relative error of rays along a slanted line, at a number of wavelengths."""
     point = multiple * WAVELENGTH * np.array([np.sin(0.3), 0.0, np.cos(0.3)])
-    options = {"obliquity": "rayleigh-sommerfeld-1", "tolerance": 1e-8} | how
+    options: dict = {"obliquity": "rayleigh-sommerfeld-1", "tolerance": 1e-8} | how
     ray = pw.irradiance(square, point, WAVELENGTH, "wigner", **options)
     true = pw.irradiance(square, point, WAVELENGTH, "rayleigh-sommerfeld-1")
     return abs(ray / true - 1)
@@ -153,7 +153,7 @@ for order in (1, 3):
 theta = np.radians(np.linspace(-85, 85, 171))
 arc = 10 * WAVELENGTH * np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
 exact = pw.irradiance(square, arc, WAVELENGTH, "kirchhoff")
-rays = {
+rays: dict[str, dict] = {
     "paper's cosine": {"obliquity": "paper"},
     "Kirchhoff's factor": {"obliquity": "kirchhoff"},
     "third order": {"obliquity": "kirchhoff", "order": 3},
