@@ -13,7 +13,7 @@ from oracles.quadrature import triangle_nodes
 from polywigner import engines, kernels
 from polywigner.engines import NumpyOperations
 from polywigner.geometry.aperture import triangulate
-from polywigner.kernels.moments import segment_moments
+from polywigner.kernels.segment_moments import segment_moments
 
 # Of area times diameter^2 and turns^3: some roundings of each term; in float32 with phases of some
 # turns, which are rounded as well.

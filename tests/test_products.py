@@ -281,7 +281,7 @@ POSITIONS = {
 def test_arrays_of_products_agree_with_the_sum_over_all_pairs_of_waves(
     name: str, precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from polywigner.kernels import lattice_arrays, scattered_arrays
+    from polywigner.kernels import lattice_arrays, scattered_sites
 
     places = POSITIONS[name]
     weights = np.exp(1j * np.arange(len(places)) ** 2)
@@ -291,8 +291,8 @@ def test_arrays_of_products_agree_with_the_sum_over_all_pairs_of_waves(
     x, xi = rng.uniform(-1, 1, (200, 2)) * reach, rng.uniform(-2, 2, (200, 2)) * reach
     nu = rng.uniform(-2, 2, (200, 2))
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    caches = (lattice_arrays._tables, scattered_arrays._sites_of, scattered_arrays._by_mean)
-    caches = (*caches, scattered_arrays._by_difference)
+    caches = (lattice_arrays._tables, scattered_sites.sites_of, scattered_sites.pairs_by_mean)
+    caches = (*caches, scattered_sites.pairs_by_difference)
 
     def values(**how: Any) -> tuple[Any, ...]:
         for cache in caches:

@@ -15,6 +15,7 @@ module               what is in it
 ``clipping``         the parts of edges inside a mirrored or shifted copy; coincident edges
 ``wigner``           Wigner function and lag-slice area
 ``moments``          moments of lag slices, W's derivatives; ``polynomials`` along edges
+``segment_moments``  powers times a wave, over a segment
 ``slice_parts``      parts of edges that bound slices, listed once for each position or lag
 ``shared_slices``    W and A as sums over these parts, for many frequencies
 ``fourier``          Fourier transform
@@ -46,6 +47,7 @@ module               what is in it
 ``site_weights``     weights at the sites of a lattice, and sums over pairs
 ``weight_tables``    array factors of any weights, from a table periodic in the frequency
 ``scattered_arrays`` arrays off any lattice: pairs near a sample
+``scattered_sites``  their elements and pairs, in cells
 ``pair_lists``       pairs of elements, sorted into cells
 ``boundary``         exact fields at points as integrals along edges; ``fresnel`` parabolic ones
 ``edge_waves``       what a wave at an edge adds to them; ``nodes`` rules to sum it up
