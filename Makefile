@@ -77,6 +77,7 @@ bench: ## run the benchmarks
 docs: ## check the documents, and build the site from them: docs/_build/html/index.html
 	@$(SETUP) --group docs
 	$(BIN)/python tools/check_documents.py
+	$(BIN)/python tools/fill_documents.py --check
 	@rm -rf docs/_build docs/lessons # what has not changed would keep its warnings, and its errors, to itself
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --conf-dir docs . docs/_build/html
 	$(BIN)/python tools/check_documents.py --site docs/_build/html

@@ -83,6 +83,10 @@ html_theme_options = {
 # A link to a folder shows its files on a code host, and one to a lesson its code; here they show
 # the folder's page, and the lesson with what it draws.
 LINK = re.compile(r"\]\(([^):#]+)\)")
+# A link to a work in docs/sources.md stays, and gets its number; the list there is the site's own.
+WORK = re.compile(r"\[([^]\[]+)\]\([./]*sources\.md#(\w+)\)")
+LIST = re.compile(r"<!-- filled: references -->.*?<!-- end -->", re.DOTALL)
+BIBLIOGRAPHY = "```{bibliography}\n:all:\n:style: unsrt\n```"
 LESSON = re.compile(r"\]\([./]*examples/lessons/(lesson_\w+)\.py\)")
 
 
@@ -93,7 +97,8 @@ def link_to_pages(app: Any, page: str, text: list[str]) -> None:
         has_page = (here / link[1] / "README.md").is_file()
         return f"]({link[1]}/README.md)" if has_page else link[0]
 
-    text[0] = LINK.sub(page_of, LESSON.sub(r"](/docs/lessons/\1.rst)", text[0]))
+    plain = LIST.sub(BIBLIOGRAPHY, WORK.sub(r"\1 {cite:p}`\2`", text[0]))
+    text[0] = LINK.sub(page_of, LESSON.sub(r"](/docs/lessons/\1.rst)", plain))
 
 
 def setup(app: Any) -> None:

@@ -31,7 +31,9 @@ def anchors(text: str) -> set[str]:
     """The anchors that the headings of a page get, as code hosts make them."""
     headings = re.findall(r"^#+\s+(.*?)\s*$", without_code(text), flags=re.MULTILINE)
     plain = (re.sub(r"[^\w\- ]", "", heading.lower()) for heading in headings)
-    return {heading.replace(" ", "-") for heading in plain}
+    return {heading.replace(" ", "-") for heading in plain} | set(
+        re.findall(r'<a id="([^"]+)"', text)
+    )
 
 
 def without_code(text: str) -> str:

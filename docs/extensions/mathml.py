@@ -15,18 +15,28 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.util import logging
 
 LOGGER = logging.getLogger(__name__)
+# The converter leaves no room around functions' names: sin x, but sin(x).
+NAME = re.compile(
+    r"<mi[^>]*>(sinc|sinhc|sin|cos|sinh|cosh|exp|arccos|arctan|sign|det)</mi>"
+    r"(\s*(?:</?m\w+>|<mn>2</mn>|\s)*<mo>&ApplyFunction;</mo>(?!\s*<mo stretchy))?"
+)
+BAR = '<mo lspace="0" rspace="0" stretchy="false">|</mo>'  # oftener a fence than an operator
 TAG = re.compile(r"\s*\\tag\{([^}]+)\}")
 
 
 def mathml(node: nodes.Node, as_block: bool) -> str:
     code = " ".join(TAG.sub("", node.astext()).split())
     try:
-        # A bar is a fence more often than an operator with room on both sides.
-        bar = '<mo lspace="0" rspace="0" stretchy="false">|</mo>'
-        return tex2mathml(code, as_block=as_block).replace("<mo>|</mo>", bar)
+        drawn = tex2mathml(code, as_block=as_block).replace("<mo>|</mo>", BAR)
     except MathError as error:
         LOGGER.warning("a formula that cannot be drawn: %s (%s)", code, error, location=node)
         return ""
+    return NAME.sub(name_of_function, drawn)
+
+
+def name_of_function(match: re.Match[str]) -> str:
+    after, rest = ("0.17em", match[2]) if match[2] else ("0", "")
+    return f'<mo form="prefix" lspace="0.17em" rspace="{after}">{match[1]}</mo>{rest}'
 
 
 def inline(writer: Any, node: nodes.Node) -> None:

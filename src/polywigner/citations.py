@@ -18,7 +18,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "ambiguity": ("brenner1983ambiguity",),
     "otf": ("brenner1983ambiguity",),
     "radiometry": ("walther1968radiometry",),
-    "propagation": ("walther1968radiometry",),
+    "propagation": ("walther1968radiometry", "miyamoto1962generalization"),
     "rendering": ("walther1968radiometry", "jakob2022mitsuba", "jakob2022drjit"),
     "llvm": ("jakob2022drjit",),
     "tapers": ("taylor1955line",),

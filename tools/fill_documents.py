@@ -1,0 +1,111 @@
+"""Fill the parts of documents that are made from other files; with --check, only compare.
+
+    python tools/fill_documents.py
+    python tools/fill_documents.py --check
+
+A part stands between two comments, `<!-- filled: NAME -->` and `<!-- end -->`. NAME is
+`references`, the bibliography as a list for readers of the Markdown (the site has the bibliography
+itself), or `FILE.md#2`, the second table of what a benchmark has printed, as it is kept in
+benchmarks/results.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCUMENTS = ROOT / "docs"
+RESULTS = ROOT / "benchmarks" / "results"
+BIBLIOGRAPHY = ROOT / "src" / "polywigner" / "references.bib"
+PART = re.compile(r"(<!-- filled: (\S+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+TABLE = re.compile(r"(?:^\|.*\|\n)+", re.MULTILINE)
+ENTRY = re.compile(r"^@\w+\{([\w-]+),\n(.*?)^\}", re.MULTILINE | re.DOTALL)
+FIELD = re.compile(r"^\s*(\w+)\s*=\s*\{(.*)\},?$", re.MULTILINE)
+ACCENTS = {r"{\~n}": "ñ", r"{\'e}": "é", "---": ", ", "--": "–", "``": "“", "''": "”"}
+
+
+def references() -> str:
+    """The bibliography as a list, each entry with its key as an anchor."""
+    return "\n".join(entry(m[1], dict(FIELD.findall(plain(m[2])))) for m in entries()) + "\n"
+
+
+def entries() -> Iterator[re.Match[str]]:
+    return ENTRY.finditer(BIBLIOGRAPHY.read_text(encoding="utf-8"))
+
+
+def plain(text: str) -> str:
+    """TeX's accents and dashes as characters; the braces that keep capitals are dropped later."""
+    for tex, character in ACCENTS.items():
+        text = text.replace(tex, character)
+    return text
+
+
+def entry(key: str, fields: dict[str, str]) -> str:
+    fields = {name: re.sub("[{}]", "", value) for name, value in fields.items()}
+    authors = [name_of(author) for author in fields["author"].split(" and ")]
+    where = fields.get("journal", "")
+    if "volume" in fields:
+        number = f"({fields['number']})" if "number" in fields else ""
+        where += f" {fields['volume']}{number}"
+    if "pages" in fields:
+        where += f", {fields['pages']}"
+    where = ", ".join(filter(None, [where.strip(), fields["year"]]))
+    link = fields.get("url", "")
+    if "doi" in fields:
+        link = f"https://doi.org/{fields['doi']}"
+    title = f"[{fields['title']}]({link})" if link else fields["title"]
+    return f'- <a id="{key}"></a>{", ".join(authors)}: *{title}*, {where}.'
+
+
+def name_of(author: str) -> str:
+    """ "Wolf, Emil" as "E. Wolf"."""
+    last, _, first = author.partition(", ")
+    initials = (re.sub(r"(\w)[^-\s]*", r"\1.", first) + " ").lstrip()
+    return f"{initials}{last}"
+
+
+def table(name: str) -> str:
+    """A table, counted from 1, of a Markdown file of results."""
+    file, _, number = name.partition("#")
+    path = RESULTS / file
+    if not path.is_file():
+        raise SystemExit(f"expected {path.relative_to(ROOT)}, from which a document is filled")
+    tables = TABLE.findall(path.read_text(encoding="utf-8"))
+    if not (number.isdecimal() and 1 <= int(number) <= len(tables)):
+        raise SystemExit(f"expected a number from 1 to {len(tables)} after {file}#, got {number}")
+    return tables[int(number) - 1]
+
+
+def filled(text: str) -> str:
+    def part_of(part: re.Match[str]) -> str:
+        name = part[2]
+        return part[1] + (references() if name == "references" else table(name)) + part[4]
+
+    return PART.sub(part_of, text)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Fill what documents have from other files.")
+    parser.add_argument("--check", action="store_true", help="compare, and change nothing")
+    check = parser.parse_args().check
+    faults = 0
+    for path in sorted(DOCUMENTS.rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        wanted = filled(text)
+        if text == wanted:
+            continue
+        faults += 1
+        if check:
+            print(f"{path.relative_to(ROOT)}: not what its sources say; run {Path(__file__).name}")
+        else:
+            path.write_text(wanted, encoding="utf-8")
+            print(f"{path.relative_to(ROOT)}: filled")
+    return 1 if check and faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
