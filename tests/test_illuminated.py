@@ -15,7 +15,6 @@ import polywigner as pw
 import polywigner.testing
 from oracles.quadrature import position_nodes, triangle_nodes
 from oracles.references import ENGINES
-from polywigner.errors import ArgumentError
 
 # Relative to the integral of |u|^2, as promised; quadrature of 40 x 40 nodes a triangle is good to
 # 1e-14 for waves of up to ten cycles across.
@@ -387,8 +386,3 @@ def test_samples_of_the_automean_bound_the_wigner_function() -> None:
     assert np.abs(ratio).max() <= largest**2 * (1 + 1e-9)
     expected = abs(pw.fourier(source, nu)) ** 2
     assert abs(ratio.mean() - expected) < 5 * ratio.std() / math.sqrt(len(ratio))
-
-
-def test_projections_are_for_uniform_sources_and_say_so() -> None:
-    with pytest.raises(ArgumentError, match="Illumination"):
-        pw.projections(SOURCES["convex, cosine"])
