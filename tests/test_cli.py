@@ -28,6 +28,25 @@ def test_help_imports_no_heavy_library() -> None:
     assert all(command in run.stdout for command in ("render", "transform", "doctor"))
 
 
+# Seconds of processor time; ten times what they take, and what people notice.
+IMPORT, HELP = 0.3, 0.5
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no times of children there")
+@pytest.mark.parametrize(
+    ("command", "seconds"),
+    [(("-c", "import polywigner"), IMPORT), (("-m", "polywigner.cli", "--help"), HELP)],
+    ids=["import", "help"],
+)
+def test_a_cold_start_takes_no_time_to_speak_of(command: tuple[str, ...], seconds: float) -> None:
+    subprocess.run([sys.executable, *command], capture_output=True, check=True)  # compiles
+    before = os.times()
+    subprocess.run([sys.executable, *command], capture_output=True, check=True)
+    after = os.times()
+    spent = after.children_user + after.children_system
+    assert spent - before.children_user - before.children_system < seconds
+
+
 def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"polywigner {pw.__version__}\n"

@@ -230,8 +230,10 @@ def test_axes_cover_the_waves_that_propagate_and_have_zero_among_them() -> None:
 REPETITIONS, SCATTER = 16, 1.5
 
 
-@pytest.mark.parametrize("name", ["chevron", "array", "steered taper"])
-@pytest.mark.parametrize("level", [-10.0, -20.0])
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [("chevron", -10.0), ("chevron", -20.0), ("array", -10.0), ("steered taper", -20.0)],
+)
 def test_the_suggested_samples_per_pixel_keep_the_noise_within_what_was_asked_for(
     name: str, level: float
 ) -> None:
@@ -270,7 +272,10 @@ WRONG = {
     "a box upside down": ({"quantity": "irradiance", "box": ((0, 0, 2), (1, 1, 1))}, "lowest"),
     "too few": ({"oversampling": 0.5}, "at least 1"),
     "no error": ({"quantity": "render", "error_db": 0.0}, "above zero"),
+    "no error to speak of": ({"quantity": "render", "error_db": 1e-300}, "above zero"),
+    "a level of rounding": ({"quantity": "render", "level_db": -1e4}, "from -150"),
     "above the peak": ({"quantity": "render", "level_db": 3.0}, "at most zero"),
+    "frequencies beyond floats": ({"reach": 1e308, "quantity": "wigner"}, "units"),
     "another unit": ({"wavelength": 1e-30}, "units"),
 }
 
@@ -280,6 +285,15 @@ def test_what_cannot_be_suggested_for_is_refused(case: str) -> None:
     options, message = WRONG[case]
     with pytest.raises(ArgumentError, match=message):
         pw.suggest_sampling(SOURCES["chevron"], **{"wavelength": WAVELENGTH, **options})
+
+
+def test_what_has_no_wigner_function_is_refused() -> None:
+    body = pw.Polyhedron(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+    )
+    with pytest.raises(ArgumentError, match="Polyhedron"):
+        pw.suggest_sampling(body, WAVELENGTH)
 
 
 def test_fields_of_slits_are_refused_and_axes_asked_for_by_wrong_names() -> None:

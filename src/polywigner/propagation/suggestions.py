@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_length, checked_number, checked_wavelength
 from polywigner.illumination import Array
-from polywigner.kernels import kernel_for
 from polywigner.propagation.suggestions_fields import (
     Band,
     bands_in_box,
@@ -143,11 +143,11 @@ def suggest_sampling(
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0.
     """
-    if quantity not in get_args(SampledQuantity):
+    if not isinstance(quantity, str) or quantity not in get_args(SampledQuantity):
         names = ", ".join(f'"{name}"' for name in get_args(SampledQuantity))
         raise ArgumentError(f"expected quantity to be one of {names}, got {quantity!r}")
     finer = checked_number(oversampling, "oversampling", "a number of at least 1")
-    if finer < 1:
+    if not finer >= 1:
         raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
     if quantity in ("fourier", "intensity", "wigner", "ambiguity"):
         return _of(quantity, _phase_space_axes(source, wavelength, quantity, reach, finer))
@@ -193,9 +193,11 @@ def _field_bands(
 def _phase_space_axes(
     source: Any, wavelength: Any, quantity: str, reach: Any, oversampling: float
 ) -> list[AxisSampling]:
-    name = "fourier" if quantity == "intensity" else quantity
-    if not (isinstance(source, Array) and source.dimension == 3):
-        kernel_for(name, source)  # refuses what has no such transform
+    if not isinstance(source, Aperture | Slits | Array):
+        raise ArgumentError(
+            "expected an Aperture, Slits, or an Array of either in one plane, got "
+            f"{type(source).__name__}"
+        )
     most = _largest_frequency(wavelength, reach)
     bounds, waves = _bounds(source), most + _largest_wave(source)
     half = len(bounds) // 2
@@ -246,7 +248,7 @@ def _largest_wave(source: PhaseSpaceSource) -> float:
 
 def _axis(band: Band, oversampling: float) -> AxisSampling:
     extent = band.high - band.low
-    steps = extent / band.nyquist * oversampling
+    steps = extent / band.nyquist * oversampling if band.nyquist > 0 else math.inf
     if not steps < _MOST_SAMPLES:
         raise ArgumentError(
             f"expected an axis {band.name} of fewer than {_MOST_SAMPLES} samples, got one of "

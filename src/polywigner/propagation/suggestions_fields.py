@@ -145,6 +145,7 @@ def _rays(points: Values, bounds: tuple[float, ...]) -> Values:
     x, y = np.broadcast_arrays(x, y)
     from_source = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(len(points), 9, 3)
     rays = points[:, None, :] - from_source
+    rays /= np.abs(rays).max(axis=-1, keepdims=True)  # squares of what is left are floats
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 

@@ -22,6 +22,8 @@ _SEED = 20220202  # any: the same call gives the same number
 _TRIED, _DIRECTIONS, _POSITIONS = 1 << 14, 64, 1024
 # Pixels count as being at the level within this factor.
 _NEAR = 10**0.15
+# Beyond these, squares of errors and levels are rounding, and samples past counting.
+_LEAST_ERROR, _LOWEST = 1e-4, -150.0
 # Nulls within the band of levels are rare and need any number of samples.
 _QUANTILE = 0.9
 
@@ -41,10 +43,15 @@ def samples_for_error(source: PlaneSource, wavelength: float, error_db: Any, lev
     """
     error = checked_number(error_db, "error_db", "decibels above zero")
     level = checked_number(level_db, "level_db", "decibels of at most zero")
-    if error <= 0:
-        raise ArgumentError(f"expected error_db as decibels above zero, got {error_db!r}")
-    if level > 0:
-        raise ArgumentError(f"expected level_db as decibels of at most zero, got {level_db!r}")
+    if not _LEAST_ERROR <= error <= -_LOWEST:
+        raise ArgumentError(
+            f"expected error_db as decibels above zero, from {_LEAST_ERROR:g} to {-_LOWEST:g}, got "
+            f"{error_db!r}"
+        )
+    if not _LOWEST <= level <= 0:
+        raise ArgumentError(
+            f"expected level_db as decibels of at most zero, from {_LOWEST:g}, got {level_db!r}"
+        )
     rng = np.random.default_rng(_SEED)
     nu, intensity = _at_level(source, wavelength, 10 ** (level / 10), rng)
     support = mutual_support(source)
