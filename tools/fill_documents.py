@@ -6,7 +6,7 @@
 A part stands between two comments, `<!-- filled: NAME -->` and `<!-- end -->`. NAME is
 `references`, the bibliography as a list for readers of the Markdown (the site has the bibliography
 itself), or `FILE.md#2`, the second table of what a benchmark has printed, as it is kept in
-benchmarks/results.
+benchmarks/recorded: `python benchmarks/FILE.py > benchmarks/recorded/FILE.md`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = ROOT / "docs"
-RESULTS = ROOT / "benchmarks" / "results"
+RESULTS = ROOT / "benchmarks" / "recorded"
 BIBLIOGRAPHY = ROOT / "src" / "polywigner" / "references.bib"
 PART = re.compile(r"(<!-- filled: (\S+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 TABLE = re.compile(r"(?:^\|.*\|\n)+", re.MULTILINE)
