@@ -63,8 +63,18 @@ def cases() -> list[Case]:
     return [*squares, *(Case("chevron", chevron, z, -40.0) for z in (10, 50))]
 
 
-def floor_scene(case: Case, columns: int = COLUMNS, sampler: str = "multijitter") -> Any:
-    """A white floor below the aperture, seen by a camera that looks away from it; millimetres."""
+def floor_scene(
+    case: Case,
+    columns: int = COLUMNS,
+    sampler: str = "multijitter",
+    bsdf: Any = None,
+    more: Any = None,
+    **options: Any,
+) -> Any:
+    """A white floor below the aperture, seen by a camera that looks away from it; millimetres.
+
+    ``bsdf``: of another floor; ``more``: further entries; ``options``: of the aperture's entry.
+    """
     transform = mi.ScalarTransform4f
     z = case.z / _MILLIMETRE
     half = _SPREAD * z
@@ -90,9 +100,10 @@ def floor_scene(case: Case, columns: int = COLUMNS, sampler: str = "multijitter"
             "floor": {
                 "type": "rectangle",
                 "to_world": floor,
-                "bsdf": {"type": "diffuse", "reflectance": white},
+                "bsdf": bsdf or {"type": "diffuse", "reflectance": white},
             },
-            "aperture": pwm.aperture(case.aperture, WAVELENGTH, scene_unit=_MILLIMETRE),
+            "aperture": pwm.aperture(case.aperture, WAVELENGTH, scene_unit=_MILLIMETRE, **options),
+            **(more or {}),
         }
     )
 

@@ -89,11 +89,18 @@ def test_the_power_scales_the_radiance_from_its_default_the_area(variant: str) -
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO, RGB, SPECTRAL])
-def test_sampled_directions_agree_with_density_and_evaluation(variant: str) -> None:
+@pytest.mark.parametrize(
+    ("sampling", "control_variate"),
+    [("uniform", False), ("marginal", False), ("root-marginal", True)],
+)
+def test_sampled_directions_agree_with_density_and_evaluation(
+    variant: str, sampling: str, control_variate: bool
+) -> None:
     mi = use(variant)
-    emitter = emitter_of(light(CHEVRON, to_world=pose((3.0, -2.0, 1.0), about_x=0.3)))
+    how = {"sampling": sampling, "control_variate": control_variate}
+    emitter = emitter_of(light(CHEVRON, to_world=pose((3.0, -2.0, 1.0), about_x=0.3), **how))
     it = mi.Interaction3f()
-    it.p = mi.Point3f(4.0, 6.0, 25.0)
+    it.p, it.n = mi.Point3f(4.0, 6.0, 25.0), mi.Normal3f(0.1, 0.2, -0.97)
     for u, v in np.random.default_rng(1).uniform(size=(20, 2)).tolist():
         ds, weight = emitter.sample_direction(it, mi.Point2f(u, v), True)
         density = np.array(emitter.pdf_direction(it, ds, True), dtype=float).item()
@@ -105,14 +112,18 @@ def test_sampled_directions_agree_with_density_and_evaluation(variant: str) -> N
         )
 
 
-@pytest.mark.parametrize("source", [SQUARE, CHEVRON], ids=["square", "chevron"])
+@pytest.mark.parametrize(
+    ("source", "sampling"),
+    [(SQUARE, "uniform"), (CHEVRON, "uniform"), (SQUARE, "marginal"), (SQUARE, "root-marginal")],
+    ids=["square", "chevron", "square, marginal", "square, root of the marginal"],
+)
 def test_sampled_directions_follow_their_density_by_chi_square(
-    source: pw.Aperture, llvm: object
+    source: pw.Aperture, sampling: str, llvm: object
 ) -> None:
     mi = use("llvm_ad_mono")
     from mitsuba.chi2 import ChiSquareTest, SphericalDomain
 
-    emitter = emitter_of(light(source, to_world=pose(about_x=0.4)))
+    emitter = emitter_of(light(source, to_world=pose(about_x=0.4), sampling=sampling))
     it = mi.Interaction3f()
     it.p = mi.Point3f(2.0, -1.0, 6.0)
 
@@ -154,13 +165,17 @@ def test_the_square_of_ten_millimetres_keeps_6_62_percent_to_itself() -> None:
     assert propagating_part(SQUARE) / SQUARE.area == pytest.approx(1 - 0.0662, abs=5e-5)
 
 
-@pytest.mark.parametrize("source", [SQUARE, CHEVRON], ids=["square", "chevron"])
+@pytest.mark.parametrize(
+    ("source", "sampling"),
+    [(SQUARE, "uniform"), (CHEVRON, "uniform"), (CHEVRON, "marginal")],
+    ids=["square", "chevron", "chevron, marginal"],
+)
 def test_the_emitted_power_is_the_propagating_part_of_the_field(
-    source: pw.Aperture, llvm: object
+    source: pw.Aperture, sampling: str, llvm: object
 ) -> None:
     mi = use("llvm_ad_mono")
     count = 2**21
-    emitter = emitter_of(light(source, to_world=pose(about_x=0.7)))
+    emitter = emitter_of(light(source, to_world=pose(about_x=0.7), sampling=sampling))
     _, weight = emitter.sample_ray(
         0.0, 0.5, uniform(mi, count, 2, seed=1), uniform(mi, count, 2, seed=2), True
     )

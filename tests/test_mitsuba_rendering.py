@@ -63,18 +63,64 @@ def test_a_floor_shows_the_diffraction_integral_without_bias(
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
-    scene = floor_scene(
-        {"aperture": light(source)},
-        distance=distance * WAVELENGTH / MILLIMETRE,
-        columns=COLUMNS,
-        rows=1,
-        sampler=sampler,
-    )
+    scene = _floor(source, distance, sampler)
     expected = line(source, distance)
     runs = [irradiance(pwm.render(scene, spp=1024, seed=seed)) for seed in range(8)]
     mean, error = mean_and_error(runs)
     assert np.mean(((mean - expected) / error) ** 2) < LARGEST_MEAN_SQUARE
     assert np.abs(mean - expected).mean() < 0.01 * expected.max()
+
+
+def _floor(source: pw.Aperture, distance: float, sampler: str, **how: Any) -> Any:
+    return floor_scene(
+        {"aperture": light(source, **how)},
+        distance=distance * WAVELENGTH / MILLIMETRE,
+        columns=COLUMNS,
+        rows=1,
+        sampler=sampler,
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "distance", "how"),
+    [
+        (CHEVRON, 10, {"sampling": "marginal"}),
+        (SQUARE, 5, {"sampling": "root-marginal"}),
+        (SQUARE, 50, {"control_variate": True}),
+        (CHEVRON, 50, {"sampling": "marginal", "control_variate": True}),
+    ],
+)
+def test_importance_and_control_variate_shift_no_mean_and_save_three_of_four_samples(
+    source: pw.Aperture, distance: float, how: dict[str, Any], llvm: object
+) -> None:
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    expected = line(source, distance)
+    better, plain = (
+        _floor(source, distance, "multijitter", **how),
+        _floor(source, distance, "independent"),
+    )
+    runs = [irradiance(pwm.render(better, spp=256, seed=seed)) for seed in range(8)]
+    many = [irradiance(pwm.render(plain, spp=1024, seed=seed)) for seed in range(8)]
+    mean, error = mean_and_error(runs)
+    assert np.mean(((mean - expected) / error) ** 2) < LARGEST_MEAN_SQUARE
+    assert np.std(runs - expected) < np.std(many - expected)
+
+
+def test_a_control_variate_is_unbiased_on_a_tilted_floor_too(llvm: object) -> None:
+    """The receiver's cosine, by which the renderer multiplies, changes from place to place."""
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    runs = []
+    for how in ({}, {"control_variate": True}):
+        turned = pose(about_x=0.6)
+        scene = _floor(SQUARE, 20, "multijitter", to_world=turned, **how)
+        runs.append([irradiance(pwm.render(scene, spp=1024, seed=seed)) for seed in range(8)])
+    (plain, own), (mean, error) = (mean_and_error(run) for run in runs)
+    assert np.mean((mean - plain) ** 2 / (error**2 + own**2)) < LARGEST_MEAN_SQUARE
+    assert np.mean(error**2) < 0.1 * np.mean(own**2)
 
 
 @pytest.mark.parametrize(("distance", "rms_db"), [(2, 0.7), (5, 0.35), (10, 0.2), (20, 0.08)])

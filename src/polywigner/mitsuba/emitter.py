@@ -29,7 +29,8 @@ from polywigner.kernels import kernel_for
 from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions
 from polywigner.mitsuba.parameters import EmitterSpec, check_range, rigid_pose
 from polywigner.mitsuba.placement import check_place, matrix_of, move
-from polywigner.mitsuba.sampling import cells_of
+from polywigner.mitsuba.sampling import positions_of
+from polywigner.transforms import fourier
 
 __all__ = ["emitter_class"]
 
@@ -59,13 +60,12 @@ def emitter_class(variant: str) -> Any:
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             radiator = spec.radiator
             self._unit = spec.scene_unit
-            self._area = float(radiator.support.area) / self._unit**2
             self._centre = radiator.centre / self._unit
             self._shifts = [
                 (m.Vector2f(x / self._unit, y / self._unit), weight)
                 for x, y, weight in radiator.shifts.tolist()
             ]
-            self._cells = cells_of(m, [ring / self._unit for ring in radiator.support.rings])
+            self._positions = positions_of(m, radiator, spec.sampling, self._unit)
             self._ops = ops_for(m.Float)
             self._source = radiator.centred
             self._squints = depends_on_wavelength(self._source, spec.obliquity)
@@ -73,9 +73,14 @@ def emitter_class(variant: str) -> Any:
             self._take_over()
 
         def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
-            """(kernel, its constants, coefficients of h) of what adds up to the radiance."""
+            """(kernel, its constants, coefficients of h) of what adds up to the radiance.
+
+            Keeps (source, coefficients) as well, for the integral over positions.
+            """
             terms = []
+            self._fields = []
             for term in emissions(self._source, wavelength, self.spec.obliquity):
+                self._fields.append((term.source, term.coefficients))
                 kernel = kernel_for("wigner", term.source)
                 tables = kernel.tables(term.source, self._ops.double)
                 terms.append((kernel, tables, term.coefficients))
@@ -143,9 +148,24 @@ def emitter_class(variant: str) -> Any:
             for kernel, tables, coefficients in self._terms:
                 (wigner,) = kernel(self._ops, tables, *place, *frequency)
                 density = density + wigner * emission_factor(coefficients, cosine)
-            value = _value(self.power, jit) * (inverse * inverse / self.spec.radiator.energy)
-            value = value * density
-            return dr.select(front, value, 0.0)
+            return dr.select(front, self._scale(inverse) * density, 0.0)
+
+        def _intensity(self, direction: Any) -> Any:
+            """The integral of L over positions, |F|^2 in the place of W: radiance times area."""
+            inverse = 1.0 / _value(self.wavelength, jit)
+            front = direction.z > 0.0
+            cosine = dr.select(front, direction.z, 1.0)
+            frequency = m.Vector2f(direction.x * inverse, direction.y * inverse)
+            total = 0.0
+            for source, coefficients in self._fields:
+                amplitude = fourier(source, frequency if jit else [frequency.x, frequency.y])
+                square = amplitude.real * amplitude.real + amplitude.imag * amplitude.imag
+                total = total + square * emission_factor(coefficients, cosine)
+            in_scene = self._scale(inverse) / self._unit**2
+            return dr.select(front, in_scene * total, 0.0)
+
+        def _scale(self, inverse: Any) -> Any:
+            return _value(self.power, jit) * (inverse * inverse / self.spec.radiator.energy)
 
         def _spectrum(self, value: Any, active: Any) -> Any:
             # One narrow band: the same value in every channel or at every sampled wavelength.
@@ -165,41 +185,63 @@ def emitter_class(variant: str) -> Any:
         # ---- sampling for receivers ----------------------------------------------------------
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
-            x = self._cells.sample(sample)
+            x, per_area = self._positions.sample(sample)
             direction, distance = self._seen_from(it, x)
             cosine = direction.z
             front = cosine > 0.0
-            density = (distance * distance) / (self._area * dr.select(front, cosine, 1.0))
+            density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
             ds = m.DirectionSample3f()
             self._place(ds, x, it.time)
             ds.d = -self._to_scene(direction)
             ds.dist = distance
             ds.pdf = dr.select(front, density, 0.0)
             ds.emitter = m.EmitterPtr(self) if jit else self
-            weight = self._received(it, x) * self._area
+            weight = self._received(it, x, per_area) / per_area
             return ds, self._spectrum(weight, active)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             cosine = -dr.dot(ds.d, self._axes[2])
             front = cosine > 0.0
-            density = (ds.dist * ds.dist) / (self._area * dr.select(front, cosine, 1.0))
+            per_area = self._positions.density(ds.uv)
+            density = per_area * (ds.dist * ds.dist) / dr.select(front, cosine, 1.0)
             return dr.select(front, density, 0.0)
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             direction, distance = self._seen_from(it, ds.uv)
             front = direction.z > 0.0
             per_angle = (distance * distance) / dr.select(front, direction.z, 1.0)
-            return self._spectrum(self._received(it, ds.uv) * per_angle, active)
+            received = self._received(it, ds.uv, self._positions.density(ds.uv))
+            return self._spectrum(received * per_angle, active)
 
-        def _received(self, it: Any, x: Any) -> Any:
-            """L cos/r^2 at the point ``it``, the mean over the places that a sample stands for."""
+        def _received(self, it: Any, x: Any, per_area: Any) -> Any:
+            """L cos/r^2 at the point ``it``, the mean over the places that a sample stands for.
+
+            With a control variate: less what the direction from the middle would give at these
+            places, plus the integral of that, dealt out in proportion to the density of samples.
+            """
             total = 0.0
+            if self.spec.control_variate:
+                middle, distance = self._seen_from(it, m.Point2f(0.0))
+                fixed = middle.z / (distance * distance) * self._cosines(it, x, middle)
+                total = self._intensity(middle) * fixed * per_area
             for shift, weight in self._shifts:
                 place = x + shift
                 direction, distance = self._seen_from(it, place)
-                radiance = self._radiance(place, direction)
-                total = total + weight * radiance * direction.z / (distance * distance)
+                found = self._radiance(place, direction) * direction.z / (distance * distance)
+                if self.spec.control_variate:
+                    found = found - self._radiance(place, middle) * fixed
+                total = total + weight * found
             return total
+
+        def _cosines(self, it: Any, x: Any, middle: Any) -> Any:
+            """The receiver's cosine towards the middle over that towards x, by which it multiplies.
+
+            1 where there is no surface (fog has no normal), or only one of the two is in front.
+            """
+            normal = self._to_frame(it.n)
+            own, other = dr.dot(normal, self._seen_from(it, x)[0]), dr.dot(normal, middle)
+            same_side = own * other > 0.0
+            return dr.select(same_side, other / dr.select(same_side, own, 1.0), 1.0)
 
         def _seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
             """Unit vector, in the frame, from x to the point ``it``; and the distance."""
@@ -220,23 +262,24 @@ def emitter_class(variant: str) -> Any:
 
         def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
             ps = m.PositionSample3f()
-            self._place(ps, self._cells.sample(sample), time)
-            ps.pdf = m.Float(1.0 / self._area)
-            return ps, dr.select(active, m.Float(self._area), 0.0)
+            x, per_area = self._positions.sample(sample)
+            self._place(ps, x, time)
+            ps.pdf = m.Float(per_area)
+            return ps, dr.select(active, m.Float(1.0 / per_area), 0.0)
 
         def pdf_position(self, ps: Any, active: Any = True) -> Any:
-            return dr.select(active, m.Float(1.0 / self._area), 0.0)
+            return dr.select(active, m.Float(self._positions.density(ps.uv)), 0.0)
 
         def sample_ray(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
         ) -> Any:
-            """Position uniform, direction by its cosine: the weight's mean is the power."""
-            ps, area = self.sample_position(time, sample2, active)
+            """Position as for receivers, direction by cosine: the weight's mean is the power."""
+            ps, share = self.sample_position(time, sample2, active)
             direction = m.warp.square_to_cosine_hemisphere(sample3)
             wavelengths, density = _optical_wavelengths(m, sample1)
             si = m.SurfaceInteraction3f(ps, wavelengths)
             si.time = time
-            weight = self._spectrum(self._radiance(ps.uv, direction) * area * dr.pi, active)
+            weight = self._spectrum(self._radiance(ps.uv, direction) * share * dr.pi, active)
             return si.spawn_ray(self._to_scene(direction)), weight * density
 
         def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:

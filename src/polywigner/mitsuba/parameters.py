@@ -23,6 +23,7 @@ from polywigner.illumination import Array, read_source
 from polywigner.illumination.texts import FEEDING, fed
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.radiator import Radiator, radiator_of
+from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.sources import is_key, registered_source
 from polywigner.quantities import parse_frequency, parse_length, parse_power, wavelength_of
 
@@ -30,6 +31,7 @@ __all__ = [
     "PARAMETERS",
     "EmitterSpec",
     "check_range",
+    "check_sampling",
     "check_sampling_weight",
     "read_parameters",
     "rigid_pose",
@@ -47,6 +49,8 @@ PARAMETERS = (
     "power",
     "obliquity",
     "antithetic",
+    "sampling",
+    "control_variate",
     "scene_unit",
     "sampling_weight",
 )
@@ -69,6 +73,8 @@ class EmitterSpec:
     scene_unit: float = 1.0
     """Metres."""
     sampling_weight: float = 1.0
+    sampling: str = SAMPLINGS[0]
+    control_variate: bool = False
 
     @property
     def source(self) -> Aperture | Array:
@@ -104,6 +110,8 @@ def read_parameters(props: Any) -> EmitterSpec:
         obliquity=obliquity,
         scene_unit=scene_unit,
         sampling_weight=check_sampling_weight(values.get("sampling_weight", 1.0)),
+        sampling=check_sampling(_text(values, "sampling", SAMPLINGS[0])),
+        control_variate=_flag(values, "control_variate", False),
     )
 
 
@@ -158,6 +166,13 @@ def check_sampling_weight(value: Any) -> float:
             f"expected a finite sampling_weight of zero or more, got {value!r}; 1 is the default"
         )
     return float(value)
+
+
+def check_sampling(name: str) -> str:
+    """``name`` itself, or a SceneError that lists what there is."""
+    if name not in SAMPLINGS:
+        raise SceneError(f"expected a sampling, got {name!r}; use one of {', '.join(SAMPLINGS)}")
+    return name
 
 
 def _exponent(value: Any) -> float:

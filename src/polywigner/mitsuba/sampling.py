@@ -1,4 +1,4 @@
-"""Uniform sampling of positions in an aperture, in its own coordinates, inside a renderer.
+"""Sampling of positions in an aperture, in its own coordinates, inside a renderer.
 
 Positions come out relative to the aperture and keep single precision wherever the aperture stands
 in the world.
@@ -12,11 +12,22 @@ from typing import Any
 import drjit as dr
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from polywigner.engines import ops_for
 from polywigner.geometry.trapezoids import Trapezoids, point_in_trapezoid, trapezoids
+from polywigner.mitsuba.radiator import Radiator
+from polywigner.transforms import position_marginal
+from polywigner.transforms.sampling import in_phase
 
-__all__ = ["Cells", "cells_of"]
+__all__ = ["SAMPLINGS", "Cells", "Positions", "cells_of", "positions_of"]
+
+SAMPLINGS = ("uniform", "marginal", "root-marginal")
+
+# Along the longer side of the region that radiates; between these the density is bilinear.
+_TABLE = 256
+# A share of the samples goes everywhere in it, so that no place is left out that the table missed.
+_EVERYWHERE = 0.02
 
 
 def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> Cells:
@@ -48,3 +59,69 @@ class Cells:
         if dr.is_jit_v(self._m.Float):
             return [dr.gather(self._m.Float, column, index) for column in self._columns]
         return [column[index] for column in self._columns]
+
+
+def positions_of(m: Any, radiator: Radiator, sampling: str, unit: float) -> Positions:
+    """How an emitter of the variant ``m`` draws positions, in units of ``unit`` metres.
+
+    ``"uniform"`` in the region that radiates; in proportion to the position marginal R_x, which
+    bounds W, of the source with all its fields in phase (``"marginal"``); or to its square root
+    (``"root-marginal"``). By Parseval's theorem that is the rms of W over all frequencies, where
+    the field is uniform: of all densities that do not know the direction it has the least variance
+    over all of them.
+    """
+    if sampling == "uniform":
+        return Positions(m, [ring / unit for ring in radiator.support.rings])
+    low, high = np.reshape(radiator.support.bounds, (2, 2))
+    counts = np.maximum(2, np.ceil(_TABLE * (high - low) / (high - low).max()).astype(int))
+    axes = [np.linspace(a, b, n + 1) for a, b, n in zip(low, high, counts, strict=True)]
+    places = np.stack(np.meshgrid(*axes), axis=-1)
+    values = np.zeros(places.shape[:-1])
+    for *shift, weight in radiator.shifts:
+        shifted = position_marginal(in_phase(radiator.centred), places + shift)
+        values += weight * np.maximum(shifted, 0.0)
+    density = np.sqrt(values) if sampling == "root-marginal" else values
+    steps = (high - low) / counts
+    near = shapely.dwithin(
+        shapely.points(places), radiator.support.polygons, float(np.hypot(*steps))
+    )
+    density = density / density[near].mean() + _EVERYWHERE * near
+    return _Tabulated(m, density, low / unit, (high - low) / unit)
+
+
+class Positions:
+    """Uniform in an outline; the density of other ways differs."""
+
+    def __init__(self, m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> None:
+        cells = trapezoids(rings)
+        self._cells = Cells(m, cells)
+        self._density = 1.0 / float(cells.areas.sum())
+
+    def sample(self, sample: Any) -> tuple[Any, Any]:
+        """A point for a uniform point of the unit square, and the density there."""
+        return self._cells.sample(sample), self._density
+
+    def density(self, x: Any) -> Any:
+        """Per area, at a point."""
+        return self._density
+
+
+class _Tabulated(Positions):
+    """A density known on the points of a grid, rows along y, and bilinear between them."""
+
+    def __init__(self, m: Any, values: npt.NDArray[np.float64], low: Any, size: Any) -> None:
+        self._m = m
+        table = values.astype(np.float32)
+        self._warp = m.MarginalContinuous2D0(m.TensorXf(table) if dr.is_jit_v(m.Float) else table)
+        self._low, self._size = m.Vector2f(*low.tolist()), m.Vector2f(*size.tolist())
+        self._inverse_area = 1.0 / float(np.prod(size))
+
+    def sample(self, sample: Any) -> tuple[Any, Any]:
+        place, density = self._warp.sample(sample)
+        return self._m.Point2f(place * self._size + self._low), density * self._inverse_area
+
+    def density(self, x: Any) -> Any:
+        place = (x - self._low) / self._size
+        inside = dr.all((place >= 0.0) & (place <= 1.0))
+        density = self._warp.eval(dr.clip(place, 0.0, 1.0))
+        return dr.select(inside, density * self._inverse_area, 0.0)

@@ -17,8 +17,14 @@ from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.mitsuba.obliquity import OBLIQUITIES
-from polywigner.mitsuba.parameters import check_range, check_sampling_weight, rigid_pose
+from polywigner.mitsuba.parameters import (
+    check_range,
+    check_sampling,
+    check_sampling_weight,
+    rigid_pose,
+)
 from polywigner.mitsuba.radiator import radiator_of
+from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.shape import PLUGIN_NAME, original_error, register
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
@@ -40,6 +46,8 @@ def aperture(
     scene_unit: float = 1.0,
     sampling_weight: float = 1.0,
     antithetic: bool = False,
+    sampling: str = SAMPLINGS[0],
+    control_variate: bool = False,
 ) -> dict[str, Any]:
     """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
@@ -60,6 +68,11 @@ def aperture(
     sampling_weight: relative number of samples spent on this source.
     antithetic: a sample of an array on a lattice stands for nine midpoints of elements, which
         cancel off its beams; clears noise beside steered beams, docs/plugin.md.
+    sampling: density of samples in the region that radiates: ``uniform``; ``marginal``, in
+        proportion to the position marginal; or ``root-marginal``, to its root. Unbiased all.
+    control_variate: of each sample, take off the radiance in the direction from the middle of the
+        source, and put its exact mean back: far less noise on diffuse surfaces that see all of the
+        source, bias where they see a part of it or gloss: docs/plugin.md.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it.
 
@@ -76,6 +89,8 @@ def aperture(
         "wavelength": parse_length(wavelength),
         "obliquity": obliquity,
         "antithetic": bool(antithetic),
+        "sampling": check_sampling(sampling),
+        "control_variate": bool(control_variate),
         "scene_unit": parse_length(scene_unit),
         "sampling_weight": check_sampling_weight(sampling_weight),
     }

@@ -17,7 +17,7 @@ from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
 
-__all__ = ["Weights", "sample_automean"]
+__all__ = ["Weights", "in_phase", "sample_automean"]
 
 Weights = Literal["uniform", "marginal"]
 
@@ -78,14 +78,14 @@ def sample_automean(
         points, content = _uniform_map([(_support(source), 1.0)])(numbers)
         return points, np.full(len(points), 1.0 / content)
     numbers = _numbers(samples, 2 * dimension, seed)
-    in_phase = _in_phase(source)
-    place = _uniform_map(_elements(in_phase))
+    bound = in_phase(source)
+    place = _uniform_map(_elements(bound))
     (first, content), (second, _) = place(numbers[:, :dimension]), place(numbers[:, dimension:])
     points = first / 2 + second / 2
-    return points, position_marginal(in_phase, points, engine=engine) / content**2
+    return points, position_marginal(bound, points, engine=engine) / content**2
 
 
-def _in_phase(source: PhaseSpaceSource) -> PhaseSpaceSource:
+def in_phase(source: PhaseSpaceSource) -> PhaseSpaceSource:
     """The source with a constant field on each element, no smaller than its own and in phase."""
     if not isinstance(source, Array):
         return source.with_illumination(None)
