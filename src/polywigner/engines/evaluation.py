@@ -39,13 +39,14 @@ def evaluate(
     engine: str,
     outputs: int,
 ) -> tuple[Array, ...]:
-    """Results of a kernel for float64 argument components that broadcast to one shape.
+    """Results of a kernel for float64 or float32 components that broadcast to one shape.
 
     Arguments enter the frame in float64 whatever the precision of the sums.
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
     tables = kernel.tables(source, double)
     if kernel.on_grid:
+        components = [c.astype(np.float64, copy=False) for c in components]
         by_points = OnNumpy(kernel, tables, double)
         found = evaluate_on_grid(
             kernel, source, components, by_points, double=double, engine=engine
@@ -138,6 +139,7 @@ def _chunks(
         [*components, *results],
         flags=["external_loop", "buffered", "zerosize_ok"],
         op_flags=[*read, *write],
+        op_dtypes=[np.dtype(np.float64)] * count + [result.dtype for result in results],
         order="C",
         buffersize=size,
     ) as iterator:

@@ -40,8 +40,9 @@ class Pairs:
                 yield slice(r, r + rows), slice(c, c + columns)
 
     def block(self, rows: slice, columns: slice) -> tuple[Array, ...]:
-        """The components of a block."""
-        return tuple(c[rows] if len(c) > 1 else c[:, columns] for c in self.components)
+        """The components of a block, in float64."""
+        chosen = (c[rows] if len(c) > 1 else c[:, columns] for c in self.components)
+        return tuple(c.astype(np.float64, copy=False) for c in chosen)
 
     def transposed(self) -> Pairs:
         """Rows as columns, and columns as rows."""

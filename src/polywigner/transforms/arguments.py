@@ -70,7 +70,7 @@ def transform(
             complex_result=outputs == 2,
         )
     arrays = [
-        checked_points(*point, kernel.dimension, complex_allowed=name in _COMPLEX)
+        checked_points(*point, kernel.dimension, name in _COMPLEX, keep_single=True)
         for point in points
     ]
     components = [a[..., k] for a in arrays for k in range(kernel.dimension)]
@@ -158,8 +158,13 @@ def _complex(real: Any, imag: Any) -> Any:
     return result
 
 
-def checked_points(name: str, value: Any, dimension: int, complex_allowed: bool) -> Any:
-    """An array (..., dimension) of float64 or complex128."""
+def checked_points(
+    name: str, value: Any, dimension: int, complex_allowed: bool, keep_single: bool = False
+) -> Any:
+    """An array (..., dimension) of float64 or complex128.
+
+    ``keep_single``: one of float32 as it is; a copy in double precision may not fit into memory.
+    """
     shape = f"(..., {dimension})"
     if np.ma.is_masked(value):
         raise ArgumentError(
@@ -183,4 +188,6 @@ def checked_points(name: str, value: Any, dimension: int, complex_allowed: bool)
         if not complex_allowed:
             raise ArgumentError(f"expected {name} to be real, got complex numbers; use {name}.real")
         return array.astype(np.complex128, copy=False)
+    if keep_single and array.dtype == np.float32:
+        return array
     return array.astype(np.float64, copy=False)

@@ -99,7 +99,8 @@ def within_reach(
     most = _MOST_CYCLES / _size(source)
     limits = [most if what in ("nu", "upsilon") else _FARTHEST for what, _ in points]
     return missing, [
-        np.clip(p[missing], -limit, limit) for p, limit in zip(full, limits, strict=True)
+        np.clip(p[missing].astype(np.float64), -limit, limit)
+        for p, limit in zip(full, limits, strict=True)
     ]
 
 
