@@ -12,6 +12,9 @@ module               what is in it
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
+``gradients``        kernels as custom operations, with derivatives in closed form
+``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
+``site_sums``        array factors with differentiable weights
 ``threads``          how many threads compiled kernels run on
 ``llvm``             finds and tries out the LLVM library before Dr.Jit is imported
 ===================  ==========================================================================
@@ -35,6 +38,14 @@ from polywigner.engines.operations import (
     ScalarOperations,
     ops_for,
 )
+from polywigner.engines.parameters import (
+    Parameter,
+    Parameters,
+    complex_numbers,
+    plane_points,
+    tensor_of,
+)
+from polywigner.engines.site_sums import site_sum
 from polywigner.engines.sums import evaluate_sums
 from polywigner.engines.threads import kernel_threads
 
@@ -42,10 +53,13 @@ __all__ = [
     "DrjitOperations",
     "Engine",
     "NumpyOperations",
+    "Parameter",
+    "Parameters",
     "Precision",
     "ScalarOperations",
     "checked_engine",
     "checked_precision",
+    "complex_numbers",
     "evaluate",
     "evaluate_hosted",
     "evaluate_on_grid",
@@ -55,7 +69,10 @@ __all__ = [
     "is_drjit",
     "kernel_threads",
     "ops_for",
+    "plane_points",
     "product_of_complex",
     "shifted_points",
+    "site_sum",
+    "tensor_of",
     "times_complex",
 ]

@@ -15,20 +15,31 @@ from typing import Any
 import numpy as np
 
 from polywigner.engines import llvm
+from polywigner.engines.gradients import differentiable
 from polywigner.engines.operations import DrjitOperations
+from polywigner.engines.parameters import Parameters, Traced, tensor_of
+from polywigner.engines.ranges import aligned
+from polywigner.engines.table_data import TracedOperations, as_data
 from polywigner.errors import ArgumentError
 from polywigner.kernels import Kernel
 
 __all__ = [
+    "as_complex",
     "checked_float",
     "evaluate_traced",
     "from_components",
     "in_plane",
     "is_drjit",
+    "plane_components",
     "product_of_complex",
     "shifted_points",
     "times_complex",
 ]
+
+
+# A kernel with edges as code is 3 to 4 times as fast as one that reads them, which gains more than
+# the 0.2 to 1 s that it takes to compile for each new outline from so many samples on.
+_WORTH_COMPILING = 1 << 22
 
 
 def is_drjit(value: Any) -> bool:
@@ -44,10 +55,12 @@ def evaluate_traced(
     precision: str | None,
     engine: str,
     complex_result: bool,
+    parameters: Parameters | None = None,
 ) -> Any:
     """Result of a kernel whose arguments are points, at least one of them a Dr.Jit array.
 
     ``points`` are (name, value); what is not a Dr.Jit array is converted to the arrays' type.
+    ``parameters``: numbers of the source that are Dr.Jit arrays, of the same type.
 
     Raises
     ------
@@ -55,7 +68,9 @@ def evaluate_traced(
     of components.
     EngineError when the arrays are LLVM's and no usable LLVM library is loaded.
     """
-    float_type = _common_float(points)
+    float_type = _common_float(points, parameters)
+    if not any(is_drjit(value) for _, value in points):
+        points = [(name, tensor_of(float_type, value)) for name, value in points]
     ops = DrjitOperations(float_type)
     _check_request(float_type, ops.double, precision, engine)
     tensors = any(_is_tensor(value) for _, value in points)
@@ -67,13 +82,54 @@ def evaluate_traced(
             for name, value in points
             for component in _components(name, value, float_type, kernel.dimension)
         ]
-    results = kernel(ops, kernel.tables(source, ops.double), *components)
+    tables = _tables(kernel, source, ops.double, parameters)
+    traced = Traced() if parameters is None else parameters.traced(ops, tables)
+    if parameters is not None and _is_data(parameters, components):
+        ops = TracedOperations(float_type)
+        tables = as_data(ops, tables)
+    results = differentiable(kernel, ops, tables, components, traced)
     if tensors:
         return _as_tensor(results, shape, points)
     if complex_result:
-        module = sys.modules[float_type.__module__]
-        return (module.Complex2f64 if ops.double else module.Complex2f)(*results)
+        return as_complex(results, None, None)
     return results[0]
+
+
+def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | None) -> Any:
+    """Those of the kernel, with vertices numbered as the parameters are.
+
+    Equal apertures may begin their rings elsewhere, and share tables of the cache.
+    """
+    if parameters is None or parameters.vertices is None:
+        return kernel.tables(source, double)
+    return getattr(kernel.tables, "__wrapped__", kernel.tables)(source, double)
+
+
+def _is_data(parameters: Parameters, components: Sequence[Any]) -> bool:
+    """Whether a source is better data of a kernel than its code."""
+    import drjit
+
+    changes = parameters.vertices is not None or parameters.fields is not None
+    return changes and max(map(drjit.width, components)) < _WORTH_COMPILING
+
+
+def plane_components(name: str, value: Any) -> tuple[list[Any], tuple[int, ...] | None]:
+    """x and y of Dr.Jit points, and of tensors their shape without the last axis."""
+    kind = _float_type(name, value)
+    if _is_tensor(value):
+        shape, found = _tensor_components([(name, value)], kind, 2)
+        return found, shape
+    return list(_components(name, value, kind, 2)), None
+
+
+def as_complex(results: tuple[Any, Any], shape: tuple[int, ...] | None, like: Any) -> Any:
+    """Real and imaginary parts as the kind of complex result that points ``like`` give."""
+    if shape is not None:
+        return _as_tensor(results, shape, [("", like)])
+    float_type = type(results[0])
+    module = sys.modules[float_type.__module__]
+    double = sys.modules["drjit"].itemsize_v(float_type) == 8
+    return (module.Complex2f64 if double else module.Complex2f)(*results)
 
 
 def in_plane(value: Any) -> Any:
@@ -106,8 +162,11 @@ def shifted_points(points: Any, shift: Any) -> Any:
     return points + offset[0] if drjit.depth_v(points) == 1 and len(offset) == 1 else points
 
 
-def times_complex(value: Any, factor: complex) -> Any:
-    """A complex result of any kind (NumPy, ``Complex2f``, tensor (..., 2)) times a number."""
+def times_complex(value: Any, factor: Any) -> Any:
+    """A complex result of any kind (NumPy, ``Complex2f``, tensor (..., 2)) times a number.
+
+    Of Dr.Jit, ``factor`` may have arrays of one entry as real and imaginary part.
+    """
     if not is_drjit(value):
         if factor.imag:
             return value * factor
@@ -194,8 +253,9 @@ def from_components(
     return (module.Complex2f64 if double else module.Complex2f)(*floats)
 
 
-def _common_float(points: Sequence[tuple[str, Any]]) -> Any:
+def _common_float(points: Sequence[tuple[str, Any]], parameters: Parameters | None) -> Any:
     types = {_float_type(name, value) for name, value in points if is_drjit(value)}
+    types |= set() if parameters is None else parameters.types
     if len(types) > 1:
         found = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
         raise ArgumentError(
@@ -275,7 +335,9 @@ def _tensor_components(
     index_type = drjit.uint32_array_t(float_type)
     components = []
     for flat, own in zip(flats, shapes, strict=True):
-        where = index_type(np.broadcast_to(_indices(own), shape).ravel().copy())
+        memory = aligned(int(np.prod(shape)), np.uint32)
+        memory[...] = np.broadcast_to(_indices(own), shape).ravel()
+        where = index_type(memory)
         components += [
             drjit.gather(float_type, flat, dimension * where + k) for k in range(dimension)
         ]

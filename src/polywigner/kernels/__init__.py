@@ -68,13 +68,14 @@ from typing import Any
 from polywigner.kernels.catalogue import kernel_for
 from polywigner.kernels.grids import GridTables, fourier_on_grid
 from polywigner.kernels.kernel import Kernel, parts_of
-from polywigner.kernels.plane import AMBIGUITY, WIGNER, tables_of
+from polywigner.kernels.plane import AMBIGUITY, FOURIER, WIGNER, tables_of
 from polywigner.kernels.separable import is_separable
 from polywigner.kernels.shared_slices import PartSum, SharedSlice, shared_slice
 from polywigner.kernels.tables import Tables
 
 __all__ = [
     "AMBIGUITY",
+    "FOURIER",
     "WIGNER",
     "GridTables",
     "Kernel",

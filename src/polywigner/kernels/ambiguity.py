@@ -21,10 +21,10 @@ from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.waves import Beat, RowBeat, difference_beats, rows_of
 
-__all__ = ["ambiguity", "position_slice_area"]
+__all__ = ["COPIES", "Views", "ambiguity", "pairings", "position_slice_area"]
 
 # Which copy an edge belongs to: its points are p + shift xi.
-_COPIES = ((BEHIND, -0.5), (AHEAD, +0.5))
+COPIES = ((BEHIND, -0.5), (AHEAD, +0.5))
 
 
 def ambiguity(
@@ -75,19 +75,20 @@ def _beats_with(
     """
     return [
         (other, views, _Beat(clipper, beat, upsilon))
-        for other, views, beats in _pairings(group, tables)
+        for other, views, beats in pairings(group, tables)
         for beat in beats
     ]
 
 
-def _pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, tuple[Beat, ...]]]:
+def pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, tuple[Beat, ...]]]:
+    """For each group of pieces, the views that it cuts a group of edges in, and the beats there."""
     own = tables.groups[group]
     for other, waves in enumerate(tables.groups):
         if other == group:
-            yield other, _COPIES, difference_beats(own, own)
+            yield other, COPIES, difference_beats(own, own)
         else:
-            yield other, _COPIES[:1], difference_beats(own, waves)
-            yield other, _COPIES[1:], difference_beats(waves, own)
+            yield other, COPIES[:1], difference_beats(own, waves)
+            yield other, COPIES[1:], difference_beats(waves, own)
 
 
 def _sum_over_rows(
@@ -100,7 +101,7 @@ def _sum_over_rows(
     """The same with pairs of waves as rows of a table as well: little code, cut once for each."""
     total = Pair(0.0, 0.0)
     for group in groups:
-        for other, views, beats in _pairings(group, tables):
+        for other, views, beats in pairings(group, tables):
 
             def term(edge: Edge, *row: Any, other: int = other, views: Views = views) -> Any:
                 beat = _Beat(clipper, RowBeat(False, *row), upsilon)
@@ -161,7 +162,7 @@ def position_slice_area(ops: Any, tables: Tables, xi_x: Any, xi_y: Any) -> tuple
         lever = ops.fma(clipper.tx, edge.ey, clipper.ty * -edge.ex)
         real: Any = 0.0
         imag: Any = 0.0
-        for view, side in _COPIES:
+        for view, side in COPIES:
             share = ops.fma(lever, side, edge.area)
             extent, turned = total_extent(clipper, edge, view)
             real = ops.fma(share, extent, real)

@@ -91,6 +91,8 @@ class Clipper:
 
     def level(self, line: Line) -> Any:
         """cross(direction, T)."""
+        if not isinstance(line.dx, float):  # an array of an engine
+            return self.ops.fma(self.ty, line.dx, self.tx * -line.dy)
         key = (line.dx, line.dy)
         if key not in self._levels:
             self._levels[key] = _cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
@@ -106,10 +108,15 @@ class Clipper:
         real + i imag: the weights in u(x + xi/2) u*(x - xi/2); an edge of the copy AHEAD is where
         the second factor ends, any other where the first does.
         """
+        for piece, middle, extent in self.parts(edge, view, group):
+            real, imag = self.tables.mutual(edge, piece)
+            yield middle, extent, real, -imag if view is AHEAD else imag
+
+    def parts(self, edge: Edge, view: View, group: int = 0) -> Iterator[tuple[Piece, Any, Any]]:
+        """(piece, t0 + t1, t1 - t0) of the edge inside each piece of a group."""
         cuts: dict[int, Any] = {}
         for piece in (p for p in self.tables.pieces if p.group == group):
-            real, imag = self.tables.mutual(edge, piece)
-            yield (*self._interval(edge, view, piece, cuts), real, -imag if view is AHEAD else imag)
+            yield (piece, *self._interval(edge, view, piece, cuts))
 
     def _interval(
         self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]

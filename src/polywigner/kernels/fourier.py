@@ -25,6 +25,8 @@ class OutlineTables:
     frame: Any
     edges: tuple[tuple[float, ...], ...]
     """Begin (x, y) and end of every edge, and cross(begin, end), twice the area of its triangle."""
+    following: tuple[int, ...] = ()
+    """The number of the edge that begins where each ends; vertices are numbered like edges."""
 
 
 def outline_tables(
@@ -32,12 +34,15 @@ def outline_tables(
 ) -> OutlineTables:
     """The tables of a polygon to the left of its rings, in its own frame or a wider one."""
     frame = frame or frame_of(np.concatenate(rings))
-    edges = []
+    edges: list[tuple[float, ...]] = []
+    following: list[int] = []
     for ring in rings:
         corners = frame.vertices(ring).tolist()
+        first = len(edges)
+        following += [*range(first + 1, first + len(corners)), first]
         for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
             edges.append((*a, *b, exact_cross(*a, *b)))
-    return OutlineTables(frame, tuple(edges))
+    return OutlineTables(frame, tuple(edges), tuple(following))
 
 
 def fourier(ops: Any, tables: OutlineTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:

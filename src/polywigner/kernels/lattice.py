@@ -47,9 +47,17 @@ class Lattice:
 
     def rounded(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Vertices (n, 2) on the grid, without repeats."""
-        points = np.round(polygon / self.step) * self.step + 0.0
-        keep = (points != np.roll(points, 1, axis=0)).any(axis=1)
-        return points[keep]
+        return self._snapped(polygon)[self.is_kept(polygon)]
+
+    def is_kept(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """Which vertices (n, 2) are not repeats of the one before, on the grid; (n,)."""
+        points = self._snapped(polygon)
+        kept: npt.NDArray[np.bool_] = (points != np.roll(points, 1, axis=0)).any(axis=1)
+        return kept
+
+    def _snapped(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        snapped: npt.NDArray[np.float64] = np.round(polygon / self.step) * self.step + 0.0
+        return snapped
 
 
 @lru_cache(maxsize=1 << 16)

@@ -74,6 +74,11 @@ class Edge:
     line: Any = 0
     """The number of the edge's line, and the side of it on which the polygon lies."""
     side: Any = 1
+    begin: Any = 0
+    """The numbers of the vertices a and b among those of all rings of all elements."""
+    end: Any = 0
+    element: Any = 0
+    """The number of the element that the edge bounds."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,8 @@ class Piece:
     imag: float = 0.0
     group: int = 0
     corners: tuple[tuple[float, float], ...] = ()  # counter-clockwise
+    element: int = 0
+    sign: float = 1.0  # -1 for a triangle turned over by rounding
 
 
 @dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long
@@ -99,6 +106,7 @@ class Tables:
     uniform: bool = True  # all weights are 1
     phased: bool = False  # not all weights are real
     groups: tuple[Waves, ...] = (UNIFORM,)  # the different fields on the elements, less weights
+    factors: tuple[complex, ...] = (1.0,)  # of each element: its weight here over the user's
 
     @cached_property
     def clips(self) -> int:
@@ -137,6 +145,9 @@ class Tables:
         )
 
 
+_Member = tuple[complex, int, complex]
+
+
 @dataclass(frozen=True)
 class Element:
     """What tables are built of: a polygon and the field on it."""
@@ -171,16 +182,18 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
     pieces: list[Piece] = []
     numbers = iter(zip(book.number_of, book.signs, strict=True))
     waves: dict[tuple[float, float], tuple[float, float]] = {}
-    for outline, member in zip(outlines, members, strict=True):
-        weight, group = member
-        for ring in outline.rings:
-            edges += _edges(ring, numbers, book, waves, member)
+    vertices = 0
+    for number, (outline, member) in enumerate(zip(outlines, members, strict=True)):
+        weight, group, _ = member
+        for ring, own in zip(outline.rings, outline.numbers, strict=True):
+            edges += _edges(ring, numbers, book, waves, member, (own + vertices, number))
+        vertices += sum(len(ring) for ring in elements[number].rings)
         for piece, sign in outline.pieces:
             sides = [(n, int(s)) for n, s in islice(numbers, len(piece))]
             corners = tuple((x, y) for x, y in piece.tolist())
             field = sign * weight.real, sign * weight.imag
-            pieces.append(Piece(tuple(dict.fromkeys(sides)), *field, group, corners))
-    weights = [weight for weight, _ in members]
+            pieces.append(Piece(tuple(dict.fromkeys(sides)), *field, group, corners, number, sign))
+    weights = [weight for weight, _, _ in members]
     return Tables(
         frame,
         tuple(edges),
@@ -190,13 +203,12 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
         uniform=all(weight == 1 for weight in weights),
         phased=any(weight.imag for weight in weights),
         groups=groups,
+        factors=tuple(factor for _, _, factor in members),
     )
 
 
-def _grouped(
-    elements: Sequence[Element], frame: Frame
-) -> tuple[tuple[Waves, ...], list[tuple[complex, int]]]:
-    """The different fields on the elements; each element's weight and number of field."""
+def _grouped(elements: Sequence[Element], frame: Frame) -> tuple[tuple[Waves, ...], list[_Member]]:
+    """The different fields on the elements; each element's weight, number of field, and factor."""
     groups: list[Waves] = []
     members = []
     for element in elements:
@@ -206,7 +218,7 @@ def _grouped(
         if found is None:
             groups.append(waves)
             found = (1.0, len(groups) - 1)
-        members.append((complex(element.weight) * found[0], found[1]))
+        members.append((complex(element.weight) * found[0], found[1], complex(found[0])))
     return tuple(groups), members
 
 
@@ -216,18 +228,31 @@ class _Outline:
 
     rings: Sequence[npt.NDArray[np.float64]]
     pieces: Sequence[tuple[npt.NDArray[np.float64], float]]
+    numbers: Sequence[npt.NDArray[np.intp]]
+    """Of each ring's vertices, among those of all rings of the element before rounding."""
 
 
 def _in_frame(element: Element, frame: Frame) -> _Outline:
     rings = [frame.vertices(ring) for ring in element.rings]
-    return _Outline(rings, [(frame.vertices(piece), 1.0) for piece in element.convex_cover])
+    pieces = [(frame.vertices(piece), 1.0) for piece in element.convex_cover]
+    return _Outline(rings, pieces, _numbered(element.rings))
+
+
+def _numbered(rings: Sequence[npt.NDArray[np.float64]]) -> list[npt.NDArray[np.intp]]:
+    ends = np.cumsum([len(ring) for ring in rings])
+    return [np.arange(end - len(ring), end) for end, ring in zip(ends, rings, strict=True)]
 
 
 def _on_grid(element: Element, frame: Frame, lattice: Lattice) -> _Outline:
-    rings = [lattice.rounded(frame.vertices(ring)) for ring in element.rings]
+    points = [frame.vertices(ring) for ring in element.rings]
+    rings = [lattice.rounded(ring) for ring in points]
+    numbers = [
+        own[lattice.is_kept(ring)] for own, ring in zip(_numbered(points), points, strict=True)
+    ]
     joined = with_vertices_on_sides(element.convex_cover, np.concatenate(list(element.rings)))
     pieces = signed_convex_pieces([lattice.rounded(frame.vertices(piece)) for piece in joined])
-    return _Outline([ring for ring in rings if len(ring) > 2], pieces)
+    kept = [k for k, ring in enumerate(rings) if len(ring) > 2]
+    return _Outline([rings[k] for k in kept], pieces, [numbers[k] for k in kept])
 
 
 def _segments_of_all(outlines: Sequence[_Outline]) -> npt.NDArray[np.float64]:
@@ -241,11 +266,16 @@ def _edges(
     numbers: Iterator[tuple[int, int]],
     book: LineBook,
     waves: dict[tuple[float, float], tuple[float, float]],
-    member: tuple[complex, int],
+    member: _Member,
+    names: tuple[npt.NDArray[np.intp], int],
 ) -> Iterator[Edge]:
-    weight, group = member
+    """``names``: the numbers of the ring's vertices and of the element."""
+    weight, group, _ = member
+    first, element = names[0].tolist(), names[1]
     ends = np.roll(ring, -1, axis=0).tolist()
-    for (ax, ay, ex, ey), (bx, by) in zip(_segments_of(ring).tolist(), ends, strict=True):
+    for k, ((ax, ay, ex, ey), (bx, by)) in enumerate(
+        zip(_segments_of(ring).tolist(), ends, strict=True)
+    ):
         number, sign = next(numbers)
         length = float(np.hypot(ex, ey))
         unit = (sign * ex / length, sign * ey / length)
@@ -255,5 +285,5 @@ def _edges(
         yield Edge(
             ax, ay, bx, by, ex, ey, area, ux, uy,
             sign * length, line.offset, float(line.cluster), weight.real, weight.imag, group,
-            number, int(sign),
+            number, int(sign), first[k], first[(k + 1) % len(first)], element,
         )  # fmt: skip

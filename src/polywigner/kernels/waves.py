@@ -104,6 +104,15 @@ class Beat:
         real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
         return real, imag
 
+    def slopes(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
+        """(real, imaginary) part of the derivative of the amplitude, for each component."""
+        result = []
+        for k in range(len(point)):
+            turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
+            real, imag = _summed(ops, turned, point, imaginary=not self.is_real)
+            result.append((real, imag))
+        return result
+
     def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(f - s if s else f for f, s in zip(frequency, self.shift, strict=True))
 

@@ -26,8 +26,10 @@ from polywigner.transforms.projection import PhaseSpaceFunction, projections
 from polywigner.transforms.pupil import otf
 from polywigner.transforms.sampling import Weights, sample_automean
 from polywigner.transforms.spectrum import array_factor, fourier
+from polywigner.transforms.traced_sources import Differentiable, differentiable
 
 __all__ = [
+    "Differentiable",
     "PhaseSpaceFunction",
     "PhaseSpaceSource",
     "Source",
@@ -35,6 +37,7 @@ __all__ = [
     "ambiguity",
     "array_factor",
     "autocorrelation",
+    "differentiable",
     "fourier",
     "lag_marginal",
     "otf",

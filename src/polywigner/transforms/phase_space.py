@@ -7,6 +7,8 @@ from typing import Any
 from polywigner import kernels
 from polywigner.engines import Engine, Precision
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
+from polywigner.transforms.traced_sources import Differentiable
+from polywigner.transforms.traced_values import phase_space_of
 
 __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
 
@@ -46,7 +48,7 @@ def autocorrelation(
 
 
 def wigner(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Differentiable,
     x: Any,
     nu: Any,
     *,
@@ -62,7 +64,7 @@ def wigner(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either.
+        either; or of :func:`differentiable`.
     x : (..., d) positions in m.
     nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
@@ -76,11 +78,14 @@ def wigner(
     ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
     """
-    return transform("wigner", source, [("x", x), ("nu", nu)], precision, engine)
+    points = [("x", x), ("nu", nu)]
+    if isinstance(source, Differentiable):
+        return phase_space_of("wigner", source, points, precision, engine)
+    return transform("wigner", source, points, precision, engine)
 
 
 def ambiguity(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Differentiable,
     upsilon: Any,
     xi: Any,
     *,
@@ -95,7 +100,7 @@ def ambiguity(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either.
+        either; or of :func:`differentiable`.
     upsilon : (..., d) real frequency shifts in 1/m.
     xi : (..., d) lags in m; broadcasts against ``upsilon``.
     precision, engine : see :func:`fourier`.
@@ -110,6 +115,8 @@ def ambiguity(
     elements do not lie in the plane z = 0; EngineError without the engine.
     """
     points = [("upsilon", upsilon), ("xi", xi)]
+    if isinstance(source, Differentiable):
+        return phase_space_of("ambiguity", source, points, precision, engine)
     return transform("ambiguity", source, points, precision, engine, outputs=2)
 
 

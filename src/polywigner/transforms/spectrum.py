@@ -28,12 +28,14 @@ from polywigner.transforms.extremes import (
     largest_wave_apart,
     out_of_floats,
 )
+from polywigner.transforms.traced_sources import Differentiable
+from polywigner.transforms.traced_values import fourier_of
 
 __all__ = ["array_factor", "fourier"]
 
 
 def fourier(
-    source: Source,
+    source: Source | Differentiable,
     nu: Any,
     *,
     obliquity: Literal["paper"] | None = None,
@@ -57,7 +59,7 @@ def fourier(
     Parameters
     ----------
     source : Aperture, Slits or placed aperture, uniform (u = 1) or with an illumination; or a
-        Polyhedron; or an Array of them.
+        Polyhedron; or an Array of them; or what :func:`differentiable` makes of one.
     nu : (..., d) spatial frequencies in 1/m, real or complex (evanescent or absorbed waves). d = 1
         for Slits, 3 for polyhedra and placed apertures, 2 for an Aperture, or 3, of which the last
         component does not matter: without a pose it lies in the plane z = 0.
@@ -79,6 +81,10 @@ def fourier(
     """
     if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
+    if isinstance(source, Differentiable):
+        if obliquity is not None:
+            raise ArgumentError("expected no obliquity for a differentiable source")
+        return fourier_of(source, nu, precision, engine)
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     with np.errstate(invalid="ignore", over="ignore"):  # of waves that leave the floats
         values = _fourier(source, nu, how)

@@ -1,0 +1,205 @@
+"""Kernels as custom operations of Dr.Jit, with the derivatives of ``kernels.slopes``.
+
+To let Dr.Jit differentiate through the cuts would cost some thirty times the kernel itself, and be
+wrong where a cut is the last of several. Here a kernel's sum over edges is one operation: forward
+and in reverse it runs another kernel with the closed form of the derivative. What comes before and
+after the sum (into the frame and out of it) is Dr.Jit's to differentiate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from polywigner.engines.operations import DrjitOperations
+from polywigner.engines.parameters import Traced
+from polywigner.kernels import Kernel
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.differentiable import SlopeKernel, slope_kernel_of
+from polywigner.kernels.slopes import Wanted
+
+__all__ = ["differentiable"]
+
+
+def differentiable(
+    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], traced: Traced
+) -> tuple[Any, ...]:
+    """The results of a kernel, with derivatives in its arguments and in what is ``traced``."""
+    import drjit as dr
+
+    slopes = slope_kernel_of(kernel)
+    shared = (traced.vertices, traced.fields)
+    if slopes is None or not dr.grad_enabled((tuple(components), shared)):
+        return kernel(ops, tables, *components)
+    inner = kernel.enter(ops, tables.frame, *components)
+    fixed = len(inner) - slopes.arguments
+    typed = tuple(ops.float_type(value) for value in inner[fixed:])
+    operation = _operation(kernel, ops, tables, inner[:fixed], slopes, traced, typed)
+    sums = dr.custom(operation, typed, traced.vertices, traced.fields)
+    return kernel.leave(ops, tables.frame, inner, sums)
+
+
+def _operation(
+    kernel: Kernel,
+    ops: DrjitOperations,
+    tables: Any,
+    fixed: Sequence[Any],
+    slopes: SlopeKernel,
+    traced: Traced,
+    inner: Sequence[Any],
+) -> Any:
+    import drjit as dr
+
+    real = ops.float_type
+    needed = [dr.grad_enabled(value) for value in inner]
+
+    class EdgeSum(dr.CustomOp):
+        """The sum over the edges of one kernel and source."""
+
+        def eval(self, inner: Any, vertices: Any, fields: Any) -> Any:
+            self.inner, self.vertices, self.fields = inner, vertices, fields
+            sums = kernel.edge_sum(ops, tables, *map(dr.detach, fixed), *inner)
+            return tuple(real(value) for value in sums)
+
+        def forward(self) -> None:
+            of_inner, *of_shared = (self.grad_in(name) for name in ("inner", "vertices", "fields"))
+            sink = _Forward(ops, *of_shared)
+            first, second = slopes.order
+            found = slopes.slopes(ops, tables, self._wanted(), sink, *self.inner)
+            total = Pair(found.shared[0], found.shared[1])
+            for group, slot in ((found.frequency, first), (found.place, second)):
+                if slot is None:
+                    continue
+                for k, slope in enumerate(group):
+                    total = total + slope.scaled(of_inner[slot + k])
+            self.set_grad_out(tuple(map(real, slopes.parts(total))))
+
+        def backward(self) -> None:
+            out = self.grad_out()
+            cotangent = slopes.cotangent(out)
+            counts = [0 if v is None else dr.width(v[0]) for v in (self.vertices, self.fields)]
+            sink = _Reverse(ops, cotangent, *counts)
+            found = slopes.slopes(ops, tables, self._wanted(), sink, *self.inner)
+            sink.flush()
+            gradients = [real(0.0)] * len(self.inner)
+            for group, slot in zip((found.frequency, found.place), slopes.order, strict=True):
+                if slot is not None:
+                    for k, slope in enumerate(group):
+                        gradients[slot + k] = real(_contracted(cotangent, slope))
+            if not dr.flag(dr.JitFlag.SymbolicScope):
+                # Together with what is added up, or a second kernel would do all of it again.
+                dr.schedule(
+                    [g for g, is_needed in zip(gradients, needed, strict=True) if is_needed]
+                )
+            self.set_grad_in("inner", tuple(gradients))
+            if self.vertices is not None:
+                self.set_grad_in("vertices", tuple(sink.vertices))
+            if self.fields is not None:
+                self.set_grad_in("fields", tuple(sink.fields))
+
+        def _wanted(self) -> Wanted:
+            fields = self.fields is not None
+            return Wanted(
+                vertices=self.vertices is not None,
+                weights=fields and not traced.by_waves,
+                amplitudes=fields and traced.by_waves,
+            )
+
+        def name(self) -> str:
+            return f"polywigner {kernel.name}"
+
+    return EdgeSum
+
+
+def _contracted(cotangent: Pair, slope: Pair) -> Any:
+    """Re(cotangent* slope), for literal zeros as well."""
+    total: Any = 0.0
+    for weight, part in ((cotangent.real, slope.real), (cotangent.imag, slope.imag)):
+        if not isinstance(weight, float) and not isinstance(part, float):
+            total = total + weight * part
+    return total
+
+
+def _index(ops: DrjitOperations, number: Any) -> Any:
+    import drjit as dr
+
+    kind = dr.uint32_array_t(ops.float_type)
+    return kind(number) if isinstance(number, (int, float)) else ops.truncated(number)
+
+
+class _Forward:
+    """Sums up the derivative for given changes of vertices and fields."""
+
+    values = 2
+
+    def __init__(self, ops: DrjitOperations, vertices: Any, fields: Any) -> None:
+        self.ops, self.vertices, self.fields = ops, vertices, fields
+
+    def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Any:
+        total = Pair(0.0, 0.0)
+        for number, slope in zip((begin, end), at, strict=True):
+            x, y = self._gathered(self.vertices, number)
+            total = total + slope.scaled(normal[0] * x + normal[1] * y)
+        return total.real, total.imag
+
+    def field(self, number: Any, slope: Pair, of_conjugate: Pair) -> Any:
+        x, y = self._gathered(self.fields, number)
+        total = slope * Pair(x, y) + of_conjugate * Pair(x, -y)
+        return total.real, total.imag
+
+    def _gathered(self, pair: Any, number: Any) -> tuple[Any, Any]:
+        import drjit as dr
+
+        index = _index(self.ops, number)
+        x, y = (dr.gather(self.ops.float_type, values, index) for values in pair)
+        return x, y
+
+
+class _Reverse:
+    """Adds up gradients with respect to vertices and fields over all samples."""
+
+    values = 0
+
+    def __init__(self, ops: DrjitOperations, cotangent: Pair, vertices: int, fields: int) -> None:
+        import drjit as dr
+
+        self.ops, self.cotangent = ops, cotangent
+        self.vertices = [dr.zeros(ops.float_type, vertices) for _ in range(2)]
+        self.fields = [dr.zeros(ops.float_type, fields) for _ in range(2)]
+        self.waiting: dict[tuple[int, int, int], Any] = {}
+
+    def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Any:
+        for number, slope in zip((begin, end), at, strict=True):
+            value = _contracted(self.cotangent, slope)
+            for axis, component in enumerate(normal):
+                self._add(0, axis, number, value * component)
+        return ()
+
+    def field(self, number: Any, slope: Pair, of_conjugate: Pair) -> Any:
+        total, turned = slope + of_conjugate, slope - of_conjugate
+        self._add(1, 0, number, _contracted(self.cotangent, total))
+        self._add(1, 1, number, _contracted(self.cotangent, Pair(-turned.imag, turned.real)))
+        return ()
+
+    def _add(self, kind: int, axis: int, number: Any, value: Any) -> None:
+        import drjit as dr
+
+        # What a loop computes does not exist after it.
+        if isinstance(number, int) and not dr.flag(dr.JitFlag.SymbolicScope):
+            key = kind, axis, number
+            self.waiting[key] = self.waiting.get(key, 0.0) + value
+        else:
+            self._scatter(kind, axis, number, value)
+
+    def _scatter(self, kind: int, axis: int, number: Any, value: Any) -> None:
+        import drjit as dr
+
+        target = (self.vertices, self.fields)[kind][axis]
+        value = self.ops.float_type(value)
+        dr.scatter_reduce(dr.ReduceOp.Add, target, value, _index(self.ops, number))
+
+    def flush(self) -> None:
+        """What could wait, as its edges were not rows of a table."""
+        for (kind, axis, number), value in self.waiting.items():
+            self._scatter(kind, axis, number, value)
+        self.waiting.clear()

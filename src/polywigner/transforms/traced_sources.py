@@ -1,0 +1,201 @@
+"""Sources whose vertices, weights or amplitudes are Dr.Jit arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner import engines
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.geometry import Aperture
+from polywigner.geometry.exact import signed_area
+from polywigner.illumination import Array, Illumination
+from polywigner.kernels.waves import waves_in_frame
+
+__all__ = ["Differentiable", "differentiable", "parameters_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Differentiable:
+    """A source with the values that some of its numbers have now, and the arrays that hold these.
+
+    Made by :func:`differentiable`.
+    """
+
+    source: Aperture | Array
+    vertices: engines.Parameter | None = None
+    weights: engines.Parameter | None = None
+    amplitudes: engines.Parameter | None = None
+
+
+def differentiable(
+    source: Aperture | Array | None = None,
+    *,
+    vertices: Any = None,
+    weights: Any = None,
+    amplitudes: Any = None,
+) -> Differentiable:
+    """A source of which some numbers are Dr.Jit arrays, to differentiate with respect to them.
+
+    `fourier`, `wigner`, `ambiguity` and `irradiance` take it in place of the source; they return
+    Dr.Jit arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form
+    (docs/gradients). The source itself has the other numbers, and how vertices form rings.
+
+    Parameters
+    ----------
+    source : an Aperture, or an Array of apertures in the plane z = 0; None for the aperture with
+        the ring ``vertices``.
+    vertices : (n,) points in m, ``Array2f`` or a tensor (n, 2), that take the place of the
+        source's: of all rings (``Aperture.rings``) of all elements, one after the other. Unlike
+        those of an Aperture, vertices on the line between their neighbours are kept.
+    weights : (k,) of the elements of an Array: ``Complex2f``, ``Float``, or a tensor (k,) or
+        (k, 2) of real and imaginary parts.
+    amplitudes : (m,) of the waves of an Aperture's illumination, in the order of its frequencies;
+        like weights.
+
+    Returns
+    -------
+    Differentiable; its ``source`` has the present values of all numbers.
+
+    Raises
+    ------
+    ArgumentError for arrays of the wrong kind or number; GeometryError for vertices that make no
+    valid outline or turn it over; IlluminationError as `Array` and `Illumination` do.
+    """
+    if source is None and vertices is None:
+        raise ArgumentError("expected a source or the vertices of a ring, got neither")
+    if source is not None and not isinstance(source, Aperture | Array):
+        raise ArgumentError(
+            f"expected an Aperture, an Array of apertures, or None, got {type(source).__name__}"
+        )
+    if isinstance(source, Array) and not all(isinstance(e, Aperture) for e in source.coplanar):
+        raise ArgumentError("expected an Array of apertures, got one of Slits")
+    if isinstance(source, Array) and vertices is None and weights is None:
+        raise ArgumentError("expected vertices or weights as Dr.Jit arrays, got neither")
+    if source is not None and vertices is weights is amplitudes is None:
+        raise ArgumentError("expected vertices or amplitudes as Dr.Jit arrays, got neither")
+    corners = None if vertices is None else engines.plane_points("vertices", vertices)
+    if corners is not None:
+        source, corners = _with_vertices(source, corners)
+    assert source is not None
+    found: dict[str, Any] = {}
+    if weights is not None:
+        found["weights"] = engines.complex_numbers("weights", weights)
+        source = _with_weights(source, _complex(found["weights"]))
+    if amplitudes is not None:
+        found["amplitudes"] = engines.complex_numbers("amplitudes", amplitudes)
+        source = _with_amplitudes(source, _complex(found["amplitudes"]))
+    return Differentiable(source, corners, **found)
+
+
+def parameters_of(source: Differentiable) -> engines.Parameters:
+    """The arrays, as kernels of the whole source take them."""
+    fields = source.weights or source.amplitudes
+    by_waves = source.amplitudes is not None
+    factors = _wave_factors(source.source) if by_waves else _weight_factors
+    return engines.Parameters(source.vertices, fields, by_waves, factors)
+
+
+def _weight_factors(tables: Any) -> NDArray[np.complex128]:
+    return np.array(tables.factors, np.complex128)
+
+
+def _wave_factors(source: Any) -> Any:
+    frequencies = source.illumination.frequencies
+    unit = Illumination(np.ones(len(frequencies)), frequencies)
+
+    def factors(tables: Any) -> NDArray[np.complex128]:
+        waves = waves_in_frame(unit, tables.frame)
+        return np.array([wave.amplitude for wave in waves], np.complex128)
+
+    return factors
+
+
+def _complex(numbers: engines.Parameter) -> NDArray[np.complex128]:
+    values = numbers.values
+    result: NDArray[np.complex128] = values[:, 0] + 1j * values[:, 1]
+    return result
+
+
+def _with_vertices(
+    source: Aperture | Array | None, vertices: engines.Parameter
+) -> tuple[Aperture | Array, engines.Parameter]:
+    points = vertices.values
+    if source is None:
+        # Outlines run counter-clockwise.
+        if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
+            vertices, points = vertices.taken(np.arange(len(points))[::-1]), points[::-1]
+        return _of_rings([[points]], None), vertices
+    coplanar = (source,) if isinstance(source, Aperture) else source.coplanar
+    elements = [element for element in coplanar if isinstance(element, Aperture)]
+    ends = np.cumsum([sum(len(ring) for ring in element.rings) for element in elements])
+    if len(points) != ends[-1]:
+        raise ArgumentError(
+            f"expected {ends[-1]} vertices, as many as the source has, got {len(points)}"
+        )
+    own = np.split(points, ends[:-1])
+    moved = [_moved(element, some) for element, some in zip(elements, own, strict=True)]
+    if isinstance(source, Aperture):
+        return moved[0], vertices
+    return Array(moved, source.weights), vertices
+
+
+def _moved(aperture: Aperture, points: NDArray[np.float64]) -> Aperture:
+    """An aperture with other vertices, those of the exteriors first as in ``rings``."""
+    parts = aperture._parts
+    ends = np.cumsum([len(ring) for ring in aperture.rings])
+    rings = np.split(points, ends[:-1])
+    holes = iter(rings[len(parts) :])
+    regrouped = [[rings[k], *(next(holes) for _ in part[1:])] for k, part in enumerate(parts)]
+    return _of_rings(regrouped, aperture.illumination)
+
+
+def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Any) -> Aperture:
+    """An aperture of exactly these vertices, if they make a valid one."""
+    if not all(np.isfinite(ring).all() for part in parts for ring in part):
+        raise GeometryError("expected finite vertices, got inf or nan")
+    for part in parts:
+        for number, ring in enumerate(part):
+            if len(ring) < 3:
+                raise GeometryError(f"expected three vertices or more, got {len(ring)}")
+            if (ring == np.roll(ring, 1, axis=0)).all(axis=1).any():
+                raise GeometryError(
+                    "expected vertices that differ from their neighbours, got a repeated one; "
+                    "leave it out"
+                )
+            if (signed_area(ring) > 0) == bool(number):
+                raise GeometryError(
+                    "expected vertices that leave the outline's orientation as it is, got a ring "
+                    "turned over; take shorter steps"
+                )
+    Aperture(shapely.MultiPolygon([(part[0], part[1:]) for part in parts]))
+    result = Aperture._of_parts([tuple(part) for part in parts])
+    return result.with_illumination(illumination)
+
+
+def _with_weights(source: Aperture | Array, weights: NDArray[np.complex128]) -> Array:
+    if not isinstance(source, Array):
+        raise ArgumentError("expected weights for an Array only, got some for an Aperture")
+    if source.repeated is not None:
+        from polywigner.illumination import phased_array
+
+        return phased_array(*source.repeated, weights)
+    return Array(source.elements, weights)
+
+
+def _with_amplitudes(source: Aperture | Array, amplitudes: NDArray[np.complex128]) -> Aperture:
+    field = source.illumination if isinstance(source, Aperture) else None
+    if not isinstance(source, Aperture) or field is None:
+        raise ArgumentError("expected amplitudes for an Aperture with an illumination only")
+    if len(amplitudes) != len(field.amplitudes):
+        raise ArgumentError(
+            f"expected {len(field.amplitudes)} amplitudes, one for each wave, got {len(amplitudes)}"
+        )
+    # A wave of amplitude zero would be dropped, and with it the derivative.
+    tiny = 1e-200 * np.abs(amplitudes).max(initial=1e-100)
+    kept = np.where(amplitudes == 0.0, tiny, amplitudes)
+    return source.with_illumination(Illumination(kept, field.frequencies))

@@ -1,0 +1,112 @@
+"""The transforms of differentiable sources."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from polywigner import engines, kernels
+from polywigner.engines import Parameter, Parameters
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.transforms.arguments import in_plane
+from polywigner.transforms.traced_sources import Differentiable, parameters_of
+
+__all__ = ["fourier_of", "phase_space_of"]
+
+
+def phase_space_of(
+    name: str,
+    source: Differentiable,
+    points: Sequence[tuple[str, Any]],
+    precision: str | None,
+    engine: str,
+) -> Any:
+    """W or A, by the kernel of all outlines: short cuts of arrays have no derivatives."""
+    return engines.evaluate_traced(
+        kernels.WIGNER if name == "wigner" else kernels.AMBIGUITY,
+        source.source,
+        points,
+        precision=engines.checked_precision(precision),
+        engine=engines.checked_engine(engine),
+        complex_result=name != "wigner",
+        parameters=parameters_of(source),
+    )
+
+
+def fourier_of(source: Differentiable, nu: Any, precision: str | None, engine: str) -> Any:
+    """F: the sum of those of all waves on all elements, (C1) and (I1)."""
+    float_type = next(iter(parameters_of(source).types))
+    if not engines.is_drjit(nu):
+        nu = engines.tensor_of(float_type, in_plane(nu))
+    nu = in_plane(nu)
+    how = {
+        "precision": engines.checked_precision(precision),
+        "engine": engines.checked_engine(engine),
+    }
+    plain = source.source
+    total: Any = None
+    if isinstance(plain, Array) and plain.repeated is not None and source.vertices is None:
+        element, positions = plain.repeated
+        assert source.weights is not None and isinstance(element, Aperture)
+        value = _of_waves(element, None, None, nu, how)
+        factor = engines.site_sum(nu, positions, source.weights)
+        return engines.product_of_complex(value, factor)
+    for number, (element, vertices) in enumerate(_elements(source)):
+        value = _of_waves(element, vertices, source.amplitudes, nu, how)
+        if isinstance(plain, Array):
+            weight = complex(plain.weights[number])
+            value = engines.times_complex(value, _number(source.weights, number, weight))
+        total = value if total is None else total + value
+    return total
+
+
+def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:
+    plain = source.source
+    elements = (plain,) if isinstance(plain, Aperture) else plain.coplanar
+    start = 0
+    for element in elements:
+        assert isinstance(element, Aperture)
+        count = sum(len(ring) for ring in element.rings)
+        own = source.vertices
+        if own is not None and len(elements) > 1:
+            own = own.taken(np.arange(start, start + count))
+        start += count
+        yield element, own
+
+
+def _of_waves(
+    element: Aperture, vertices: Parameter | None, amplitudes: Parameter | None, nu: Any, how: Any
+) -> Any:
+    field = element.illumination
+    uniform = element.with_illumination(None)
+    if field is None:
+        return _uniform(uniform, vertices, nu, how)
+    total: Any = None
+    waves = zip(field.amplitudes.tolist(), field.frequencies, strict=True)
+    for number, (amplitude, kappa) in enumerate(waves):
+        value = _uniform(uniform, vertices, engines.shifted_points(nu, -kappa), how)
+        value = engines.times_complex(value, _number(amplitudes, number, amplitude))
+        total = value if total is None else total + value
+    return total
+
+
+def _uniform(element: Aperture, vertices: Parameter | None, nu: Any, how: Any) -> Any:
+    return engines.evaluate_traced(
+        kernels.FOURIER,
+        element,
+        [("nu", nu)],
+        complex_result=True,
+        parameters=Parameters(vertices),
+        **how,
+    )
+
+
+def _number(parameter: Parameter | None, number: int, value: complex) -> Any:
+    if parameter is None:
+        return value
+    one = parameter.taken([number])
+    return Pair(one.first, one.second)

@@ -1,0 +1,409 @@
+"""Derivatives in closed form, against exact arithmetic and against laws of physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles import exact
+from polywigner.errors import ArgumentError, GeometryError
+
+pytestmark = pytest.mark.llvm
+
+CHEVRON = np.array([[0, 0], [1, 0.5], [2, 0], [2, 0.625], [1, 1.125], [0, 0.625]])
+FRAME = [
+    np.array([[0, 0], [2, 0.125], [1.75, 1.5], [0.25, 1.25]]),
+    np.array([[0.5, 0.375], [0.75, 1], [1.25, 0.875]]),  # the hole
+]
+# Of the largest component of the gradient, which is what issues of rounding are relative to.
+ERRORS = {"double": 1e-11, "single": 1e-4}
+# Differences of values in exact arithmetic with steps h and h/2, extrapolated: they err by some
+# h^4 (2 pi nu D)^5, 1e-15.
+STEP = 2.0**-17
+# Two routes of float64 sums of some tens of terms.
+ROUNDING = 1e-11
+
+
+def _backend() -> Any:
+    import drjit.llvm.ad as backend
+
+    return backend
+
+
+def _points(values: np.ndarray, double: bool = True) -> Any:
+    kind = _backend().Array2f64 if double else _backend().Array2f
+    return kind(np.ascontiguousarray(values.T))
+
+
+def _numbers(values: np.ndarray) -> Any:
+    return _backend().Complex2f64(values.real.copy(), values.imag.copy())
+
+
+def _read(points: Any) -> np.ndarray:
+    return np.array(points, np.float64).T
+
+
+def _on_grid(rng: np.random.Generator, low: Any, high: Any, count: int) -> np.ndarray:
+    """Random points that float32 holds, steps from them included in float64."""
+    return np.round(rng.uniform(low, high, (count, 2)) * 2**12) / 2**12
+
+
+def _exact_value(name: str, rings: Any, first: Any, second: Any = None) -> complex:
+    with exact.mpmath.workdps(exact.DIGITS):
+        if name == "wigner":
+            return exact.transform(exact.lag_region(rings, first), second).real
+        if name == "ambiguity":
+            return exact.transform(exact.position_region(rings, second), first)
+        return exact.transform(exact.plain_region(rings), first)
+
+
+def _exact_slope(name: str, rings: Any, pair: Any, change: Any) -> complex:
+    """The derivative along a change of all numbers, at 50 digits."""
+
+    def at(step: float) -> Any:
+        moved = [ring + step * own for ring, own in zip(rings, change[0], strict=True)]
+        points = (p + step * own for p, own in zip(pair, change[1], strict=True))
+        return _exact_value(name, moved, *points)
+
+    wide, narrow = (at(h) - at(-h) for h in (STEP, STEP / 2))
+    return complex((8 * narrow - wide) / (6 * exact.mpmath.mpf(STEP)))
+
+
+@pytest.mark.parametrize("precision", ERRORS)
+@pytest.mark.parametrize("rings", [[CHEVRON], FRAME], ids=["chevron", "frame"])
+@pytest.mark.parametrize("name", ["wigner", "ambiguity", "fourier"])
+def test_derivatives_are_those_of_exact_arithmetic(name: str, rings: Any, precision: str) -> None:
+    import drjit as dr
+
+    rng, double = np.random.default_rng(8), precision == "double"
+    source = pw.Aperture([shapely.Polygon(rings[0], rings[1:])])
+    count = 3
+    low, high = np.reshape(source.bounds, (2, 2))
+    middle, size = (low + high) / 2, (high - low) / 5  # where W and A are not zero
+    centre = 0.0 * middle if name == "ambiguity" else middle
+    place = _on_grid(rng, centre - size, centre + size, count)
+    frequency = _on_grid(rng, -1.5, 1.5, count)
+    pair = (frequency, place) if name == "ambiguity" else (place, frequency)
+    pair = (frequency,) if name == "fourier" else pair
+    arrays = [_points(np.concatenate(source.rings), double), *(_points(p, double) for p in pair)]
+    dr.enable_grad(arrays)
+    value = getattr(pw, name)(pw.differentiable(source, vertices=arrays[0]), *arrays[1:])
+    for k in range(count):
+        gradients = []
+        for part in (value,) if name == "wigner" else (value.real, value.imag):
+            dr.clear_grad(arrays)
+            seed = np.zeros(count)
+            seed[k] = 1.0
+            dr.set_grad(part, type(part)(seed))
+            dr.enqueue(dr.ADMode.Backward, part)
+            dr.traverse(dr.ADMode.Backward, dr.ADFlag.ClearInterior)
+            gradients.append([_read(dr.grad(a)) for a in arrays])
+        # steps of a few bits: sums with coordinates are exact
+        change = [_on_grid(rng, -1, 1, len(ring)) for ring in source.rings]
+        moves = [_on_grid(rng, -1, 1, 1)[0] for _ in pair]
+        expected = _exact_slope(name, source.rings, [p[k] for p in pair], (change, moves))
+        flat = [np.concatenate(change), *moves]
+        got = [
+            (g[0] * flat[0]).sum() + sum(g[1 + j][k] @ flat[1 + j] for j in range(len(pair)))
+            for g in gradients
+        ]
+        largest = max(abs(component).max() for g in gradients for component in g)
+        error = abs(complex(*got) - expected)
+        assert error < ERRORS[precision] * largest
+
+
+def _adjoint(value: Callable[..., Any], arrays: list[Any], rng: np.random.Generator) -> None:
+    """<g, J t> = <J* g, t> for random t and g: what forward and reverse mode must share."""
+    import drjit as dr
+
+    changes = [type(a)(rng.normal(size=np.array(a).shape)) for a in arrays]
+    for array, change in zip(arrays, changes, strict=True):
+        dr.enable_grad(array)
+        dr.set_grad(array, change)
+    forward = value(*arrays)
+    pushed = np.array(dr.forward_to(forward))
+    for array in arrays:
+        dr.clear_grad(array)
+    dr.backward(value(*arrays))
+    pulled = sum(
+        (np.array(dr.grad(a)) * np.array(c)).sum() for a, c in zip(arrays, changes, strict=True)
+    )
+    assert abs(pushed.sum() - pulled) < ROUNDING * max(1.0, abs(pulled))
+
+
+def _collection() -> pw.Array:
+    pieces = [
+        pw.Aperture(CHEVRON),
+        pw.shapes.square(0.7).moved((1.5, 0.3)),
+        pw.shapes.triangle(1.0, 0.8).moved((0.2, -0.9)),
+    ]
+    return pw.Array(pieces, [1, 0.5 + 0.3j, -0.8j])
+
+
+def _taper() -> pw.Aperture:
+    field = pw.Illumination([1, 0.4 - 0.2j, 0.7j], [[0.3, 0.1], [-0.5, 0.4], [0.1, -0.6]])
+    return pw.Aperture(CHEVRON).with_illumination(field)
+
+
+def _corners(source: Any) -> np.ndarray:
+    elements = source.coplanar if isinstance(source, pw.Array) else (source,)
+    return np.concatenate([ring for element in elements for ring in element.rings])
+
+
+def _traced(source: Any, vertices: Any, fields: Any) -> Any:
+    name = "weights" if isinstance(source, pw.Array) else "amplitudes"
+    return pw.differentiable(source, vertices=vertices, **{name: fields})
+
+
+def _fields(source: Any) -> np.ndarray:
+    return source.weights if isinstance(source, pw.Array) else source.illumination.amplitudes
+
+
+def _power_of(name: str, source: Any, first: Any, second: Any) -> Any:
+    """A real number for each sample; for F and A of both their parts."""
+    import drjit as dr
+
+    if name == "wigner":
+        return pw.wigner(source, first, second)
+    if name == "ambiguity":
+        value = pw.ambiguity(source, second, first)
+    else:
+        value = pw.fourier(source, second)
+    return dr.square(value.real - 0.3) + 0.5 * value.imag
+
+
+@pytest.mark.parametrize("make", [_collection, _taper], ids=["weights", "waves"])
+@pytest.mark.parametrize("name", ["wigner", "ambiguity", "fourier"])
+def test_forward_and_reverse_mode_are_adjoint(name: str, make: Callable[[], Any]) -> None:
+    rng, source = np.random.default_rng(2), make()
+    x, nu = rng.uniform(-0.3, 1.0, (9, 2)), rng.uniform(-2, 2, (9, 2))
+
+    def value(vertices: Any, fields: Any, *points: Any) -> Any:
+        numbers = _backend().Complex2f64(fields[0], fields[1])
+        return _power_of(name, _traced(source, vertices, numbers), *points)
+
+    fields = np.stack([_fields(source).real, _fields(source).imag], axis=-1)
+    arrays = [_points(v) for v in (_corners(source), fields, x, nu)]
+    _adjoint(value, arrays, rng)
+
+
+@pytest.mark.parametrize("make", [_collection, _taper], ids=["weights", "waves"])
+@pytest.mark.parametrize("name", ["wigner", "ambiguity", "fourier"])
+def test_in_fields_transforms_are_quadratic_and_so_are_their_derivatives(
+    name: str, make: Callable[[], Any]
+) -> None:
+    """Central differences of quadratic functions are exact, whatever the step."""
+    import drjit as dr
+
+    rng, source = np.random.default_rng(3), make()
+    x, nu = rng.uniform(-0.3, 1.0, (5, 2)), rng.uniform(-2, 2, (5, 2))
+    fields = _fields(source)
+    change = rng.normal(size=len(fields)) + 1j * rng.normal(size=len(fields))
+    factor = rng.normal(size=5)
+
+    def plain(values: np.ndarray) -> Any:
+        if isinstance(source, pw.Array):
+            moved: Any = pw.Array(source.elements, values)
+        else:
+            field = pw.Illumination(values, source.illumination.frequencies)
+            moved = source.with_illumination(field)
+        if name == "wigner":
+            return pw.wigner(moved, x, nu)
+        return pw.ambiguity(moved, nu, x) if name == "ambiguity" else pw.fourier(moved, nu)
+
+    expected = factor @ (plain(fields + change) - plain(fields - change)) / 2
+    numbers = _numbers(fields)
+    dr.enable_grad(numbers)
+    points = _points(nu) if name == "fourier" else (_points(x), _points(nu))
+    traced = _traced(source, None, numbers)
+    weight = _backend().Float64(factor)
+    if name == "wigner":
+        parts = [pw.wigner(traced, *points)]
+    else:
+        value = (
+            pw.fourier(traced, points) if name == "fourier" else pw.ambiguity(traced, *points[::-1])
+        )
+        parts = [value.real, value.imag]
+    got = 0.0
+    for part, unit in zip(parts, (1, 1j), strict=False):
+        dr.clear_grad(numbers)
+        dr.backward(dr.dot(weight, part), flags=dr.ADFlag.ClearInterior)
+        slope = np.array(dr.grad(numbers).real), np.array(dr.grad(numbers).imag)
+        got = got + unit * (slope[0] @ change.real + slope[1] @ change.imag)
+    assert abs(got - expected) < ROUNDING * max(1.0, abs(expected))
+
+
+def _gradient(source: Any, vertices: np.ndarray, *points: np.ndarray) -> list[np.ndarray]:
+    """Of W summed over samples: in vertices, x and nu."""
+    import drjit as dr
+
+    arrays = [_points(vertices), *map(_points, points)]
+    dr.enable_grad(arrays)
+    dr.backward(pw.wigner(pw.differentiable(source, vertices=arrays[0]), *arrays[1:]))
+    return [_read(dr.grad(a)) for a in arrays]
+
+
+@pytest.mark.parametrize(
+    "source",
+    [pw.Aperture(CHEVRON), pw.shapes.star(5, 1.0, 0.4), pw.shapes.disc(1.0, n=40)],
+    ids=["chevron", "star", "disc"],
+)
+def test_shifts_turns_and_scales_of_everything_leave_the_wigner_function(source: Any) -> None:
+    """W(x, nu; G) is W(x + s, nu; G + s), W(Rx, R nu; RG), and W(kx, nu/k; kG)/k^2."""
+    rng = np.random.default_rng(4)
+    low, high = np.reshape(source.bounds, (2, 2))
+    x, nu = rng.uniform(low, high, (30, 2)), rng.uniform(-3, 3, (30, 2))
+    vertices = np.concatenate(source.rings)
+    of_vertices, of_x, of_nu = _gradient(source, vertices, x, nu)
+    size = np.abs(of_vertices).sum() + np.abs(of_x).sum() + np.abs(of_nu).sum()
+    assert np.abs(of_vertices.sum(axis=0) + of_x.sum(axis=0)).max() < ROUNDING * size
+
+    def turned(points: np.ndarray) -> np.ndarray:
+        return np.stack([-points[:, 1], points[:, 0]], axis=-1)
+
+    triples = ((of_vertices, vertices), (of_x, x), (of_nu, nu))
+    assert abs(sum((g * turned(p)).sum() for g, p in triples)) < ROUNDING * size
+    grown = (of_vertices * vertices).sum() + (of_x * x).sum() - (of_nu * nu).sum()
+    assert abs(grown - 2 * pw.wigner(source, x, nu).sum()) < ROUNDING * size
+
+
+def test_of_many_edges_derivatives_by_cells_are_those_by_rows() -> None:
+    import drjit as dr
+
+    source, rng = pw.shapes.disc(1.0, n=80), np.random.default_rng(5)
+    x, nu = rng.uniform(-0.7, 0.7, (20, 2)), rng.uniform(-3, 3, (20, 2))
+    by_rows = _gradient(source, np.concatenate(source.rings), x, nu)[1:]
+    arrays = [_points(x), _points(nu)]
+    dr.enable_grad(arrays)
+    dr.backward(pw.wigner(source, *arrays))
+    for expected, array in zip(by_rows, arrays, strict=True):
+        assert np.abs(_read(dr.grad(array)) - expected).max() < ROUNDING * np.abs(expected).max()
+
+
+def test_the_area_grows_with_each_vertex_by_half_the_line_between_its_neighbours() -> None:
+    """F(0) is the area; (2, 0) lies on a straight line, and counts all the same."""
+    import drjit as dr
+
+    ring = np.array([[0, 0], [2, 0], [4, 0], [4, 3], [1, 2.0]])
+    for corners in (ring, ring[::-1]):
+        vertices = _points(corners)
+        dr.enable_grad(vertices)
+        area = pw.fourier(pw.differentiable(vertices=vertices), _points(np.zeros((1, 2)))).real
+        dr.backward(area)
+        across = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
+        normal = 0.5 * np.stack([across[:, 1], -across[:, 0]], axis=-1)
+        sign = 1 if corners is ring else -1
+        assert np.abs(_read(dr.grad(vertices)) - sign * normal).max() < ROUNDING
+
+
+def test_rings_that_begin_elsewhere_keep_their_own_numbers() -> None:
+    """Equal apertures share tables; derivatives belong to the vertices as they were given."""
+    points = np.array([[0.9, 0.7]]), np.array([[0.4, -0.3]])
+    gradients = []
+    for k in (0, 2):
+        ring = np.roll(CHEVRON, k, axis=0)
+        gradients.append(np.roll(_gradient(None, ring, *points)[0], -k, axis=0))
+    assert np.abs(gradients[0]).max() > 0.1
+    assert np.abs(gradients[0] - gradients[1]).max() < ROUNDING
+
+
+def test_at_a_kink_the_derivative_is_that_of_one_side() -> None:
+    """W of a square has a ridge along its axes: L = max(0, a - 2|x|) on either axis."""
+    import drjit as dr
+
+    side, nu = 1.0, np.array([0.3, 0.2])
+
+    def slope_of_factor(x: float, n: float, towards: float) -> tuple[float, float]:
+        length = side - 2 * abs(x)
+        value = 2 * length * np.sinc(2 * n * length)
+        return value, 2 * np.cos(2 * np.pi * n * length) * -2 * towards
+
+    x = _points(np.zeros((1, 2)))
+    dr.enable_grad(x)
+    dr.backward(pw.wigner(pw.shapes.square(side), x, _points(nu[None])))
+    got = _read(dr.grad(x))[0]
+    (fx, gx), (fy, gy) = (slope_of_factor(0.0, n, 1.0) for n in nu)
+    for component, one_side in zip(got, (gx * fy, fx * gy), strict=True):
+        assert min(abs(component - one_side), abs(component + one_side)) < ROUNDING
+
+
+def test_outlines_that_change_run_through_one_compiled_kernel() -> None:
+    import drjit as dr
+
+    rng, nu = np.random.default_rng(6), [[0.2, 0.7], [1.1, -0.4]]
+    ring = np.array([[0, 0], [2, 0.5], [1.5, 2], [0.8, 0.9], [0.1, 1.7]])  # no parallel edges
+    compiled = []
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
+        for _ in range(2):
+            moved = ring + 0.01 * rng.normal(size=ring.shape)
+            # lists: the place of NumPy's memory would enter the kernels
+            vertices = _backend().Array2f64(*moved.T.tolist())
+            dr.enable_grad(vertices)
+            source = pw.differentiable(vertices=vertices)
+            dr.kernel_history_clear()
+            dr.backward(pw.wigner(source, (1.0, 0.7), nu).array)
+            dr.eval(dr.grad(vertices))
+            found = dr.kernel_history([dr.KernelType.JIT])
+            compiled.append({kernel["hash"] for kernel in found})
+    assert compiled[1] and compiled[1] <= compiled[0]
+
+
+def test_a_precision_is_kept_and_numpy_points_become_tensors() -> None:
+    backend = _backend()
+    single = pw.differentiable(vertices=_points(CHEVRON, double=False))
+    assert type(pw.wigner(single, np.zeros((4, 3, 2)) + 0.6, (0.1, 0.2))) is backend.TensorXf
+    tensor = pw.differentiable(vertices=backend.TensorXf64(CHEVRON))
+    value = pw.fourier(tensor, np.zeros((4, 3, 2)))
+    assert type(value) is backend.TensorXf64 and value.shape == (4, 3, 2)
+    assert np.abs(np.array(value)[..., 0] - pw.Aperture(CHEVRON).area).max() < ROUNDING
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: pw.differentiable(),
+        lambda: pw.differentiable(pw.Aperture(CHEVRON)),
+        lambda: pw.differentiable(_collection()),
+        lambda: pw.differentiable(pw.Slits([[0, 1]]), vertices=_points(CHEVRON)),
+        lambda: pw.differentiable(vertices=CHEVRON),
+        lambda: pw.differentiable(pw.shapes.square(1.0), vertices=_points(CHEVRON)),
+        lambda: pw.differentiable(pw.Aperture(CHEVRON), weights=_numbers(np.ones(1) + 0j)),
+        lambda: pw.differentiable(pw.Aperture(CHEVRON), amplitudes=_numbers(np.ones(1) + 0j)),
+        lambda: pw.differentiable(_taper(), amplitudes=_numbers(np.ones(2) + 0j)),
+        lambda: pw.differentiable(vertices=_backend().Float64([0.0, 1.0])),
+        lambda: pw.wigner(
+            pw.differentiable(vertices=_points(CHEVRON)),
+            _points(CHEVRON, double=False),
+            _points(CHEVRON, double=False),
+        ),
+    ],
+)
+def test_what_is_no_differentiable_source_is_refused(make: Callable[[], Any]) -> None:
+    with pytest.raises(ArgumentError, match="expected"):
+        make()
+
+
+@pytest.mark.parametrize(
+    "ring",
+    [
+        [[0, 0], [1, 1], [1, 0], [0, 1]],
+        [[0, 0], [1, 0], [1, 0], [1, 1]],
+        [[0, 0], [1, 0], [np.nan, 1]],
+        [[0, 0], [1, 0]],
+    ],
+    ids=["crosses itself", "repeats a vertex", "not a number", "two vertices"],
+)
+def test_vertices_that_make_no_outline_are_refused(ring: Any) -> None:
+    with pytest.raises(GeometryError, match="expected"):
+        pw.differentiable(vertices=_points(np.array(ring, float)))
+
+
+def test_a_part_that_is_turned_over_is_refused() -> None:
+    flipped = pw.shapes.square(1.0).rings[0] * [1, -1]
+    with pytest.raises(GeometryError, match="turned over"):
+        pw.differentiable(pw.shapes.square(1.0), vertices=_points(flipped))
