@@ -20,14 +20,15 @@ NAME = re.compile(
     r"<mi[^>]*>(sinc|sinhc|sin|cos|sinh|cosh|exp|arccos|arctan|sign|det)</mi>"
     r"(\s*(?:</?m\w+>|<mn>2</mn>|\s)*<mo>&ApplyFunction;</mo>(?!\s*<mo stretchy))?"
 )
-BAR = '<mo lspace="0" rspace="0" stretchy="false">|</mo>'  # oftener a fence than an operator
+# A bar is oftener a fence than an operator with room on its sides.
+BARS = '<mo stretchy="false">|</mo>', '<mo lspace="0" rspace="0" stretchy="false">|</mo>'
 TAG = re.compile(r"\s*\\tag\{([^}]+)\}")
 
 
 def mathml(node: nodes.Node, as_block: bool) -> str:
     code = " ".join(TAG.sub("", node.astext()).split())
     try:
-        drawn = tex2mathml(code, as_block=as_block).replace("<mo>|</mo>", BAR)
+        drawn = tex2mathml(code, as_block=as_block).replace(*BARS)
     except MathError as error:
         LOGGER.warning("a formula that cannot be drawn: %s (%s)", code, error, location=node)
         return ""

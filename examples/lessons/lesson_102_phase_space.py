@@ -183,7 +183,7 @@ positions = np.stack(np.meshgrid(axis, axis), axis=-1)
 angles = np.linspace(-1, 1, 241)
 directions = np.stack(np.meshgrid(angles, angles), axis=-1) / WAVELENGTH
 
-figure, panels = plt.subplots(2, 2, figsize=(9, 6.8), layout="compressed")
+figure, panels = plt.subplots(2, 2, figsize=(9, 5.9), layout="compressed")
 for axes, direction in zip(panels[0], ((0, 0), (0.35, 0)), strict=True):
     w = pw.wigner(chevrons, positions, np.array(direction) / WAVELENGTH) * 1e6
     limit = np.abs(w).max()
