@@ -123,8 +123,8 @@ class OnDrjit:
         kind, (rows, columns) = self.ops.float_type, shape
 
         def found(slot: int, values: Any) -> Any:
-            if np.size(values) == 1:
-                return kind(float(np.ravel(values)[0]))
+            if np.ndim(values) == 0:
+                return drjit.opaque(kind, float(values))
             memory = self._sent(slot, values.ravel(), kind)
             whole = drjit.fma(row, drjit.opaque(type(row), columns), column)
             place = {(rows, 1): row, (1, columns): column}.get(values.shape, whole)
