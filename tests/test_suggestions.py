@@ -342,5 +342,8 @@ def test_a_render_takes_the_samples_that_its_error_needs(tmp_path: Path) -> None
     record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
     square = pw.shapes.square(10e-3)
     wanted = pw.suggest_sampling(square, WAVELENGTH, "render", error_db=6.0).samples
+    assert record["used"]["spp"] == math.ceil(wanted / 10)  # multijitter
+    assert main([*command, "6", "--sampler", "independent"]) == 0
+    record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
     assert record["used"]["spp"] == wanted
     assert main([*command, "0"]) == main([*command, "6", "--spp", "4"]) == 2

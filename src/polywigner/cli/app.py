@@ -62,8 +62,8 @@ def render(
     error_db: Annotated[
         float | None,
         typer.Option(
-            help="In place of --spp: rms error in dB of what is 20 dB below the peak, by "
-            "independent samples of a far field; multijitter needs fewer."
+            help="In place of --spp: rms error in dB of what lies 20 dB below the peak, as far as "
+            "the source makes it (docs/sampling.md)."
         ),
     ] = None,
     variant: Annotated[
