@@ -14,6 +14,8 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
+from polywigner.cli.enough import samples_of_box, samples_of_place
+from polywigner.cli.where import parse_place
 from polywigner.errors import ArgumentError
 from polywigner.illumination.support import mutual_support
 
@@ -323,6 +325,50 @@ def test_the_command_line_samples_wide_sources_more_finely_and_says_where_that_i
     assert "miss fringes" not in capfd.readouterr().err
     assert main([*command, "-4 m, 0 mm, 1 m to 4 m, 0 mm, 1 m", "--out", str(tmp_path / "o")]) == 0
     assert "1601 samples miss fringes" in capfd.readouterr().err
+
+
+PLACES = {
+    "arc": ("2 m, 0 deg, 60 deg", (321,), {"radius": 2.0}, 60),
+    "hemisphere": ("2 m", (61, 120), {"radius": 2.0}, 6),
+    "plane": (
+        "-0.6 m to 0.6 m, 0 mm, 0.5 m to 2 m",
+        (129, 129),
+        {"box": ((-0.6, 0, 0.5), (0.6, 0, 2.0))},
+        25,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", PLACES)
+def test_every_place_of_the_command_line_gets_what_its_field_needs(kind: str) -> None:
+    text, fewest, options, size = PLACES[kind]
+    place = parse_place({kind: text}, None)
+    small, wide = (pw.shapes.square(n * WAVELENGTH) for n in (2, size))
+    assert samples_of_place(small, place, WAVELENGTH, amplitude=False) == fewest
+    chosen = samples_of_place(wide, place, WAVELENGTH, amplitude=False)
+    assert max(np.array(chosen) / fewest) > 1
+    axes = pw.suggest_sampling(wide, WAVELENGTH, "irradiance", **options).axes
+    for count, axis in zip(chosen, [axis for axis in axes if axis.step], strict=False):
+        extent = axis.high - axis.low if kind != "arc" else 2 * place.reach
+        assert extent / count <= axis.nyquist / 2
+
+
+def test_what_was_asked_for_is_not_changed() -> None:
+    place = parse_place({"hemisphere": "2 m"}, "9 x 5")
+    assert samples_of_place(pw.shapes.square(1.0), place, WAVELENGTH, amplitude=True) == (9, 5)
+
+
+def test_a_box_is_as_fine_as_its_field_up_to_a_million_samples_and_then_says_so() -> None:
+    square = pw.shapes.square(10e-3)
+    far = ((-0.02, -0.02, 0.3), (0.02, 0.02, 0.4))
+    assert samples_of_box(square, far, WAVELENGTH) == (64, 64, 64)
+    near = ((-0.02, -0.02, 0.01), (0.02, 0.02, 0.12))
+    wanted = [axis.count for axis in pw.suggest_sampling(square, WAVELENGTH, "irradiance",
+                                                         box=near).axes]  # fmt: skip
+    assert samples_of_box(square, near, WAVELENGTH) == tuple(max(64, n) for n in wanted)
+    with pytest.warns(RuntimeWarning, match="--shape"):
+        large = samples_of_box(square, ((-0.5, -0.5, 0.01), (0.5, 0.5, 1.0)), WAVELENGTH)
+    assert max(large) == 101
 
 
 @pytest.mark.drjit
