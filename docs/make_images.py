@@ -55,13 +55,16 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-        for name in names or ["first_picture", "projections", "tapers", *near, *paper, *COMMANDS]:
+        scripts = ["first_picture", "projections", "tapers", "inverse_design"]
+        for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
             elif name == "projections":
                 made = projections(Path(folder))
             elif name == "tapers":
                 made = tapers(Path(folder))
+            elif name == "inverse_design":
+                made = inverse_design(Path(folder))
             elif name in near:
                 made = near_field(Path(folder)) / f"{name.removeprefix('near_field_')}.png"
             elif name in paper:
@@ -83,6 +86,13 @@ def first_picture(folder: Path) -> Path:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script)], cwd=folder, env=environment, check=True)
     return folder / "wigner.png"
+
+
+def inverse_design(folder: Path) -> Path:
+    script = EXAMPLES / "inverse_design" / "inverse_design.py"
+    environment = {**os.environ, "MPLBACKEND": "agg"}
+    subprocess.run([sys.executable, str(script), str(folder)], env=environment, check=True)
+    return folder / "inverse_design.png"
 
 
 def near_field(folder: Path) -> Path:
