@@ -2,9 +2,10 @@
 
 Run ``python inverse_design.py [FOLDER]``: it writes ``inverse_design.png`` there, in a few seconds.
 
-First, a uniformly lit aperture, a polygon of 96 vertices within a circle of 5 wavelengths. Along the
-horizon, and 10 degrees above and below it, it shall have low sidelobes. Second, 32 elements half a wavelength apart, steered to 20 degrees, whose complex
-weights shall keep sidelobes low, and 20 dB lower where somebody else listens.
+First, a uniformly lit aperture, a polygon of 96 vertices within a circle of 5 wavelengths. Along
+the horizon, and 10 degrees above and below it, it shall have low sidelobes. Second, 32 elements
+half a wavelength apart, steered to 20 degrees, whose complex weights shall keep sidelobes low, and
+20 dB lower where somebody else listens.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A loss written in JAX, and its gradient: ``python with_jax.py``, with JAX installed.
 
-`dr.wrap` makes a function of JAX arrays one of Dr.Jit's, its derivatives included. Here JAX compiles
-a loss of the Wigner function of a square, and Dr.Jit carries its gradient on to the vertices. (The
-other direction, `jax.grad` through Dr.Jit, is one that `dr.wrap` does not have yet. JAX computes in
-single precision unless told otherwise, and so does Dr.Jit with the arrays it gets.)
+`dr.wrap` makes a function of JAX arrays one of Dr.Jit's, its derivatives included. Here JAX
+compiles a loss of the Wigner function of a square, and Dr.Jit carries its gradient on to the
+vertices. (The other direction, `jax.grad` through Dr.Jit, is one that `dr.wrap` does not have yet.
+JAX computes in single precision unless told otherwise, and so does Dr.Jit with the arrays it gets.)
 """
 
 from __future__ import annotations
