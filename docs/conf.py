@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import polywigner
+from polywigner.engines import llvm
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
@@ -45,10 +46,13 @@ html_math_renderer = "mathml"
 highlight_language = "none"  # indented blocks are formulas
 bibtex_bibfiles = ["../src/polywigner/references.bib"]  # the one that pw.cite reads
 
+# Without LLVM, Mitsuba's scalar variants take minutes for lesson 103: it is then shown without what
+# it draws.
+LESSONS = r"/lesson_\d+" if llvm.prepare().usable else r"/lesson_(?!103)\d+"
 sphinx_gallery_conf = {
     "examples_dirs": "examples/lessons",
     "gallery_dirs": "docs/lessons",
-    "filename_pattern": r"/lesson_\d+",
+    "filename_pattern": LESSONS,
     "within_subsection_order": "FileNameSortKey",
     "reference_url": {"polywigner": None},
     "image_srcset": ["2x"],

@@ -26,7 +26,7 @@ assert np.isclose(pupil.area, 18 * np.sqrt(3) / 2 * 1.32**2, rtol=1e-12)
 # -------------------------
 # Light of a star comes out of the pupil as :math:`|F(\nu)|^2` with :math:`\nu = \theta/\lambda`.
 # Dividing by :math:`\mathrm{area}^2` makes it 1 at the peak. The six spikes are at right angles
-# to the six directions that the sides of the segments have; the fainter structure is the gaps'
+# to the three directions that the sides of the segments have; the fainter structure is the gaps'
 # and the segments' own.
 
 ARCSECOND = np.pi / 180 / 3600
@@ -197,8 +197,8 @@ for waves in (0.25, 0.5, 1.0):
 # %%
 # Exercises
 # ---------
-# 1. Which gap makes the spikes weaker by 3 dB? Do they come from the gaps at all, or from the
-#    outline?
+# 1. Close the gaps (``gap=0``). Which part of the PSF changes, and by how much? Do the spikes come
+#    from the gaps or from the outline?
 # 2. Draw :math:`A(\upsilon_x, \xi_x)` with :math:`\upsilon_y = \xi_y = 0` (``pw.projections``
 #    does it), and find the OTFs of this lesson in it as lines through the origin.
 # 3. A tilt of one segment by a tenth of a wave: make a ``pw.Array`` of ``pw.Aperture(ring)`` for
