@@ -11,6 +11,9 @@ TESTS ?=
 # FUZZ='--seed 2' make fuzz      arguments for tools/fuzz
 FUZZ ?=
 
+# BENCH='--only wigner' make bench  arguments for the comparison: --quick, --only, --list, --out
+BENCH ?=
+
 # An activated environment or foreign module paths must not reach into .venv.
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
@@ -68,11 +71,9 @@ hooks: ## check style, types and documents before each commit
 	@$(SETUP) --group dev
 	$(BIN)/pre-commit install
 
-bench: ## run the benchmarks
-	@$(SETUP) --group test
-	@for script in $$(grep -l __main__ benchmarks/*.py); do \
-	  echo "== $$script"; $(BIN)/python "$$script" || exit 1; \
-	done
+bench: ## compare with peers, into benchmarks/results; BENCH=--quick make bench takes half a minute
+	@$(SETUP) --group bench
+	$(BIN)/python -m benchmarks $(BENCH)
 
 docs: ## check the documents, and build the site from them: docs/_build/html/index.html
 	@$(SETUP) --group docs
@@ -91,5 +92,5 @@ ci: ## all checks, and the packages installed into empty environments
 	.ci/run
 
 clean: ## remove .venv and everything made
-	rm -rf .venv out build dist docs/_build docs/lessons benchmarks/results .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf .venv out build dist docs/_build docs/lessons .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

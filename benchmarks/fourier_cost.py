@@ -1,16 +1,8 @@
-"""What does a Fourier transform cost against the number of vertices, and against finufft on a grid?
+"""What does a value of F cost against the number of vertices, and what the first call?
 
-Run ``python benchmarks/fourier_cost.py``; the peers come with ``pip install polywigner[bench]`` and
-are left out where they are missing. Two questions:
-
-*Vertices.* Time for one value of F at scattered frequencies, for polygons of 3 to 1024 vertices,
-and what the first call of a process adds: time and memory, with no compiled kernel on disk.
-
-*Grids.* A picture of 256 x 256 frequencies of a square and of a pupil of 18 hexagons, up to |nu_x|
-D = 8, 32 and 64 (D the diameter), against finufft: Gauss points on quadrilaterals that tile the
-aperture, their number the smallest with which the error stays below 1e-12 of the area, then a
-type-1 transform onto the grid with the loosest tolerance that keeps the error there. Other peers:
-coxeter, and the edge sum of the paper as one writes it in NumPy.
+Run ``python benchmarks/fourier_cost.py``. Time for one value of F at scattered frequencies, for
+polygons of 3 to 1024 vertices, and what the first call of a process adds: time and memory, with no
+compiled kernel on disk. (What a grid costs, beside finufft and others: ``make bench``.)
 
 All contenders take turns in one process, and the median of the rounds counts. One process with one
 thread, in CPU seconds (a busy machine slows all alike), and one with as many as there are cores, by
@@ -20,7 +12,6 @@ the clock on the wall. Prints Markdown, writes ``benchmarks/results/fourier_cost
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import platform
@@ -38,29 +29,17 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from fourier_peers import by_coxeter, by_edge_sum, by_finufft, exact_value, finufft_plan, tuned
 from polywigner.engines.llvm import prepare
 
 RESULTS = Path(__file__).parent / "results" / "fourier_cost.json"
-ROUNDS = {"vertices": 5, "grid": 15}
+ROUNDS = 5
 VERTICES = [3, 4, 6, 8, 12, 16, 32, 64, 128, 256, 512, 1024]
 FIRST_CALLS = [3, 12, 16, 128, 1024]
 EDGE_SAMPLES = {"numpy": 1 << 18, "llvm": 1 << 23}  # samples times vertices of one timing
 MOST_SAMPLES = {"numpy": 1 << 13, "llvm": 1 << 18}
-SIDE = 256
-RANGES = [8, 32, 64]
-PUPILS = {
-    "square": pw.shapes.square(1.0),
-    "18 hexagons": pw.shapes.hexagonal_segments(1.0, gap=0.02),
-}
 THREADS = "POLYWIGNER_BENCHMARK_THREADS"
 
 Action = Callable[[], Any]
-
-
-def installed(name: str) -> bool:
-    """Whether a peer is there."""
-    return importlib.util.find_spec(name) is not None
 
 
 def threads() -> int:
@@ -125,7 +104,7 @@ def vertex_costs() -> dict[str, dict[str, float]]:
                 source = polygon(kind, n)
                 actions[name] = evaluation(source, count, precision, engine)
                 samples[name] = count
-    times = in_turns(actions, ROUNDS["vertices"])
+    times = in_turns(actions, ROUNDS)
     table: dict[str, dict[str, float]] = {}
     for name, found in times.items():
         contender, n = name.split("|")
@@ -172,70 +151,6 @@ def first_call(n: int) -> list[float]:
     return [times[0], min(times[1:]), added / 1024]
 
 
-# Grids
-
-
-def axis_of(source: pw.Aperture, largest: float) -> np.ndarray:
-    """Evenly spaced frequencies; the spacing is exact, as finufft has it."""
-    step = 2 * largest / source.diameter / SIDE
-    return step * np.arange(-SIDE // 2, SIDE // 2)
-
-
-def grid_of(axis: np.ndarray) -> np.ndarray:
-    """All pairs."""
-    return np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
-
-
-def grid_costs() -> dict[str, dict[str, dict[str, Any]]]:
-    """{pupil and range: {contender: {min, median (ms), error}}}."""
-    results = {}
-    for name, source in PUPILS.items():
-        for largest in RANGES:
-            axis = axis_of(source, largest)
-            results[f"{name}, {largest}"] = one_grid(source, axis)
-    return results
-
-
-def one_grid(source: pw.Aperture, axis: np.ndarray) -> dict[str, dict[str, Any]]:
-    """All contenders on one grid."""
-    nu = grid_of(axis)
-    # point by point and by other formulas than the grid's; itself checked with 40 digits below
-    reference = pw.fourier(source, nu.reshape(-1, 2), engine="numpy").reshape(nu.shape[:-1])
-    actions: dict[str, Action] = {
-        "polywigner": lambda: pw.fourier(source, nu),
-        "polywigner, single": lambda: pw.fourier(source, nu, precision="single"),
-        "edge sum in NumPy": lambda: by_edge_sum(source, nu),
-    }
-    if prepare().usable:
-        actions["polywigner, llvm, point by point"] = lambda: pw.fourier(source, nu, engine="llvm")
-    notes = {}
-    if installed("finufft"):
-        order, eps = tuned(source, axis, reference, threads())
-        plan, strengths = finufft_plan(source, axis, order, eps, threads())
-        actions["finufft"] = lambda: by_finufft(source, axis, order, eps, threads())
-        actions["finufft, plan and points ready"] = lambda: plan.execute(strengths)
-        notes["finufft"] = f"{len(strengths)} points, eps {eps:g}"
-    if installed("coxeter"):
-        actions["coxeter"] = lambda: by_coxeter(source, nu)
-    slow = {name: actions.pop(name) for name in ("coxeter", "edge sum in NumPy") if name in actions}
-    times = in_turns(actions, ROUNDS["grid"]) | in_turns(slow, 2)
-    report: dict[str, dict[str, Any]] = {}
-    for name, found in times.items():
-        error = np.abs((actions | slow)[name]() - reference).max() / source.area
-        report[name] = {"min": found[0] * 1e3, "median": statistics.median(found) * 1e3}
-        report[name] |= {"error": float(error), "note": notes.get(name, "")}
-    report["reference"] = {"error": reference_error(source, nu, reference)}
-    return report
-
-
-def reference_error(source: pw.Aperture, nu: np.ndarray, reference: np.ndarray) -> float:
-    """The reference against 40 digits, at some points."""
-    rng = np.random.default_rng(0)
-    some = [tuple(p) for p in rng.integers(0, SIDE, (20, 2))] + [(SIDE // 2 + 1, SIDE // 2)]
-    errors = [abs(reference[p] - exact_value(source, nu[p])) for p in some]
-    return float(max(errors) / source.area)
-
-
 # Reports
 
 
@@ -264,32 +179,13 @@ def vertex_table(costs: dict[str, dict[str, float]], first: dict[str, list[float
     return "\n".join(lines)
 
 
-def grid_table(results: dict[str, dict[str, dict[str, Any]]]) -> str:
-    """Markdown: milliseconds, and ratios to polywigner."""
-    lines = [
-        "| pupil, nu D | contender | min, ms | median, ms | ratio | error/area | |",
-        "|---" * 7 + "|",
-    ]
-    for where, report in results.items():
-        own = report["polywigner"]["median"]
-        for name, entry in report.items():
-            if name == "reference":
-                continue
-            lines.append(
-                f"| {where} | {name} | {entry['min']:.2f} | {entry['median']:.2f} | "
-                f"{entry['median'] / own:.2f} | {entry['error']:.1e} | {entry['note']} |"
-            )
-        lines.append(f"| {where} | reference | | | | {report['reference']['error']:.1e} | |")
-    return "\n".join(lines)
-
-
 def measured_here() -> dict[str, Any]:
     """Everything that depends on the number of threads, in this process."""
     if prepare().usable:
         import drjit as dr
 
         dr.set_thread_count(threads())
-    return {"vertices": vertex_costs(), "grids": grid_costs()}
+    return {"vertices": vertex_costs()}
 
 
 def measured(count: int) -> dict[str, Any]:
@@ -314,11 +210,7 @@ def main() -> None:
     if options.here:
         print(json.dumps(measured_here()))
         return
-    report: dict[str, Any] = {
-        name: version(name)
-        for name in ("polywigner", "numpy", "drjit", "finufft", "coxeter")
-        if installed(name)
-    }
+    report: dict[str, Any] = {name: version(name) for name in ("polywigner", "numpy", "drjit")}
     report |= {"python": platform.python_version(), "machine": platform.machine()}
     report["first calls"] = first_calls()
     counts = sorted({1, cores()})
@@ -326,7 +218,6 @@ def main() -> None:
         found = report[f"{count} threads"] = measured(count)
         first = report["first calls"] if count == counts[-1] else {}
         print(f"## Threads: {count}\n\n{vertex_table(found['vertices'], first)}\n")
-        print(f"{grid_table(found['grids'])}\n", flush=True)
     RESULTS.parent.mkdir(exist_ok=True)
     RESULTS.write_text(json.dumps(report, indent=1))
 

@@ -105,11 +105,12 @@ class _EvenBeat:
         )
         q = along * edge.length
         start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -self.nu_t))
-        total: Any = 0.0
+        total: Any = None
         for middle, extent, mutual, _ in cuts:
-            product = sin_turns(ops, extent * q) * sin_turns(ops, ops.fma(middle, q, start))
-            total = total + times(mutual, product)
-        return (ratio * total,)
+            size = times(mutual, sin_turns(ops, extent * q))
+            phase = sin_turns(ops, ops.fma(middle, q, start))
+            total = size * phase if total is None else ops.fma(size, phase, total)
+        return (0.0 if total is None else ratio * total,)
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> Any:
         square = self.ops.fma(self.nu_x, self.nu_x, self.nu_y * self.nu_y)

@@ -71,6 +71,8 @@ def otf(
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
+    if slope == 0.0:  # in focus it is an area, which takes no sines
+        return (lag_marginal(source, lags, **how) + 0j) / _energy(source)
     return ambiguity(source, slope * lags, lags, **how) / _energy(source)
 
 

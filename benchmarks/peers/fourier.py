@@ -1,6 +1,6 @@
 """Other ways to the Fourier transform of a pupil on a grid: finufft, coxeter, the paper's edge sum.
 
-They compete in ``fourier_cost.py``.
+They compete in ``questions/fourier.py``.
 """
 
 from __future__ import annotations

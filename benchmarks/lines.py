@@ -1,0 +1,108 @@
+"""What a measurement is written down as: one line for a case and a peer. The JSON is made of these.
+
+``SCHEMA`` is raised when a field changes its meaning or goes; fields may be added.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from benchmarks.timing import median_ratio
+
+__all__ = ["SCHEMA", "Figure", "Line", "absent", "as_rates", "as_times", "line_of"]
+
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A result in the line's unit."""
+
+    best: float
+    median: float
+    error: float | None = None
+    """The largest found, in units of ``Line.error_unit``; None where there is none to speak of."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Our figure and a peer's, measured in turns."""
+
+    question: str
+    case: str
+    precision: str
+    """single, double, or - where that says nothing."""
+    threads: int
+    unit: str
+    ours: Figure | None
+    peer: str
+    theirs: Figure | None
+    """None where the peer is not there: ``note`` says why."""
+    ratio: float | None
+    """How many times better we are, by the best of the rounds; the figures' own if not a time."""
+    ratio_median: float | None
+    """The median over the rounds."""
+    error_unit: str = ""
+    target: float | None = None
+    """The least ratio asked for."""
+    note: str = ""
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether best and median reach the target; None without one."""
+        if self.target is None or self.ratio is None or self.ratio_median is None:
+            return None
+        return min(self.ratio, self.ratio_median) >= self.target
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self) | {"reached": self.reached}
+
+    @classmethod
+    def from_json(cls, found: dict[str, Any]) -> Line:
+        """ValueError or TypeError for anything else than :meth:`as_json` gives."""
+        known = {k: found[k] for k in (f.name for f in fields(cls)) if k in found}
+        for side in ("ours", "theirs"):
+            known[side] = None if known[side] is None else Figure(**known[side])
+        line = cls(**known)
+        for value in (line.ratio, line.ratio_median):
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"expected finite ratios, got {value} in {line.case}")
+        return line
+
+
+def as_times(times: Sequence[float], scale: float, error: float | None = None) -> Figure:
+    """Seconds of the rounds as a figure of which less is better."""
+    return Figure(min(times) * scale, statistics.median(times) * scale, error)
+
+
+def as_rates(times: Sequence[float], amount: float, error: float | None = None) -> Figure:
+    """Seconds that an amount took as a figure of which more is better."""
+    return Figure(amount / min(times), amount / statistics.median(times), error)
+
+
+def line_of(
+    labels: dict[str, Any],
+    peer: str,
+    ours: tuple[Figure, Sequence[float], float],
+    theirs: tuple[Figure, Sequence[float], float],
+    **more: Any,
+) -> Line:
+    """A line from (figure, seconds of the rounds, amount done in them) of both."""
+    (own, own_times, own_amount), (other, other_times, other_amount) = ours, theirs
+    amounts = own_amount / other_amount
+    best = min(other_times) / min(own_times) * amounts
+    median = median_ratio(other_times, own_times) * amounts
+    return Line(
+        **labels, ours=own, peer=peer, theirs=other, ratio=best, ratio_median=median, **more
+    )
+
+
+def absent(labels: dict[str, Any], peer: str, reason: str, ours: Figure | None = None) -> Line:
+    """A line for a peer that is not there."""
+    return Line(
+        **labels, ours=ours, peer=peer, theirs=None, ratio=None, ratio_median=None, note=reason
+    )

@@ -1,0 +1,76 @@
+"""Facts about the machine and the software; nothing that tells whose machine it is."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from benchmarks.peers import cpp
+from benchmarks.timing import cores
+
+__all__ = ["LIBRARIES", "facts", "processor"]
+
+LIBRARIES = (
+    "polywigner", "numpy", "shapely", "drjit", "mitsuba", "jax", "finufft", "coxeter", "diffractio",
+)  # fmt: skip
+# From the widest on: the first that the processor has is what compilers use.
+_INSTRUCTIONS = ("avx512f", "avx2", "avx", "sse2")
+
+
+def processor() -> str:
+    """The processor's name."""
+    names = _cpuinfo("model name")
+    if names:
+        return names[0]
+    if sys.platform == "darwin":
+        command = ["sysctl", "-n", "machdep.cpu.brand_string"]
+        done = subprocess.run(command, capture_output=True, text=True)
+        return done.stdout.strip() or platform.machine()
+    return platform.processor() or platform.machine()
+
+
+def instructions() -> str:
+    """The widest vectors that compilers use here."""
+    flags = " ".join(_cpuinfo("flags")[:1]).split()
+    found = next((name for name in _INSTRUCTIONS if name in flags), None)
+    return found or {"arm64": "neon", "aarch64": "neon"}.get(platform.machine(), "unknown")
+
+
+def facts() -> dict[str, str | int | float | None]:
+    """What to know of the machine when reading the figures."""
+    found: dict[str, str | int | float | None] = {
+        "processor": processor(),
+        "architecture": platform.machine(),
+        "instructions": instructions(),
+        "cores": cores(),
+        "system": platform.system(),
+        "python": platform.python_version(),
+        "compiler": cpp.compiler_version(),
+        "llvm": _llvm(),
+        "load before": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+    }
+    return found | {name: _version(name) for name in LIBRARIES}
+
+
+def _cpuinfo(key: str) -> list[str]:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    return [line.split(":", 1)[1].strip() for line in lines if line.startswith(key)]
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _llvm() -> str | None:
+    from polywigner.engines.llvm import prepare
+
+    state = prepare()
+    return str(state.version) if state.usable and getattr(state, "version", None) else None

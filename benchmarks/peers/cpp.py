@@ -1,0 +1,163 @@
+"""Kernels written by hand in C++, compiled on the spot for this processor where a compiler is.
+
+The outline goes into a header of constants, so that the compiler knows all that Dr.Jit is told.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import polywigner as pw
+
+__all__ = [
+    "UNROLLED_CLIPS",
+    "compiler",
+    "compiler_version",
+    "header_of",
+    "multiply_adds",
+    "wigner_kernel",
+]
+
+SOURCES = Path(__file__).resolve().parent.parent / "cpp"
+# Clips (edges times sides of pieces) up to which there is code for each: the chevrons have 192.
+UNROLLED_CLIPS = 256
+PARALLEL = 1e-12
+ROUNDS = 2_000_000  # of the loop of multiply-adds: some hundredths of a second
+FLAGS = ["-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC"]
+
+
+@lru_cache(maxsize=1)
+def compiler() -> list[str] | None:
+    """The command of a C++ compiler: $CXX, or the first that is found; None without."""
+    named = shlex.split(os.environ.get("CXX", ""))
+    names = [named] if named else [["c++"], ["g++"], ["clang++"]]
+    return next((name for name in names if shutil.which(name[0])), None)
+
+
+def compiler_version() -> str | None:
+    """Its first line about itself."""
+    if (command := compiler()) is None:
+        return None
+    done = subprocess.run([*command, "--version"], capture_output=True, text=True)
+    return done.stdout.splitlines()[0] if done.returncode == 0 and done.stdout else None
+
+
+def _compiled(source: str, precision: str, *options: str, header: str = "") -> ctypes.CDLL:
+    """A library of one source, for this processor; RuntimeError if the compiler refuses."""
+    command = compiler()
+    if command is None:
+        raise RuntimeError("no C++ compiler")
+    real, suffix = ("float", "ps") if precision == "single" else ("double", "pd")
+    options = (f"-DREAL={real}", f"-DSUFFIX={suffix}", *options)
+    with tempfile.TemporaryDirectory() as folder:
+        outline, library = Path(folder, "outline.h"), Path(folder, "kernel.so")
+        outline.write_text(header)
+        files = [f'-DOUTLINE="{outline}"', str(SOURCES / source), "-o", str(library)]
+        for machine in (["-march=native"], ["-mcpu=native"], []):
+            done = subprocess.run(
+                [*command, *FLAGS, *machine, *options, *files], capture_output=True, text=True
+            )
+            if done.returncode == 0:
+                return ctypes.CDLL(str(library))
+    raise RuntimeError(f"the C++ compiler failed: {done.stderr.strip().splitlines()[-1:]}")
+
+
+def _array(name: str, kind: str, values: Any) -> str:
+    array = np.asarray(values)
+    sizes = "".join(f"[{n}]" for n in array.shape)
+    text = ", ".join(repr(v) for v in array.ravel().tolist())
+    return f"constexpr {kind} {name}{sizes} = {{{text}}};\n"
+
+
+class _Directions:
+    """Unit vectors, one for all parallel segments."""
+
+    def __init__(self) -> None:
+        self.units: list[np.ndarray] = []
+
+    def of(self, vector: np.ndarray) -> tuple[int, float]:
+        """The number of a vector's direction, and its signed length along it."""
+        length = float(np.hypot(*vector))
+        for number, unit in enumerate(self.units):
+            if abs(unit[0] * vector[1] - unit[1] * vector[0]) < PARALLEL * length:
+                return number, float(unit @ vector)
+        self.units.append(vector / length)
+        return len(self.units) - 1, length
+
+
+def _segments(ring: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    return list(zip(ring, np.roll(ring, -1, axis=0) - ring, strict=True))
+
+
+def header_of(source: pw.Aperture) -> tuple[str, int]:
+    """The constants of an outline in its own unit and place, and the number of clips."""
+    directions = _Directions()
+    edges, edge_directions = [], []
+    for start, vector in (segment for ring in source.rings for segment in _segments(ring)):
+        number, length = directions.of(vector)
+        edges.append([*start.tolist(), length])
+        edge_directions.append(number)
+    offsets, side_directions, signs, first = [], [], [], [0]
+    for piece in source.convex_cover:
+        for start, vector in _segments(piece):
+            number, length = directions.of(vector)
+            ux, uy = directions.units[number]
+            offsets.append(float(ux * start[1] - uy * start[0]))
+            side_directions.append(number)
+            signs.append(1 if length > 0 else -1)
+        first.append(len(offsets))
+    header = (
+        _array("DIRECTION", "double", directions.units)
+        + _array("EDGE", "double", edges)
+        + _array("EDGE_DIRECTION", "int", edge_directions)
+        + _array("SIDE", "double", offsets)
+        + _array("SIDE_DIRECTION", "int", side_directions)
+        + _array("SIDE_SIGN", "int", signs)
+        + _array("FIRST_SIDE", "int", first)
+    )
+    return header, len(edges) * len(offsets)
+
+
+@lru_cache(maxsize=8)
+def wigner_kernel(source: pw.Aperture, precision: str, threads: int = 1) -> Callable[..., Any]:
+    """(x, y, nu_x, nu_y, out), arrays of one length and the precision's type, for W."""
+    header, clips = header_of(source)
+    options = ["-DUNROLLED"] if clips <= UNROLLED_CLIPS else []
+    function = _compiled("wigner.cpp", precision, *options, header=header).wigner
+    function.argtypes = [ctypes.c_void_p] * 5 + [ctypes.c_size_t]
+    function.restype = None
+    if threads == 1:
+        return lambda *arrays: _call(function, arrays)
+    pool = ThreadPoolExecutor(threads)
+
+    def split(*arrays: np.ndarray) -> None:
+        parts = zip(*(np.array_split(array, threads) for array in arrays), strict=True)
+        list(pool.map(lambda part: _call(function, part), parts))  # ctypes lets go of the lock
+
+    return split
+
+
+def _call(function: Any, arrays: Sequence[np.ndarray]) -> None:
+    function(*(array.ctypes.data for array in arrays), len(arrays[0]))
+
+
+def multiply_adds(precision: str) -> Callable[[], float]:
+    """A loop of fused multiply-adds in registers, on one core; returns how many it did."""
+    real = ctypes.c_float if precision == "single" else ctypes.c_double
+    function = _compiled("peak.cpp", precision).multiply_add
+    function.argtypes = [ctypes.c_size_t, real, real, ctypes.POINTER(real)]
+    function.restype = ctypes.c_double
+    out = real()
+    return lambda: float(function(ROUNDS, 0.999, 0.001, ctypes.byref(out)))

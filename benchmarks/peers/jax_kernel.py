@@ -1,0 +1,59 @@
+"""The package's own kernel compiled by JAX (XLA) instead of Dr.Jit: it traces the same lines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+import polywigner as pw
+from polywigner.engines import NumpyOperations
+from polywigner.kernels import plane
+
+__all__ = ["available", "wigner_kernel"]
+
+
+def available() -> bool:
+    """Whether JAX is installed."""
+    return find_spec("jax") is not None
+
+
+class _Operations(NumpyOperations):
+    """NumPy's, with what jax.numpy must do itself."""
+
+    def prefers_rows(self, clips: int, like: Any) -> bool:
+        return False
+
+    def prefers_cells(self, clips: int, like: Any) -> bool:
+        return False
+
+    def select(self, condition: Any, a: Any, b: Any) -> Any:
+        import jax.numpy as jnp
+
+        return jnp.where(condition, self._typed(a), self._typed(b))
+
+    def minimum(self, a: Any, b: Any) -> Any:
+        import jax.numpy as jnp
+
+        return jnp.minimum(a, b)
+
+    def maximum(self, a: Any, b: Any) -> Any:
+        import jax.numpy as jnp
+
+        return jnp.maximum(a, b)
+
+    def round(self, a: Any) -> Any:
+        import jax.numpy as jnp
+
+        return jnp.round(a)
+
+
+def wigner_kernel(source: pw.Aperture, precision: str) -> Callable[..., Any]:
+    """(x, y, nu_x, nu_y) -> W, for NumPy or JAX arrays of the precision; compiled when called."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    double = precision == "double"
+    ops, tables = _Operations(double), plane.WIGNER.tables(source, double)
+    compiled = jax.jit(lambda *arguments: plane.WIGNER(ops, tables, *arguments)[0])
+    return lambda *arguments: compiled(*arguments).block_until_ready()

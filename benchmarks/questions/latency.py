@@ -1,0 +1,157 @@
+"""How long until the first answer: import, first call, next process, next call?
+
+Processes of their own. "First call" starts after ``import polywigner`` and includes loading Dr.Jit
+or JAX, compiling, and 1000 samples of W; Dr.Jit keeps its compiled kernels on disk for the next
+process. CPU time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from benchmarks.lines import Line, absent, as_times, line_of
+from benchmarks.timing import Effort
+
+__all__ = ["CASES", "QUESTION", "THREADS", "measure"]
+
+QUESTION = "Seconds until an answer"
+IMPORT = "import"
+FIRST, NEXT, AGAIN = "first call", "first call of the next process", "next call"
+CASES = [IMPORT, "square", "chevron"]
+THREADS = (1,)
+SAMPLES = 1000
+FEWER_ROUNDS = 4
+IMPORTED = ("numpy", "shapely", "jax")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def measure(case: str, threads: int | None, effort: Effort) -> list[Line]:
+    """Processes in turns."""
+    rounds = max(2, effort.rounds // FEWER_ROUNDS)
+    return _imports(rounds) if case == IMPORT else _calls(case, rounds)
+
+
+def _labels(case: str, precision: str) -> dict[str, Any]:
+    labels = {"question": "latency", "case": case, "precision": precision, "threads": 1}
+    return labels | {"unit": "s"}
+
+
+def _imports(rounds: int) -> list[Line]:
+    found: dict[str, list[float]] = {name: [] for name in ("polywigner", *IMPORTED)}
+    missing = {name for name in found if not _runs(f"import {name}")}
+    for _ in range(rounds):
+        for name in found.keys() - missing:
+            found[name].append(_cpu_seconds(f"import {name}") - _cpu_seconds("pass"))
+    entries = {
+        name: (as_times(times, 1.0), times, 1.0)
+        for name, times in found.items()
+        if name not in missing
+    }
+    labels, ours = _labels(IMPORT, "-"), entries["polywigner"]
+    return [
+        absent(labels, f"import {name}", "not installed", ours[0])
+        if name in missing
+        else line_of(labels, f"import {name}", ours, entries[name])
+        for name in IMPORTED
+    ]
+
+
+def _runs(code: str) -> bool:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0
+
+
+def _cpu_seconds(code: str) -> float:
+    before = _children()
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+    return _children() - before
+
+
+def _children() -> float:
+    """CPU seconds of the processes that have ended; time itself where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return time.perf_counter()
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _calls(case: str, rounds: int) -> list[Line]:
+    from benchmarks.peers import jax_kernel
+    from polywigner.engines.llvm import prepare
+
+    lines = []
+    for precision in ("single", "double"):
+        if not prepare().usable:
+            lines.append(absent(_labels(f"{case}, {FIRST}", precision), "JAX", "needs LLVM"))
+            continue
+        ours: dict[str, list[float]] = {FIRST: [], NEXT: [], AGAIN: []}
+        theirs: dict[str, list[float]] = {FIRST: [], NEXT: [], AGAIN: []}
+        for _ in range(rounds):
+            _add(ours, case, precision, "ours")
+            if jax_kernel.available():
+                _add(theirs, case, precision, "jax")
+        for which, times in ours.items():
+            labels, own = _labels(f"{case}, {which}", precision), (as_times(times, 1.0), times, 1.0)
+            if not theirs[which]:
+                lines.append(absent(labels, "JAX", "not installed (pip install jax)", own[0]))
+                continue
+            other = as_times(theirs[which], 1.0), theirs[which], 1.0
+            lines.append(line_of(labels, "JAX", own, other))
+    return lines
+
+
+def _add(found: dict[str, list[float]], case: str, precision: str, who: str) -> None:
+    """Two processes with a folder of their own for compiled kernels."""
+    with tempfile.TemporaryDirectory() as home:
+        first, again = _process(case, precision, who, home)
+        later, _ = _process(case, precision, who, home)
+    for which, seconds in ((FIRST, first), (NEXT, later), (AGAIN, again)):
+        found[which].append(seconds)
+
+
+def _process(case: str, precision: str, who: str, home: str) -> list[float]:
+    command = [sys.executable, "-m", "benchmarks.questions.latency", case, precision, who]
+    places = dict.fromkeys(("HOME", "LOCALAPPDATA"), home)  # where Dr.Jit keeps its kernels
+    environment = {**os.environ, **_verdict(), **places}
+    done = subprocess.run(
+        command, env=environment, cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return list(json.loads(done.stdout.splitlines()[-1]))
+
+
+def _verdict() -> dict[str, str]:
+    """Where polywigner remembers which LLVM works: not asked again in an empty home."""
+    kept = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return {"XDG_CACHE_HOME": kept}
+
+
+def main() -> None:
+    """What one process does: prints the seconds of its first and of its second call."""
+    from benchmarks.questions import wigner
+
+    case, precision, who = sys.argv[1:]
+    source = wigner.SOURCES[case]()
+    x, nu = wigner.points(source, SAMPLES)
+    times = []
+    start = time.process_time()
+    if who == "ours":
+        call = wigner.through_numpy(source, precision, "llvm")(x, nu)
+    else:
+        call = wigner.in_jax(source, precision)(x, nu)
+    for _ in range(2):
+        call()
+        times.append(time.process_time() - start)
+        start = time.process_time()
+    print(json.dumps(times))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""The comparison as Markdown and JSON, and its part in docs/performance.md."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+from benchmarks.lines import SCHEMA, Figure, Line
+from benchmarks.questions import module_of
+
+__all__ = ["as_json", "from_json", "markdown", "table", "with_section", "written"]
+
+BEGIN, END = "<!-- make bench: begin -->", "<!-- make bench: end -->"
+_HEADINGS = (
+    "case", "precision", "cores", "peer", "polywigner", "peer's", "ratio", "error", "peer's error",
+    "",
+)  # fmt: skip
+_FACTS = ("processor", "instructions", "cores", "system", "python", "compiler", "llvm")
+
+
+def as_json(lines: Iterable[Line], facts: dict[str, Any]) -> dict[str, Any]:
+    """Facts (date, machine, versions) and lines; see ``lines.Line`` for the fields."""
+    return {"schema": SCHEMA, **facts, "lines": [line.as_json() for line in lines]}
+
+
+def from_json(report: dict[str, Any]) -> list[Line]:
+    """The lines of a report; ValueError for another schema."""
+    if report.get("schema") != SCHEMA:
+        raise ValueError(f"expected schema {SCHEMA}, got {report.get('schema')!r}")
+    return [Line.from_json(line) for line in report["lines"]]
+
+
+def written(folder: Path, lines: Sequence[Line], facts: dict[str, Any]) -> list[Path]:
+    """Writes comparison.json and comparison.md; each appears whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {
+        "comparison.json": json.dumps(as_json(lines, facts), indent=1) + "\n",
+        "comparison.md": f"# Comparison\n\n{markdown(lines, facts)}",
+    }
+    paths = []
+    for name, text in texts.items():
+        partial = folder / f"{name}.partial"
+        partial.write_text(text)
+        partial.replace(folder / name)
+        paths.append(folder / name)
+    return paths
+
+
+def markdown(lines: Sequence[Line], facts: dict[str, Any]) -> str:
+    """What was measured on, then a table for each question."""
+    parts = [introduction(facts)]
+    for question, group in groupby(lines, key=lambda line: line.question):
+        name = question.replace(" ", "_")
+        parts.append(f"### {module_of(name).QUESTION}\n\n{table(list(group))}\n")
+    missed = [line for line in lines if line.reached is False]
+    asked = sum(line.reached is not None for line in lines)
+    parts.append(f"{asked - len(missed)} of {asked} targets were reached.\n")
+    return "\n".join(parts)
+
+
+def introduction(facts: dict[str, Any]) -> str:
+    """Where and when, and how to read the tables."""
+    machine = facts["machine"]
+    named = [f"{name} {machine[name]}" for name in _FACTS[1:] if machine.get(name) is not None]
+    libraries = [
+        f"{name} {value}"
+        for name, value in machine.items()
+        if name in facts["libraries"] and value is not None
+    ]
+    load = machine.get("load before")
+    busy = f", load before {load:g}" if load is not None else ""
+    return (
+        f"{facts['date']}, {machine['processor']} ({', '.join(named)}{busy}); "
+        f"{', '.join(libraries)}.\n\n"
+        "Figures are best (median) of the rounds, in which all take turns; on one core in CPU "
+        "time, on more by the clock. A ratio above 1 says how many times better polywigner is.\n"
+    )
+
+
+def table(lines: Sequence[Line]) -> str:
+    """Markdown of one question."""
+    rows = [[*_HEADINGS], ["---"] * len(_HEADINGS)]
+    rows += [_row(line) for line in lines]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _row(line: Line) -> list[str]:
+    notes = [line.note] if line.note else []
+    if line.target is not None:
+        reached = {True: "reached", False: "missed", None: "not measured"}[line.reached]
+        notes.insert(0, f"asked: {line.target:,.3g}, {reached}")
+    ratios = (line.ratio, line.ratio_median)
+    ratio = "" if None in ratios else f"{_number(ratios[0])} ({_number(ratios[1])})"
+    return [
+        line.case,
+        line.precision,
+        str(line.threads),
+        line.peer,
+        _figure(line.ours, line.unit),
+        _figure(line.theirs, line.unit),
+        ratio,
+        _error(line.ours, line.error_unit),
+        _error(line.theirs, line.error_unit),
+        "; ".join(notes),
+    ]
+
+
+def _figure(figure: Figure | None, unit: str) -> str:
+    if figure is None:
+        return ""
+    return f"{_number(figure.best)} ({_number(figure.median)}) {unit}"
+
+
+def _error(figure: Figure | None, unit: str) -> str:
+    if figure is None or figure.error is None:
+        return ""
+    return f"{figure.error:.1e} {unit}".strip()
+
+
+def _number(value: float | None) -> str:
+    """Three digits."""
+    if value is None:
+        return ""
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+
+
+def with_section(page: str, section: str) -> str:
+    """A page with what stands between its markers replaced; ValueError without markers."""
+    before, begin, rest = page.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end):
+        raise ValueError(f"expected {BEGIN} and {END} in the page")
+    return f"{before}{BEGIN}\n{section.strip()}\n{END}{after}"
