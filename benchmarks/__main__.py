@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import datetime
-import json
 import sys
 import time
 from pathlib import Path
@@ -22,7 +21,6 @@ from benchmarks.timing import cores
 from benchmarks.worker import done_by_child
 
 RESULTS = Path(__file__).resolve().parent / "results"
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "performance.md"
 
 
 def main() -> int:
@@ -32,8 +30,6 @@ def main() -> int:
         for name in NAMES:
             print(f"{name:12} {module_of(name).QUESTION}: {'; '.join(module_of(name).CASES)}")
         return 0
-    if options.page_only:
-        return _into_page(json.loads((options.out / "comparison.json").read_text()))
     facts = {
         "date": datetime.date.today().isoformat(),
         "quick": options.quick,
@@ -46,8 +42,6 @@ def main() -> int:
     paths = report.written(options.out, lines, facts) + plots.drawn(options.out, lines)
     print(report.markdown(lines, facts))
     print("\n".join(f"wrote {path}" for path in paths), file=sys.stderr)
-    if options.page:
-        _into_page(report.as_json(lines, facts))
     return int(any(line.note.startswith("failed") for line in lines))
 
 
@@ -58,8 +52,6 @@ def _options() -> Any:
     parser.add_argument("--case", help="only cases whose name contains this")
     parser.add_argument("--out", type=Path, default=RESULTS, help="folder (benchmarks/results)")
     parser.add_argument("--list", action="store_true", help="list the questions and their cases")
-    parser.add_argument("--page", action="store_true", help="also into docs/performance.md")
-    parser.add_argument("--page-only", action="store_true", help="the last run's, into the page")
     return parser.parse_args()
 
 
@@ -79,14 +71,6 @@ def _measured(options: Any) -> list[Line]:
             lines += done_by_child(task, options.quick)
             progress.advance(bar)
     return lines
-
-
-def _into_page(found: dict[str, Any]) -> int:
-    """The tables between the markers of docs/performance.md."""
-    section = report.markdown(report.from_json(found), found)
-    PAGE.write_text(report.with_section(PAGE.read_text(), section))
-    print(f"wrote {PAGE}", file=sys.stderr)
-    return 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The comparison as Markdown and JSON, and its part in docs/performance.md."""
+"""The comparison as Markdown and JSON; tools/fill_documents.py takes its tables into the docs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ from typing import Any
 from benchmarks.lines import SCHEMA, Figure, Line
 from benchmarks.questions import module_of
 
-__all__ = ["as_json", "from_json", "markdown", "table", "with_section", "written"]
+__all__ = ["as_json", "from_json", "markdown", "table", "written"]
 
-BEGIN, END = "<!-- make bench: begin -->", "<!-- make bench: end -->"
 _HEADINGS = (
     "case", "precision", "cores", "peer", "polywigner", "peer's", "ratio", "error", "peer's error",
     "",
@@ -125,12 +124,3 @@ def _number(value: float | None) -> str:
     if value is None:
         return ""
     return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
-
-
-def with_section(page: str, section: str) -> str:
-    """A page with what stands between its markers replaced; ValueError without markers."""
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(f"expected {BEGIN} and {END} in the page")
-    return f"{before}{BEGIN}\n{section.strip()}\n{END}{after}"

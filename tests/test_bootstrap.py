@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib.machinery
 import importlib.util
-import itertools
 import json
 import subprocess
 import sys
@@ -107,20 +106,27 @@ def test_the_site_takes_its_tools_beside_those_that_are_there(project: Project) 
     assert project.set_up("test") == project.set_up("dev") == []
 
 
-def test_every_group_installs_what_the_groups_before_it_do() -> None:
-    """So a set-up for one may stand in for all that come before it."""
+def test_every_group_installs_what_the_groups_that_it_contains_do() -> None:
+    """So a set-up for one may stand in for those."""
     extras = tomllib.loads((SCRIPT.parent.parent / "pyproject.toml").read_text())["project"][
         "optional-dependencies"
     ]
 
     def closure(names: str) -> set[str]:
-        found = set(filter(None, names.strip("[]").split(",")))
+        found = set(names.split(","))
         inner = [need[11:-1] for name in found for need in extras[name] if "polywigner[" in need]
         return found.union(*map(closure, inner))
 
-    groups = load_bootstrap().EXTRAS
-    contents = [closure(names) for names in groups.values()]
-    assert all(before <= after for before, after in itertools.pairwise(contents))
+    module = load_bootstrap()
+    contents = {name: closure(extras) for name, extras in module.EXTRAS.items()}
+    for name, contained in module.CONTAINED.items():
+        assert all(contents[part] <= contents[name] for part in contained)
+
+
+def test_a_group_beside_another_is_installed_with_it(project: Project) -> None:
+    project.set_up("docs")
+    assert project.set_up("bench") == ["install docs+bench", "llvm"]
+    assert project.set_up("bench") == project.set_up("dev") == project.set_up("docs") == []
 
 
 def test_new_requirements_are_installed_into_the_same_environment(project: Project) -> None:

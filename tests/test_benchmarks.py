@@ -1,0 +1,154 @@
+"""The comparison behind ``make bench``: contenders agree, missing peers are said to be missing."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+
+sys.path.append(str(Path(__file__).parents[1]))
+
+from benchmarks import machine, plots, report, timing
+from benchmarks.lines import Figure, Line
+from benchmarks.peers import cpp, jax_kernel
+from benchmarks.questions import NAMES, module_of, otf, tasks, wigner
+
+TINY = timing.Effort(rounds=2, seconds=1e-4, most=1 << 8, checked=3, quick=True)
+# Of the area. Float32 has 6e-8, times some tens of turns of phase; float64 likewise.
+SINGLE, DOUBLE = 5e-6, 1e-13
+
+
+def a_line(**changes: Any) -> Line:
+    labels: dict[str, Any] = {"question": "wigner", "case": "square", "precision": "single"}
+    labels |= {"threads": 1, "unit": "M samples/s", "peer": "C++"}
+    figures = {"ours": Figure(4.0, 3.0, 1e-7), "theirs": Figure(2.0, 2.0, 1e-7)}
+    return Line(**(labels | figures | {"ratio": 2.0, "ratio_median": 1.5} | changes))
+
+
+@pytest.mark.skipif(cpp.compiler() is None, reason="no C++ compiler here")
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("case", ["chevron", "18 hexagons"])  # unrolled; loops over tables
+def test_the_kernel_in_cpp_gives_the_wigner_function(case: str, precision: str) -> None:
+    source = wigner.SOURCES[case]()
+    x, nu = wigner.points(source, 203)  # no whole number of vectors
+    found = wigner.in_cpp(source, precision, 1)(x, nu)()
+    expected = pw.wigner(source, x, nu, engine="numpy")
+    error = np.abs(found - expected).max() / source.area
+    assert error < (SINGLE if precision == "single" else DOUBLE)
+
+
+@pytest.mark.skipif(cpp.compiler() is None, reason="no C++ compiler here")
+def test_threads_of_the_kernel_in_cpp_share_the_samples() -> None:
+    source = wigner.SOURCES["square"]()
+    x, nu = wigner.points(source, 1001)
+    one, two = (wigner.in_cpp(source, "double", threads)(x, nu)() for threads in (1, 2))
+    assert np.array_equal(one, two)
+
+
+@pytest.mark.skipif(not jax_kernel.available(), reason="JAX is not installed")
+def test_the_kernel_traced_by_jax_gives_the_wigner_function() -> None:
+    source = wigner.SOURCES["chevron"]()
+    x, nu = wigner.points(source, 100)
+    found = np.asarray(wigner.in_jax(source, "double")(x, nu)())
+    expected = pw.wigner(source, x, nu, engine="numpy")
+    assert np.abs(found - expected).max() < DOUBLE * source.area
+
+
+@pytest.mark.parametrize("case", ["square", "two chevrons"])
+def test_all_contenders_for_w_meet_the_exact_values(
+    case: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jax_kernel, "available", lambda: False)
+    monkeypatch.setattr(cpp, "compiler", lambda: None)
+    lines = wigner.measure(case, 1, TINY)
+    assert {line.precision for line in lines} == {"single", "double"}
+    for line in lines:
+        for figure in filter(None, (line.ours, line.theirs)):
+            assert figure.error is not None
+            assert figure.error < (SINGLE if line.precision == "single" else DOUBLE)
+            assert 0 < figure.median <= figure.best
+    missing = {line.peer: line.note for line in lines if line.theirs is None}
+    assert "pip install jax" in missing["JAX"] and "compiler" in missing["C++"]
+
+
+def test_the_array_of_a_thousand_elements_is_checked_by_its_pairs() -> None:
+    source = wigner.SOURCES["1024 elements"]()
+    x, nu = wigner.checked_points(source, 3)
+    found = pw.wigner(source, x, nu, engine="numpy")
+    exact = wigner.exact_values(source, x, nu)
+    assert exact is not None
+    assert np.abs(found - exact).max() < DOUBLE * len(source)
+
+
+def test_the_otf_is_measured_against_overlaps_of_polygons() -> None:
+    for line in otf.measure("square", 1, TINY):
+        assert line.ours is not None and line.theirs is not None
+        assert line.ours.error is not None and line.theirs.error is not None
+        assert max(line.ours.error, line.theirs.error) < DOUBLE
+
+
+def test_a_slow_contender_sits_out_after_a_few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(timing, "LONG", 0.0)
+    times = timing.in_turns({"one": lambda: None}, rounds=9)
+    assert len(times["one"]) == timing.FEW_ROUNDS
+
+
+def test_a_contender_gets_as_many_samples_as_take_the_wanted_time() -> None:
+    effort = timing.Effort(rounds=1, seconds=4e-3, most=1 << 12, checked=1)
+    _, count = timing.fitting(lambda size: lambda: time.sleep(size * 1e-5), effort, threads=2)
+    assert 1 << 7 <= count <= 1 << 9  # 10 us a sample: 400 of them
+
+
+def test_lines_survive_json_and_another_schema_is_refused() -> None:
+    lines = [a_line(target=0.85), a_line(theirs=None, ratio=None, ratio_median=None, note="gone")]
+    facts = {"date": "2026-01-01", "machine": {}, "libraries": []}
+    found = json.loads(json.dumps(report.as_json(lines, facts)))
+    assert report.from_json(found) == lines
+    assert [line["reached"] for line in found["lines"]] == [True, None]
+    with pytest.raises(ValueError, match="expected schema"):
+        report.from_json(found | {"schema": 0})
+
+
+@pytest.mark.parametrize(
+    ("median", "reached"), [(0.9, True), (0.8, False)], ids=["both reach it", "the median not"]
+)
+def test_a_target_is_reached_by_best_and_median(median: float, reached: bool) -> None:
+    assert a_line(ratio=1.0, ratio_median=median, target=0.85).reached is reached
+
+
+def test_a_report_has_a_row_for_each_line_and_pictures(tmp_path: Path) -> None:
+    absent = a_line(theirs=None, ratio=None, ratio_median=None, note="no C++ compiler found")
+    lines = [a_line(target=3.0), absent, a_line(question="memory", unit="MiB")]
+    facts = {"date": "2026-01-01", "machine": machine.facts(), "libraries": machine.LIBRARIES}
+    paths = report.written(tmp_path, lines, facts) + plots.drawn(tmp_path, lines)
+    assert {path.name for path in paths} == {
+        "comparison.json", "comparison.md", "rates.png", "ratios.png",
+    }  # fmt: skip
+    text = (tmp_path / "comparison.md").read_text()
+    assert text.count("| C++ |") == 3 and "no C++ compiler found" in text
+    assert "missed" in text and "0 of 1 targets" in text
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(p.name for p in paths)
+
+
+def test_facts_do_not_tell_whose_machine_it_is() -> None:
+    facts = machine.facts()
+    assert facts["cores"] and facts["processor"]
+    told = json.dumps(facts)
+    assert str(Path.home()) not in told or str(Path.home()) == "/"
+    assert len(platform.node()) < 4 or platform.node() not in told
+
+
+def test_a_quick_run_asks_each_question_once() -> None:
+    assert [task.question for task in tasks(NAMES, cores=2, quick=True)] == list(NAMES)
+    whole = tasks(NAMES, cores=2)
+    assert {(t.question, t.case) for t in whole} == {
+        (name, case) for name in NAMES for case in module_of(name).CASES
+    }
