@@ -358,3 +358,63 @@ def test_a_rendered_ring_of_256_edges_is_the_same_by_cells() -> None:
             images.append(np.array(mi.render(scene, spp=64, seed=3))[..., 0])
     assert images[1].max() > 0
     assert np.abs(images[0] - images[1]).max() < 1e-4 * np.abs(images[1]).max()
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("precision", list(TOLERANCE))
+def test_arrays_of_the_engine_come_back_in_their_own_order(
+    precision: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are taken in that of the cells, a chunk at a time."""
+    import drjit.llvm as backend
+
+    from polywigner.engines import by_cell
+
+    monkeypatch.setattr(by_cell, "CHUNK", 7000)
+    monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
+    source = pw.shapes.regular_polygon(40, 1.0)
+    rng = np.random.default_rng(5)
+    x, nu = rng.uniform(-1, 1, (15_001, 2)), rng.uniform(-5, 5, (15_001, 2))
+    kind = backend.Array2f if precision == "single" else backend.Array2f64
+    found = pw.wigner(source, *(kind(*(np.array(c) for c in p.T)) for p in (x, nu)))
+    some = slice(None, None, 100)
+    expected = pw.wigner(source, x[some], nu[some], engine="numpy")
+    error = np.abs(found.numpy()[some] - expected).max() / source.area
+    assert error < TOLERANCE[precision]
+
+
+@pytest.mark.llvm
+def test_one_frequency_goes_with_all_sorted_positions(monkeypatch: pytest.MonkeyPatch) -> None:
+    import drjit.llvm as backend
+
+    from polywigner.engines import by_cell
+
+    monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
+    source = pw.shapes.regular_polygon(40, 1.0)
+    x = np.random.default_rng(6).uniform(-1, 1, (2000, 2))
+    found = pw.wigner(source, backend.Array2f64(*(np.array(c) for c in x.T)), (0.3, 1.1))
+    expected = pw.wigner(source, x, (0.3, 1.1), engine="numpy")
+    assert np.abs(found.numpy() - expected).max() < TOLERANCE["double"] * source.area
+
+
+@pytest.mark.llvm
+def test_nothing_is_sorted_for_derivatives_or_while_a_loop_is_recorded() -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    from polywigner.engines.by_cell import sorts
+    from polywigner.kernels.plane import WIGNER
+
+    tables = tables_of(pw.shapes.regular_polygon(40, 1.0), True)
+    points = [dr.arange(backend.Float64, 1 << 14) for _ in range(4)]
+    assert sorts(WIGNER, tables, backend.Float64, points)
+    seen = []
+
+    def step(count: Any) -> tuple[Any]:
+        seen.append(sorts(WIGNER, tables, backend.Float64, points))
+        return (count + 1,)
+
+    dr.while_loop((dr.arange(backend.UInt, 4),), lambda count: count < 8, step, mode="symbolic")
+    assert seen and not any(seen)
+    dr.enable_grad(points[0])
+    assert not sorts(WIGNER, tables, backend.Float64, points)

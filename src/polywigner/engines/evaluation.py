@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines import by_cell
 from polywigner.engines.choice import resolved
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.on_drjit import OnDrjit
@@ -24,8 +25,6 @@ __all__ = ["evaluate"]
 # Samples at a time. Dr.Jit: launching costs little against computing, and the arguments of a chunk
 # take some 10 MB.
 _DRJIT_CHUNK = 1 << 18
-# Where samples are sorted by cell: enough for some in each of the many cells.
-_SORTED_CHUNK = 1 << 20
 
 Array = npt.NDArray[Any]
 
@@ -66,7 +65,7 @@ def evaluate(
     else:
         compute, chunk = OnDrjit(kernel, tables, double, engine), _DRJIT_CHUNK
         if kernel.order and compute.ops.prefers_cells(tables.clips_for_cells, None):
-            chunk = _SORTED_CHUNK
+            chunk = by_cell.CHUNK
     if pairs is not None and _fill_shared(compute, source, pairs, results):
         return results
     if pairs is not None and compute.takes(pairs):
@@ -124,9 +123,7 @@ def _order(kernel: Kernel, tables: Any, ops: Any, arguments: Sequence[Array]) ->
     with np.errstate(invalid="ignore", over="ignore"):
         inner = kernel.enter(host, tables.frame, *arguments)
         cell = kernel.order(host, tables, *inner)
-        # NumPy sorts numbers of 16 bits in linear time
-        small = cell.max(initial=0) < 1 << 16
-        return np.argsort(cell.astype(np.uint16) if small else cell, kind="stable")
+        return by_cell.order_of(cell)
 
 
 def _chunks(
