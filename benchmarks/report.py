@@ -11,7 +11,7 @@ from typing import Any
 from benchmarks.lines import SCHEMA, Figure, Line
 from benchmarks.questions import module_of
 
-__all__ = ["as_json", "from_json", "markdown", "table", "written"]
+__all__ = ["as_json", "from_json", "markdown", "summary", "table", "written"]
 
 _HEADINGS = (
     "case", "precision", "cores", "peer", "polywigner", "peer's", "ratio", "error", "peer's error",
@@ -53,7 +53,11 @@ def markdown(lines: Sequence[Line], facts: dict[str, Any]) -> str:
     parts = [introduction(facts)]
     for question, group in groupby(lines, key=lambda line: line.question):
         name = question.replace(" ", "_")
-        parts.append(f"### {module_of(name).QUESTION}\n\n{table(list(group))}\n")
+        found = list(group)
+        parts.append(f"### {module_of(name).QUESTION}\n")
+        if question == "wigner":
+            parts.append(f"{summary(found)}\n\nAll of it:\n")
+        parts.append(f"{table(found)}\n")
     missed = [line for line in lines if line.reached is False]
     asked = sum(line.reached is not None for line in lines)
     parts.append(f"{asked - len(missed)} of {asked} targets were reached.\n")
@@ -86,13 +90,32 @@ def table(lines: Sequence[Line]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in rows)
 
 
+def summary(lines: Sequence[Line]) -> str:
+    """Markdown: a row for a case, its rate and how many times that of each peer it is."""
+    peers = list(dict.fromkeys(line.peer for line in lines))
+    rows = [["case", "precision", "cores", "polywigner", *(f"/ {peer}" for peer in peers), "error"]]
+    rows.append(["---"] * len(rows[0]))
+    for _, group in groupby(lines, key=lambda line: (line.case, line.precision, line.threads)):
+        found = {line.peer: line for line in group}
+        one = next(iter(found.values()))
+        ratios = [_ratio(found[peer]) if peer in found else "" for peer in peers]
+        cells = [one.case, one.precision, str(one.threads), _figure(one.ours, one.unit)]
+        error = "" if one.ours is None or one.ours.error is None else f"{one.ours.error:.0e}"
+        rows.append([*cells, *ratios, error])
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _ratio(line: Line) -> str:
+    if line.ratio is None:
+        return "-"
+    return f"{_number(line.ratio)} ({_number(line.ratio_median)})"
+
+
 def _row(line: Line) -> list[str]:
     notes = [line.note] if line.note else []
     if line.target is not None:
         reached = {True: "reached", False: "missed", None: "not measured"}[line.reached]
         notes.insert(0, f"asked: {line.target:,.3g}, {reached}")
-    ratios = (line.ratio, line.ratio_median)
-    ratio = "" if None in ratios else f"{_number(ratios[0])} ({_number(ratios[1])})"
     return [
         line.case,
         line.precision,
@@ -100,7 +123,7 @@ def _row(line: Line) -> list[str]:
         line.peer,
         _figure(line.ours, line.unit),
         _figure(line.theirs, line.unit),
-        ratio,
+        _ratio(line),
         _error(line.ours, line.error_unit),
         _error(line.theirs, line.error_unit),
         "; ".join(notes),

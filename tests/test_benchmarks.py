@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import platform
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -101,10 +100,37 @@ def test_a_slow_contender_sits_out_after_a_few_rounds(monkeypatch: pytest.Monkey
     assert len(times["one"]) == timing.FEW_ROUNDS
 
 
-def test_a_contender_gets_as_many_samples_as_take_the_wanted_time() -> None:
-    effort = timing.Effort(rounds=1, seconds=4e-3, most=1 << 12, checked=1)
-    _, count = timing.fitting(lambda size: lambda: time.sleep(size * 1e-5), effort, threads=2)
-    assert 1 << 7 <= count <= 1 << 9  # 10 us a sample: 400 of them
+def test_a_contender_gets_as_many_samples_as_take_the_wanted_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = [0.0]
+    monkeypatch.setattr(timing, "clock_for", lambda threads: lambda: now[0])
+
+    def make(size: int) -> timing.Action:
+        def action() -> None:
+            now[0] += 1e-4 + 1e-5 * size
+
+        return action
+
+    effort = timing.Effort(rounds=1, seconds=4e-3, most=1 << 14, checked=1)
+    _, count = timing.fitting(make, effort)
+    assert 1 << 8 <= count <= 1 << 9  # 400, if nothing else
+
+
+def test_what_a_call_costs_by_itself_becomes_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call may take the wanted time for the few first samples, and hardly more for many."""
+    now = [0.0]
+    monkeypatch.setattr(timing, "clock_for", lambda threads: lambda: now[0])
+
+    def make(size: int) -> timing.Action:
+        def action() -> None:
+            now[0] += 1e-2 + 1e-6 * size
+
+        return action
+
+    effort = timing.Effort(rounds=1, seconds=4e-3, most=1 << 20, checked=1)
+    _, count = timing.fitting(make, effort)
+    assert 1e-6 * count > 1e-2
 
 
 def test_lines_survive_json_and_another_schema_is_refused() -> None:
@@ -133,7 +159,7 @@ def test_a_report_has_a_row_for_each_line_and_pictures(tmp_path: Path) -> None:
         "comparison.json", "comparison.md", "rates.png", "ratios.png",
     }  # fmt: skip
     text = (tmp_path / "comparison.md").read_text()
-    assert text.count("| C++ |") == 3 and "no C++ compiler found" in text
+    assert text.count("| C++ |") == 3 and "| / C++ |" in text and "no C++ compiler found" in text
     assert "missed" in text and "0 of 1 targets" in text
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(p.name for p in paths)
 

@@ -15,15 +15,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.engines import llvm
-    tables = _tables(kernel, source, ops.double, parameters)
-    if parameters is None and sorts(kernel, tables, float_type, components):
-        results = traced_by_cell(kernel, tables, float_type, components)
-    else:
-        traced = Traced() if parameters is None else parameters.traced(ops, tables)
-        if parameters is not None and _is_data(parameters, components):
-            ops = TracedOperations(float_type)
-            tables = as_data(ops, tables)
-        results = differentiable(kernel, ops, tables, components, traced)
+from polywigner.engines.by_cell import sorts, traced_by_cell
+from polywigner.engines.gradients import differentiable
 from polywigner.engines.operations import DrjitOperations
 from polywigner.engines.parameters import Parameters, Traced, tensor_of
 from polywigner.engines.ranges import aligned
@@ -90,20 +83,15 @@ def evaluate_traced(
             for name, value in points
             for component in _components(name, value, float_type, kernel.dimension)
         ]
-<<<<<<< HEAD
     tables = _tables(kernel, source, ops.double, parameters)
-    traced = Traced() if parameters is None else parameters.traced(ops, tables)
-    if parameters is not None and _is_data(parameters, components):
-        ops = TracedOperations(float_type)
-        tables = as_data(ops, tables)
-    results = differentiable(kernel, ops, tables, components, traced)
-=======
-    tables = kernel.tables(source, ops.double)
-    if sorts(kernel, tables, float_type, components):
+    if parameters is None and sorts(kernel, tables, float_type, components):
         results = traced_by_cell(kernel, tables, float_type, components)
     else:
-        results = kernel(ops, tables, *components)
->>>>>>> d326a6c (Dr.Jit arrays of many-sided apertures are taken in the order of their cells: W of the 64-gon twice as fast, compiled in a second)
+        traced = Traced() if parameters is None else parameters.traced(ops, tables)
+        if parameters is not None and _is_data(parameters, components):
+            ops = TracedOperations(float_type)
+            tables = as_data(ops, tables)
+        results = differentiable(kernel, ops, tables, components, traced)
     if tensors:
         return _as_tensor(results, shape, points)
     if complex_result:
