@@ -19,6 +19,8 @@ __all__ = ["CHUNK", "order_of", "sorts", "traced_by_cell"]
 
 # Samples at a time: enough for some in each of the many cells.
 CHUNK = 1 << 20
+# Of arrays of the engine fewer, which stay in the cache of a core while they are shuffled.
+_TRACED_CHUNK = 1 << 18
 # With fewer, to sort them takes longer than it saves.
 _FEW = 1 << 13
 
@@ -64,9 +66,9 @@ def traced_by_cell(
         ]
 
     results: tuple[Any, ...] = ()
-    for start in range(0, width, CHUNK):
+    for start in range(0, width, _TRACED_CHUNK):
         first = drjit.opaque(number, start)  # else there would be a kernel for each chunk
-        count = min(CHUNK, width - start)
+        count = min(_TRACED_CHUNK, width - start)
         inner = kernel.enter(ops, tables.frame, *taken(first + drjit.arange(number, count)))
         cell = kernel.order(ops, tables, *inner) if kernel.order else first
         order = aligned(count, np.uint32)
