@@ -58,42 +58,44 @@ def _rates(folder: Path, lines: Sequence[Line]) -> Path | None:
 
 
 def _ratios(folder: Path, lines: Sequence[Line]) -> Path | None:
-    """How many times faster than each peer, one row for a line; a tick where a target is."""
+    """How many times faster than each peer on one core: a dot for a case, a row for a peer."""
     import matplotlib.pyplot as plt
 
     skipped = ("peak", "memory")
     chosen = [
         line
         for line in lines
-        if line.ratio and line.question not in skipped and not line.peer.startswith("our ")
+        if line.ratio and line.threads == 1 and line.question not in skipped
+        if not line.peer.startswith("our ")
     ]
     if not chosen:
         return None
-    figure, axes = plt.subplots(figsize=(8, 1.2 + 0.19 * len(chosen)), layout="constrained")
-    questions = list(dict.fromkeys(line.question for line in chosen))
-    for k, question in enumerate(questions):
-        rows = [n for n, line in enumerate(chosen) if line.question == question]
+    rows = list(dict.fromkeys((line.question, _row(line)) for line in chosen))
+    height = 1.4 + 0.24 * len(rows)
+    figure, axes = plt.subplots(figsize=(8, height), layout="constrained")
+    for k, question in enumerate(dict.fromkeys(line.question for line in chosen)):
+        mine = [line for line in chosen if line.question == question]
         label = module_of(question.replace(" ", "_")).QUESTION
+        places = [rows.index((question, _row(line))) for line in mine]
         colour = _COLOURS[k % len(_COLOURS)]
-        axes.plot([chosen[n].ratio for n in rows], rows, "o", color=colour, label=label, ms=4)
-    for n, line in enumerate(chosen):
-        if line.target:
-            axes.plot(line.target, n, "|", color="black", markersize=9)
+        ratios = [line.ratio for line in mine]
+        axes.plot(ratios, places, "o", color=colour, label=label, ms=5, alpha=0.7)
     axes.axvline(1.0, color="black", linewidth=0.8)
     axes.set_xscale("log")
-    axes.set_yticks(range(len(chosen)), [_label(line) for line in chosen], fontsize=6)
+    axes.set_yticks(range(len(rows)), [row for _, row in rows], fontsize=8)
     axes.invert_yaxis()
-    axes.margins(y=0.5 / len(chosen))
-    axes.grid(axis="x", linewidth=0.4)
-    axes.set_xlabel("times faster than the peer (|: asked for)")
+    axes.grid(linewidth=0.4)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("times faster than the peer, one dot for each case and precision")
     figure.legend(loc="outside upper center", ncols=2, fontsize="x-small")
     return _saved(figure, folder / "ratios.png")
 
 
-def _label(line: Line) -> str:
-    cores = "" if line.threads == 1 else f", {line.threads} cores"
-    precision = "" if line.precision in ("-", "double") else f", {line.precision}"
-    return f"{line.case}{precision}{cores}: {line.peer}"
+def _row(line: Line) -> str:
+    if line.question != "latency":
+        return line.peer
+    _, _, which = line.case.partition(", ")
+    return f"{line.peer}, {which}" if which else line.peer
 
 
 def _saved(figure: object, path: Path) -> Path:

@@ -9,7 +9,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["FULL", "QUICK", "Action", "Effort", "cores", "fitting", "in_turns", "median_ratio"]
+__all__ = [
+    "FULL",
+    "QUICK",
+    "Action",
+    "Effort",
+    "cores",
+    "fitting",
+    "in_turns",
+    "load_average",
+    "median_ratio",
+]
 
 Action = Callable[[], Any]
 
@@ -42,6 +52,11 @@ QUICK = Effort(rounds=3, seconds=0.003, most=1 << 16, checked=4, quick=True)
 def cores() -> int:
     """How many cores this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def load_average() -> float:
+    """How many processes wanted to run in the last minute; 0 where the system does not tell."""
+    return os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
 
 
 def clock_for(threads: int) -> Callable[[], float]:
