@@ -92,5 +92,5 @@ ci: ## all checks, and the packages installed into empty environments
 	.ci/run
 
 clean: ## remove .venv and everything made
-	rm -rf .venv out build dist docs/_build docs/lessons benchmarks/results/*.* .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	rm -rf .venv out build dist docs/_build docs/lessons benchmarks/results .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

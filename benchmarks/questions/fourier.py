@@ -25,7 +25,7 @@ PUPILS = {
 }
 RANGES = (8, 32, 64)  # |nu_x| D, at most
 CASES = [f"{pupil}, nu D = {largest}" for pupil in PUPILS for largest in RANGES]
-THREADS = (1, None)
+THREADS = (1,)
 SIDE, SIDE_QUICK = 256, 64
 COXETER, FINUFFT, PLANNED = "coxeter", "finufft", "finufft, points set"
 EDGE_SUM, SINGLE = "edge sum in NumPy", "our float32"
