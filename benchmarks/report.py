@@ -37,7 +37,7 @@ def written(folder: Path, lines: Sequence[Line], facts: dict[str, Any]) -> list[
     folder.mkdir(parents=True, exist_ok=True)
     texts = {
         "comparison.json": json.dumps(as_json(lines, facts), indent=1) + "\n",
-        "comparison.md": f"# Comparison\n\n{markdown(lines, facts)}",
+        "comparison.md": f"# Results of make bench\n\n{markdown(lines, facts)}",
     }
     paths = []
     for name, text in texts.items():
@@ -54,7 +54,7 @@ def markdown(lines: Sequence[Line], facts: dict[str, Any]) -> str:
     for question, group in groupby(lines, key=lambda line: line.question):
         name = question.replace(" ", "_")
         found = list(group)
-        parts.append(f"### {module_of(name).QUESTION}\n")
+        parts.append(f"## {module_of(name).QUESTION}\n")
         if question == "wigner":
             parts.append(f"{summary(found)}\n\nAll of it:\n")
         parts.append(f"{table(found)}\n")

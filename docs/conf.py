@@ -34,6 +34,7 @@ extensions = [
 ]
 include_patterns = ["*.md", "docs/*.md", "docs/api/*.rst", "docs/lessons/lesson_*.rst"]
 include_patterns += ["docs/theory/*.md", "docs/howto/*.md", "examples/*/README.md"]
+include_patterns += ["benchmarks/README.md", "benchmarks/recorded/comparison.md"]
 exclude_patterns = [".*", "build", "dist", "out", "src", "tests", "docs/_build"]
 external_toc_path = "docs/toc.yml"
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
