@@ -34,6 +34,7 @@ SOURCES: dict[str, Callable[[], Any]] = {
     ),
 }  # fmt: skip
 
+compiled = pytest.mark.parametrize("engine", ENGINES[1:])
 engines = pytest.mark.parametrize("engine", ENGINES)
 transforms = pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
 
@@ -77,6 +78,35 @@ def test_slices_found_by_cells_are_found_once_for_all_frequencies(
     monkeypatch.undo()
     each = transform(source, *np.broadcast_arrays(*points), engine="numpy")
     np.testing.assert_allclose(found, each, rtol=0, atol=ROUNDING["double"])
+
+
+MANY_EDGES: dict[str, Callable[[], Any]] = {
+    "regular": lambda: pw.shapes.regular_polygon(90, 0.5),
+    "hole": lambda: pw.shapes.ring(0.6, 0.3, n=24),
+    "weights": lambda: pw.Array(
+        [pw.shapes.regular_polygon(30, 0.4), pw.shapes.regular_polygon(30, 0.3).moved((0.5, 0.1))],
+        [1, -0.5],
+    ),
+}
+
+
+@compiled
+@transforms
+@pytest.mark.parametrize("precision", list(ROUNDING))
+@pytest.mark.parametrize("name", MANY_EDGES)
+def test_runs_of_whole_edges_are_differences_of_sums_along_the_outline(
+    name: str, precision: str, transform: Callable[..., Any], engine: str
+) -> None:
+    rng = np.random.default_rng(3)
+    source, how = MANY_EDGES[name](), {"engine": engine, "precision": precision}
+    positions = rng.normal(size=(70, 1, 2)) * 0.2
+    positions[0] = 0.0
+    frequencies = rng.normal(size=(300, 2)) * 4
+    frequencies[:3] = [[0.0, 0.0], [1e-200, 0.0], [1e-7, 1e-7]]
+    points = _points(transform, positions, frequencies)
+    found = transform(source, *points, **how)
+    each = transform(source, *(p.reshape(-1, 2) for p in np.broadcast_arrays(*points)), **how)
+    np.testing.assert_allclose(found.ravel(), each, rtol=0, atol=ROUNDING[precision])
 
 
 @engines

@@ -92,14 +92,21 @@ def _fill_shared(
 ) -> bool:
     """Fill in the results from slices cut once for each row or column, if these are few enough."""
     shared = shared_slice(compute.kernel)
-    tables = compute.tables
-    if shared is None or compute.ops.prefers_cells(tables.clips_for_cells, None):
+    if shared is None:
         return False
+    tables = compute.tables
     targets = [result.reshape(pairs.rows, pairs.columns) for result in results]
     if all(c.shape == (1, pairs.columns) for c in pairs.components[shared.arguments]):
         pairs, targets = pairs.transposed(), [target.T for target in targets]
-    elsewhere = any(c.shape[1] > 1 for c in pairs.components[shared.arguments])
-    if elsewhere or not compute.shares(pairs.columns):
+    if any(c.shape[1] > 1 for c in pairs.components[shared.arguments]):
+        return False
+    if isinstance(compute, OnDrjit) and compute.sums_whole_edges(pairs):
+        for rows, columns, values in compute.of_blocks(pairs):
+            for target, value in zip(targets, values, strict=True):
+                target[rows, columns] = value
+        return True
+    by_cells = compute.ops.prefers_cells(tables.clips_for_cells, None)
+    if by_cells or not compute.shares(pairs.columns):
         return False
     exact = compute.kernel.tables(source, True)
     host = NumpyOperations(double=True)

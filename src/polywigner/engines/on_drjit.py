@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from polywigner.engines.choice import drjit_float
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
 from polywigner.engines.pairs import Pairs
 from polywigner.engines.ranges import aligned
-from polywigner.kernels import Kernel, SharedSlice, parts_of
+from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
+from polywigner.kernels.run_sums import RunSums, edge_columns, edge_waves, has_run_sums
 
 __all__ = ["OnDrjit"]
 
@@ -20,6 +21,7 @@ __all__ = ["OnDrjit"]
 _PAIRS_CHUNK = 1 << 20
 # To list the parts of a slice takes NumPy some microseconds, as much as so many samples gain.
 _LEAST_SHARED = 256
+_ROWS_FOR_SUMS = 64
 # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
 _FEW_CLIPS = 16
 # Samples of one slice that a lane of a compiled kernel computes together.
@@ -67,6 +69,62 @@ class OnDrjit:
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
         inner = self._looked_up(entered, shape, *_split(self.ops.float_type, *shape))
         return tuple(values.reshape(shape) for values in self._of_inner(inner))
+
+    def sums_whole_edges(self, pairs: Pairs) -> bool:
+        """Whether rows are many enough for sums along the outline, where edges are found by cells.
+
+        These cost as much as the whole edges of some tens of rows.
+        """
+        by_cells = self.ops.prefers_cells(self.tables.clips_for_cells, None)
+        enough = pairs.rows >= _ROWS_FOR_SUMS and pairs.columns >= _LEAST_SHARED
+        known = shared_slice(self.kernel) is not None
+        return known and by_cells and enough and has_run_sums(self.tables)
+
+    def of_blocks(self, pairs: Pairs) -> Iterator[tuple[slice, slice, tuple[Array, ...]]]:
+        """Results of pairs block by block, with sums along the outline for runs of edges."""
+        shared = shared_slice(self.kernel)
+        assert shared is not None
+        edges = edge_columns(self.tables)
+        width = min(pairs.columns, max(1, _PAIRS_CHUNK // (len(edges) + 1)))
+        for start in range(0, pairs.columns, width):
+            columns = slice(start, min(start + width, pairs.columns))
+            nu = self.entered(pairs.block(slice(0, 1), columns))[shared.frequency]
+            prefixes = self._sums_along(edges, nu)
+            step = max(1, _PAIRS_CHUNK // width)
+            for k in range(0, pairs.rows, step):
+                rows = slice(k, k + step)
+                yield rows, columns, self._of_runs(pairs.block(rows, columns), shared, prefixes)
+
+    def _sums_along(self, edges: Array, nu: Sequence[Array]) -> tuple[Any, Any]:
+        """Sums of the edges' vectors, (n + 1, 2), and of their waves, ((n + 1) columns, 1)."""
+        ops, kind = self.ops, self.ops.float_type
+        count, columns = len(edges), max(np.size(f) for f in nu)
+        row, column = _split(kind, count, columns)
+        held = [ops.held(values[:, None]) for values in edges.T]
+        frequency = self._looked_up(nu, (count, columns), row, column)
+        edge = tuple(ops.gather(table, row)[0] for table in held)
+        found = edge_waves(ops, self.kernel.copies == 1, edge, frequency)
+        waves = tuple(
+            ops.held(_running_sum(values.numpy().reshape(count, columns)).reshape(-1, 1))
+            for values in found
+        )
+        return ops.held(_running_sum(edges[:, 2:4] * edges[:, 4:])), waves
+
+    def _of_runs(
+        self, arguments: Sequence[Array], shared: SharedSlice, prefixes: tuple[Any, Any]
+    ) -> tuple[Array, ...]:
+        import drjit
+
+        entered = self.entered(arguments)
+        shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
+        row, column = _split(self.ops.float_type, *shape)
+        inner = self._looked_up(entered, shape, row, column)
+        width = drjit.opaque(type(column), shape[1])
+        self.ops.run_sums = RunSums(self.ops, inner[shared.frequency], *prefixes, column, width)
+        try:
+            return tuple(values.reshape(shape) for values in self._of_inner(inner))
+        finally:
+            self.ops.run_sums = None
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
@@ -184,6 +242,15 @@ class OnDrjit:
         memory = self.memory[slot][: array.size]
         memory[...] = array
         return kind(memory)
+
+
+def _running_sum(values: Array) -> Array:
+    """0 and the sums of the first rows, in float64: row by row, NumPy's cumsum jumps in memory."""
+    found = np.empty((len(values) + 1, values.shape[1]))
+    found[0] = 0.0
+    for k, row in enumerate(values):
+        np.add(found[k], row, out=found[k + 1])
+    return found
 
 
 def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:

@@ -36,6 +36,7 @@ class NumpyRanges:
     """Ranges for NumPy arrays: one axis before that of the samples for all rows of a range."""
 
     dtype: np.dtype[Any]
+    run_sums: Any = None
     samples = 0
     """Of the whole that comes in chunks, where it is known."""
     at_once = 0
@@ -172,6 +173,7 @@ class ScalarRanges:
     """Ranges for Python floats."""
 
     key: Hashable = float
+    run_sums: Any = None
 
     def prefers_cells(self, clips: int, like: Any) -> bool:
         """Whether to look up in cells what matters at a place."""
@@ -244,6 +246,8 @@ class DrjitRanges:
         self._cells_above = _CELLS_ABOVE_SORTED if sorted_by_cell else _CELLS_ABOVE_UNSORTED
         self.float_type = float_type
         self._numbers = drjit.uint32_array_t(float_type)
+        self.run_sums: Any = None
+        """What stands for whole edges found by cells, while it is set."""
 
     @property
     def key(self) -> Hashable:

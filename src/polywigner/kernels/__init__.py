@@ -17,6 +17,7 @@ module               what is in it
 ``moments``          moments of lag slices, W's derivatives; ``polynomials`` along edges
 ``segment_moments``  powers times a wave, over a segment
 ``slice_parts``      parts of edges that bound slices, listed once for each position or lag
+``run_sums``         sums along an outline, for whole edges of many slices
 ``shared_slices``    W and A as sums over these parts, for many frequencies
 ``fourier``          Fourier transform
 ``ambiguity``        ambiguity function and position-slice area
