@@ -3,7 +3,7 @@
 An edge that lies inside the other copy as a whole contributes a wave whose phase depends on the
 place through the copies' offset T alone: for W, exp(-2 pi i nu.T) times something that depends on
 the edge and the frequency. Sums of that something along the outline, one for each frequency of an
-outer product, make of a run of edges the difference of two of them: docs/theory.md, "Many edges".
+outer product, make of a run of edges the difference of two of them: docs/theory, (K2).
 """
 
 from __future__ import annotations
