@@ -12,8 +12,8 @@ import polywigner as pw
 from oracles.references import ENGINES
 
 MIB = 1 << 20
-# Beside the result: a chunk of a million samples, or what is held of some thousand slices.
-CHUNK = 24 * MIB
+# Beside the result: two chunks, of which one is computed and one on its way. Copies took 64 more.
+CHUNK = 40 * MIB
 
 
 @pytest.mark.parametrize("engine", ENGINES)

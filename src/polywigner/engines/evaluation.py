@@ -5,8 +5,8 @@ Memory is bounded by the result plus one chunk: broadcast arguments are never ex
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from polywigner.engines.on_drjit import OnDrjit
 from polywigner.engines.on_numpy import CHUNK, OnNumpy
 from polywigner.engines.operations import NumpyOperations
 from polywigner.engines.pairs import Pairs, pairs_of
-from polywigner.kernels import Kernel, shared_slice
+from polywigner.kernels import Kernel, SharedSlice, shared_slice
 
 __all__ = ["evaluate"]
 
@@ -46,7 +46,7 @@ def evaluate(
     tables = kernel.tables(source, double)
     if kernel.on_grid:
         components = [c.astype(np.float64, copy=False) for c in components]
-        by_points = OnNumpy(kernel, tables, double)
+        by_points = OnNumpy(kernel, tables, double).values
         found = evaluate_on_grid(
             kernel, source, components, by_points, double=double, engine=engine
         )
@@ -66,60 +66,75 @@ def evaluate(
         compute, chunk = OnDrjit(kernel, tables, double, engine), _DRJIT_CHUNK
         if kernel.order and compute.ops.prefers_cells(tables.clips_for_cells, None):
             chunk = by_cell.CHUNK
-    if pairs is not None and _fill_shared(compute, source, pairs, results):
-        return results
-    if pairs is not None and compute.takes(pairs):
-        _fill_pairs(compute, pairs, results)
-        return results
-    for arguments, targets in _chunks(components, results, chunk):
-        order = _order(kernel, tables, compute.ops, arguments)
-        values = compute([argument[order] for argument in arguments])
-        for target, value in zip(targets, values, strict=True):
-            target[order] = value
+    launched = _shared(compute, source, pairs, results) if pairs is not None else None
+    if launched is None and pairs is not None and compute.takes(pairs):
+        launched = _paired(compute, pairs, results)
+    _store(launched or _chunked(compute, components, results, chunk))
     return results
 
 
-def _fill_pairs(compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]) -> None:
+Launched = Iterator[tuple[Sequence[Array], Any, Callable[[], Sequence[Array]]]]
+"""(results, where in them, how to fetch them); there the work has begun already."""
+
+
+def _store(launched: Launched) -> None:
+    """Fetch each chunk while the next one is computed."""
+    last: Any = None
+    for chunk in launched:
+        if last is not None:
+            _write(*last)
+        last = chunk
+    if last is not None:
+        _write(*last)
+
+
+def _write(results: Sequence[Array], where: Any, fetch: Callable[[], Sequence[Array]]) -> None:
+    for result, values in zip(results, fetch(), strict=True):
+        result[where] = values
+
+
+def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]) -> Launched:
     tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
-    for rows, columns in pairs.blocks(compute.block):
-        values = compute.of_pairs(pairs.block(rows, columns))
-        for table, value in zip(tables, values, strict=True):
-            table[rows, columns] = value
+    for block in pairs.blocks(compute.block):
+        yield tables, block, compute.of_pairs(pairs.block(*block))
 
 
-def _fill_shared(
+def _shared(
     compute: OnNumpy | OnDrjit, source: Any, pairs: Pairs, results: Sequence[Array]
-) -> bool:
-    """Fill in the results from slices cut once for each row or column, if these are few enough."""
+) -> Launched | None:
+    """With slices cut once for each row or column; None if these are too many, or not cut so."""
     shared = shared_slice(compute.kernel)
     if shared is None:
-        return False
-    tables = compute.tables
+        return None
     targets = [result.reshape(pairs.rows, pairs.columns) for result in results]
     if all(c.shape == (1, pairs.columns) for c in pairs.components[shared.arguments]):
         pairs, targets = pairs.transposed(), [target.T for target in targets]
     if any(c.shape[1] > 1 for c in pairs.components[shared.arguments]):
-        return False
+        return None
     if isinstance(compute, OnDrjit) and compute.sums_whole_edges(pairs):
-        for rows, columns, values in compute.of_blocks(pairs):
-            for target, value in zip(targets, values, strict=True):
-                target[rows, columns] = value
-        return True
-    by_cells = compute.ops.prefers_cells(tables.clips_for_cells, None)
+        return ((targets, (a, b), fetch) for a, b, fetch in compute.of_blocks(pairs))
+    by_cells = compute.ops.prefers_cells(compute.tables.clips_for_cells, None)
     if by_cells or not compute.shares(pairs.columns):
-        return False
+        return None
+    return _by_parts(compute, shared, source, pairs, targets)
+
+
+def _by_parts(
+    compute: OnNumpy | OnDrjit,
+    shared: SharedSlice,
+    source: Any,
+    pairs: Pairs,
+    targets: Sequence[Array],
+) -> Launched:
     exact = compute.kernel.tables(source, True)
     host = NumpyOperations(double=True)
-    for rows, columns in pairs.blocks(compute.shared_block):
-        inner = compute.entered(pairs.block(rows, columns))
-        count = len(range(*rows.indices(pairs.rows)))
+    for block in pairs.blocks(compute.shared_block):
+        inner = compute.entered(pairs.block(*block))
+        count = len(range(*block[0].indices(pairs.rows)))
         place = (np.broadcast_to(np.ravel(p), count) for p in inner[shared.place])
         (owners, table), is_real = shared.parts(host, exact, *place)
         ends = np.searchsorted(owners, np.arange(count + 1))
-        values = compute.of_parts(shared, inner, ends, table, is_real)
-        for target, value in zip(targets, values, strict=True):
-            target[rows, columns] = value
-    return True
+        yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
 
 
 def _order(kernel: Kernel, tables: Any, ops: Any, arguments: Sequence[Array]) -> Any:
@@ -133,20 +148,38 @@ def _order(kernel: Kernel, tables: Any, ops: Any, arguments: Sequence[Array]) ->
         return by_cell.order_of(cell)
 
 
+def _chunked(
+    compute: OnNumpy | OnDrjit,
+    components: Sequence[Array],
+    results: Sequence[Array],
+    size: int,
+) -> Launched:
+    flat = [result.reshape(-1) for result in results]
+    start = 0
+    for arguments in _chunks(components, results[0].shape, size):
+        order = _order(compute.kernel, compute.tables, compute.ops, arguments)
+        end = start + len(arguments[0])
+        targets = [result[start:end] for result in flat]
+        yield targets, order, compute([argument[order] for argument in arguments])
+        start = end
+
+
 def _chunks(
-    components: Sequence[Array], results: Sequence[Array], size: int
-) -> Iterator[tuple[Sequence[Array], Sequence[Array]]]:
-    count = len(components)
-    read: list[list[Literal["readonly"]]] = [["readonly"]] * count
-    write: list[list[Literal["writeonly"]]] = [["writeonly"]] * len(results)
+    components: Sequence[Array], shape: tuple[int, ...], size: int
+) -> Iterator[Sequence[Array]]:
+    """The components in float64, broadcast to a shape, chunk by chunk in C order."""
+    whole = [np.broadcast_to(c, shape) for c in components]
+    arguments: list[Any]
     with np.nditer(
-        [*components, *results],
+        whole,
         flags=["external_loop", "buffered", "zerosize_ok"],
-        op_flags=[*read, *write],
-        op_dtypes=[np.dtype(np.float64)] * count + [result.dtype for result in results],
+        op_flags=[["readonly"]] * len(whole),
+        op_dtypes=[np.dtype(np.float64)] * len(whole),
         order="C",
         buffersize=size,
     ) as iterator:
         for chunk in iterator:
-            if chunk[0].size:
-                yield chunk[:count], chunk[count:]
+            # of one operand nditer gives the array itself
+            arguments = list(chunk) if len(whole) > 1 else [chunk]
+            if arguments[0].size:
+                yield arguments

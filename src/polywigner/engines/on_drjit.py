@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ _TOGETHER = 4
 _CLIPS_PER_KERNEL = 1000
 
 Array = npt.NDArray[Any]
+Fetch = Callable[[], tuple[Array, ...]]
 
 
 class OnDrjit:
@@ -43,13 +44,19 @@ class OnDrjit:
         self.ops = DrjitOperations(drjit_float(engine, double), sorted_by_cell=True)
         self.entry = DrjitOperations(drjit_float(engine, double=True))
         self.dtype = np.dtype(np.float64 if double else np.float32)
-        self.memory: dict[int, Array] = {}
+        self.memory: dict[tuple[int, int], Array] = {}
+        self.turn = 0
         in_a_loop = kernel.copies and self.ops.prefers_rows(tables.clips, None)
         if kernel.order is not None and self.ops.prefers_cells(tables.clips_for_cells, None):
             in_a_loop = True
         self.parts = [tables] if in_a_loop else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
 
-    def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+    def __call__(self, arguments: Sequence[Array]) -> Fetch:
+        """Begins to compute the results of a chunk; waits for them when they are fetched.
+
+        Meanwhile the next chunk may begin, but not yet the one after it.
+        """
+        self.turn ^= 1
         inner = self.kernel.enter(self.entry, self.tables.frame, *self._sent_all(arguments))
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -63,12 +70,13 @@ class OnDrjit:
         sums = self.kernel.edge_sum(self.ops, part, *inner)
         return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
-    def of_pairs(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+    def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
         """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns)."""
+        self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
         inner = self._looked_up(entered, shape, *_split(self.ops.float_type, *shape))
-        return tuple(values.reshape(shape) for values in self._of_inner(inner))
+        return self._of_inner(inner, shape)
 
     def sums_whole_edges(self, pairs: Pairs) -> bool:
         """Whether rows are many enough for sums along the outline, where edges are found by cells.
@@ -80,7 +88,7 @@ class OnDrjit:
         known = shared_slice(self.kernel) is not None
         return known and by_cells and enough and has_run_sums(self.tables)
 
-    def of_blocks(self, pairs: Pairs) -> Iterator[tuple[slice, slice, tuple[Array, ...]]]:
+    def of_blocks(self, pairs: Pairs) -> Iterator[tuple[slice, slice, Fetch]]:
         """Results of pairs block by block, with sums along the outline for runs of edges."""
         shared = shared_slice(self.kernel)
         assert shared is not None
@@ -100,10 +108,12 @@ class OnDrjit:
         ops, kind = self.ops, self.ops.float_type
         count, columns = len(edges), max(np.size(f) for f in nu)
         row, column = _split(kind, count, columns)
+        self.turn ^= 1  # the last chunk may still be on its way
         held = [ops.held(values[:, None]) for values in edges.T]
         frequency = self._looked_up(nu, (count, columns), row, column)
         edge = tuple(ops.gather(table, row)[0] for table in held)
         found = edge_waves(ops, self.kernel.copies == 1, edge, frequency)
+        self.turn ^= 1  # done with its memory when this returns
         waves = tuple(
             ops.held(_running_sum(values.numpy().reshape(count, columns)).reshape(-1, 1))
             for values in found
@@ -112,9 +122,10 @@ class OnDrjit:
 
     def _of_runs(
         self, arguments: Sequence[Array], shared: SharedSlice, prefixes: tuple[Any, Any]
-    ) -> tuple[Array, ...]:
+    ) -> Fetch:
         import drjit
 
+        self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
         row, column = _split(self.ops.float_type, *shape)
@@ -122,13 +133,13 @@ class OnDrjit:
         width = drjit.opaque(type(column), shape[1])
         self.ops.run_sums = RunSums(self.ops, inner[shared.frequency], *prefixes, column, width)
         try:
-            return tuple(values.reshape(shape) for values in self._of_inner(inner))
+            return self._of_inner(inner, shape)
         finally:
             self.ops.run_sums = None
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
-    ) -> tuple[Array, ...]:
+    ) -> Fetch:
         """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``.
 
         A part is looked up once for several columns, since that takes as long as to compute its
@@ -137,6 +148,7 @@ class OnDrjit:
         """
         import drjit
 
+        self.turn ^= 1
         ops, kind = self.ops, self.ops.float_type
         rows, columns = np.broadcast_shapes(*(np.shape(a) for a in inner))
         length = -(-columns // _TOGETHER)
@@ -166,11 +178,15 @@ class OnDrjit:
             own = run.total(tuple(value + lost[k] for value in sums[k * count : (k + 1) * count]))
             results.append(self.kernel.leave(ops, self.tables.frame, arguments[k], own))
         drjit.eval(results)
-        found = tuple(np.empty((rows, columns), self.dtype) for _ in results[0])
-        for start, values in zip(starts, results, strict=True):
-            for whole, value in zip(found, values, strict=True):
-                whole[:, start : start + length] = value.numpy().reshape(rows, length)
-        return found
+
+        def fetch() -> tuple[Array, ...]:
+            found = tuple(np.empty((rows, columns), self.dtype) for _ in results[0])
+            for start, values in zip(starts, results, strict=True):
+                for whole, value in zip(found, values, strict=True):
+                    whole[:, start : start + length] = value.numpy().reshape(rows, length)
+            return found
+
+        return fetch
 
     def _looked_up(
         self, inner: Sequence[Any], shape: tuple[int, int], row: Any, column: Any
@@ -209,7 +225,7 @@ class OnDrjit:
         with np.errstate(invalid="ignore", over="ignore"):
             return self.kernel.enter(NumpyOperations(double=True), self.tables.frame, *arguments)
 
-    def _of_inner(self, inner: tuple[Any, ...]) -> tuple[Array, ...]:
+    def _of_inner(self, inner: tuple[Any, ...], shape: tuple[int, ...] = (-1,)) -> Fetch:
         import drjit
 
         frame = self.tables.frame
@@ -223,23 +239,23 @@ class OnDrjit:
                 drjit.eval(sums)
         results = self.kernel.leave(self.ops, frame, inner, sums)
         drjit.eval(results)
-        return tuple(np.asarray(r.numpy()) for r in results)
+        return lambda: tuple(np.asarray(r.numpy()).reshape(shape) for r in results)
 
     def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
         kind = self.entry.float_type
         return tuple(self._sent(slot, array, kind) for slot, array in enumerate(arrays))
 
     def _sent(self, slot: int, array: Array, kind: Any) -> Any:
-        """The chunk as an engine's array, in memory that all chunks use in turn.
+        """The chunk as an engine's array, in memory that every other chunk uses.
 
         Dr.Jit uses NumPy's memory in place and compiles a kernel anew for each alignment that it
-        happens to have; here the alignment is always the same. Every chunk is finished, and its
-        results fetched, before the next one is sent.
+        happens to have; here the alignment is always the same.
         """
-        if slot not in self.memory or len(self.memory[slot]) < array.size:
+        key = slot, self.turn
+        if key not in self.memory or len(self.memory[key]) < array.size:
             dtype = np.float64 if kind is self.entry.float_type else np.float32
-            self.memory[slot] = aligned(array.size, dtype)
-        memory = self.memory[slot][: array.size]
+            self.memory[key] = aligned(array.size, dtype)
+        memory = self.memory[key][: array.size]
         memory[...] = array
         return kind(memory)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ _SHARED_CHUNK = 1 << 18
 _LEAST_SHARED = 64
 
 Array = npt.NDArray[Any]
+Fetch = Callable[[], tuple[Array, ...]]
 
 
 class OnNumpy:
@@ -36,7 +37,13 @@ class OnNumpy:
         self.host = NumpyOperations(double=True)
         self.ops = NumpyOperations(double)
 
-    def __call__(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+    def __call__(self, arguments: Sequence[Array]) -> Fetch:
+        """The results, for whoever fetches them."""
+        values = self.values(arguments)
+        return lambda: values
+
+    def values(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        """The results of a chunk."""
         frame = self.tables.frame
         # what lies at infinity or is not a number is so in the result; no need to warn
         with np.errstate(invalid="ignore", over="ignore"):
@@ -53,16 +60,16 @@ class OnNumpy:
         """Whether a slice is worth cutting apart from its so many samples."""
         return samples >= _LEAST_SHARED
 
-    def of_pairs(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+    def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
         """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns).
 
         NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
         for each row.
         """
         self.ops.at_once = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
-        values = self(arguments)
+        values = self.values(arguments)
         self.ops.at_once = 0
-        return values
+        return lambda: values
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""
@@ -71,7 +78,7 @@ class OnNumpy:
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
-    ) -> tuple[Array, ...]:
+    ) -> Fetch:
         """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``."""
         inner = tuple(np.asarray(a, self.ops.dtype) for a in inner)
         rows, columns = np.broadcast_shapes((len(ends) - 1, 1), *(a.shape for a in inner))
@@ -88,7 +95,8 @@ class OnNumpy:
                 if not np.isfinite(argument).all():
                     sums = [total + (argument - argument) for total in sums]
             total = shared.summed(self.ops, table.shape[1], is_real, *nu).total(tuple(sums))
-            return self.kernel.leave(self.ops, self.tables.frame, inner, total)
+            values = self.kernel.leave(self.ops, self.tables.frame, inner, total)
+            return lambda: values
 
 
 def _slices(length: int, step: int) -> Iterator[slice]:
