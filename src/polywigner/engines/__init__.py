@@ -31,6 +31,7 @@ from polywigner.engines.drjit_arrays import (
 )
 from polywigner.engines.drjit_hosted import evaluate_hosted
 from polywigner.engines.evaluation import evaluate
+from polywigner.engines.gradients import differentiable
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.operations import (
     DrjitOperations,
@@ -41,6 +42,7 @@ from polywigner.engines.operations import (
 from polywigner.engines.parameters import (
     Parameter,
     Parameters,
+    Traced,
     complex_numbers,
     plane_points,
     tensor_of,
@@ -57,9 +59,11 @@ __all__ = [
     "Parameters",
     "Precision",
     "ScalarOperations",
+    "Traced",
     "checked_engine",
     "checked_precision",
     "complex_numbers",
+    "differentiable",
     "evaluate",
     "evaluate_hosted",
     "evaluate_on_grid",

@@ -77,8 +77,7 @@ def _operation(
         def backward(self) -> None:
             out = self.grad_out()
             cotangent = slopes.cotangent(out)
-            counts = [0 if v is None else dr.width(v[0]) for v in (self.vertices, self.fields)]
-            sink = _Reverse(ops, cotangent, *counts)
+            sink = _reverse_of(ops, cotangent, self.vertices, self.fields)
             found = slopes.slopes(ops, tables, self._wanted(), sink, *self.inner)
             sink.flush()
             gradients = [real(0.0)] * len(self.inner)
@@ -150,6 +149,8 @@ class _Forward:
     def _gathered(self, pair: Any, number: Any) -> tuple[Any, Any]:
         import drjit as dr
 
+        if isinstance(pair[0], tuple):
+            return pair[0][number], pair[1][number]
         index = _index(self.ops, number)
         x, y = (dr.gather(self.ops.float_type, values, index) for values in pair)
         return x, y
@@ -161,45 +162,86 @@ class _Reverse:
     values = 0
 
     def __init__(self, ops: DrjitOperations, cotangent: Pair, vertices: int, fields: int) -> None:
-        import drjit as dr
-
         self.ops, self.cotangent = ops, cotangent
-        self.vertices = [dr.zeros(ops.float_type, vertices) for _ in range(2)]
-        self.fields = [dr.zeros(ops.float_type, fields) for _ in range(2)]
-        self.waiting: dict[tuple[int, int, int], Any] = {}
+        self.counts = vertices, fields
+        self.targets = [self._zeros(count) for count in self.counts for _ in range(2)]
+        self.waiting: dict[tuple[int, int], Any] = {}
+
+    @property
+    def vertices(self) -> Sequence[Any]:
+        """The gradient in x and in y."""
+        return self.targets[:2]
+
+    @property
+    def fields(self) -> Sequence[Any]:
+        """The gradient in real and in imaginary parts."""
+        return self.targets[2:]
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Any:
         for number, slope in zip((begin, end), at, strict=True):
             value = _contracted(self.cotangent, slope)
             for axis, component in enumerate(normal):
-                self._add(0, axis, number, value * component)
+                self._add(axis, number, value * component)
         return ()
 
     def field(self, number: Any, slope: Pair, of_conjugate: Pair) -> Any:
         total, turned = slope + of_conjugate, slope - of_conjugate
-        self._add(1, 0, number, _contracted(self.cotangent, total))
-        self._add(1, 1, number, _contracted(self.cotangent, Pair(-turned.imag, turned.real)))
+        self._add(2, number, _contracted(self.cotangent, total))
+        self._add(3, number, _contracted(self.cotangent, Pair(-turned.imag, turned.real)))
         return ()
-
-    def _add(self, kind: int, axis: int, number: Any, value: Any) -> None:
-        import drjit as dr
-
-        # What a loop computes does not exist after it.
-        if isinstance(number, int) and not dr.flag(dr.JitFlag.SymbolicScope):
-            key = kind, axis, number
-            self.waiting[key] = self.waiting.get(key, 0.0) + value
-        else:
-            self._scatter(kind, axis, number, value)
-
-    def _scatter(self, kind: int, axis: int, number: Any, value: Any) -> None:
-        import drjit as dr
-
-        target = (self.vertices, self.fields)[kind][axis]
-        value = self.ops.float_type(value)
-        dr.scatter_reduce(dr.ReduceOp.Add, target, value, _index(self.ops, number))
 
     def flush(self) -> None:
         """What could wait, as its edges were not rows of a table."""
-        for (kind, axis, number), value in self.waiting.items():
-            self._scatter(kind, axis, number, value)
+        for (slot, number), value in self.waiting.items():
+            self._put(slot, number, value)
         self.waiting.clear()
+
+    def _zeros(self, count: int) -> Any:
+        import drjit as dr
+
+        return dr.zeros(self.ops.float_type, count)
+
+    def _add(self, slot: int, number: Any, value: Any) -> None:
+        if self._may_wait(number):
+            self.waiting[slot, number] = self.waiting.get((slot, number), 0.0) + value
+        else:
+            self._put(slot, number, value)
+
+    def _may_wait(self, number: Any) -> bool:
+        import drjit as dr
+
+        # What a loop computes does not exist after it.
+        return isinstance(number, int) and not dr.flag(dr.JitFlag.SymbolicScope)
+
+    def _put(self, slot: int, number: Any, value: Any) -> None:
+        import drjit as dr
+
+        value = self.ops.float_type(value)
+        index = _index(self.ops, number)
+        dr.scatter_reduce(dr.ReduceOp.Add, self.targets[slot], value, index)
+
+
+class _ReverseByLanes(_Reverse):
+    """The same where each number is an array of its own, whose gradients Dr.Jit adds up."""
+
+    def _zeros(self, count: int) -> Any:
+        return tuple(self.ops.float_type(0.0) for _ in range(count))
+
+    def _may_wait(self, number: Any) -> bool:
+        return True
+
+    def _put(self, slot: int, number: Any, value: Any) -> None:
+        found = list(self.targets[slot])
+        found[number] = self.ops.float_type(value)
+        self.targets[slot] = tuple(found)
+
+
+def _reverse_of(ops: DrjitOperations, cotangent: Pair, vertices: Any, fields: Any) -> _Reverse:
+    import drjit as dr
+
+    first = next((pair[0] for pair in (vertices, fields) if pair is not None), None)
+    if isinstance(first, tuple):
+        counts = [0 if pair is None else len(pair[0]) for pair in (vertices, fields)]
+        return _ReverseByLanes(ops, cotangent, *counts)
+    counts = [0 if pair is None else dr.width(pair[0]) for pair in (vertices, fields)]
+    return _Reverse(ops, cotangent, *counts)

@@ -55,7 +55,10 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Traced:
-    """Numbers of a source in its frame that are Dr.Jit's; None where there are none."""
+    """Numbers of a source in its frame that are Dr.Jit's; None where there are none.
+
+    Inside a kernel that is being traced each number is an array of its own: tuples of them.
+    """
 
     vertices: tuple[Any, Any] | None = None
     """x and y of all vertices."""

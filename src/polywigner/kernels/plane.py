@@ -43,6 +43,7 @@ __all__ = [
     "POSITION_MARGINAL",
     "POSITION_MARGINAL_OF_WAVES",
     "WIGNER",
+    "new_tables_of",
     "placed_frame",
     "tables_of",
 ]
@@ -51,6 +52,11 @@ __all__ = [
 @lru_cache(maxsize=256)
 def tables_of(source: Aperture | Array, double: bool) -> Tables:
     """The kernel tables of an aperture or array, for float64 or float32 kernels; built once."""
+    return new_tables_of(source, double)
+
+
+def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
+    """The same, built anew: with vertices numbered as they are in this of all equal sources."""
     if isinstance(source, Aperture):
         elements = [Element(source.rings, source.convex_cover, 1.0, source.illumination)]
     else:

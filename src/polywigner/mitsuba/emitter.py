@@ -16,6 +16,7 @@ texture coordinates, for the same reason.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -23,13 +24,15 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from polywigner.engines import ops_for
+from polywigner.engines import Traced, differentiable, ops_for
 from polywigner.errors import SceneError
 from polywigner.kernels import kernel_for
 from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions
 from polywigner.mitsuba.parameters import EmitterSpec, check_range, rigid_pose
-from polywigner.mitsuba.placement import check_place, matrix_of, move
+from polywigner.mitsuba.placement import check_place, cover, matrix_of, move
+from polywigner.mitsuba.radiator import radiator_of
 from polywigner.mitsuba.sampling import positions_of
+from polywigner.mitsuba.traced import TracedSource
 from polywigner.transforms import fourier
 
 __all__ = ["emitter_class"]
@@ -54,23 +57,28 @@ def emitter_class(variant: str) -> Any:
             props["sampling_weight"] = spec.sampling_weight
             super().__init__(props)
             self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
-            self.spec = spec
             self.wavelength = _adjustable(m, spec.wavelength)
             self.power = _adjustable(m, spec.power)
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
-            radiator = spec.radiator
             self._unit = spec.scene_unit
+            self._ops = ops_for(m.Float)
+            self._shine_like(spec, spec.wavelength)
+            self._take_over()
+
+        def _shine_like(self, spec: EmitterSpec, wavelength: float) -> None:
+            """Take over all that follows from the source."""
+            self.spec = spec
+            radiator = spec.radiator
             self._centre = radiator.centre / self._unit
             self._shifts = [
                 (m.Vector2f(x / self._unit, y / self._unit), weight)
                 for x, y, weight in radiator.shifts.tolist()
             ]
             self._positions = positions_of(m, radiator, spec.sampling, self._unit)
-            self._ops = ops_for(m.Float)
             self._source = radiator.centred
             self._squints = depends_on_wavelength(self._source, spec.obliquity)
-            self._terms = self._terms_at(spec.wavelength)
-            self._take_over()
+            self._terms = self._terms_at(wavelength)
+            self._traced = TracedSource(m, radiator)
 
         def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
             """(kernel, its constants, coefficients of h) of what adds up to the radiance.
@@ -89,27 +97,49 @@ def emitter_class(variant: str) -> Any:
         # ---- what a user may change ----------------------------------------------------------
 
         def traverse(self, callback: Any) -> None:
-            """``wavelength`` (m), ``power`` (W) and ``to_world`` (rigid)."""
+            """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
             # Where it turns the directions of waves, these are constants of the kernel.
             flag = "NonDifferentiable" if self._squints else "Differentiable"
             callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
-            # Not differentiable: Mitsuba's integrators do not move the samples along with the
-            # aperture, so the gradient would lack the change of distance and cosines.
-            callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
+            # With `direct` alone: others do not move the samples along with the aperture, so that
+            # the gradient lacks the change of the receiver's cosine (docs/gradients.md).
+            callback.put("to_world", self.to_world, mi.ParamFlags.Differentiable)
+            if self._traced.vertices is not None:
+                callback.put("vertices", self._traced.vertices, mi.ParamFlags.Differentiable)
+            if self._traced.weights is not None:
+                callback.put("weights", self._traced.weights, mi.ParamFlags.Differentiable)
 
         def parameters_changed(self, keys: list[str]) -> None:
             """Take over new values; a new pose moves the mesh as well."""
             if "wavelength" in keys or "power" in keys:
                 self._check_numbers()
+            shape = self.get_shape()
+            if "vertices" in keys or "weights" in keys:
+                self._reshape(shape)
             if "wavelength" in keys and self._squints:
                 self._terms = self._terms_at(_single(self.wavelength, "wavelength"))
             self._take_over()
-            shape = self.get_shape()
             if "to_world" in keys and shape is not None:
                 move(shape, rigid_pose(matrix_of(self.to_world)), self._centre)
             elif "parent" in keys and shape is not None:
                 check_place(shape, matrix_of(self.to_world), self._centre)
+
+        def _reshape(self, shape: Any) -> None:
+            """Take over vertices and weights, and give the mesh the region that radiates now."""
+            source = self._traced.changed()
+            if source is None:
+                return
+            traced, spec = self._traced, self.spec
+            antithetic = len(spec.radiator.shifts) > 1
+            radiator = radiator_of(source, spec.obliquity, antithetic)
+            wavelength = _single(self.wavelength, "wavelength")
+            self._shine_like(replace(spec, radiator=radiator), wavelength)
+            # the arrays that a user holds, and their derivatives
+            self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
+            if shape is not None:
+                pose = rigid_pose(matrix_of(self.to_world))
+                cover(shape, radiator.support, pose, self._centre, self._unit)
 
         def _check_numbers(self) -> None:
             wavelength = _single(self.wavelength, "wavelength")
@@ -146,9 +176,16 @@ def emitter_class(variant: str) -> Any:
             frequency = (direction.x * inverse, direction.y * inverse)
             density = 0.0
             for kernel, tables, coefficients in self._terms:
-                (wigner,) = kernel(self._ops, tables, *place, *frequency)
+                wigner = self._wigner(kernel, tables, (*place, *frequency))
                 density = density + wigner * emission_factor(coefficients, cosine)
             return dr.select(front, self._scale(inverse) * density, 0.0)
+
+        def _wigner(self, kernel: Any, tables: Any, point: Any) -> Any:
+            if not jit:
+                return kernel(self._ops, tables, *point)[0]
+            if self._traced.is_followed() and len(self._terms) == 1:
+                return self._traced.wigner(self._ops, *point)
+            return differentiable(kernel, self._ops, tables, point, Traced())[0]
 
         def _intensity(self, direction: Any) -> Any:
             """The integral of L over positions, |F|^2 in the place of W: radiance times area."""
@@ -165,7 +202,10 @@ def emitter_class(variant: str) -> Any:
             return dr.select(front, in_scene * total, 0.0)
 
         def _scale(self, inverse: Any) -> Any:
-            return _value(self.power, jit) * (inverse * inverse / self.spec.radiator.energy)
+            energy = self.spec.radiator.energy
+            if self._traced.is_followed():
+                energy = self._traced.energy()
+            return _value(self.power, jit) * (inverse * inverse / energy)
 
         def _spectrum(self, value: Any, active: Any) -> Any:
             # One narrow band: the same value in every channel or at every sampled wavelength.

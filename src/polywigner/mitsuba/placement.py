@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import SceneError
+from polywigner.geometry import Aperture, triangulate
 
-__all__ = ["check_place", "matrix_of", "move", "world_positions"]
+__all__ = ["check_place", "cover", "matrix_of", "move", "world_positions"]
 
 # The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
 # coordinate each, the positions once more.
@@ -40,6 +41,24 @@ def move(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
     params = mi.traverse(shape)
     local = np.asarray(params["vertex_texcoords"], dtype=np.float64).reshape(-1, 2)
     params["vertex_positions"] = world_positions(local, pose, centre).ravel().tolist()
+    params.update()
+
+
+def cover(
+    shape: Any,
+    support: Aperture,
+    pose: npt.NDArray[np.float64],
+    centre: npt.NDArray[np.float64],
+    unit: float,
+) -> None:
+    """Make the mesh that of a region in metres, relative to a centre in units of ``unit``."""
+    points, triangles = triangulate(support)
+    points = points / unit
+    params = mi.traverse(shape)
+    # Lists: Dr.Jit would go on using NumPy's memory, whose alignment enters the kernels.
+    params["vertex_positions"] = world_positions(points, pose, centre).ravel().tolist()
+    params["vertex_texcoords"] = points.ravel().tolist()
+    params["faces"] = triangles.ravel().tolist()
     params.update()
 
 

@@ -31,7 +31,7 @@ from polywigner.errors import PolywignerError
 from polywigner.geometry import triangulate
 from polywigner.mitsuba.emitter import emitter_class
 from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
-from polywigner.mitsuba.placement import world_positions
+from polywigner.mitsuba.placement import cover
 
 __all__ = ["PLUGIN_NAME", "original_error", "register"]
 
@@ -77,7 +77,6 @@ def _build(variant: str, props: Any) -> Any:
 def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
     m = getattr(mi, variant)
     vertices, triangles = triangulate(spec.radiator.support)
-    vertices = vertices / spec.scene_unit
     inner = mi.Properties(PLUGIN_NAME)
     inner.set_id(props.id())
     nested = dict(props.objects())
@@ -93,14 +92,6 @@ def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
         props=inner,
         has_vertex_texcoords=True,
     )
-    params = mi.traverse(mesh)
-    # Lists: Dr.Jit would go on using NumPy's memory, whose alignment enters the kernels.
-    params["vertex_positions"] = (
-        world_positions(vertices, spec.pose, spec.radiator.centre / spec.scene_unit)
-        .ravel()
-        .tolist()
-    )
-    params["vertex_texcoords"] = vertices.ravel().tolist()
-    params["faces"] = triangles.ravel().tolist()
-    params.update()
+    centre = spec.radiator.centre / spec.scene_unit
+    cover(mesh, spec.radiator.support, spec.pose, centre, spec.scene_unit)
     return mesh

@@ -1,0 +1,154 @@
+"""Vertices and weights of a source as parameters of a scene, differentiable in a render."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.engines import Traced, differentiable
+from polywigner.errors import SceneError
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.kernels import WIGNER, new_tables_of
+from polywigner.mitsuba.radiator import Radiator
+from polywigner.transforms import differentiable as differentiable_source
+
+__all__ = ["TracedSource"]
+
+# Of more clips, the derivatives in all vertices would be too much code for a render's kernel.
+_MOST_CLIPS = 1000
+# What overlaps by less than this fraction of an area does so by rounding.
+_APART = 1e-9
+
+
+class TracedSource:
+    """The numbers of one emitter's source that a scene's parameters expose.
+
+    ``vertices``: x and y of each in metres, of a uniform aperture, or of an array of uniform
+    apertures that do not overlap. ``weights``: real and imaginary part of each, of such an array.
+    None where there are none, or too many.
+    """
+
+    def __init__(self, m: Any, radiator: Radiator) -> None:
+        self._m, self._radiator = m, radiator
+        self.vertices: Any = None
+        self.weights: Any = None
+        if not dr.is_jit_v(m.Float) or not _is_simple(radiator.source):
+            return
+        self._tables = new_tables_of(radiator.centred, dr.itemsize_v(m.Float) == 8)
+        if self._tables.clips > _MOST_CLIPS:
+            return
+        self.vertices = m.Float(_corners(radiator.source).ravel().tolist())
+        if isinstance(radiator.source, Array):
+            self.weights = m.Float(_pairs(radiator.source.weights).ravel().tolist())
+
+    def is_followed(self) -> bool:
+        """Whether derivatives are asked of any."""
+        return any(v is not None and dr.grad_enabled(v) for v in (self.vertices, self.weights))
+
+    def changed(self) -> Aperture | Array | None:
+        """The source with the present values, or None if they are those of the source.
+
+        Raises the errors of :func:`polywigner.differentiable`; SceneError for another number.
+        """
+        if self.vertices is None:
+            return None
+        source: Any = self._radiator.source
+        known = _corners(source).astype(np.float32)
+        points = self._values("vertices", self.vertices, len(known))
+        has_changed = not np.array_equal(points, known)
+        if has_changed:
+            columns = (self._m.Float(column.tolist()) for column in points.T)
+            moved = self._m.Point2f(*columns)
+            source = differentiable_source(source, vertices=moved).source
+        if isinstance(source, Array):
+            known = _pairs(source.weights).astype(np.float32)
+            pairs = self._values("weights", self.weights, len(known))
+            if not np.array_equal(pairs, known):
+                source, has_changed = Array(source.elements, pairs @ [1, 1j]), True
+        return source if has_changed else None
+
+    def _values(self, name: str, flat: Any, count: int) -> NDArray[np.float32]:
+        values = np.array(dr.detach(flat), np.float32)
+        if values.size != 2 * count or not np.isfinite(values).all():
+            raise SceneError(
+                f"expected {name} as {2 * count} finite numbers, two for each of {count}, got "
+                f"{values.size} numbers"
+            )
+        return values.reshape(-1, 2)
+
+    def wigner(self, ops: Any, *point: Any) -> Any:
+        """W of the centred source, with derivatives in all numbers."""
+        frame = self._tables.frame
+        x, y = zip(*(frame.position(ops, *corner) for corner in self._centred()), strict=True)
+        fields = None
+        if self.weights is not None:
+            real, imag = zip(*self._scaled_weights(), strict=True)
+            fields = real, imag
+        traced = Traced((x, y), fields)
+        (value,) = differentiable(WIGNER, ops, self._tables, point, traced)
+        return value
+
+    def energy(self) -> Any:
+        """int |u|^2, with derivatives."""
+        corners = self._centred()
+        total: Any = 0.0
+        start = 0
+        for number, element in enumerate(_elements(self._radiator.source)):
+            twice: Any = 0.0
+            for ring in element.rings:
+                own = corners[start : start + len(ring)]
+                start += len(ring)
+                for (ax, ay), (bx, by) in zip(own, own[1:] + own[:1], strict=True):
+                    twice = twice + (ax * by - ay * bx)
+            if self.weights is not None:
+                real, imag = self._pair(self.weights, number)
+                twice = twice * (real * real + imag * imag)
+            total = total + 0.5 * twice
+        return self._radiator.energy * (total / dr.detach(total))
+
+    def _pair(self, flat: Any, number: int) -> tuple[Any, Any]:
+        m = self._m
+        first, second = (dr.gather(m.Float, flat, m.UInt32(2 * number + k)) for k in (0, 1))
+        return first, second
+
+    def _centred(self) -> list[tuple[Any, Any]]:
+        cx, cy = self._radiator.centre.tolist()
+        count = dr.width(self.vertices) // 2
+        pairs = (self._pair(self.vertices, number) for number in range(count))
+        return [(x - cx, y - cy) for x, y in pairs]
+
+    def _scaled_weights(self) -> list[tuple[Any, Any]]:
+        result = []
+        for number, factor in enumerate(self._tables.factors):
+            real, imag = self._pair(self.weights, number)
+            a, b = factor.real, factor.imag
+            result.append((real * a - imag * b, real * b + imag * a))
+        return result
+
+
+def _elements(source: Aperture | Array) -> list[Aperture]:
+    coplanar = (source,) if isinstance(source, Aperture) else source.coplanar
+    return [element for element in coplanar if isinstance(element, Aperture)]
+
+
+def _corners(source: Aperture | Array) -> NDArray[np.float64]:
+    return np.concatenate([ring for element in _elements(source) for ring in element.rings])
+
+
+def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
+    return np.stack([weights.real, weights.imag], axis=-1)
+
+
+def _is_simple(source: Aperture | Array) -> bool:
+    """Whether the field is constant on each element, and its energy the sum of theirs."""
+    elements = _elements(source)
+    if any(element.illumination is not None for element in elements):
+        return False
+    whole = shapely.union_all([element.polygons for element in elements]).area
+    total = sum(element.area for element in elements)
+    return bool(abs(whole - total) <= _APART * total)

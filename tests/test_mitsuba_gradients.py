@@ -1,0 +1,160 @@
+"""Renders are differentiable in the numbers of a source, and agree with differences of renders."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import CHEVRON, floor_scene, light, use
+from polywigner.errors import GeometryError, SceneError
+
+pytestmark = pytest.mark.llvm
+
+PAIR = pw.Array(
+    [pw.shapes.square(4e-3).moved((-3e-3, 0)), pw.shapes.square(4e-3).moved((3e-3, 1e-3))],
+    [1, 0.5 + 0.5j],
+)
+DIRECT = {"type": "direct", "bsdf_samples": 0, "emitter_samples": 1}
+PRB = {"type": "prb", "max_depth": 2}
+# Of renders with the same samples: steps of 1e-2 in float32, of curved functions.
+DIFFERENCES = 5e-3
+# Standard deviations of the mean of as many renders.
+DEVIATIONS = 4.5
+
+
+def _scene(source: Any, integrator: Any) -> tuple[Any, Any]:
+    import mitsuba as mi
+
+    scene = floor_scene({"aperture": light(source)}, integrator, columns=5)
+    return scene, mi.traverse(scene)
+
+
+def _weighted(image: Any) -> Any:
+    """A number that depends on all pixels, each in its own way."""
+    import drjit as dr
+
+    weight = 1.0 + 0.3 * np.arange(np.prod(image.shape)) % 1.7
+    return dr.sum(image.array * type(image.array)(weight.astype(np.float32)))
+
+
+def _in_the_middle(image: Any) -> Any:
+    """The brightest pixel, which is where the beam goes."""
+    import drjit as dr
+
+    count = len(image.array)
+    return dr.gather(type(image.array), image.array, dr.uint32_array_t(image.array)(count // 2))
+
+
+@pytest.mark.parametrize("integrator", [DIRECT, PRB], ids=["direct", "prb"])
+def test_gradients_in_weights_are_those_of_differences(integrator: Any, llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    import drjit as dr
+
+    scene, params = _scene(PAIR, integrator)
+    key = "aperture.emitter.weights"
+    values = np.array(params[key])
+
+    def total(at: np.ndarray) -> float:
+        params[key] = mi.Float(at.tolist())
+        params.update()
+        return float(_weighted(mi.render(scene, spp=256, seed=2))[0])
+
+    dr.enable_grad(params[key])
+    params.update()
+    dr.backward(_weighted(mi.render(scene, params, spp=256, seed=1, seed_grad=2)))
+    got = np.array(dr.grad(params[key]))
+    steps = 1e-2 * np.eye(len(values))
+    expected = [(total(values + s) - total(values - s)) / 2e-2 for s in steps]
+    assert np.abs(got - expected).max() < DIFFERENCES * np.abs(expected).max()
+
+
+def test_gradients_in_the_pose_are_those_of_differences(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    import drjit as dr
+
+    scene, params = _scene(CHEVRON, DIRECT)
+
+    def render(shift: Any, tilt: Any, seed: int = 2) -> Any:
+        pose = mi.Transform4f().translate([shift, 0.5, -1.0]).rotate([1, 0, 0], tilt)
+        params["aperture.emitter.to_world"] = pose
+        params.update()
+        return _weighted(mi.render(scene, params, spp=256, seed=seed, seed_grad=5 - seed))
+
+    numbers = [mi.Float(0.3), mi.Float(5.0)]
+    dr.enable_grad(numbers)
+    dr.backward(render(*numbers, seed=3))
+    got = [float(dr.grad(number)[0]) for number in numbers]
+    for k, step in enumerate((0.02, 0.1)):
+        ends = [
+            float(render(*(mi.Float(v + s * step * (j == k)) for j, v in enumerate((0.3, 5.0))))[0])
+            for s in (1, -1)
+        ]
+        expected = (ends[0] - ends[1]) / (2 * step)
+        assert abs(got[k] - expected) < DIFFERENCES * abs(expected)
+
+
+def test_gradients_in_vertices_are_those_of_differences(llvm: object) -> None:
+    """New outlines draw new positions, so that differences agree within their noise alone."""
+    mi = use("llvm_ad_mono")
+    import drjit as dr
+
+    scene, params = _scene(CHEVRON, PRB)
+    key = "aperture.emitter.vertices"
+    values = np.array(params[key])
+    change = values / np.abs(values).max()  # narrows the beam
+    step = 2e-4
+    gradients, differences = [], []
+    for seed in range(8):
+        params[key] = mi.Float(values.tolist())
+        dr.enable_grad(params[key])
+        params.update()
+        dr.backward(
+            _in_the_middle(mi.render(scene, params, spp=1024, seed=100 + seed, seed_grad=seed))
+        )
+        gradients.append(np.array(dr.grad(params[key])) @ change)
+        ends = []
+        for sign in (1, -1):
+            params[key] = mi.Float((values + sign * step * change).tolist())
+            params.update()
+            ends.append(float(_in_the_middle(mi.render(scene, spp=1024, seed=seed))[0]))
+        differences.append((ends[0] - ends[1]) / (2 * step))
+    error = np.hypot(*(np.std(v, ddof=1) / np.sqrt(8) for v in (gradients, differences)))
+    assert abs(np.mean(gradients) - np.mean(differences)) < DEVIATIONS * error
+    assert abs(np.mean(gradients)) > DEVIATIONS * error  # it does not drown in noise
+
+
+def test_new_vertices_give_the_picture_and_the_mesh_of_a_new_scene(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    scene, params = _scene(CHEVRON, PRB)
+    smaller = np.concatenate(pw.shapes.chevron(8e-3, 9e-3, 3e-3).rings).astype(np.float32)
+    params["aperture.emitter.vertices"] = mi.Float(smaller.ravel().tolist())
+    params.update()
+    fresh, _ = _scene(pw.Aperture(smaller.astype(np.float64)), PRB)
+    power = mi.traverse(fresh)["aperture.emitter.power"]
+    params["aperture.emitter.power"] = power
+    params.update()
+    images = [np.array(mi.render(s, spp=64, seed=3)) for s in (scene, fresh)]
+    assert np.abs(images[0] - images[1]).max() < 1e-4 * np.abs(images[1]).max()
+    assert np.allclose(scene.bbox().max, fresh.bbox().max)
+
+
+def test_vertices_that_cross_and_numbers_that_are_missing_are_refused(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    _, params = _scene(CHEVRON, PRB)
+    key = "aperture.emitter.vertices"
+    corners = np.array(params[key]).reshape(-1, 2)
+    params[key] = mi.Float(corners[[3, 1, 2, 0, *range(4, len(corners))]].ravel().tolist())
+    with pytest.raises(GeometryError, match=r"crosses itself|turned over"):
+        params.update()
+    params[key] = mi.Float([0.0, 1.0])
+    with pytest.raises(SceneError, match="two for each"):
+        params.update()
+
+
+def test_fields_of_waves_and_scalar_variants_have_no_such_parameters() -> None:
+    mi = use("scalar_rgb")
+    plain = mi.traverse(floor_scene({"aperture": light(CHEVRON)}, columns=2))
+    assert not any(key.endswith((".vertices", ".weights")) for key in plain.keys())  # noqa: SIM118
