@@ -415,6 +415,18 @@ def test_lattices_are_recognised() -> None:
     assert lattice_of(np.zeros((3, 2)), np.ones(3, complex)) is None
 
 
+@pytest.mark.parametrize("count", [46, 64, 120])
+def test_large_lattices_are_recognised_in_any_order_and_half_empty(count: int) -> None:
+    rng = np.random.default_rng(count)
+    square = grid(count, count, 2.1e-3, 1.9e-3)
+    triangular = grid(count, count, 1.0) @ np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)]])
+    for places in (square, triangular):
+        assert lattice_of(places, np.ones(len(places), complex)).weights.shape == (count, count)
+        half = rng.permutation(places[rng.random(len(places)) < 0.5])
+        found = lattice_of(half, np.ones(len(half), complex))
+        assert found.weights.sum() == len(half)
+
+
 def test_profiles_are_recognised() -> None:
     column, row = _taper(6) * _phases(0.31, 6) * 2j, _phases(-0.4, 5)
     first, second = separated(np.outer(column, row))

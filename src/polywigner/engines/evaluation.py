@@ -55,7 +55,7 @@ def evaluate(
     dtype = np.float64 if double else np.float32
     results = tuple(np.empty(shape, dtype) for _ in range(outputs))
     # pieces that are cut are code, terms of a plain sum are data
-    terms = 1 if kernel.copies else len(tables.edges)
+    terms = tables.terms if kernel.copies else len(tables.edges)
     engine = resolved(engine, int(np.prod(shape)), terms)
     pairs = pairs_of(components, shape)
     compute: OnNumpy | OnDrjit

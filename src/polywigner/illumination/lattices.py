@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,10 @@ _SITES_PER_ELEMENT = 16
 # Weights count as a product of two profiles, or as real but for a phase that grows evenly along the
 # array, if this fraction of the largest is all that is left.
 _EQUAL = 1e-14
-# Positions from which the shortest differences are found.
-_MOST_PAIRED = 2048
+# Positions up to which the shortest differences are looked for among all pairs; of more, among the
+# pairs of so many of them with all.
+_ALL_PAIRS = 2048
+_PAIRED_WITH_ALL = 128
 
 
 @dataclass(frozen=True)
@@ -65,19 +68,30 @@ def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64]
 
     Measured over the whole array, so that their rounding does not add up over it.
     """
-    some = positions[:: max(1, len(positions) // _MOST_PAIRED)]
-    first = _shortest([some[k + 1 :] - some[k] for k in range(len(some) - 1)], extent, None)
+    first = _shortest(_differences(positions), extent, None)
     if first is None:
         return None
-    second = _shortest([some[k + 1 :] - some[k] for k in range(len(some) - 1)], extent, first)
+    second = _shortest(_differences(positions), extent, first)
     if second is None:
         second = np.array([-first[1], first[0]])
     basis = np.stack([first, second])
     return _refined(basis, positions)
 
 
+def _differences(positions: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Differences of pairs, block by block: all, or enough to meet every short one."""
+    count = len(positions)
+    if count <= _ALL_PAIRS:
+        for k in range(count - 1):
+            yield positions[k + 1 :] - positions[k]
+        return
+    # even in the order given, which is that of rows more often than not: one in each of many rows
+    for k in np.linspace(0, count - 1, _PAIRED_WITH_ALL).astype(np.intp):
+        yield positions - positions[k]
+
+
 def _shortest(
-    differences: list[NDArray[np.float64]], extent: float, other: NDArray[np.float64] | None
+    differences: Iterable[NDArray[np.float64]], extent: float, other: NDArray[np.float64] | None
 ) -> NDArray[np.float64] | None:
     """The shortest difference, not parallel to another one; towards +x, or +y."""
     best, length = None, np.inf

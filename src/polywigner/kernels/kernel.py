@@ -34,7 +34,8 @@ class Kernel:
     dimension: int
     """Components of every argument."""
     tables: Callable[[Any, bool], Any]
-    """(source, double) -> the constants of the kernel, with ``frame`` and ``edges``; cached."""
+    """(source, double) -> the constants of the kernel, with ``frame`` and ``edges``, and, if
+    edges are cut, ``terms``; cached."""
     enter: Callable[..., Values]
     """(ops, frame, *arguments) -> arguments in the frame."""
     edge_sum: Callable[..., Values]

@@ -32,6 +32,7 @@ from polywigner.kernels.plane import product_of_both
 from polywigner.kernels.repeated import RepeatedTables, at_both_ends
 from polywigner.kernels.site_weights import LatticeSites, Weights
 from polywigner.kernels.trigonometry import cos_sin_turns
+from polywigner.kernels.weight_tables import fits_a_table
 
 __all__ = [
     "AMBIGUITY",
@@ -83,7 +84,9 @@ def _tables(array: Array, double: bool) -> ArrayTables:
         values = values * np.exp(-2j * np.pi * (turns[0] * i + turns[1] * j))
     frame = array_frame(lattice, element, tables.frame, turns, double)
     sites = LatticeSites(factors, Weights(values))
-    return RepeatedTables(frame, tables, tables.edges, sites, _SUMS_PER_EDGE)
+    by_pairs = factors is None and not fits_a_table(values.shape, double)
+    terms = values.size if by_pairs else 1
+    return RepeatedTables(frame, tables, tables.edges, sites, _SUMS_PER_EDGE, terms)
 
 
 def _scaled(profile: Profile) -> ProfileFactor:

@@ -161,7 +161,8 @@ def _tables(
     )
     table = tuple(tuple(row) for row in rows.tolist())
     found = ScatteredSites(lists, table)
-    return RepeatedTables(sites.frame, sites.tables, sites.tables.edges, found)
+    terms = len(sites.places)
+    return RepeatedTables(sites.frame, sites.tables, sites.tables.edges, found, terms=terms)
 
 
 def _split(values: Floats, double: bool) -> tuple[Floats, Floats]:

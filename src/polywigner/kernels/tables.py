@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -107,6 +107,7 @@ class Tables:
     phased: bool = False  # not all weights are real
     groups: tuple[Waves, ...] = (UNIFORM,)  # the different fields on the elements, less weights
     factors: tuple[complex, ...] = (1.0,)  # of each element: its weight here over the user's
+    terms: ClassVar[int] = 1  # of a sum over data, beside the edges, that a sample loops through
 
     @cached_property
     def clips(self) -> int:

@@ -25,7 +25,15 @@ from numpy.typing import NDArray
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.interpolation import RATE, interpolation
 
-__all__ = ["DifferenceTable", "Direction", "MeanTable", "Taps", "difference_table", "mean_table"]
+__all__ = [
+    "DifferenceTable",
+    "Direction",
+    "MeanTable",
+    "Taps",
+    "difference_table",
+    "fits_a_table",
+    "mean_table",
+]
 
 Complexes = NDArray[np.complex128]
 
@@ -170,17 +178,28 @@ def difference_table(weights: Complexes, double: bool) -> DifferenceTable | None
     return None if found is None else DifferenceTable(*found)
 
 
+def fits_a_table(shape: tuple[int, ...], double: bool) -> bool:
+    """Whether weights of a shape (n1, n2) have a `mean_table`: told without making it."""
+    return not _is_too_large(_directions(shape), double, 1)
+
+
+def _directions(shape: tuple[int, ...]) -> tuple[Direction, Direction]:
+    return _direction(shape[0], 1), _direction(shape[1], _PACKET)
+
+
+def _is_too_large(directions: tuple[Direction, Direction], double: bool, parts: int) -> bool:
+    entries = int(directions[0].total * directions[1].total)
+    return entries * (8 if double else 4) * parts > _MOST_BYTES
+
+
 def _tables(
     weights: Complexes, double: bool, pairs_of: Pairs, parts: tuple[str, ...]
 ) -> list[MeanTable] | None:
-    directions = first, second = (
-        _direction(weights.shape[0], 1),
-        _direction(weights.shape[1], _PACKET),
-    )
+    directions = first, second = _directions(weights.shape)
+    if _is_too_large(directions, double, len(parts)):
+        return None
     entries = int(first.total * second.total)
     dtype = np.dtype(np.float64 if double else np.float32)
-    if entries * dtype.itemsize * len(parts) > _MOST_BYTES:
-        return None
     values: list[NDArray[Any]] = [np.empty(entries, dtype) for _ in parts]
     ones, twos = (
         [_midpoint(pairs_of(count, h), int(period), double) for h, period in enumerate(d.periods)]
