@@ -14,6 +14,7 @@ module               what is in it
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``gradients``        kernels as custom operations, with derivatives in closed form
 ``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
+``ray_sums``         sums over rays, with derivatives
 ``site_sums``        array factors with differentiable weights
 ``threads``          how many threads compiled kernels run on
 ``llvm``             finds and tries out the LLVM library before Dr.Jit is imported
@@ -47,6 +48,7 @@ from polywigner.engines.parameters import (
     plane_points,
     tensor_of,
 )
+from polywigner.engines.ray_sums import float_of, has_gradient, ray_sum, values_of
 from polywigner.engines.site_sums import site_sum
 from polywigner.engines.sums import evaluate_sums
 from polywigner.engines.threads import kernel_threads
@@ -69,14 +71,18 @@ __all__ = [
     "evaluate_on_grid",
     "evaluate_sums",
     "evaluate_traced",
+    "float_of",
+    "has_gradient",
     "in_plane",
     "is_drjit",
     "kernel_threads",
     "ops_for",
     "plane_points",
     "product_of_complex",
+    "ray_sum",
     "shifted_points",
     "site_sum",
     "tensor_of",
     "times_complex",
+    "values_of",
 ]

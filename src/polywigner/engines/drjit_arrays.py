@@ -26,11 +26,14 @@ from polywigner.kernels import Kernel
 
 __all__ = [
     "as_complex",
+    "as_result",
     "checked_float",
+    "components_of",
     "evaluate_traced",
     "from_components",
     "in_plane",
     "is_drjit",
+    "own_float",
     "plane_components",
     "product_of_complex",
     "shifted_points",
@@ -115,6 +118,31 @@ def _is_data(parameters: Parameters, components: Sequence[Any]) -> bool:
 
     changes = parameters.vertices is not None or parameters.fields is not None
     return changes and max(map(drjit.width, components)) < _WORTH_COMPILING
+
+
+def own_float(name: str, value: Any) -> Any:
+    """The float type behind a Dr.Jit array. Raises ArgumentError for other types."""
+    return _float_type(name, value)
+
+
+def components_of(
+    name: str, value: Any, float_type: Any, dimension: int
+) -> tuple[list[Any], tuple[int, ...] | None]:
+    """Components of points of any kind, and the shape without the last axis of what is a tensor."""
+    if not is_drjit(value):
+        value = tensor_of(float_type, value)
+    if _is_tensor(value):
+        shape, found = _tensor_components([(name, value)], float_type, dimension)
+        return found, shape
+    return list(_components(name, value, float_type, dimension)), None
+
+
+def as_result(value: Any, shape: tuple[int, ...] | None, like: Any, float_type: Any) -> Any:
+    """A real result for points of a kind: a ``Float``, or a tensor of a shape."""
+    if shape is None:
+        return value
+    kind = type(like) if is_drjit(like) else type(tensor_of(float_type, [0.0]))
+    return kind(value, shape)
 
 
 def plane_components(name: str, value: Any) -> tuple[list[Any], tuple[int, ...] | None]:

@@ -35,8 +35,9 @@ from polywigner.propagation.places import (
 from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate, by_gauss
 from polywigner.propagation.rays_sampling import Sampling, by_samples
+from polywigner.propagation.rays_traced import has_derivatives, traced_irradiance
 from polywigner.radiometry.directions import checked_source
-from polywigner.transforms import lag_marginal
+from polywigner.transforms import Differentiable, lag_marginal
 
 __all__ = ["checked_order", "checked_tolerance", "irradiance"]
 
@@ -55,9 +56,9 @@ _THIRD_ORDER_FROM = 0.9
 
 
 def irradiance(
-    source: Aperture | Array,
+    source: Aperture | Array | Differentiable,
     points: Any,
-    wavelength: float,
+    wavelength: Any,
     method: str = "wigner",
     *,
     obliquity: Obliquity | None = None,
@@ -82,8 +83,9 @@ def irradiance(
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
         illuminations.
-    points : (..., 3) in m, z > 0; or a Dr.Jit array, without derivatives, for values in one.
-    wavelength : in m.
+    points : (..., 3) in m, z > 0; or a Dr.Jit array for values in one.
+    wavelength : in m. With derivatives in it (a Dr.Jit ``Float``), in ``points``, or in the numbers
+        of a :func:`differentiable` source, by rays of the first order alone.
     method : "wigner", "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel" or
         "fraunhofer".
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
@@ -124,6 +126,15 @@ def irradiance(
     source's bounds; and where a tolerance cannot be met.
     """
     how: dict[str, Any]
+    if has_derivatives(source, points, wavelength):
+        if method != "wigner" or order != 1 or sampling != "gauss" or return_error:
+            raise ArgumentError(
+                'expected method="wigner" and order=1, Gauss rules, and no return_error with '
+                "derivatives; pass drjit.detach(...) of what needs none"
+            )
+        return traced_irradiance(
+            source, points, wavelength, obliquity, checked_tolerance(tolerance)
+        )
     if is_drjit(points):
         how = {"obliquity": obliquity, "order": order, "tolerance": tolerance, "samples": samples}
         how |= {"return_error": return_error, "sampling": sampling, "seed": seed}

@@ -16,7 +16,7 @@ from polywigner.kernels import Kernel
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
 
-__all__ = ["part_kernel", "ray_kernel"]
+__all__ = ["leading_factor", "part_kernel", "ray_kernel"]
 
 
 def ray_kernel(source: Any, order: int) -> Kernel:
@@ -75,11 +75,15 @@ def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
     )
 
 
-def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
-    """The factor of W: g/(wavelength |r|)^2."""
+def leading_factor(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Any:
+    """The factor of W: g/(wavelength |r|)^2, for 1/|r| ``inverse``."""
     first, mixed, both, _ = forms
     density = inverse / wavelength
-    return ((first * c * c + mixed * c + both) * density * density,)
+    return (first * c * c + mixed * c + both) * density * density
+
+
+def _leading(*ray: Any) -> Values:
+    return (leading_factor(*ray),)
 
 
 def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:

@@ -1,0 +1,79 @@
+"""Sums over rays from places to points, of Dr.Jit arrays, with derivatives."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.engines.drjit_arrays import as_result, components_of, is_drjit, own_float
+from polywigner.engines.ranges import aligned
+
+__all__ = ["float_of", "has_gradient", "ray_sum", "values_of"]
+
+
+def float_of(*named: tuple[str, Any]) -> Any:
+    """The float type of those of some arguments that are Dr.Jit arrays, None if none is."""
+    return next((own_float(name, value) for name, value in named if is_drjit(value)), None)
+
+
+def has_gradient(value: Any) -> bool:
+    """Whether derivatives are asked of a Dr.Jit array."""
+    import drjit as dr
+
+    return bool(dr.grad_enabled(value))
+
+
+def values_of(value: Any, dimension: int) -> NDArray[np.float64]:
+    """The numbers of points of any kind now, (..., d), without derivatives."""
+    import drjit as dr
+
+    if not is_drjit(value):
+        return np.asarray(value, np.float64)
+    array = np.array(dr.detach(value), np.float64)
+    return array if dr.is_tensor_v(value) or dimension == 1 else array.T
+
+
+def ray_sum(
+    wigner: Callable[[Any, Any], Any],
+    rule: tuple[NDArray[np.float64], NDArray[np.float64]],
+    points: Any,
+    wavelength: Any,
+    factor: Callable[[Any, Any, Any], Any],
+    float_type: Any,
+) -> Any:
+    """sum_j w_j W(x_j, nu_j) factor(c_j, 1/|r_j|, wavelength) at each point, (T2) to leading order.
+
+    ``wigner``: of ``Array2f`` positions and frequencies. ``rule``: places (m, 2) and weights (m,).
+    points: (..., 3) of any kind. Memory: some arrays of as many entries as there are rays.
+    """
+    import drjit as dr
+
+    number = dr.uint32_array_t(float_type)
+    module = sys.modules[float_type.__module__]
+    pair = module.Array2f64 if dr.itemsize_v(float_type) == 8 else module.Array2f
+    components, shape = components_of("points", points, float_type, 3)
+    nodes, weights = rule
+    count = len(weights)
+    ray = dr.arange(number, count * dr.width(components))
+    node, point = ray % count, ray // count
+    x, y, weight = (
+        dr.gather(float_type, _sent(float_type, column), node) for column in (*nodes.T, weights)
+    )
+    along: Sequence[Any] = [dr.gather(float_type, part, point) for part in components]
+    dx, dy, dz = along[0] - x, along[1] - y, along[2]
+    inverse = 1.0 / dr.sqrt(dx * dx + dy * dy + dz * dz)
+    length = float_type(wavelength)
+    scale = inverse / length
+    value = wigner(pair(x, y), pair(dx * scale, dy * scale))
+    value = value * (weight * factor(dz * inverse, inverse, length))
+    return as_result(dr.block_sum(value, count), shape, points, float_type)
+
+
+def _sent(kind: Any, values: NDArray[np.float64]) -> Any:
+    memory = aligned(len(values), np.float64 if kind.__name__.endswith("64") else np.float32)
+    memory[...] = values
+    return kind(memory)

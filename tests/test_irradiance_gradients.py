@@ -1,0 +1,95 @@
+"""Derivatives of irradiances by Wigner rays, against differences of converged sums."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+
+pytestmark = pytest.mark.llvm
+
+WAVELENGTH = 3.19e-3
+CHEVRON = pw.shapes.chevron(10e-3, 10e-3, 4e-3)
+POINTS = np.array([[0, 0, 0.05], [0.01, 0.02, 0.04], [-0.03, 0.01, 0.06]])
+FACTOR = np.array([1.0, -2.0, 0.5])
+# Of central differences of sums that are accurate to 1e-10.
+DIFFERENCES = 1e-6
+
+
+def _plain(vertices: np.ndarray, points: np.ndarray, wavelength: float, **more: Any) -> float:
+    source = pw.Aperture(vertices)
+    return float(FACTOR @ pw.irradiance(source, points, wavelength, tolerance=1e-10, **more))
+
+
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff", "paper"])
+def test_derivatives_are_those_of_differences(obliquity: Any) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    corners = np.concatenate(CHEVRON.rings)
+    arrays = [
+        backend.Array2f64(corners.T.copy()),
+        backend.Array3f64(POINTS.T.copy()),
+        backend.Float64(WAVELENGTH),
+    ]
+    dr.enable_grad(arrays)
+    source = pw.differentiable(CHEVRON, vertices=arrays[0])
+    found = pw.irradiance(source, *arrays[1:], tolerance=1e-9, obliquity=obliquity)
+    plain = pw.irradiance(CHEVRON, POINTS, WAVELENGTH, tolerance=1e-9, obliquity=obliquity)
+    assert np.abs(np.array(found) - plain).max() < 1e-8 * plain.max()
+    dr.backward(dr.dot(backend.Float64(FACTOR), found))
+    rng = np.random.default_rng(1)
+    now: list[Any] = [corners, POINTS, WAVELENGTH]
+    for k, (array, size) in enumerate(zip(arrays, (1e-7, 1e-6, 1e-9), strict=True)):
+        change = rng.normal(size=np.shape(now[k]))
+        ends = []
+        for sign in (1, -1):
+            moved = list(now)
+            moved[k] = now[k] + sign * size * change
+            ends.append(_plain(*moved, obliquity=obliquity))
+        gradient = np.array(dr.grad(array)).T.reshape(np.shape(change))
+        scale = np.abs(gradient).max() * np.abs(change).max()
+        assert (
+            abs((gradient * change).sum() - (ends[0] - ends[1]) / (2 * size)) < DIFFERENCES * scale
+        )
+
+
+def test_points_alone_may_have_derivatives_and_weights_may() -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    array = pw.Array(
+        [pw.shapes.square(3e-3).moved((shift, 0)) for shift in (-3e-3, 2e-3)], [1, 0.5 + 0.3j]
+    )
+    points = backend.TensorXf64(POINTS)
+    weights = backend.Complex2f64([1.0, 0.5], [0.0, 0.3])
+    dr.enable_grad(points, weights)
+    by_points = pw.irradiance(array, points, WAVELENGTH, tolerance=1e-9)
+    by_both = pw.irradiance(
+        pw.differentiable(array, weights=weights), points, WAVELENGTH, tolerance=1e-9
+    )
+    assert type(by_both) is backend.TensorXf64
+    assert np.abs(np.array(by_points) - np.array(by_both)).max() < 1e-12
+    dr.backward(by_both.array)
+    real, imag = np.array(dr.grad(weights).real), np.array(dr.grad(weights).imag)
+    # irradiance is homogeneous of degree 2 in the weights, and no phase in common matters
+    total = np.array(dr.detach(by_both)).sum()
+    assert abs((real * [1, 0.5]).sum() + (imag * [0, 0.3]).sum() - 2 * total) < 1e-9 * total
+    assert abs((imag * [1, 0.5]).sum() - (real * [0, 0.3]).sum()) < 1e-9 * total
+
+
+@pytest.mark.parametrize(
+    "more", [{"order": 3}, {"method": "kirchhoff"}, {"return_error": True}, {"sampling": "sobol"}]
+)
+def test_what_has_no_derivatives_says_so(more: Any) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    points = backend.Array3f64(POINTS.T.copy())
+    dr.enable_grad(points)
+    with pytest.raises(ArgumentError, match="with derivatives"):
+        pw.irradiance(CHEVRON, points, WAVELENGTH, **more)
