@@ -332,6 +332,21 @@ def test_at_a_kink_the_derivative_is_that_of_one_side() -> None:
         assert min(abs(component - one_side), abs(component + one_side)) < ROUNDING
 
 
+@pytest.mark.cuda
+def test_derivatives_on_a_gpu_are_those_of_the_processor() -> None:
+    import drjit as dr
+    import drjit.cuda.ad as cuda
+
+    rng = np.random.default_rng(9)
+    points = [np.array(CHEVRON), rng.uniform(0.2, 1.0, (9, 2)), rng.uniform(-2, 2, (9, 2))]
+    expected = _gradient(None, *points)
+    arrays = [cuda.Array2f64(np.ascontiguousarray(p.T)) for p in points]
+    dr.enable_grad(arrays)
+    dr.backward(pw.wigner(pw.differentiable(vertices=arrays[0]), *arrays[1:]))
+    for found, own in zip(arrays, expected, strict=True):
+        assert np.abs(_read(dr.grad(found)) - own).max() < ROUNDING * np.abs(own).max()
+
+
 def test_outlines_that_change_run_through_one_compiled_kernel() -> None:
     import drjit as dr
 
