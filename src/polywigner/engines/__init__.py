@@ -11,6 +11,7 @@ module               what is in it
 ``sums``             weighted sums over places, for many points
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
+``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``gradients``        kernels as custom operations, with derivatives in closed form
 ``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
@@ -22,15 +23,10 @@ module               what is in it
 """
 
 from polywigner.engines.choice import Engine, Precision, checked_engine, checked_precision
-from polywigner.engines.drjit_arrays import (
-    evaluate_traced,
-    in_plane,
-    is_drjit,
-    product_of_complex,
-    shifted_points,
-    times_complex,
-)
+from polywigner.engines.drjit_arrays import evaluate_traced
 from polywigner.engines.drjit_hosted import evaluate_hosted
+from polywigner.engines.drjit_points import in_plane, is_drjit, shifted_points
+from polywigner.engines.drjit_results import product_of_complex, times_complex
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.gradients import differentiable
 from polywigner.engines.grids import evaluate_on_grid

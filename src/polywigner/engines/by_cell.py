@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines.aligned import aligned
 from polywigner.engines.operations import DrjitOperations
-from polywigner.engines.ranges import aligned
 from polywigner.kernels import Kernel
 
 __all__ = ["CHUNK", "order_of", "sorts", "traced_by_cell"]

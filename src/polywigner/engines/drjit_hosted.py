@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines.drjit_arrays import checked_float, from_components
+from polywigner.engines.drjit_arrays import checked_float
+from polywigner.engines.drjit_results import from_components
 from polywigner.errors import ArgumentError
 
 __all__ = ["evaluate_hosted"]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines.aligned import aligned
 from polywigner.engines.choice import drjit_float
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
 from polywigner.engines.pairs import Pairs
-from polywigner.engines.ranges import aligned
 from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
 from polywigner.kernels.run_sums import RunSums, edge_columns, edge_waves, has_run_sums
 

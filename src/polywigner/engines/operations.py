@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.engines.ranges import DrjitRanges, NumpyRanges, ScalarRanges
+from polywigner.engines.drjit_ranges import DrjitRanges
+from polywigner.engines.ranges import NumpyRanges, ScalarRanges
 from polywigner.kernels.lattice import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross
 
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.engines.aligned import aligned
 from polywigner.engines.operations import DrjitOperations
-from polywigner.engines.ranges import aligned
 from polywigner.errors import ArgumentError
 
 __all__ = [

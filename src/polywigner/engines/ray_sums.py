@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines.drjit_arrays import as_result, components_of, is_drjit, own_float
-from polywigner.engines.ranges import aligned
+from polywigner.engines.aligned import aligned
+from polywigner.engines.drjit_points import components_of, is_drjit, own_float
+from polywigner.engines.drjit_results import as_result
 
 __all__ = ["float_of", "has_gradient", "ray_sum", "values_of"]
 

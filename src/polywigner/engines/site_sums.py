@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines.drjit_arrays import as_complex, plane_components
+from polywigner.engines.drjit_points import plane_components
+from polywigner.engines.drjit_results import as_complex
 from polywigner.engines.operations import DrjitOperations
 from polywigner.engines.parameters import Parameter
 from polywigner.kernels.trigonometry import cos_sin_turns

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines.aligned import aligned
 from polywigner.engines.choice import resolved
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.on_drjit import OnDrjit
-from polywigner.engines.ranges import aligned
 from polywigner.kernels import Kernel
 
 __all__ = ["evaluate_sums"]
