@@ -11,6 +11,7 @@ from polywigner.cli.options import (
     Array,
     DbFloor,
     Focus,
+    Frequency,
     Out,
     SourceFile,
     Steering,
@@ -179,6 +180,40 @@ def figures(
     from polywigner.cli.figures import run_figures
 
     run_figures(names or [], quality=quality, out=out)
+
+
+@app.command()
+def explore(
+    aperture: Annotated[
+        str | None,
+        typer.Argument(
+            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a square)."
+        ),
+    ] = None,
+    unit: Unit = None,
+    frequency: Frequency = None,
+    wavelength: Wavelength = None,
+    port: Annotated[int, typer.Option(help="To serve at; 0: any that is free.")] = 5006,
+    address: Annotated[
+        str, typer.Option(help="To listen at; any other than this one lets other machines in.")
+    ] = "127.0.0.1",
+    browser: Annotated[bool, typer.Option(help="Whether to open a browser.")] = True,
+) -> None:
+    """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
+
+    Prints the address of the page and serves it until Ctrl-C.
+    """
+    from polywigner.cli.explore import run_explore
+
+    run_explore(
+        aperture,
+        unit=unit,
+        frequency=frequency,
+        wavelength=wavelength,
+        port=port,
+        address=address,
+        browser=browser,
+    )
 
 
 @app.command()

@@ -1,0 +1,37 @@
+"""``polywigner explore``: serve the browser page."""
+
+from __future__ import annotations
+
+from polywigner.cli.sources import check_source_file, wavelength_from
+
+__all__ = ["run_explore"]
+
+
+def run_explore(
+    aperture: str | None,
+    *,
+    unit: str | None,
+    frequency: str | None,
+    wavelength: str | None,
+    port: int,
+    address: str,
+    browser: bool,
+) -> None:
+    """Serve the page until it is stopped; prints its address.
+
+    Raises
+    ------
+    PolywignerError : a file that cannot be read, an address that cannot be had, no Bokeh.
+    """
+    if aperture is not None:
+        check_source_file(aperture)
+    wavelength_from(frequency, wavelength)  # its error
+    from polywigner.explorer import check_installed, serve, start_state
+
+    check_installed()
+    state = start_state(aperture, unit or "mm", frequency or wavelength)
+    serve(state, port=port, address=address, browser=browser, say=_say)
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)

@@ -1,0 +1,32 @@
+"""The browser page: draw an aperture, and see its transforms, fields and patterns.
+
+Three layers, each knowing only those above it:
+
+- :mod:`~polywigner.explorer.state`, what is shown, as one frozen value, and as the text of a
+  link; ``editing`` and ``history`` make new states of old;
+- :mod:`~polywigner.explorer.views`, from a state to arrays with units; ``snippets`` and
+  ``exports`` write down the same as Python code and files;
+- ``page`` and ``server``: widgets, figures and sessions, the only modules that import Bokeh.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from polywigner.explorer.server import check_installed, serve
+from polywigner.explorer.state import State
+
+__all__ = ["State", "check_installed", "serve", "start_state"]
+
+
+def start_state(path: str | None, unit: str = "mm", wave: str | None = None) -> State:
+    """What the page opens with: an aperture file, or else the first shape of the catalogue.
+
+    Raises
+    ------
+    PolywignerError for a file that cannot be read, or has more vertices than the page edits.
+    """
+    from polywigner.explorer.sources import state_of_file
+
+    chosen: dict[str, Any] = {} if wave is None else {"wave": wave}
+    return State(**chosen) if path is None else state_of_file(path, unit, State(**chosen))

@@ -1,0 +1,103 @@
+"""Outlines changed by hand: new ones from old ones, with nothing of the page in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from polywigner.explorer.state import Point, Ring
+from polywigner.geometry import Aperture
+
+__all__ = [
+    "rings_of_aperture",
+    "rings_of_rows",
+    "rows_of_rings",
+    "snapped",
+    "with_vertex_after",
+    "with_vertex_near",
+    "without_vertex",
+]
+
+Rings = tuple[Ring, ...]
+
+_DIGITS = 6
+
+
+def rings_of_aperture(aperture: Aperture, per_metre: float = 1) -> Rings:
+    """Outlines in units, rounded to a millionth of the size, as one would type them."""
+    size = aperture.diameter * per_metre
+    digits = max(0, _DIGITS - 1 - math.floor(math.log10(size)))
+    return tuple(
+        tuple((_round(x * per_metre, digits), _round(y * per_metre, digits)) for x, y in ring)
+        for ring in aperture.rings
+    )
+
+
+def snapped(rings: Sequence[Sequence[Point]], step: float) -> Rings:
+    """Vertices on a raster of this step; step 0 leaves them where they are."""
+    if not step > 0:
+        return tuple(tuple((float(x), float(y)) for x, y in ring) for ring in rings)
+    # a raster of 0.1 has 0.3 on it, not 0.30000000000000004
+    digits = max(0, 3 - math.floor(math.log10(step)))
+
+    def on_raster(value: float) -> float:
+        return _round(round(value / step) * step, digits)
+
+    return tuple(tuple((on_raster(x), on_raster(y)) for x, y in ring) for ring in rings)
+
+
+def _round(value: float, digits: int) -> float:
+    return round(value, digits) + 0.0  # no -0.0
+
+
+def rows_of_rings(rings: Rings) -> list[tuple[int, float, float]]:
+    """One row (number of the outline from 1, x, y) for each vertex: the table."""
+    return [(number, x, y) for number, ring in enumerate(rings, 1) for x, y in ring]
+
+
+def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
+    """Outlines of a table; those of fewer than three vertices are gone."""
+    numbers = dict.fromkeys(number for number, _, _ in rows)
+    rings = [tuple((x, y) for n, x, y in rows if n == number) for number in numbers]
+    return tuple(ring for ring in rings if len(ring) >= 3)
+
+
+def without_vertex(rings: Rings, row: int) -> Rings:
+    """Without the vertex of one row of the table, and without the outline if two are left."""
+    rows = rows_of_rings(rings)
+    return rings_of_rows(rows[:row] + rows[row + 1 :])
+
+
+def with_vertex_near(rings: Rings, point: Point) -> Rings:
+    """With a new vertex at a point, in the edge that is nearest to it."""
+    edges = [
+        (_distance(point, a, ring[(k + 1) % len(ring)]), number, k)
+        for number, ring in enumerate(rings)
+        for k, a in enumerate(ring)
+    ]
+    if not edges:
+        return rings
+    _, number, k = min(edges)
+    ring = rings[number]
+    changed = (*ring[: k + 1], point, *ring[k + 1 :])
+    return (*rings[:number], changed, *rings[number + 1 :])
+
+
+def _distance(point: Point, a: Point, b: Point) -> float:
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    px, py = point[0] - a[0], point[1] - a[1]
+    square = dx * dx + dy * dy
+    t = min(1.0, max(0.0, (px * dx + py * dy) / square)) if square else 0.0
+    return math.hypot(px - t * dx, py - t * dy)
+
+
+def with_vertex_after(rings: Rings, row: int) -> Rings:
+    """With a new vertex in the middle of the edge that begins at one row of the table."""
+    for number, ring in enumerate(rings):
+        if row < len(ring):
+            (ax, ay), (bx, by) = ring[row], ring[(row + 1) % len(ring)]
+            middle = ((ax + bx) / 2, (ay + by) / 2)
+            changed = (*ring[: row + 1], middle, *ring[row + 1 :])
+            return (*rings[:number], changed, *rings[number + 1 :])
+        row -= len(ring)
+    return rings

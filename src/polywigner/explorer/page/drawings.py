@@ -1,0 +1,161 @@
+"""Figures of lines: the outline that is edited, the lag slice, the far field's cuts."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, PointDrawTool
+
+from polywigner.explorer.page.pictures import plain_figure
+from polywigner.explorer.state import State
+from polywigner.explorer.views import Cuts, Outlines
+
+__all__ = ["ApertureFigure", "LagFigure", "PolarFigure"]
+
+_INK, _TINT, _ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"
+_SPAN = 40.0  # dB, of the polar plot
+
+
+def _multi(polygons: list[list[Any]], scale: float) -> dict[str, list[Any]]:
+    """Columns of Bokeh's multi_polygons."""
+    return {
+        "xs": [[[(scale * ring[:, 0]).tolist() for ring in rings]] for rings in polygons],
+        "ys": [[[(scale * ring[:, 1]).tolist() for ring in rings]] for rings in polygons],
+    }
+
+
+def _empty() -> ColumnDataSource:
+    return ColumnDataSource({"xs": [], "ys": []})
+
+
+class ApertureFigure:
+    """The outline with its vertices to drag, the support of W, and the chosen position."""
+
+    def __init__(self) -> None:
+        self.figure = made = plain_figure("Aperture (dark), support of W (light)", "aperture")
+        self.support, self.filled = _empty(), _empty()
+        self.outline = ColumnDataSource({"xs": [], "ys": []}, name="outline")
+        self.vertices = ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
+        self.pending = ColumnDataSource({"x": [], "y": []})
+        self.cross = ColumnDataSource({"x": [], "y": []})
+        columns = {"xs": "xs", "ys": "ys"}
+        made.multi_polygons(**columns, source=self.support, color=_TINT, line_color="#9bb5cc")
+        made.multi_polygons(**columns, source=self.filled, color=_INK, line_color=None)
+        edges = made.patches(
+            **columns, source=self.outline, fill_alpha=0.0, line_color=_INK, line_width=2
+        )
+        edges.nonselection_glyph = None
+        made.line("x", "y", source=self.pending, color=_ACCENT, line_width=2, line_dash="dashed")
+        made.scatter("x", "y", source=self.pending, color=_ACCENT, size=7)
+        handles = made.scatter(
+            "x", "y", source=self.vertices, size=10, color="white", line_color=_ACCENT,
+            line_width=2,
+        )  # fmt: skip
+        handles.nonselection_glyph = None
+        made.scatter(
+            "x", "y", source=self.cross, marker="cross", size=14, line_width=2, color="#ffb000"
+        )
+        self.tool = PointDrawTool(renderers=[handles], add=False, description="Move vertices")
+        made.add_tools(self.tool)
+        made.toolbar.active_drag = self.tool
+        self._window: tuple[Any, ...] = ()
+
+    def show_outlines(self, found: Outlines, state: State) -> None:
+        """What has been computed: the filled source and the support."""
+        self.support.data = _multi(found.support, state.per_metre)
+        self.filled.data = _multi(found.source, state.per_metre)
+
+    def show_edges(self, state: State) -> None:
+        """Outline and handles of the state, also of one that is no polygon."""
+        xs = [[x for x, _ in ring] for ring in state.rings]
+        ys = [[y for _, y in ring] for ring in state.rings]
+        self.outline.data = {"xs": xs, "ys": ys}
+        numbers = [k for k, ring in enumerate(state.rings) for _ in ring]
+        self.vertices.data = {"x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers}
+        self.vertices.selected.indices = []
+
+    def frame(self, low: tuple[float, float], high: tuple[float, float], unit: str) -> None:
+        """The window around what is drawn."""
+        window = (*low, *high, unit)
+        if window == self._window:
+            return
+        self._window = window
+        half = 0.7 * max(high[0] - low[0], high[1] - low[1], 1e-9)
+        for axis, k in ((self.figure.x_range, 0), (self.figure.y_range, 1)):
+            middle = (low[k] + high[k]) / 2
+            axis.update(start=middle - half, end=middle + half)
+        self.figure.xaxis.axis_label = f"x ({unit})"
+        self.figure.yaxis.axis_label = f"y ({unit})"
+
+
+class LagFigure:
+    """The lag slice at the position under the pointer, or at the chosen one."""
+
+    def __init__(self) -> None:
+        self.figure = plain_figure("Lag slice 2(Γ − x) ∩ 2(x − Γ)", "lags")
+        self.source = _empty()
+        self.figure.multi_polygons(
+            xs="xs", ys="ys", source=self.source, color=_ACCENT, fill_alpha=0.35
+        )
+
+    def show(self, lags: list[Any], state: State, half: float, at: tuple[float, float]) -> None:
+        """Polygons of lags in m, in a window of this half width in m."""
+        self.source.data = _multi(lags, state.per_metre)
+        end = half * state.per_metre
+        self.figure.x_range.update(start=-end, end=end)
+        self.figure.y_range.update(start=-end, end=end)
+        self.figure.title.text = f"Lag slice at x = ({at[0]:.4g}, {at[1]:.4g}) {state.unit}"
+        self.figure.xaxis.axis_label = f"ξₓ ({state.unit})"
+        self.figure.yaxis.axis_label = f"ξᵧ ({state.unit})"
+
+
+class PolarFigure:
+    """Directivity in two planes over the angle from the normal, radially in dB."""
+
+    def __init__(self) -> None:
+        self.figure = made = plain_figure("Far field", "far")
+        made.axis.visible = False
+        self.rings = ColumnDataSource({"xs": [], "ys": []})
+        self.labels = ColumnDataSource({"x": [], "y": [], "text": []})
+        self.cuts = [ColumnDataSource({"x": [], "y": []}) for _ in range(2)]
+        made.multi_line("xs", "ys", source=self.rings, color="#cccccc")
+        made.text("x", "y", "text", source=self.labels, text_font_size="8pt", text_align="center",
+                  text_color="#555555")  # fmt: skip
+        for source, name, dash, colour in zip(
+            self.cuts, ("φ = 0°", "φ = 90°"), ("solid", "dashed"), (_INK, _ACCENT), strict=True
+        ):
+            made.line("x", "y", source=source, legend_label=name, line_dash=dash, color=colour,
+                      line_width=1.5)  # fmt: skip
+        made.legend.location = "bottom_center"
+        made.legend.orientation = "horizontal"
+        made.legend.border_line_color = None
+        made.x_range.update(start=-1.25, end=1.25)
+        made.y_range.update(start=-1.0, end=1.5)
+
+    def show(self, cuts: Cuts) -> None:
+        """New cuts; the outermost ring is the next multiple of 5 dB."""
+        top = 5 * np.ceil(cuts.largest / 5)
+        # a narrow beam is spread over the half circle, and the labels say so
+        stretch = (np.pi / 2) / cuts.theta[-1]
+        turn = np.linspace(-np.pi / 2, np.pi / 2, 91)
+        xs = [r * np.sin(turn) for r in (0.25, 0.5, 0.75, 1.0)]
+        ys = [r * np.cos(turn) for r in (0.25, 0.5, 0.75, 1.0)]
+        angles = np.radians([-90, -60, -30, 0, 30, 60, 90])
+        xs += [np.array([0, np.sin(a)]) for a in angles]
+        ys += [np.array([0, np.cos(a)]) for a in angles]
+        self.rings.data = {"xs": xs, "ys": ys}
+        degrees = np.degrees(angles / stretch)
+        text = [f"{d:.3g}°" for d in degrees]
+        text += [f"{top - _SPAN * (1 - r):g}" for r in (0.25, 0.5, 0.75)]
+        self.labels.data = {
+            "x": [*(1.12 * np.sin(angles)), 0.3, 0.55, 0.8],
+            "y": [*(1.1 * np.cos(angles)), -0.09, -0.09, -0.09],
+            "text": text,
+        }
+        for source, levels in zip(self.cuts, cuts.directivity.T, strict=True):
+            radius = np.clip(1 + (levels - top) / _SPAN, 0, 1)
+            angle = stretch * cuts.theta
+            source.data = {"x": radius * np.sin(angle), "y": radius * np.cos(angle)}
+        self.figure.title.text = f"Directivity, at most {cuts.largest:.2f} dBi; rings in dBi"

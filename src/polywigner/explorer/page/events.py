@@ -1,0 +1,379 @@
+"""What visitors do, as edits of the state."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from bokeh.events import DocumentReady, DoubleTap, MouseLeave, MouseMove, PanEnd, PanStart, Tap
+from bokeh.models import CustomJS
+
+from polywigner.errors import PolywignerError
+from polywigner.explorer import editing, exports, views, windows
+from polywigner.explorer.choices import CATALOGUE
+from polywigner.explorer.page import script
+from polywigner.explorer.page.show import ORDERS, PARTS, show_code
+from polywigner.explorer.page.tour import STEPS
+from polywigner.explorer.snippets import snippet
+from polywigner.explorer.sources import state_of_upload
+
+if TYPE_CHECKING:
+    from polywigner.explorer.page.session import Session
+
+__all__ = ["connect"]
+
+_NEAR_VERTEX = 0.02  # of the window: a click there means the vertex
+_KINDS = {
+    "png": "image/png", "svg": "image/svg+xml", "npz": "application/octet-stream",
+    "py": "text/x-python", "geojson": "application/geo+json",
+}  # fmt: skip
+
+
+def connect(session: Session) -> None:
+    """All callbacks of one visitor's page."""
+    _connect_outline(session)
+    _connect_fields(session)
+    _connect_points(session)
+    _connect_take_away(session)
+    _connect_tour(session)
+
+
+def _guarded(session: Session, work: Callable[..., None]) -> Callable[..., None]:
+    """Work that is left out while widgets are filled, and whose errors become messages."""
+
+    def run(*arguments: Any) -> None:
+        if session.filling:
+            return
+        try:
+            work(*arguments)
+        except PolywignerError as error:
+            session.say(str(error))
+        except Exception:  # no traceback reaches the page
+            logging.getLogger(__name__).exception("a request failed")
+            session.say("This could not be done; it is a fault of polywigner.")
+
+    return run
+
+
+def _on_change(session: Session, widget: Any, name: str, work: Callable[[Any], None]) -> None:
+    # Bokeh looks at the number of parameters: exactly three, by name
+    guarded = _guarded(session, work)
+    widget.on_change(name, lambda attr, old, new: guarded(new))
+
+
+def _on_click(session: Session, button: Any, work: Callable[[], None]) -> None:
+    guarded = _guarded(session, work)
+    button.on_click(lambda: guarded())
+
+
+def _on_event(session: Session, figure: Any, event: Any, work: Callable[[Any], None]) -> None:
+    guarded = _guarded(session, work)
+    figure.on_event(event, lambda happened: guarded(happened))
+
+
+def _connect_outline(session: Session) -> None:
+    controls, drawn = session.controls, session.figures.aperture
+    known = {"vertices": drawn.vertices, "outline": drawn.outline, "signals": session.signals}
+    drawn.vertices.js_on_change("data", CustomJS(args=known, code=script.REBUILD))
+    drawn.figure.js_on_event("pan", CustomJS(args=known, code=script.DRAG))
+    drag = {"on": False, "started": False}
+
+    def dragging(on: bool) -> None:
+        drag.update(on=on, started=False)
+        if not on and session.state.snap > 0:
+            session.edit(step=False, rings=editing.snapped(session.state.rings, session.state.snap))
+
+    def edited(data: Any) -> None:
+        rings = tuple(
+            tuple(zip(map(float, xs), map(float, ys), strict=True))
+            for xs, ys in zip(data["xs"], data["ys"], strict=True)
+            if len(xs) >= 3
+        )
+        if rings == session.state.rings:
+            session.signals.data = {"busy": [0]}
+            return
+        step = not drag["started"]
+        drag["started"] = drag["on"]
+        session.edit(step=step, edges=False, rings=rings)
+
+    _on_event(session, drawn.figure, PanStart, lambda _: dragging(True))
+    _on_event(session, drawn.figure, PanEnd, lambda _: dragging(False))
+    _on_change(session, drawn.outline, "data", edited)
+    _connect_drawing(session)
+    _on_click(session, controls.undo, lambda: session.go(session.history.undone()))
+    _on_click(session, controls.redo, lambda: session.go(session.history.redone()))
+    _on_click(session, controls.delete, lambda: _delete(session))
+    _on_click(session, controls.insert, lambda: _insert(session))
+    _on_change(session, controls.rows, "data", lambda data: _from_table(session, data))
+    _on_change(session, controls.shape, "value", lambda name: _start_from(session, name))
+    arrived = _guarded(session, partial(_upload, session))
+    # the name of a file comes after its content
+    _on_change(
+        session, controls.upload, "value", lambda _: session.doc.add_next_tick_callback(arrived)
+    )
+    session.doc.js_on_event(DocumentReady, CustomJS(args={"keys": session.keys}, code=script.KEYS))
+    _on_change(session, session.keys, "data", lambda data: _pressed(session, data["key"][0]))
+
+
+def _selected(session: Session) -> int | None:
+    """The row of the vertex that is selected, in the figure or in the table."""
+    for source in (session.figures.aperture.vertices, session.controls.rows):
+        if source.selected.indices:
+            return int(source.selected.indices[0])
+    session.say("Select a vertex first: click it, or its row in the table.")
+    return None
+
+
+def _delete(session: Session) -> None:
+    row = _selected(session)
+    if row is not None:
+        session.edit(rings=editing.without_vertex(session.state.rings, row))
+
+
+def _insert(session: Session) -> None:
+    row = _selected(session)
+    if row is not None:
+        session.edit(rings=editing.with_vertex_after(session.state.rings, row))
+
+
+def _from_table(session: Session, data: Any) -> None:
+    rows = list(zip(data["ring"], map(float, data["x"]), map(float, data["y"]), strict=True))
+    session.edit(rings=editing.rings_of_rows(rows))
+
+
+def _start_from(session: Session, name: str) -> None:
+    if name:
+        shape = CATALOGUE.get(name)
+        rings = editing.rings_of_aperture(shape()) if shape else ()
+        session.edit(rings=rings, x=(0.0, 0.0))
+        session.controls.shape.value = ""  # so that it can be chosen again
+
+
+def _upload(session: Session) -> None:
+    value, name = session.controls.upload.value, str(session.controls.upload.filename)
+    if not value:
+        return
+    session.controls.upload.clear()  # so that the same file can be sent again
+    try:
+        content = base64.b64decode(value, validate=True)
+    except (binascii.Error, ValueError):
+        session.say(f"{name}: the file did not arrive whole; send it again")
+        return
+    state = state_of_upload(name, content, session.state)
+    session.edit(rings=state.rings, x=(0.0, 0.0))
+
+
+def _pressed(session: Session, key: str) -> None:
+    if key == "undo":
+        session.go(session.history.undone())
+    elif key == "redo":
+        session.go(session.history.redone())
+    elif key == "finish":
+        _finish(session)
+    elif key == "cancel":
+        session.controls.draw.active = False
+
+
+def _connect_drawing(session: Session) -> None:
+    controls = session.controls
+
+    def toggled(active: bool) -> None:
+        session.pending.clear()
+        session.figures.aperture.pending.data = {"x": [], "y": []}
+        controls.finish.disabled = not active
+        controls.draw.button_type = "primary" if active else "default"
+        session.say(
+            "Click the corners one after the other; click the first one again, or press Enter, to "
+            "close the outline. Esc gives up."
+            if active
+            else ""
+        )
+
+    _on_change(session, controls.draw, "active", toggled)
+    _on_click(session, controls.finish, lambda: _finish(session))
+
+
+def _finish(session: Session) -> None:
+    """Close the outline that is being drawn."""
+    if not session.controls.draw.active:
+        return
+    ring = tuple(session.pending)
+    session.controls.draw.active = False
+    if len(ring) < 3:
+        session.say("An outline needs three corners at least.")
+        return
+    session.edit(rings=(*session.state.rings, ring))
+
+
+def _tolerance(figure: Any) -> float:
+    return _NEAR_VERTEX * abs(figure.x_range.end - figure.x_range.start)
+
+
+def _near(session: Session, a: tuple[float, float], b: tuple[float, float]) -> bool:
+    reach = _tolerance(session.figures.aperture.figure)
+    return abs(a[0] - b[0]) < reach and abs(a[1] - b[1]) < reach
+
+
+def _tapped(session: Session, event: Any) -> None:
+    """A click into the aperture: a corner of a new outline, a vertex, or a position."""
+    point = (float(event.x), float(event.y))
+    if session.controls.draw.active:
+        if len(session.pending) >= 3 and _near(session, point, session.pending[0]):
+            _finish(session)
+            return
+        ((corner,),) = editing.snapped(((point,),), session.state.snap)
+        session.pending.append(corner)
+        x, y = zip(*session.pending, strict=True)
+        session.figures.aperture.pending.data = {"x": list(x), "y": list(y)}
+    elif not any(_near(session, point, v) for ring in session.state.rings for v in ring):
+        session.edit(step=False, edges=False, x=_rounded(point, _tolerance_of(session)))
+
+
+def _tolerance_of(session: Session) -> float:
+    return _tolerance(session.figures.aperture.figure) / 20
+
+
+def _rounded(point: tuple[float, float], step: float) -> tuple[float, float]:
+    """To digits that a mouse can tell apart, as one would type it."""
+    ((there,),) = editing.snapped(((point,),), 0.0)
+    digits = max(0, -int(f"{step:e}".split("e")[1]))
+    return round(there[0], digits) + 0.0, round(there[1], digits) + 0.0
+
+
+def _connect_points(session: Session) -> None:
+    controls, figures = session.controls, session.figures
+    _on_event(session, figures.aperture.figure, Tap, lambda event: _tapped(session, event))
+    _on_event(session, figures.aperture.figure, DoubleTap, lambda event: _doubled(session, event))
+    _on_event(session, figures.aperture.figure, MouseMove, lambda event: _hovered(session, event))
+    _on_event(
+        session, figures.aperture.figure, MouseLeave, lambda _: _lags(session, session.state.x)
+    )
+
+    def choose(name: str, event: Any) -> None:
+        figure = figures.by_name(event_figures[name])
+        point = _rounded((float(event.x), float(event.y)), _tolerance(figure) / 20)
+        session.edit(step=False, edges=False, **{"x" if name == "wigner_x" else "nu": point})
+
+    event_figures = {name: name for name in ("fourier", "wigner_nu", "wigner_x")}
+    for name in event_figures:
+        _on_event(session, figures.by_name(name), Tap, partial(choose, name))
+
+    def typed(_: Any) -> None:
+        values = [w.value for w in (controls.x, controls.y, controls.nu_x, controls.nu_y)]
+        if None not in values:
+            session.edit(step=False, edges=False, x=tuple(values[:2]), nu=tuple(values[2:]))
+
+    for widget in (controls.x, controls.y, controls.nu_x, controls.nu_y):
+        _on_change(session, widget, "value", typed)
+
+
+def _doubled(session: Session, event: Any) -> None:
+    if not session.controls.draw.active:
+        ((point,),) = editing.snapped(((_rounded((event.x, event.y), _tolerance_of(session)),),),
+                                      session.state.snap)  # fmt: skip
+        if not any(_near(session, point, v) for ring in session.state.rings for v in ring):
+            session.edit(rings=editing.with_vertex_near(session.state.rings, point))
+
+
+def _hovered(session: Session, event: Any) -> None:
+    """The lag slice follows the pointer; a tenth of a millisecond, so without the scheduler."""
+    if event.x is not None and event.y is not None and not session.controls.draw.active:
+        _lags(session, (float(event.x), float(event.y)))
+
+
+def _lags(session: Session, point: tuple[float, float]) -> None:
+    if session.trouble:
+        return  # the outline is none at present
+    state = session.state.moved(x=point)
+    session.figures.lags.show(views.lag_rings(state), state, windows.lag_half(state), point)
+
+
+def _connect_fields(session: Session) -> None:
+    controls = session.controls
+
+    def entered(name: str, value: Any) -> None:
+        session.edit(**{name: value})
+
+    def looked(name: str, value: Any) -> None:
+        session.edit(step=False, edges=False, **{name: value or 0.0})
+
+    for name in ("unit", "wave", "taper", "array", "window", "steering"):
+        _on_change(session, getattr(controls, name), "value", partial(entered, name))
+    for name in ("snap", "reach", "defocus", "distance"):
+        _on_change(session, getattr(controls, name), "value", partial(looked, name))
+    _on_change(session, controls.part, "active",
+               lambda k: session.edit(step=False, edges=False, part=PARTS[k]))  # fmt: skip
+    _on_change(session, controls.order, "active",
+               lambda k: session.edit(step=False, edges=False, order=ORDERS[k]))  # fmt: skip
+
+    def chosen(_: Any) -> None:
+        session.figures.set_visible(session.visible)
+        session.request()
+
+    session.figures.set_visible(session.visible)
+    _on_change(session, controls.views, "active", chosen)
+
+
+def _connect_take_away(session: Session) -> None:
+    controls = session.controls
+    session.downloads.js_on_change(
+        "data", CustomJS(args={"files": session.downloads}, code=script.DOWNLOAD)
+    )
+    # what nothing in the page refers to is not sent to it
+    known = {"link": controls.link, "files": session.downloads, "keys": session.keys}
+    controls.link.js_on_change("value", CustomJS(args=known, code=script.ADDRESS))
+    _on_change(session, controls.take, "value", lambda _: show_code(controls, session.state))
+
+    def send(suffix: str, name: str, content: bytes) -> None:
+        session.downloads.data = {
+            "name": [f"{name}.{suffix}"],
+            "kind": [_KINDS[suffix]],
+            "content": [base64.b64encode(content).decode("ascii")],
+        }
+
+    def take(kind: str) -> None:
+        name, state = controls.take.value, session.state
+        if kind == "py":
+            content = snippet(state, name).encode()
+        elif kind == "npz":
+            content = exports.values_file(state, name)
+        else:
+            content = exports.picture_file(state, name, kind)
+        send(kind, name, content)
+
+    for kind, button in controls.files.items():
+        _on_click(session, button, partial(take, kind))
+
+    def outline(suffix: str, written: Callable[[Any], str]) -> None:
+        send(suffix, "aperture", written(session.state).encode())
+
+    for name, suffix, written in (
+        ("geojson", "geojson", exports.geojson),
+        ("outline_svg", "svg", exports.svg),
+    ):
+        _on_click(session, controls.outlines[name], partial(outline, suffix, written))
+
+
+def _connect_tour(session: Session) -> None:
+    controls, at = session.controls, {"step": -1}
+
+    def go(by: int) -> None:
+        if at["step"] >= 0:
+            session.figures.by_name(STEPS[at["step"]][0]).outline_line_color = "#e5e5e5"
+            session.figures.by_name(STEPS[at["step"]][0]).outline_line_width = 1
+        step = at["step"] = at["step"] + by if at["step"] + by < len(STEPS) else -1
+        controls.tour_back.visible = step > 0
+        if step < 0:
+            controls.tour_text.text, controls.tour.label = "", "What am I looking at?"
+            return
+        figure, heading, text = STEPS[step]
+        session.figures.by_name(figure).update(outline_line_color="#ffb000", outline_line_width=4)
+        controls.tour_text.text = f"<b>{step + 1} of {len(STEPS)}: {heading}</b><br>{text}"
+        controls.tour.label = "Next" if step + 1 < len(STEPS) else "End of the tour"
+
+    _on_click(session, controls.tour, lambda: go(1))
+    _on_click(session, controls.tour_back, lambda: go(-1))

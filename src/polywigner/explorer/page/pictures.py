@@ -1,0 +1,125 @@
+"""Figures of values: images with axes in units, colour bars and values under the pointer."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMapper, Range1d
+from bokeh.plotting import figure
+
+from polywigner.explorer.shown import Shown
+from polywigner.explorer.state import State
+from polywigner.explorer.views import Picture
+from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
+
+__all__ = ["ImageFigure", "palette", "plain_figure"]
+
+_SIDE = 235
+"""Of the square that is drawn into, in pixels: three columns beside the controls."""
+_MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight", "difference": SIGNED_MAP}
+_SIDES = {"level": "dB", "phase": "°", "difference": "dB"}
+
+
+@cache
+def palette(scale: str) -> list[str]:
+    """256 colours; of signed values by their square roots, so that faint lobes are seen."""
+    import matplotlib as mpl
+    from matplotlib.colors import to_hex
+
+    t = np.linspace(-1, 1, 256)
+    if scale == "signed":
+        t = np.sign(t) * np.sqrt(np.abs(t))
+    colours = mpl.colormaps[_MAPS.get(scale, SIGNED_MAP)]((t + 1) / 2)
+    return [to_hex(colour) for colour in colours]
+
+
+def plain_figure(title: str, name: str, **how: Any) -> Any:
+    """A square figure without logo, with pan, zoom and reset."""
+    made = figure(
+        title=title, name=name, frame_width=_SIDE, frame_height=_SIDE, match_aspect=True,
+        tools="pan,wheel_zoom,box_zoom,reset", active_scroll="wheel_zoom", toolbar_location="below",
+        x_range=Range1d(-1, 1), y_range=Range1d(-1, 1), min_border_left=60, min_border_right=40,
+        **how,
+    )  # fmt: skip
+    made.toolbar.logo = None
+    made.toolbar.autohide = True
+    made.title.text_font_size = "10pt"
+    made.xgrid.visible = made.ygrid.visible = False
+    return made
+
+
+class ImageFigure:
+    """One array of a picture, a cross at the chosen point, a circle at |nu| = 1/wavelength."""
+
+    def __init__(self, name: str, title: str, symbol: str) -> None:
+        self.symbol = symbol
+        self.figure = plain_figure(title, name)
+        self.source = ColumnDataSource({"image": [], "x": [], "y": [], "dw": [], "dh": []})
+        self.cross = ColumnDataSource({"x": [], "y": []})
+        self.circle = ColumnDataSource({"x": [], "y": []})
+        self.mapper = LinearColorMapper(palette=palette("level"), nan_color="#dddddd")
+        drawn = self.figure.image(
+            image="image", x="x", y="y", dw="dw", dh="dh", source=self.source,
+            color_mapper=self.mapper,
+        )  # fmt: skip
+        self.figure.line(
+            "x", "y", source=self.circle, color="#808080", line_dash="dotted", line_width=1.5
+        )
+        for size, colour in ((14, "white"), (10, "#c1440e")):
+            self.figure.scatter(
+                "x", "y", source=self.cross, marker="cross", size=size, line_width=2, color=colour
+            )
+        self.bar = ColorBar(color_mapper=self.mapper, width=10, title_text_font_size="9pt")
+        self.figure.add_layout(self.bar, "right")
+        self.hover = HoverTool(renderers=[drawn], tooltips=[("value", "@image{0.0000e+0}")])
+        self.figure.add_tools(self.hover)
+        self._window: tuple[Any, ...] = ()
+
+    def update(self, picture: Picture, what: Shown, state: State, cross: Any) -> None:
+        """Show new values, and the cross at a point (x, y) in the axes' unit, None for none."""
+        per = state.per_metre
+        scale = 1 / per if picture.axis_unit == "1/m" else per
+        half = picture.half * picture.samples / (picture.samples - 1)  # pixels lie on samples
+        left, bottom = (scale * (centre - half) for centre in picture.centre)
+        width = 2 * half * scale
+        signed = what.scale == "signed"
+        # squares of the page's unit: numbers without long exponents
+        peak = what.peak * per**2 if signed else 1.0
+        image = np.asarray(what.values * peak, dtype=np.float32)
+        self._frame((left, bottom, width, state.unit))
+        self.mapper.update(low=what.low * peak, high=what.high * peak, palette=palette(what.scale))
+        self.bar.title = f"{state.unit}²" if signed else _SIDES.get(what.scale, "")
+        self.figure.title.text = what.title if signed else f"{what.title}: {what.bar}"
+        self.hover.tooltips = self._tooltips(picture, state.unit, self.bar.title)
+        self.source.data = {
+            "image": [image], "x": [left], "y": [bottom], "dw": [width], "dh": [width],
+        }  # fmt: skip
+        self.mark(cross)
+        if picture.axis_unit == "1/m":
+            turn, radius = np.linspace(0, 2 * np.pi, 181), scale / state.wavelength
+            self.circle.data = {"x": radius * np.cos(turn), "y": radius * np.sin(turn)}
+
+    def mark(self, cross: Any) -> None:
+        """Move the cross."""
+        x, y = ([], []) if cross is None else ([cross[0]], [cross[1]])
+        self.cross.data = {"x": x, "y": y}
+
+    def _tooltips(self, picture: Picture, unit: str, side: str) -> list[tuple[str, str]]:
+        unit = f"1/{unit}" if picture.axis_unit == "1/m" else unit
+        for axis, mark, plain in (
+            (self.figure.xaxis, "ₓ", "x"),
+            (self.figure.yaxis, "ᵧ", "y"),
+        ):
+            axis.axis_label = f"{plain if self.symbol == 'x' else self.symbol + mark} ({unit})"
+        return [("at", f"$x{{0.0000}}, $y{{0.0000}} {unit}"), ("value", f"@image{{0.0000}} {side}")]
+
+    def _frame(self, window: tuple[Any, ...]) -> None:
+        """Ranges only where the window has changed: a visitor's zoom stays."""
+        if window == self._window:
+            return
+        self._window = window
+        left, bottom, width, _ = window
+        self.figure.x_range.update(start=left, end=left + width)
+        self.figure.y_range.update(start=bottom, end=bottom + width)

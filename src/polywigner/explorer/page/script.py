@@ -1,0 +1,70 @@
+"""The little that runs in the browser: vertices to outlines while they are dragged, downloads,
+the address, keys."""
+
+from __future__ import annotations
+
+__all__ = ["ADDRESS", "DOWNLOAD", "DRAG", "KEYS", "REBUILD"]
+
+_REBUILD = """
+const {x, y, ring} = vertices.data
+const xs = [], ys = [], found = new Map()
+for (let k = 0; k < x.length; k++) {
+  if (!found.has(ring[k])) { found.set(ring[k], xs.length); xs.push([]); ys.push([]) }
+  xs[found.get(ring[k])].push(x[k]); ys[found.get(ring[k])].push(y[k])
+}
+const before = JSON.stringify([outline.data.xs, outline.data.ys])
+if (JSON.stringify([xs, ys]) !== before) { outline.data = {xs, ys} }
+"""
+
+REBUILD = _REBUILD
+"""When vertices have changed: a drag has ended, one was deleted."""
+
+# The next edit is sent when the last one has been answered, or after a third of a second.
+DRAG = (
+    """
+if (vertices.selected.indices.length === 0) { return }
+const now = Date.now(), last = window.polywigner_sent ?? 0
+const waiting = signals.data.busy[0] === 1
+if (now - last < (waiting ? 333 : 40)) { return }
+window.polywigner_sent = now
+signals.data = {busy: [1]}
+"""
+    + _REBUILD
+)
+"""While a vertex is dragged."""
+
+DOWNLOAD = """
+const {name, kind, content} = files.data
+if (name.length === 0) { return }
+const bytes = Uint8Array.from(atob(content[0]), (c) => c.charCodeAt(0))
+const link = document.createElement("a")
+link.href = URL.createObjectURL(new Blob([bytes], {type: kind[0]}))
+link.download = name[0]
+link.click()
+setTimeout(() => URL.revokeObjectURL(link.href), 10000)
+"""
+
+ADDRESS = """
+history.replaceState(null, "", location.pathname + "?" + link.value)
+"""
+
+KEYS = """
+if (window.polywigner_keys) { return }
+window.polywigner_keys = true
+document.addEventListener("keydown", (event) => {
+  const from = event.composedPath()[0]
+  const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(from.tagName)
+  let key = null
+  if ((event.ctrlKey || event.metaKey) && !typing) {
+    const letter = event.key.toLowerCase()
+    if (letter === "z") { key = event.shiftKey ? "redo" : "undo" }
+    if (letter === "y") { key = "redo" }
+  }
+  if (event.key === "Enter" && !typing && from.tagName !== "BUTTON") { key = "finish" }
+  if (event.key === "Escape") { key = "cancel" }
+  if (key !== null) {
+    if (key === "undo" || key === "redo") { event.preventDefault() }
+    keys.data = {key: [key], time: [Date.now()]}
+  }
+})
+"""

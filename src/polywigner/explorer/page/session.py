@@ -1,0 +1,168 @@
+"""One visitor: joins what happens in the page to states, and results to figures."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from functools import partial
+from typing import Any
+from urllib.parse import urlencode
+
+from bokeh.layouts import column, row
+from bokeh.models import ColumnDataSource
+
+from polywigner.errors import PolywignerError
+from polywigner.explorer.history import History
+from polywigner.explorer.page.controls import VIEWS, Controls
+from polywigner.explorer.page.events import connect
+from polywigner.explorer.page.show import Figures, fill
+from polywigner.explorer.results import Result, results
+from polywigner.explorer.scheduler import Scheduler
+from polywigner.explorer.state import State, from_query, to_query
+
+__all__ = ["Session", "open_page"]
+
+
+def open_page(doc: Any, start: State, scheduler: Scheduler) -> None:
+    """Build the page of one visitor, with the state of its link if it has one."""
+    message = ""
+    arguments = getattr(doc.session_context.request, "arguments", {})
+    if arguments:
+        try:
+            pairs = [(name, value[-1].decode("utf-8")) for name, value in arguments.items()]
+            start = from_query(urlencode([p for p in pairs if not p[0].startswith("bokeh-")]))
+        except (PolywignerError, UnicodeDecodeError) as error:
+            message = f"The link could not be restored: {error}"
+    session = Session(doc, start, scheduler)
+    session.say(message)
+    session.request()
+
+
+class Session:
+    """The state of a visitor with its past, its widgets and its figures."""
+
+    def __init__(self, doc: Any, start: State, scheduler: Scheduler) -> None:
+        self.doc, self.scheduler = doc, scheduler
+        self.history = History(start)
+        self.controls, self.figures = Controls(), Figures()
+        self.signals = ColumnDataSource({"busy": [0]}, name="signals")
+        self.downloads = ColumnDataSource({"name": [], "kind": [], "content": []})
+        self.keys = ColumnDataSource({"key": [], "time": []})
+        self.pending: list[tuple[float, float]] = []
+        self.filling = False
+        self.trouble = self.notice = ""
+        self.wanted = 0  # the number of the newest request
+        self.closed = False
+        doc.title = "polywigner explore"
+        connect(self)
+        self.fill()
+        top = row(self.controls.busy, self.controls.message)
+        doc.add_root(row(self.controls.side(), column(top, self.figures.grid), name="page"))
+        doc.on_session_destroyed(self._leave)
+
+    @property
+    def state(self) -> State:
+        """What is shown now."""
+        return self.history.present
+
+    @property
+    def visible(self) -> tuple[str, ...]:
+        """The views that are computed."""
+        names = list(VIEWS)
+        return (*(names[k] for k in self.controls.views.active), "values")
+
+    def edit(self, step: bool = True, edges: bool = True, **changes: Any) -> None:
+        """A new state, computed and shown; one that cannot be is refused with a message.
+
+        step : whether it can be undone by itself; edges : whether the outline in the page is not
+        yet as it is in the state.
+        """
+        try:
+            state = self.state.moved(**changes)
+        except PolywignerError as error:
+            self.say(str(error))
+            self.fill()
+            return
+        self.go(self.history.then(state) if step else self.history.instead(state), edges)
+
+    def go(self, history: History, edges: bool = True) -> None:
+        """Another history: an edit, undo or redo."""
+        before, self.history = self.state, history
+        self.say("")
+        self.fill(edges)
+        if history.present != before:
+            self.request()
+        else:
+            self.signals.data = {"busy": [0]}
+
+    def fill(self, edges: bool = True) -> None:
+        """Put the state into widgets and handles, without their telling it back."""
+        self.filling = True
+        try:
+            fill(self.controls, self.history)
+            self.controls.link.value = to_query(self.state)
+            if edges:
+                self.figures.aperture.show_edges(self.state)
+                self.figures.frame(self.state)  # not under a vertex that is being dragged
+            self.figures.mark(self.state)
+        finally:
+            self.filling = False
+
+    def say(self, text: str) -> None:
+        """A notice for the visitor, besides what is wrong with the source."""
+        self.notice = text
+        self._show_message()
+
+    def _show_message(self) -> None:
+        lines = [text for text in (self.notice, self.trouble) if text]
+        escaped = [t.replace("&", "&amp;").replace("<", "&lt;") for t in lines]
+        self.controls.message.text = "".join(
+            f'<div role="alert" style="color:#b00020">{text}</div>' for text in escaped
+        )
+
+    def request(self) -> None:
+        """Compute the visible views of the state; whatever was being computed is dropped."""
+        self.wanted += 1
+        self.signals.data = {"busy": [1]}
+        self.controls.busy.text = '<span role="status">computing …</span>'
+        self.scheduler.submit(
+            id(self), partial(self._compute, self.state, self.visible, self.wanted)
+        )
+
+    def _compute(self, state: State, names: tuple[str, ...], number: int) -> Iterator[None]:
+        """In the scheduler's thread: results go to the page's own, one by one."""
+        for result in results(state, names):
+            self._later(partial(self._show, state, result, number))
+            yield
+        self._later(partial(self._finish, number))
+
+    def _later(self, callback: Any) -> None:
+        if not self.closed:
+            self.doc.add_next_tick_callback(callback)
+
+    def _show(self, state: State, result: Result, number: int) -> None:
+        if number != self.wanted or self.closed:
+            return
+        if result.name == "source":
+            self.trouble = result.error
+            if result.error:
+                self.trouble += ". What is shown is the last that could be computed."
+            self._show_message()
+        elif result.error:
+            self.trouble = f"{VIEWS.get(result.name, result.name)}: {result.error}"
+            self._show_message()
+        if not result.error:
+            try:
+                self.figures.show(state, result, self.controls)
+            except Exception:  # no traceback reaches the page
+                logging.getLogger(__name__).exception("a view could not be shown")
+                self.say(f"{result.name} could not be shown; this is a fault of polywigner")
+
+    def _finish(self, number: int) -> None:
+        if number == self.wanted:
+            self.controls.busy.text = '<span role="status">ready</span>'
+            self.signals.data = {"busy": [0]}
+
+    def _leave(self, context: Any) -> None:
+        self.closed = True
+        self.scheduler.forget(id(self))

@@ -1,0 +1,164 @@
+"""From states and results to widgets and figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.layouts import gridplot
+
+from polywigner.errors import PolywignerError
+from polywigner.explorer import windows
+from polywigner.explorer.editing import rows_of_rings
+from polywigner.explorer.history import History
+from polywigner.explorer.page.controls import VIEWS, Controls
+from polywigner.explorer.page.drawings import ApertureFigure, LagFigure, PolarFigure
+from polywigner.explorer.page.pictures import ImageFigure
+from polywigner.explorer.results import Result
+from polywigner.explorer.shown import shown
+from polywigner.explorer.snippets import snippet
+from polywigner.explorer.state import State
+
+__all__ = ["PARTS", "Figures", "fill"]
+
+PARTS = ("level", "real", "phase")
+ORDERS = (1, 3)
+_NEAR = ("rays", "exact", "difference")
+
+
+def fill(controls: Controls, history: History) -> None:
+    """The widgets as the state has them."""
+    state = history.present
+    for name in ("unit", "wave", "taper", "array", "window", "steering", "snap", "reach"):
+        getattr(controls, name).value = getattr(state, name)
+    controls.x.value, controls.y.value = state.x
+    controls.nu_x.value, controls.nu_y.value = state.nu
+    controls.x.title, controls.y.title = (f"{name} ({state.unit})" for name in "xy")
+    controls.nu_x.title, controls.nu_y.title = (f"{n} (1/{state.unit})" for n in ("νₓ", "νᵧ"))
+    controls.part.active = PARTS.index(state.part)
+    controls.order.active = ORDERS.index(state.order)
+    _slide(controls.defocus, state.defocus)
+    _slide(controls.distance, state.distance)
+    controls.distance.title = f"Near field at z ({state.unit})"
+    controls.snap.title = f"Snap to ({state.unit})"
+    rows = rows_of_rings(state.rings)
+    columns = list(zip(*rows, strict=True)) if rows else [(), (), ()]
+    controls.rows.data = dict(zip(("ring", "x", "y"), map(list, columns), strict=True))
+    controls.undo.disabled, controls.redo.disabled = not history.past, not history.future
+    controls.table.columns[1].title = f"x ({state.unit})"
+    controls.table.columns[2].title = f"y ({state.unit})"
+    show_code(controls, state)
+
+
+def _slide(slider: Any, value: float) -> None:
+    """A slider at a value, and as wide as that needs."""
+    slider.update(start=min(slider.start, value), end=max(slider.end, value), value=value)
+
+
+def show_code(controls: Controls, state: State) -> None:
+    """The snippet of the view that is chosen to be taken away."""
+    try:
+        controls.code.value = snippet(state, controls.take.value)
+    except PolywignerError as error:
+        controls.code.value = f"# {error}\n"
+
+
+class Figures:
+    """All figures of one visitor."""
+
+    def __init__(self) -> None:
+        self.aperture, self.lags, self.polar = ApertureFigure(), LagFigure(), PolarFigure()
+        self.images = {
+            "fourier": ImageFigure("fourier", "F(ν)", "ν"),
+            "wigner_nu": ImageFigure("wigner_nu", "W over ν", "ν"),
+            "wigner_x": ImageFigure("wigner_x", "W over x", "x"),
+            "otf": ImageFigure("otf", "OTF", "ξ"),
+            **{f"{key}_near": ImageFigure(f"{key}_near", key, "x") for key in _NEAR},
+        }
+        self.set_visible(())
+        made = {name: image.figure for name, image in self.images.items()}
+        near = [made[f"{key}_near"] for key in _NEAR]
+        self.grid = gridplot(
+            [
+                [self.aperture.figure, made["fourier"], made["wigner_nu"]],
+                [self.lags.figure, made["wigner_x"], made["otf"]],
+                [self.polar.figure],
+                near,
+            ],
+            merge_tools=False,
+            toolbar_location=None,
+        )
+
+    def of(self, name: str) -> list[Any]:
+        """The Bokeh figures of a view."""
+        if name == "near":
+            return [self.images[f"{key}_near"].figure for key in _NEAR]
+        return [self.polar.figure if name == "far" else self.images[name].figure]
+
+    def by_name(self, name: str) -> Any:
+        """A Bokeh figure by its own name."""
+        drawn: dict[str, Any] = {
+            "aperture": self.aperture, "lags": self.lags, "far": self.polar, **self.images,
+        }  # fmt: skip
+        return drawn[name].figure
+
+    def set_visible(self, names: tuple[str, ...]) -> None:
+        """Show these views and hide the others."""
+        for view in VIEWS:
+            for made in self.of(view):
+                made.visible = view in names
+
+    def frame(self, state: State) -> None:
+        """The window of the aperture, around all outlines and the source."""
+        points = np.array([p for ring in state.rings for p in ring] or [(-5.0, -5.0), (5.0, 5.0)])
+        if state.array:
+            try:
+                x, y, half = (v * state.per_metre for v in windows.position_window(state))
+                points = np.array([(x - half, y - half), (x + half, y + half)])
+            except PolywignerError:
+                pass  # the source's error is told where it is computed
+        low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        self.aperture.frame(tuple(low), tuple(high), state.unit)
+
+    def mark(self, state: State) -> None:
+        """The crosses at the chosen point."""
+        self.aperture.cross.data = {"x": [state.x[0]], "y": [state.x[1]]}
+        self.images["wigner_x"].mark(state.x)
+        for name in ("fourier", "wigner_nu"):
+            self.images[name].mark(state.nu)
+
+    def show(self, state: State, result: Result, controls: Controls) -> None:
+        """One result."""
+        if result.name == "source":
+            self.aperture.show_outlines(result.value, state)
+            self.lags.show(result.value.lags, state, windows.lag_half(state), state.x)
+        elif result.name == "values":
+            controls.values.text = _table_of(result.value)
+        elif result.name == "far":
+            self.polar.show(result.value)
+        elif result.name == "near":
+            controls.note.text = result.value.note
+            for key in _NEAR:
+                what = shown(result.value, key)
+                self.images[f"{key}_near"].update(result.value, what, state, None)
+        else:
+            picture = result.value
+            key = next(iter(picture.arrays))
+            cross = {"fourier": state.nu, "wigner_nu": state.nu, "wigner_x": state.x}
+            what = shown(picture, key, state.part)
+            self.images[result.name].update(picture, what, state, cross.get(result.name))
+
+
+def _table_of(values: dict[str, tuple[complex, str]]) -> str:
+    rows = "".join(
+        f"<tr><td>{name}</td><td>{_number(value)} {unit}</td></tr>"
+        for name, (value, unit) in values.items()
+    )
+    return f'<table aria-live="polite">{rows}</table>'
+
+
+def _number(value: complex) -> str:
+    """Twelve digits: what one compares with one's own computation."""
+    if value.imag == 0:
+        return f"{value.real:.12g}"
+    return f"{value.real:.12g} {'+' if value.imag >= 0 else '−'} {abs(value.imag):.12g} i"

@@ -1,0 +1,76 @@
+"""What is to be computed for the page, in which order: coarse first where exact takes long."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from polywigner.errors import PolywignerError
+from polywigner.explorer import views
+from polywigner.explorer.sources import source_of
+from polywigner.explorer.state import State
+
+__all__ = ["Result", "results", "stages"]
+
+_EDGES_AT_ONCE = 40
+"""Up to so many edges the pictures of transforms are exact at once: 0.1 s in all."""
+_COARSE = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A view computed, or why not."""
+
+    name: str
+    value: Any = None
+    error: str = ""
+
+
+def stages(name: str, edges: int) -> tuple[int, ...]:
+    """The samples along each axis that a picture of a source of so many edges is shown with."""
+    if name == "near":
+        return (16, 48, 128)
+    return (views.SAMPLES,) if edges <= _EDGES_AT_ONCE else (_COARSE, views.SAMPLES)
+
+
+def results(state: State, names: tuple[str, ...]) -> Iterator[Result]:
+    """Views of a state, one after the other, first all coarse ones: ("source" for outlines).
+
+    What cannot be computed says so in its result; after a source that is none nothing follows.
+    """
+    try:
+        source_of(state)
+        yield Result("source", views.outlines(state))
+    except PolywignerError as error:
+        yield Result("source", error=str(error))
+        return
+    edges = sum(map(len, state.rings)) * _copies(state)
+    todo: list[tuple[int, str, int]] = []
+    for name in names:
+        if name in views.PICTURES:
+            todo += [(k, name, n) for k, n in enumerate(stages(name, edges))]
+        else:
+            todo.append((0, name, 0))
+    for _, name, samples in sorted(todo, key=lambda entry: entry[0]):
+        yield _result(state, name, samples)
+
+
+def _copies(state: State) -> int:
+    source = source_of(state)
+    return len(source) if hasattr(source, "__len__") else 1
+
+
+def _result(state: State, name: str, samples: int) -> Result:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            if name in views.PICTURES:
+                return Result(name, views.PICTURES[name](state, samples))
+            compute = {"far": views.far_field, "values": views.values_at}[name]
+            return Result(name, compute(state))
+    except PolywignerError as error:
+        return Result(name, error=str(error))
+    except MemoryError:
+        return Result(name, error="expected a source that fits into memory; make it smaller")

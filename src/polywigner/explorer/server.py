@@ -1,0 +1,143 @@
+"""The server of the page: one address, a session for each visitor, a clean end."""
+
+from __future__ import annotations
+
+import ipaddress
+import signal
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from polywigner.errors import ArgumentError, MissingExtraError
+from polywigner.explorer.state import State
+
+__all__ = ["check_installed", "new_server", "serve"]
+
+PORT = 5006
+_IDLE_MS = 15_000  # a session whose page has gone is kept so long, for a page that is reloaded
+_LARGEST_MESSAGE = 32 << 20  # what is beyond the limit of uploads, but not by much, gets an answer
+
+
+def check_installed() -> None:
+    """Raises MissingExtraError without the libraries of the page."""
+    try:
+        import bokeh.server.server  # noqa: F401
+    except ImportError:
+        raise MissingExtraError(
+            "expected Bokeh, which serves the page, got none; install it with "
+            "`pip install polywigner[explorer]`"
+        ) from None
+
+
+def is_local(address: str) -> bool:
+    """Whether only this machine can reach a server at the address."""
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return address == "localhost"
+
+
+def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> Any:
+    """A Bokeh server of the page, not yet started; ``.port`` says which it has.
+
+    Parameters
+    ----------
+    state : what visitors begin with who come without a link.
+    port : 0 for any that is free.
+    address : to listen at.
+
+    Raises
+    ------
+    MissingExtraError without Bokeh; ArgumentError for an address or a port that cannot be had.
+    """
+    check_installed()
+    import logging
+
+    from bokeh.application import Application
+    from bokeh.application.handlers.function import FunctionHandler
+    from bokeh.server.server import Server
+
+    from polywigner.explorer.page import open_page
+    from polywigner.explorer.scheduler import Scheduler
+
+    logging.getLogger("bokeh").setLevel(logging.ERROR)
+    logging.getLogger("tornado.access").setLevel(logging.CRITICAL)
+    if not 0 <= port < 65536:
+        raise ArgumentError(f"expected a port from 0 to 65535, got {port}")
+    scheduler = Scheduler()
+    application = Application(FunctionHandler(lambda doc: open_page(doc, state, scheduler)))
+    # 0.0.0.0 and :: have as many names as the machine; anything else has its own
+    everywhere = address in ("0.0.0.0", "::")
+    try:
+        server = Server(
+            {"/": application},
+            port=port,
+            address=address,
+            allow_websocket_origin=["*"] if everywhere else None,
+            unused_session_lifetime_milliseconds=_IDLE_MS,
+            check_unused_sessions_milliseconds=_IDLE_MS // 3,
+            websocket_max_message_size=_LARGEST_MESSAGE,
+        )
+    except (OSError, ValueError) as error:
+        scheduler.stop()
+        raise ArgumentError(
+            f"expected an address and a port that are free, got {address}, {port}: {error}; "
+            "choose others with --address and --port (0: any)"
+        ) from None
+    if not everywhere:
+        names = {address, *(("127.0.0.1", "localhost") if is_local(address) else ())}
+        server._tornado._websocket_origins.update(f"{name}:{server.port}" for name in names)
+    server.polywigner_scheduler = scheduler
+    return server
+
+
+def serve(
+    state: State,
+    port: int = PORT,
+    address: str = "127.0.0.1",
+    browser: bool = True,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Serve the page until Ctrl-C, or SIGTERM.
+
+    Raises
+    ------
+    As :func:`new_server`.
+    """
+    server = new_server(state, port, address)
+    shown = "127.0.0.1" if address in ("0.0.0.0", "::") else address
+    url = f"http://{f'[{shown}]' if ':' in shown else shown}:{server.port}/"
+    if not is_local(address):
+        say(
+            f"warning: {address} can be reached from other machines; whoever opens the page "
+            "makes this one compute"
+        )
+    say(f"polywigner explore: {url} (Ctrl-C stops)")
+    server.start()
+    if browser:
+        server.io_loop.add_callback(lambda: threading.Thread(target=_open, args=(url,)).start())
+    _until_stopped(server)
+    say("polywigner explore: stopped")
+
+
+def _open(url: str) -> None:
+    import contextlib
+    import webbrowser
+
+    with contextlib.suppress(Exception):  # a machine without one has the address all the same
+        webbrowser.open(url)
+
+
+def _until_stopped(server: Any) -> None:
+    loop = server.io_loop
+    previous = {
+        number: signal.signal(number, lambda *_: loop.add_callback_from_signal(loop.stop))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        loop.start()
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        server.polywigner_scheduler.stop()
+        server.stop()

@@ -1,0 +1,105 @@
+"""Python code that computes a view, digit for digit."""
+
+from __future__ import annotations
+
+from polywigner.explorer import views, windows
+from polywigner.explorer.sources import feeding_of, polygons_of
+from polywigner.explorer.state import State
+
+__all__ = ["SNIPPETS", "snippet"]
+
+SNIPPETS = ("fourier", "wigner_nu", "wigner_x", "otf", "near", "far")
+"""The views that have one."""
+
+
+def snippet(state: State, name: str, samples: int | None = None) -> str:
+    """A script of which ``values`` (for "near" ``rays`` and ``exact``) are the view's arrays.
+
+    Parameters
+    ----------
+    state : as shown.
+    name : one of :data:`SNIPPETS`.
+    samples : along each axis; None: as the page shows in the end.
+
+    Raises
+    ------
+    PolywignerError for a state without a source.
+    """
+    lines = ["import numpy as np", "import shapely", "", "import polywigner as pw", ""]
+    lines += _source_lines(state)
+    lines += _view_lines(state, name, samples)
+    return "\n".join(lines) + "\n"
+
+
+def _source_lines(state: State) -> list[str]:
+    polygons = polygons_of(state.rings, state.per_metre)
+    lines = [
+        f"wavelength = {state.wavelength!r}  # m, {state.wave}",
+        "source = pw.Aperture(",
+        "    [",
+    ]
+    for exterior, *holes in polygons:
+        inner = f", {[ring.tolist() for ring in holes]}" if holes else ""
+        lines.append(f"        shapely.Polygon({exterior.tolist()}{inner}),")
+    lines += ["    ]", ")  # m"]
+    feeding = dict(feeding_of(state))
+    if feeding:
+        lines += [
+            "from polywigner.illumination.texts import fed",
+            "",
+            f"source = fed(source, {feeding!r}, wavelength)",
+        ]
+    return [*lines, ""]
+
+
+def _axis_lines(half: float, samples: int, x: float = 0.0, y: float = 0.0) -> list[str]:
+    shifted = f"{x!r} + axis, {y!r} + axis" if (x, y) != (0.0, 0.0) else "axis, axis"
+    return [
+        f"axis = np.linspace({-half!r}, {half!r}, {samples})",
+        f"grid = np.stack(np.meshgrid({shifted}), axis=-1)",
+    ]
+
+
+def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
+    count = samples or (128 if name == "near" else views.SAMPLES)
+    engine = f'engine="{views.ENGINE}"'
+    x, y = (state.metres(v) for v in state.x)
+    nu = tuple(v * state.per_metre for v in state.nu)
+    centre = windows.position_window(state)
+    if name == "fourier":
+        return [
+            *_axis_lines(windows.frequency_half(state), count),
+            f"values = pw.fourier(source, grid, {engine})  # m^2",
+        ]
+    if name == "wigner_nu":
+        return [
+            *_axis_lines(windows.frequency_half(state), count),
+            f"values = pw.wigner(source, ({x!r}, {y!r}), grid, {engine})  # m^2",
+        ]
+    if name == "wigner_x":
+        return [
+            *_axis_lines(centre[2], count, *centre[:2]),
+            f"values = pw.wigner(source, grid, {nu!r}, {engine})  # m^2",
+        ]
+    if name == "otf":
+        return [
+            *_axis_lines(windows.lag_half(state), count),
+            f"values = pw.otf(source, grid, {state.defocus!r}, {engine})",
+        ]
+    if name == "near":
+        return [
+            *_axis_lines(windows.plane_half(state), count, *centre[:2]),
+            f"z = np.full((*grid.shape[:2], 1), {state.metres(state.distance)!r})",
+            "points = np.concatenate([grid, z], axis=-1)",
+            "rays = pw.irradiance(",
+            '    source, points, wavelength, obliquity="kirchhoff",',
+            f"    order={state.order}, tolerance={views.NEAR_TOLERANCE!r},",
+            ")",
+            'exact = pw.irradiance(source, points, wavelength, "kirchhoff")',
+        ]
+    theta = windows.angles(state)
+    return [
+        f"theta = np.linspace({float(theta[0])!r}, {float(theta[-1])!r}, {len(theta)})",
+        f"pattern = pw.radiation_pattern(source, wavelength, theta, [0, np.pi / 2], {engine})",
+        'values = np.asarray(pattern["directivity"].values)  # dBi',
+    ]

@@ -1,0 +1,141 @@
+"""From a state to the source that the package computes with, and from files to states."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import shapely
+
+import polywigner as pw
+from polywigner.errors import FileFormatError, GeometryError, PolywignerError
+from polywigner.explorer.editing import rings_of_aperture
+from polywigner.explorer.state import Ring, State
+from polywigner.geometry.formats.outlines import nested
+from polywigner.illumination.texts import fed
+
+__all__ = [
+    "LARGEST_UPLOAD",
+    "aperture_of",
+    "polygons_of",
+    "source_of",
+    "state_of_file",
+    "state_of_upload",
+]
+
+Source = pw.Aperture | pw.Array
+
+LARGEST_UPLOAD = 1 << 20
+"""Bytes of a file that a visitor sends: ten thousand vertices as text, of which the page edits a
+tenth."""
+
+_SUFFIXES = (".geojson", ".json", ".wkt", ".csv", ".svg", ".dxf", ".txt")
+
+
+def polygons_of(rings: tuple[Ring, ...], per_metre: int) -> list[list[np.ndarray]]:
+    """Polygons in metres, exteriors first, of outlines in units: those inside others are holes.
+
+    Raises
+    ------
+    GeometryError for outlines that cross themselves or each other, with the place in units.
+    """
+    if not rings:
+        raise GeometryError("expected an outline, got a blank sheet; draw one")
+
+    def built(scale: int) -> list[list[np.ndarray]]:
+        return nested([np.array(ring, dtype=np.float64).reshape(-1, 2) / scale for ring in rings])
+
+    try:
+        return built(per_metre)
+    except GeometryError as error:
+        raise GeometryError(_for_page(_in_units(built, error))) from None
+
+
+def _in_units(built: Callable[[int], object], error: GeometryError) -> str:
+    """The error that the same outlines cause in units: its places are those of the page."""
+    try:
+        built(1)
+    except GeometryError as same:
+        return str(same)
+    return str(error)
+
+
+def _for_page(text: str) -> str:
+    """With outlines counted from 1, as the table does, and without advice on Python functions."""
+    counted = re.sub(r"outline (\d+)", lambda found: f"outline {int(found[1]) + 1}", text)
+    return counted.split("; split it with")[0]
+
+
+@lru_cache(maxsize=64)
+def aperture_of(rings: tuple[Ring, ...], per_metre: int) -> pw.Aperture:
+    """The aperture of outlines in units, in metres. Raises as :func:`polygons_of`."""
+    polygons = polygons_of(rings, per_metre)
+    return pw.Aperture([shapely.Polygon(rings[0], rings[1:]) for rings in polygons])
+
+
+@lru_cache(maxsize=64)
+def _source(
+    rings: tuple[Ring, ...], per_metre: int, feeding: tuple[tuple[str, str], ...], wavelength: float
+) -> Source:
+    source: Source = fed(aperture_of(rings, per_metre), dict(feeding), wavelength)
+    return source
+
+
+def source_of(state: State) -> Source:
+    """The aperture with its field, or the array of it.
+
+    Raises
+    ------
+    PolywignerError for what is no polygon, or cannot be fed so.
+    """
+    return _source(state.rings, state.per_metre, feeding_of(state), state.wavelength)
+
+
+def feeding_of(state: State) -> tuple[tuple[str, str], ...]:
+    """The texts of taper, array, window and steering that are not empty, by their names."""
+    names = ("taper", "array", "window", "steering")
+    return tuple((name, getattr(state, name)) for name in names if getattr(state, name).strip())
+
+
+def state_of_file(path: str, unit: str, state: State) -> State:
+    """A state with the outline of a file, read as ``unit``, in the state's own unit.
+
+    Raises
+    ------
+    PolywignerError for what cannot be read, or has too many vertices.
+    """
+    aperture = pw.read_aperture(path, unit=unit)
+    return state.moved(rings=rings_of_aperture(aperture, state.per_metre))
+
+
+def state_of_upload(name: str, content: bytes, state: State) -> State:
+    """The same of a file that a visitor sent, in the state's unit.
+
+    The name is used for its suffix and in messages only.
+
+    Raises
+    ------
+    PolywignerError, as :func:`state_of_file`; FileFormatError for more than 1 MiB.
+    """
+    shown = "".join(c if c.isprintable() else "?" for c in name[-60:]) or "the file"
+    if len(content) > LARGEST_UPLOAD:
+        raise FileFormatError(
+            f"{shown}: expected at most {LARGEST_UPLOAD >> 20} MiB, got "
+            f"{len(content) / 2**20:.1f} MiB; simplify what it describes"
+        )
+    suffix = Path(shown).suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise FileFormatError(
+            f"{shown}: expected GeoJSON, WKT, CSV, SVG or DXF, got {suffix or 'no suffix'}"
+        )
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"upload{suffix}"
+        path.write_bytes(content)
+        try:
+            return state_of_file(str(path), state.unit, state)
+        except PolywignerError as error:
+            raise type(error)(str(error).replace(str(path), shown)) from None

@@ -1,0 +1,209 @@
+"""What the explorer shows, as one immutable value; to and from the text of a link."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any, get_args
+from urllib.parse import parse_qsl, quote, urlencode
+
+from polywigner.errors import ArgumentError, PolywignerError
+from polywigner.explorer.choices import UNITS, Part, Unit
+from polywigner.quantities import parse_frequency, parse_length, wavelength_of
+
+__all__ = [
+    "LARGEST_QUERY",
+    "MOST_RINGS",
+    "MOST_VERTICES",
+    "Ring",
+    "State",
+    "from_query",
+    "to_query",
+]
+
+Point = tuple[float, float]
+Ring = tuple[Point, ...]
+
+MOST_VERTICES = 1000
+"""What handles can be dragged of; a transform of a thousand edges takes seconds."""
+MOST_RINGS = 100
+LARGEST_QUERY = 48 * 1024
+"""Bytes of a link; Tornado takes 64 KiB of headers in all."""
+
+_LONGEST_TEXT = 100
+_LARGEST = 1e12  # of any number, in units: nothing overflows in squares
+_SQUARE: tuple[Ring, ...] = (((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)),)
+
+
+@dataclass(frozen=True)
+class State:
+    """An aperture, its light, and what is looked at. Lengths are in ``unit``, exactly as typed.
+
+    Raises
+    ------
+    ArgumentError for values of the wrong kind or out of range, QuantityError for a wave that is
+    none. Outlines need not be polygons: they cross themselves while they are dragged.
+    """
+
+    rings: tuple[Ring, ...] = _SQUARE
+    """Outlines; those inside others are holes."""
+    unit: Unit = "mm"
+    wave: str = "94 GHz"
+    """A frequency or a wavelength."""
+    taper: str = ""
+    """Of the element, as :func:`polywigner.illumination.texts.fed` takes it; "" for none."""
+    array: str = ""
+    window: str = ""
+    steering: str = ""
+    x: Point = (0.0, 0.0)
+    """The chosen position, in units."""
+    nu: Point = (0.0, 0.0)
+    """The chosen spatial frequency, in cycles per unit."""
+    defocus: float = 0.0
+    """W20 at the farthest vertex, in waves."""
+    distance: float = 50.0
+    """Of the plane of the near field."""
+    order: int = 1
+    """Of Wigner rays."""
+    reach: float = 0.0
+    """Largest direction cosine shown; 0: eight lobes, or all that propagates."""
+    part: Part = "level"
+    """What is shown of the Fourier transform."""
+    snap: float = 0.0
+    """Step of the raster that vertices are dragged to, in units; 0: none."""
+
+    def __post_init__(self) -> None:
+        if self.unit not in UNITS:
+            raise ArgumentError(f"expected a unit among {', '.join(UNITS)}, got {self.unit!r}")
+        if self.part not in get_args(Part):
+            raise ArgumentError(f"expected part among {', '.join(get_args(Part))}")
+        if self.order not in (1, 3):
+            raise ArgumentError(f"expected order 1 or 3, got {self.order!r}")
+        object.__setattr__(self, "rings", _checked_rings(self.rings))
+        for name in ("x", "nu"):
+            object.__setattr__(self, name, _checked_point(name, getattr(self, name)))
+        for name, low in (("defocus", -_LARGEST), ("distance", 0), ("reach", 0), ("snap", 0)):
+            object.__setattr__(self, name, _checked_number(name, getattr(self, name), low))
+        if not self.distance > 0 or self.reach > 1:
+            raise ArgumentError("expected a distance above zero, and a reach of at most 1")
+        for name in ("wave", "taper", "array", "window", "steering"):
+            text = getattr(self, name)
+            if not isinstance(text, str) or len(text) > _LONGEST_TEXT:
+                raise ArgumentError(f"{name}: expected a text of at most {_LONGEST_TEXT} letters")
+        self.wavelength  # noqa: B018 (its error)
+
+    @property
+    def wavelength(self) -> float:
+        """In m."""
+        try:
+            return wavelength_of(parse_frequency(self.wave))
+        except PolywignerError:
+            pass
+        try:
+            return parse_length(self.wave)
+        except PolywignerError:
+            raise ArgumentError(
+                'expected a frequency or a wavelength such as "94 GHz" or "3.19 mm", got '
+                f"{self.wave!r}"
+            ) from None
+
+    @property
+    def per_metre(self) -> int:
+        """Units in a metre."""
+        return UNITS[self.unit]
+
+    def metres(self, length: float) -> float:
+        """A length in units as metres, correctly rounded."""
+        return length / self.per_metre
+
+    def moved(self, **changes: Any) -> State:
+        """The same with other values."""
+        return replace(self, **changes)
+
+
+def _checked_number(name: str, value: Any, low: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not low <= number <= _LARGEST:
+        raise ArgumentError(f"{name}: expected a finite number from {low:g}, got {value!r}")
+    return number
+
+
+def _checked_point(name: str, value: Any) -> Point:
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name}: expected two numbers, got {value!r}") from None
+    return (
+        _checked_number(name, first, -_LARGEST),
+        _checked_number(name, second, -_LARGEST),
+    )
+
+
+def _checked_rings(rings: Any) -> tuple[Ring, ...]:
+    checked = tuple(tuple(_checked_point("a vertex", p) for p in ring) for ring in rings)
+    count = sum(map(len, checked))
+    if len(checked) > MOST_RINGS or count > MOST_VERTICES:
+        raise ArgumentError(
+            f"expected at most {MOST_RINGS} outlines with {MOST_VERTICES} vertices, got "
+            f"{len(checked)} with {count}; use polywigner transform for such a file"
+        )
+    return checked
+
+
+def to_query(state: State) -> str:
+    """The state as the query of a link, without what is as at the start."""
+    plain = State()
+    texts = {
+        field.name: _text(getattr(state, field.name))
+        for field in fields(State)
+        if field.name != "rings" and getattr(state, field.name) != getattr(plain, field.name)
+    }
+    outline = ";".join(" ".join(map(_text, ring)) for ring in state.rings)
+    return urlencode({"rings": outline, **texts}, quote_via=quote, safe=",; ".strip(" "))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, tuple):
+        return ",".join(map(_text, value))
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    return str(value)
+
+
+def from_query(query: str) -> State:
+    """The state of a link.
+
+    Raises
+    ------
+    ArgumentError for a link that is too long, damaged, or of values that cannot be shown.
+    """
+    if len(query) > LARGEST_QUERY:
+        raise ArgumentError(f"expected a link of at most {LARGEST_QUERY} characters, got more")
+    known = {field.name: type(field.default) for field in fields(State)}
+    values: dict[str, Any] = {}
+    for name, text in parse_qsl(query.removeprefix("?"), keep_blank_values=True):
+        if name not in known:
+            raise ArgumentError(f"expected the link of an explorer, got one with {name[:20]!r}")
+        values[name] = _value(name, text, known[name])
+    return State(**values)
+
+
+def _value(name: str, text: str, kind: type) -> Any:
+    try:
+        if name == "rings":
+            return tuple(
+                tuple(_pair(point) for point in ring.split()) for ring in text.split(";") if ring
+            )
+        return _pair(text) if kind is tuple else kind(text)
+    except ValueError:
+        raise ArgumentError(
+            f"expected numbers for {name}, got {text[:40]!r}; the link is damaged"
+        ) from None
+
+
+def _pair(text: str) -> Point:
+    first, second = text.split(",")
+    return float(first), float(second)

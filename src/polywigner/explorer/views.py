@@ -1,0 +1,231 @@
+"""From a state to arrays with units: what the page shows, without the page.
+
+Every array is in SI units, with the second coordinate along its first axis, and every value comes
+from one call of the public API, which :mod:`~polywigner.explorer.snippets` writes down.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import polywigner as pw
+from polywigner.engines import Engine
+from polywigner.errors import PolywignerWarning
+from polywigner.explorer import windows
+from polywigner.explorer.sources import source_of
+from polywigner.explorer.state import State
+from polywigner.figures.differences import difference_db
+from polywigner.geometry import Aperture
+from polywigner.illumination.support import mutual_support
+
+__all__ = [
+    "ENGINE",
+    "NEAR_TOLERANCE",
+    "PICTURES",
+    "SAMPLES",
+    "Cuts",
+    "Outlines",
+    "Picture",
+    "far_field",
+    "fourier",
+    "lag_rings",
+    "near_field",
+    "outlines",
+    "transfer",
+    "values_at",
+    "wigner_at_frequency",
+    "wigner_at_position",
+]
+
+Values = NDArray[Any]
+Rings = list[NDArray[np.float64]]
+
+SAMPLES = 256
+"""Along each axis of a picture."""
+ENGINE: Engine = "numpy"
+"""Of the transforms: nothing is compiled, a change of the outline costs what a repetition costs."""
+NEAR_TOLERANCE = 1e-2
+"""Of sums of Wigner rays: 0.04 dB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Values over a square window; arrays (n, n) with y along the first axis."""
+
+    name: str
+    centre: tuple[float, float]
+    """Of the window, in the unit of the axes."""
+    half: float
+    """Its half width: the outermost samples lie there."""
+    axis_unit: str
+    """"m" or "1/m"."""
+    arrays: Mapping[str, Values]
+    unit: str
+    """Of the arrays; "" for none."""
+    note: str = ""
+    """What a visitor should know about these values."""
+
+    @property
+    def samples(self) -> int:
+        """Along each axis."""
+        return len(next(iter(self.arrays.values())))
+
+
+@dataclass(frozen=True, eq=False)
+class Outlines:
+    """Rings (n, 2) in m, not closed: of the source, of the region that W lives on, of lags."""
+
+    source: list[Rings]
+    support: list[Rings]
+    lags: list[Rings]
+    area: float
+    """Of the elements, in m^2."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cuts:
+    """Directivity in the planes phi = 0 and 90 degrees."""
+
+    theta: NDArray[np.float64]
+    """(n,) from the normal, in rad."""
+    directivity: NDArray[np.float64]
+    """(n, 2) in dBi."""
+    largest: float
+    """On these cuts, in dBi."""
+
+
+def outlines(state: State) -> Outlines:
+    """The outline of the source, the support of W, and the lag slice at the chosen position.
+
+    Raises
+    ------
+    PolywignerError for what is no polygon or cannot be fed so, here as in all views.
+    """
+    source = source_of(state)
+    outline = source if isinstance(source, Aperture) else source.support
+    return Outlines(
+        _rings(outline.polygons),
+        _rings(mutual_support(source).polygons),
+        lag_rings(state),
+        outline.area,
+    )
+
+
+def lag_rings(state: State) -> list[Rings]:
+    """The lag slice 2(G - x) & 2(x - G) at the chosen position: polygons of rings in m."""
+    source = source_of(state)
+    outline = source if isinstance(source, Aperture) else source.support
+    return _rings(pw.lag_slice(outline, _position(state)))
+
+
+def _rings(shape: Any) -> list[Rings]:
+    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
+    return [
+        [np.asarray(ring.coords)[:-1] for ring in (p.exterior, *p.interiors)]
+        for p in polygons
+        if not p.is_empty
+    ]
+
+
+def _position(state: State) -> tuple[float, float]:
+    return state.metres(state.x[0]), state.metres(state.x[1])
+
+
+def _frequency(state: State) -> tuple[float, float]:
+    return state.nu[0] * state.per_metre, state.nu[1] * state.per_metre
+
+
+def fourier(state: State, samples: int = SAMPLES) -> Picture:
+    """F(nu) of the source, complex, in m^2."""
+    half = windows.frequency_half(state)
+    values = pw.fourier(source_of(state), windows.square(half, samples), engine=ENGINE)
+    return Picture("fourier", (0.0, 0.0), half, "1/m", {"F": values}, "m²")
+
+
+def wigner_at_position(state: State, samples: int = SAMPLES) -> Picture:
+    """W(x, nu) over nu at the chosen position, in m^2."""
+    half = windows.frequency_half(state)
+    grid = windows.square(half, samples)
+    values = pw.wigner(source_of(state), _position(state), grid, engine=ENGINE)
+    return Picture("wigner_nu", (0.0, 0.0), half, "1/m", {"W": values}, "m²")
+
+
+def wigner_at_frequency(state: State, samples: int = SAMPLES) -> Picture:
+    """W(x, nu) over x at the chosen spatial frequency, in m^2."""
+    x, y, half = windows.position_window(state)
+    grid = windows.square(half, samples, x, y)
+    values = pw.wigner(source_of(state), grid, _frequency(state), engine=ENGINE)
+    return Picture("wigner_x", (x, y), half, "m", {"W": values}, "m²")
+
+
+def transfer(state: State, samples: int = SAMPLES) -> Picture:
+    """OTF over lags with the chosen defocus, complex, without unit: A(-2 w xi/a^2, xi)/A(0, 0)."""
+    half = windows.lag_half(state)
+    grid = windows.square(half, samples)
+    values = pw.otf(source_of(state), grid, state.defocus, engine=ENGINE)
+    return Picture("otf", (0.0, 0.0), half, "m", {"OTF": values}, "")
+
+
+def near_field(state: State, samples: int = 128) -> Picture:
+    """Irradiance on the plane at the chosen distance: by Wigner rays, exact, and how they differ.
+
+    "rays" and "exact" (Kirchhoff, both) in the unit of |u|^2; "difference" in dB, nan where the
+    exact field is more than 30 dB below its peak.
+    """
+    half = windows.plane_half(state)
+    x, y, _ = windows.position_window(state)
+    points = np.concatenate(
+        [
+            windows.square(half, samples, x, y),
+            np.full((samples, samples, 1), state.metres(state.distance)),
+        ],
+        axis=-1,
+    )
+    source, wavelength = source_of(state), state.wavelength
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", PolywignerWarning)
+        rays = pw.irradiance(
+            source, points, wavelength, obliquity="kirchhoff", order=state.order,
+            tolerance=NEAR_TOLERANCE,
+        )  # fmt: skip
+        exact = pw.irradiance(source, points, wavelength, "kirchhoff")
+    arrays = {"rays": rays, "exact": exact, "difference": difference_db(rays, exact)}
+    notes = {str(w.message) for w in caught if issubclass(w.category, PolywignerWarning)}
+    return Picture("near", (x, y), half, "m", arrays, "W/m²", "; ".join(sorted(notes)))
+
+
+def far_field(state: State) -> Cuts:
+    """Directivity in two planes through the normal."""
+    theta = windows.angles(state)
+    pattern = pw.radiation_pattern(
+        source_of(state), state.wavelength, theta, [0, np.pi / 2], engine=ENGINE
+    )
+    directivity = np.asarray(pattern["directivity"].values)
+    return Cuts(theta, directivity, float(directivity.max()))
+
+
+def values_at(state: State) -> dict[str, tuple[complex, str]]:
+    """Exact values at the chosen position and frequency: name -> (value, unit)."""
+    source, x, nu = source_of(state), _position(state), _frequency(state)
+    return {
+        "F(ν)": (complex(pw.fourier(source, nu, engine=ENGINE)), "m²"),
+        "W(x, ν)": (complex(pw.wigner(source, x, nu, engine=ENGINE)), "m²"),
+        "W(x, 0)": (complex(pw.position_marginal(source, x, engine=ENGINE)), "m²"),
+        "∫|u|² dx": (complex(pw.lag_marginal(source, (0.0, 0.0), engine=ENGINE)), "m²"),
+    }
+
+
+PICTURES = {
+    "fourier": fourier,
+    "wigner_nu": wigner_at_position,
+    "wigner_x": wigner_at_frequency,
+    "otf": transfer,
+    "near": near_field,
+}
+"""By name; each takes a state and the samples along an axis."""

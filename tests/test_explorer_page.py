@@ -1,0 +1,361 @@
+"""The explorer's page in a real browser without a window, and its command."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.explorer.state import State, from_query, to_query
+
+SECONDS = 20.0  # for anything to appear in the page of a loaded machine
+DIGITS = 1e-11  # relative: the page prints twelve
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    """A running server of the page."""
+    pytest.importorskip("bokeh", reason="needs Bokeh: pip install polywigner[explorer]")
+    from polywigner.explorer.server import new_server
+
+    started = threading.Event()
+    server: list[Any] = []
+
+    def run() -> None:
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        server.append(new_server(State(), port=0))
+        server[0].start()
+        started.set()
+        server[0].io_loop.start()
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    assert started.wait(SECONDS)
+    yield f"http://127.0.0.1:{server[0].port}/"
+    server[0].io_loop.add_callback(server[0].io_loop.stop)
+    thread.join(SECONDS)
+    server[0].polywigner_scheduler.stop()
+
+
+@pytest.fixture(scope="module")
+def browser(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Chromium without a window, by its driver."""
+    selenium = pytest.importorskip("selenium", reason="needs selenium: polywigner[browser]")
+    assert selenium
+    driver, program = shutil.which("chromedriver"), shutil.which("chromium")
+    if driver is None or program is None:
+        pytest.skip("needs a browser: on Debian, apt-get install chromium chromium-driver")
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for argument in (
+        "headless=new",
+        "no-sandbox",
+        "disable-gpu",
+        "disable-dev-shm-usage",
+        "window-size=1500,1200",
+        "host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",  # no network
+    ):
+        options.add_argument(f"--{argument}")
+    downloads = tmp_path_factory.mktemp("downloads")
+    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
+    made = webdriver.Chrome(options, service=webdriver.ChromeService(driver))
+    made.downloads = downloads
+    yield made
+    made.quit()
+
+
+# What a visitor sees is in shadow trees: the models are asked by name instead.
+FIND = """
+const doc = Bokeh.documents[0]
+const model = doc.get_model_by_name(arguments[0])
+const view = Bokeh.index.find_one(model)
+"""
+SHOWN = FIND + "return view.shadow_el.querySelector('.bk-clearfix').innerText"
+PLACE = (
+    FIND
+    + """
+const box = view.el.getBoundingClientRect()
+const {x_scale, y_scale} = view.frame
+return [box.left + x_scale.compute(arguments[1]), box.top + y_scale.compute(arguments[2])]
+"""
+)
+
+
+class Page:
+    """The page as a visitor has it: what it says, and where a mouse would go."""
+
+    def __init__(self, browser: Any, url: str) -> None:
+        from selenium.webdriver import ActionChains
+
+        self.browser = browser
+        self.chain = ActionChains
+        browser.get(url)
+        self.wait_until(lambda: "ready" in self.text("busy"))
+
+    def wait_until(self, holds: Callable[[], bool]) -> None:
+        from selenium.common.exceptions import WebDriverException
+
+        deadline = time.monotonic() + SECONDS
+        while time.monotonic() < deadline:
+            try:
+                if holds():
+                    return
+            except WebDriverException:
+                pass  # not there yet
+            time.sleep(0.05)
+        raise AssertionError(f"did not come to hold; the page says {self.text('message')!r}")
+
+    def text(self, name: str) -> str:
+        return str(self.get(name, "text"))
+
+    def get(self, name: str, attribute: str) -> Any:
+        return self.browser.execute_script(FIND + "return model[arguments[1]]", name, attribute)
+
+    def set(self, name: str, attribute: str, value: Any) -> None:
+        script = FIND + "model[arguments[1]] = arguments[2]"
+        self.browser.execute_script(script, name, attribute, value)
+
+    def element(self, name: str, selector: str) -> Any:
+        script = FIND + "return view.shadow_el.querySelector(arguments[1])"
+        return self.browser.execute_script(script, name, selector)
+
+    def click(self, name: str) -> None:
+        self.element(name, "button").click()
+
+    def at(self, figure: str, x: float, y: float) -> Any:
+        """A mouse at a place of a figure, in its units."""
+        across, down = self.browser.execute_script(PLACE, figure, x, y)
+        moved = self.chain(self.browser, duration=20)
+        moved.w3c_actions.pointer_action.move_to_location(int(across), int(down))
+        return moved
+
+    def tap(self, figure: str, x: float, y: float) -> None:
+        self.at(figure, x, y).click().perform()
+        time.sleep(0.3)  # two clicks at once are a double click
+
+    def state(self) -> State:
+        return from_query(str(self.get("link", "value")))
+
+    def downloaded(self, name: str) -> Path:
+        path = self.browser.downloads / name
+        self.wait_until(path.is_file)
+        return Path(path)
+
+
+@pytest.fixture
+def page(browser: Any, address: str) -> Page:
+    return Page(browser, address)
+
+
+def test_the_page_works_without_a_network_and_starts_with_a_square(page: Page) -> None:
+    assert page.state() == State()
+    assert page.text("message") == ""
+    assert [entry for entry in page.browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+    assert np.isclose(number_of(page, "∫|u|² dx"), 1e-4, rtol=DIGITS)
+
+
+def number_of(page: Page, name: str) -> complex:
+    """A value that the page prints."""
+    match = re.search(rf"<td>{re.escape(name)}</td><td>(.*?) m²", page.text("values"))
+    assert match, page.text("values")
+    parts = match[1].replace("− ", "-").replace("+ ", "+").split()
+    return complex(float(parts[0]), float(parts[1]) if len(parts) > 1 else 0.0)
+
+
+def test_an_outline_drawn_with_the_mouse_is_computed_and_its_numbers_are_the_functions(
+    page: Page,
+) -> None:
+    page.set("snap", "value", 0.5)
+    page.set("shape", "value", "blank sheet")
+    page.wait_until(lambda: "blank" in page.text("message"))
+    page.click("draw")
+    corners = [(-3.0, -2.0), (3.0, -2.0), (0.0, 3.0)]
+    for corner in [*corners, corners[0]]:
+        page.tap("aperture", *corner)
+    page.wait_until(lambda: page.state().rings == (tuple(corners),))
+    page.tap("aperture", 0.0, 0.0)
+    page.tap("fourier", 0.05, 0.02)
+    page.wait_until(lambda: page.state().nu != (0.0, 0.0) and "ready" in page.text("busy"))
+    state = page.state()
+    assert np.allclose(state.nu, (0.05, 0.02), atol=0.01)
+    source = pw.Aperture(np.array(corners) / 1000)
+    x, nu = np.array(state.x) / 1000, np.array(state.nu) * 1000
+    assert np.isclose(number_of(page, "F(ν)"), pw.fourier(source, nu), rtol=DIGITS)
+    assert np.isclose(number_of(page, "W(x, ν)"), pw.wigner(source, x, nu), rtol=DIGITS)
+
+
+def test_a_vertex_can_be_dragged_added_and_undone(page: Page) -> None:
+    before = page.state()
+    page.at("aperture", 5.0, 5.0).click_and_hold().perform()
+    for _ in range(6):  # a hand begins with less than a pixel at a time
+        page.chain(page.browser, duration=10).move_by_offset(1, -1).perform()
+    for x in (5.5, 6.0):  # on the way the views follow
+        page.at("aperture", x, x).perform()
+        page.wait_until(lambda x=x: page.state().rings[0][2][0] > x - 0.1)  # type: ignore[misc]
+    page.at("aperture", 6.0, 6.0).release().perform()
+    page.wait_until(lambda: np.allclose(page.state().rings[0][2], (6, 6), atol=0.1))
+    moved = page.state().rings
+    page.at("aperture", 0.0, -5.0).double_click().perform()
+    page.wait_until(lambda: len(page.state().rings[0]) == 5)
+    page.click("undo")
+    page.wait_until(lambda: page.state().rings == moved)
+    page.chain(page.browser).key_down("\ue009").send_keys("z").key_up("\ue009").perform()
+    page.wait_until(lambda: page.state().rings == before.rings)
+
+
+def test_a_crossing_outline_says_so_and_the_last_good_result_stays(page: Page) -> None:
+    image, values = pixels(page, "wigner_nu"), page.text("values")
+    page.set("rows", "data", {"ring": [1] * 4, "x": [-5, 5, -5, 5], "y": [-5, -5, 5, 5]})
+    page.wait_until(lambda: "crosses itself" in page.text("message"))
+    assert "Traceback" not in page.text("message")
+    assert page.text("values") == values
+    assert np.array_equal(pixels(page, "wigner_nu"), image)
+    page.click("undo")
+    page.wait_until(lambda: page.text("message") == "")
+
+
+def test_a_slider_moves_its_view_and_no_other_number(page: Page) -> None:
+    handle = page.element("defocus", ".noUi-handle")
+    values = page.text("values")
+    handle.send_keys("\ue014" * 3)  # arrow to the right: by keyboard
+    page.wait_until(lambda: page.state().defocus > 0)
+    assert np.isclose(page.state().defocus, 0.15)
+    assert page.text("values") == values
+
+
+def test_good_and_bad_files_can_be_sent(page: Page, tmp_path: Path) -> None:
+    good, bad = tmp_path / "outline.wkt", tmp_path / "broken.geojson"
+    good.write_text("POLYGON((0 0, 4 0, 4 2, 0 2, 0 0))")
+    bad.write_text("{ not json")
+    page.element("upload", "input").send_keys(str(good))
+    page.wait_until(lambda: len(page.state().rings) == 1 and page.state().rings[0][1] == (4, 0))
+    page.wait_until(lambda: np.isclose(number_of(page, "∫|u|² dx"), 8e-6, rtol=DIGITS))
+    page.element("upload", "input").send_keys(str(bad))
+    page.wait_until(lambda: "broken.geojson" in page.text("message"))
+    assert "Traceback" not in page.text("message") and str(tmp_path) not in page.text("message")
+    assert page.state().rings[0][1] == (4, 0)
+
+
+def test_a_link_restores_the_page_and_a_damaged_one_says_so(browser: Any, address: str) -> None:
+    state = State(taper="cosine", x=(1.0, 2.0), nu=(0.03, 0.0), defocus=0.5, unit="cm")
+    page = Page(browser, f"{address}?{to_query(state)}")
+    assert page.state() == state
+    assert from_query(browser.current_url.split("?")[1]) == state  # the address follows
+    page = Page(browser, f"{address}?unit=furlong")
+    assert "furlong" in page.text("message") and page.state() == State()
+
+
+def test_the_exported_snippet_runs_and_has_the_numbers_of_the_page(page: Page) -> None:
+    page.set("array", "value", "2 x 1, 12 mm")
+    page.wait_until(lambda: page.state().array != "" and "ready" in page.text("busy"))
+    page.set("x", "value", 6.0)
+    page.set("take", "value", "wigner_x")
+    page.wait_until(lambda: page.state().x[0] == 6.0 and "ready" in page.text("busy"))
+    page.click("take_py")
+    script = page.downloaded("wigner_x.py").read_text(encoding="utf-8")
+    assert script == page.get("code", "value")
+    namespace: dict[str, Any] = {}
+    exec(script, namespace)
+    drawn = pixels(page, "wigner_x")
+    scale = np.abs(drawn).max()
+    assert np.allclose(drawn, namespace["values"] * 1e6, rtol=1e-6, atol=1e-6 * scale)  # float32
+    source = namespace["source"]
+    here = pw.wigner(source, (6e-3, 0.0), (0.0, 0.0))
+    assert np.isclose(number_of(page, "W(x, ν)"), here, rtol=DIGITS)
+
+
+def pixels(page: Page, figure: str) -> Any:
+    """The image that a figure shows, as numbers."""
+    script = (
+        FIND
+        + """
+const image = model.renderers.find((r) => r.glyph.type === "Image")
+const values = image.data_source.data.image[0]
+return [Array.from(values), values.shape]
+"""
+    )
+    flat, shape = page.browser.execute_script(script, figure)
+    return np.array(flat).reshape(shape)
+
+
+def test_the_tour_has_five_steps(page: Page) -> None:
+    for step in range(1, 6):
+        page.click("tour_next")
+        page.wait_until(lambda step=step: f"{step} of 5" in page.text("tour"))  # type: ignore[misc]
+    page.click("tour_next")
+    page.wait_until(lambda: page.text("tour") == "")
+
+
+def test_two_visitors_have_states_of_their_own(browser: Any, address: str, page: Page) -> None:
+    first = browser.current_window_handle
+    page.set("steering", "value", "10 deg")
+    page.wait_until(lambda: page.state().steering == "10 deg")
+    browser.switch_to.new_window("tab")
+    try:
+        assert Page(browser, address).state() == State()
+    finally:
+        browser.close()
+        browser.switch_to.window(first)
+    assert page.state().steering == "10 deg"
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])
+def test_the_command_prints_its_address_and_stops_cleanly(number: Any, code: int) -> None:
+    pytest.importorskip("bokeh", reason="needs Bokeh: pip install polywigner[explorer]")
+    command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", "--port", "0"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        assert run.stdout is not None
+        line = run.stdout.readline()
+        found = re.search(r"http://127\.0\.0\.1:\d+/", line)
+        assert found, line
+        assert b"polywigner explore" in urlopen(found[0], timeout=SECONDS).read()
+        run.send_signal(number)
+        output, errors = run.communicate(timeout=SECONDS)
+    assert run.returncode == code
+    assert "stopped" in output and "Traceback" not in errors
+
+
+def test_without_the_extra_the_command_names_it() -> None:
+    block = (
+        "import sys; sys.modules['bokeh'] = None; from polywigner.cli import main; sys.exit(main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", block, "explore"], capture_output=True, text=True, env=os.environ
+    )
+    assert done.returncode == 2
+    assert "polywigner[explorer]" in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (["missing.geojson"], "not a file"),
+        (["--frequency", "ten"], "frequency"),
+        (["--address", "203.0.113.1", "--port", "0"], "--address"),
+        (["--port", "-4"], "port"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(options: list[str], match: str) -> None:
+    pytest.importorskip("bokeh", reason="needs Bokeh: pip install polywigner[explorer]")
+    command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", *options]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert match in done.stderr and done.stderr.count("\n") == 1

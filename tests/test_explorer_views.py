@@ -1,0 +1,353 @@
+"""The explorer without its page: states and links, outlines changed by hand, views, snippets."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import polywigner as pw
+from polywigner.errors import GeometryError, PolywignerError
+from polywigner.explorer import editing, exports, snippets, sources, views, windows
+from polywigner.explorer.choices import CATALOGUE
+from polywigner.explorer.history import History
+from polywigner.explorer.results import results, stages
+from polywigner.explorer.scheduler import Scheduler
+from polywigner.explorer.shown import shown
+from polywigner.explorer.state import LARGEST_QUERY, State, from_query, to_query
+
+SMALL = 17  # samples along an axis: the laws do not depend on it
+EXACT = 1e-12  # relative, of values from two routes in double precision
+RAYS_DB = 0.3  # rays against the exact field at 16 wavelengths, see docs/propagation.md
+
+HOLED = State(
+    rings=(
+        ((-6.0, -6.0), (6.0, -6.0), (6.0, 6.0), (-6.0, 6.0)),
+        ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)),
+        ((8.0, 0.0), (10.0, 0.0), (9.0, 3.0)),
+    ),
+    x=(3.0, 0.5),
+    nu=(0.05, -0.03),
+    defocus=0.7,
+)
+numbers = st.floats(-1e6, 1e6)
+points = st.tuples(numbers, numbers)
+
+
+@given(
+    st.lists(st.lists(points, max_size=6).map(tuple).filter(bool), max_size=4).map(tuple),
+    points, points, numbers, st.sampled_from(["m", "mm", "µm"]),
+    st.sampled_from(["94 GHz", "3.19 mm", "532 nm"]), st.text(max_size=20),
+)  # fmt: skip
+@settings(max_examples=60, deadline=None)
+def test_a_link_restores_the_whole_state(
+    rings: Any, x: Any, nu: Any, defocus: float, unit: Any, wave: str, taper: str
+) -> None:
+    state = State(rings=rings, x=x, nu=nu, defocus=defocus, unit=unit, wave=wave, taper=taper)
+    assert from_query(to_query(state)) == state
+
+
+@given(st.text(max_size=60) | st.sampled_from(["rings=1,2 3", "x=1", "order=2", "wave=0", "a=b"]))
+@settings(max_examples=60, deadline=None)
+def test_a_damaged_link_is_refused_and_never_crashes(text: str) -> None:
+    with contextlib.suppress(PolywignerError):
+        assert isinstance(from_query(text), State)
+
+
+@pytest.mark.parametrize(
+    "query",
+    ["unit=furlong", "wave=ten", "order=2", "distance=0", "x=1,nan", "reach=2", "part=all",
+     "rings=" + "0,0 " * 2000, "rings=0,0 1", "x" * (LARGEST_QUERY + 1), "taper=" + "x" * 200],
+)  # fmt: skip
+def test_a_link_with_values_that_cannot_be_shown_says_so(query: str) -> None:
+    with pytest.raises(PolywignerError, match="expected"):
+        from_query(query)
+
+
+def test_rings_inside_others_are_holes() -> None:
+    source = sources.source_of(HOLED)
+    expected = (12 * 12 - 4 * 4 + 3) * 1e-6
+    assert math.isclose(source.area, expected, rel_tol=EXACT)
+
+
+def test_an_outline_that_crosses_itself_is_refused_with_the_place_in_units() -> None:
+    bow_tie = State(rings=(((0.0, 0.0), (4.0, 4.0), (4.0, 0.0), (0.0, 4.0)),))
+    with pytest.raises(GeometryError, match=r"2.*2"):
+        sources.source_of(bow_tie)
+
+
+def test_a_blank_sheet_asks_for_an_outline() -> None:
+    with pytest.raises(GeometryError, match="blank"):
+        views.fourier(State(rings=()), SMALL)
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_shape_of_the_catalogue_keeps_its_area_as_a_state(name: str) -> None:
+    shape = CATALOGUE[name]()
+    state = State(rings=editing.rings_of_aperture(shape))
+    assert math.isclose(sources.source_of(state).area * 1e6, shape.area, rel_tol=1e-4)
+
+
+def test_undo_and_redo_go_through_the_same_states() -> None:
+    states = [State(x=(float(k), 0.0)) for k in range(4)]
+    history = History(states[0])
+    for state in states[1:]:
+        history = history.then(state)
+    assert history.then(states[-1]) is history
+    back = history.undone().undone()
+    assert back.present == states[1]
+    assert back.redone().redone().present == states[3] == history.redone().present
+    assert back.then(State(x=(9.0, 0.0))).redone().present.x == (9.0, 0.0)
+    assert History(states[0]).undone().present == states[0]
+
+
+def test_a_drag_is_one_step_of_undo() -> None:
+    history = History(State()).then(State(x=(1.0, 0.0))).instead(State(x=(2.0, 0.0)))
+    assert history.undone().present == State()
+
+
+def test_snapping_puts_vertices_on_the_raster_without_stray_digits() -> None:
+    ring = (((0.26, 0.34), (-0.01, 0.149), (1.0, 1.0)),)
+    assert editing.snapped(ring, 0.1) == (((0.3, 0.3), (0.0, 0.1), (1.0, 1.0)),)
+    assert editing.snapped(ring, 0.0) == ring
+
+
+def test_a_new_vertex_goes_into_the_nearest_edge_and_can_be_taken_out_again() -> None:
+    rings = HOLED.rings
+    more = editing.with_vertex_near(rings, (2.5, 0.0))
+    assert [len(ring) for ring in more] == [4, 5, 3]
+    assert more[1][2] == (2.5, 0.0)
+    row = editing.rows_of_rings(more).index((2, 2.5, 0.0))
+    assert editing.without_vertex(more, row) == rings
+
+
+def test_an_outline_of_two_vertices_is_gone() -> None:
+    assert editing.without_vertex(HOLED.rings, 9) == HOLED.rings[:2]
+    assert editing.rings_of_rows(editing.rows_of_rings(HOLED.rings)) == HOLED.rings
+
+
+def test_an_upload_is_read_in_the_units_of_the_page() -> None:
+    state = sources.state_of_upload(
+        "a.wkt", b"POLYGON((0 0, 3 0, 3 2, 0 2, 0 0))", State(unit="µm")
+    )
+    assert math.isclose(sources.source_of(state).area, 6e-12, rel_tol=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "match"),
+    [
+        ("big.csv", b"0" * (sources.LARGEST_UPLOAD + 1), "at most 1 MiB"),
+        ("a.exe", b"MZ", "expected GeoJSON"),
+        ("a.wkt", b"POLYGON((0 0, 1 1))", "a.wkt"),
+        ("../../a.json", b"{", "expected GeoJSON"),
+        ("a.svg", b"<!DOCTYPE x [<!ENTITY a 'b'>]><svg>&a;</svg>", "expected"),
+        ("many.csv", b"\n".join(b"%d,%d" % (k, k * k) for k in range(2000)), "at most"),
+    ],
+)
+def test_a_bad_upload_says_what_is_wrong_and_no_path_of_the_server(
+    name: str, content: bytes, match: str
+) -> None:
+    with pytest.raises(PolywignerError, match=match) as caught:
+        sources.state_of_upload(name, content, State())
+    assert "tmp" not in str(caught.value)
+
+
+def test_the_views_agree_with_each_other_where_their_slices_meet() -> None:
+    """W over nu at x and W over x at nu share W(x, nu); W(x, 0) is the area of the lag slice."""
+    state = HOLED.moved(nu=(0.0, 0.0))
+    at_nu = views.wigner_at_frequency(state, SMALL)
+    x, y, half = windows.position_window(state)
+    corner = state.moved(x=((x + half / 2) * 1000, y * 1000))
+    over_nu = views.wigner_at_position(corner, SMALL)
+    middle = SMALL // 2
+    value = over_nu.arrays["W"][middle, middle]
+    assert np.isclose(at_nu.arrays["W"][middle, middle + SMALL // 4], value, rtol=EXACT)
+    assert np.isclose(views.values_at(corner)["W(x, 0)"][0], value, rtol=EXACT)
+    assert value > 0
+
+
+def test_the_centre_of_the_fourier_view_is_the_area_and_of_the_otf_one() -> None:
+    middle = SMALL // 2
+    area = sources.source_of(HOLED).area
+    assert np.isclose(views.fourier(HOLED, SMALL).arrays["F"][middle, middle], area, rtol=EXACT)
+    otf = views.transfer(HOLED, SMALL).arrays["OTF"]
+    assert np.isclose(otf[middle, middle], 1, rtol=EXACT)
+    assert np.allclose(otf, otf[::-1, ::-1].conj(), atol=EXACT)
+
+
+def test_defocus_lowers_the_otf() -> None:
+    sharp = np.abs(views.transfer(HOLED.moved(defocus=0.0), SMALL).arrays["OTF"])
+    blurred = np.abs(views.transfer(HOLED, SMALL).arrays["OTF"])
+    assert (blurred <= sharp + EXACT).all()
+    assert (blurred < sharp - 0.1).any()
+
+
+def test_rays_and_the_exact_field_agree_far_in_front() -> None:
+    near = views.near_field(State(distance=150.0, order=3), 9)
+    difference = near.arrays["difference"]
+    assert np.isfinite(difference).any()
+    assert np.nanmax(np.abs(difference)) < RAYS_DB
+    assert near.note == ""
+
+
+def test_rays_close_to_the_source_carry_a_warning() -> None:
+    assert "rough picture" in views.near_field(State(distance=3.0), 5).note
+
+
+def test_the_far_field_peaks_at_four_pi_area_over_wavelength_squared() -> None:
+    state = State(rings=(((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0)),))
+    cuts = views.far_field(state)
+    expected = 10 * np.log10(4 * np.pi * 0.1**2 / state.wavelength**2)
+    assert abs(cuts.largest - expected) < 0.1  # one per cent of the power is evanescent
+    assert cuts.directivity[len(cuts.theta) // 2].max() == cuts.largest
+
+
+@pytest.mark.parametrize("name", snippets.SNIPPETS)
+@pytest.mark.parametrize(
+    "state",
+    [
+        HOLED.moved(order=3),
+        State(unit="µm", wave="532 nm", taper="cosine", nu=(0.1, 0.02), x=(0.3, 0.1)),
+        State(array="3 x 2, 12 mm", steering="10 deg, 30 deg", x=(6.0, 1.0)),
+    ],
+    ids=["holes", "taper", "array"],
+)
+def test_a_snippet_computes_its_view_digit_for_digit(name: str, state: State) -> None:
+    samples = 5 if name == "near" else SMALL
+    namespace: dict[str, Any] = {}
+    exec(snippets.snippet(state, name, samples), namespace)
+    if name == "far":
+        cuts = views.far_field(state)
+        assert np.array_equal(namespace["values"], cuts.directivity)
+        return
+    picture = views.PICTURES[name](state, samples)
+    found = (
+        {"rays": namespace["rays"], "exact": namespace["exact"]}
+        if name == "near"
+        else dict.fromkeys(picture.arrays, namespace["values"])
+    )
+    for key, values in found.items():
+        assert values.shape == (samples, samples)
+        assert np.array_equal(values, picture.arrays[key])
+
+
+def test_exported_outlines_are_read_back_as_the_same_aperture(tmp_path: Path) -> None:
+    for suffix, text, unit in (
+        ("geojson", exports.geojson(HOLED), "mm"),
+        ("svg", exports.svg(HOLED), "mm"),
+    ):
+        path = tmp_path / f"outline.{suffix}"
+        path.write_text(text, encoding="utf-8")
+        if suffix == "svg":
+            pytest.importorskip("svgelements")
+        read = pw.read_aperture(path, unit=unit)
+        source = sources.source_of(HOLED)
+        assert math.isclose(read.area, source.area, rel_tol=EXACT)
+        assert len(read.rings) == len(source.rings)
+        assert suffix == "svg" or read == source  # SVG turns y, with a rounding
+
+
+def test_exported_values_are_those_of_the_view_and_carry_the_link() -> None:
+    with np.load(io.BytesIO(exports.values_file(HOLED, "fourier"))) as saved:
+        assert np.array_equal(saved["F"], views.fourier(HOLED).arrays["F"])
+        assert saved["F"].shape == (len(saved["second"]), len(saved["first"]))
+        assert from_query(str(saved["link"])) == HOLED
+    with np.load(io.BytesIO(exports.values_file(HOLED, "far"))) as saved:
+        assert saved["directivity_dbi"].shape == (len(saved["theta_rad"]), 2)
+
+
+@pytest.mark.parametrize("name", ["wigner_x", "far"])
+@pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml")])
+def test_views_are_exported_as_pictures(name: str, suffix: str, start: bytes) -> None:
+    assert exports.picture_file(State(), name, suffix).startswith(start)
+
+
+@pytest.mark.parametrize(("part", "low"), [("level", -40), ("real", -1), ("phase", -180)])
+def test_what_is_shown_fills_its_scale(part: Any, low: float) -> None:
+    what = shown(views.fourier(HOLED, SMALL), "F", part)
+    assert what.low == low
+    assert (what.values >= what.low).all() and (what.values <= what.high).all()
+    assert part == "phase" or what.values.max() == what.high
+
+
+def test_results_come_coarse_first_and_the_source_before_all() -> None:
+    found = list(results(State(), ("fourier", "near", "far", "values")))
+    assert [r.error for r in found] == [""] * len(found)
+    names = [r.name for r in found]
+    assert names[0] == "source" and names[-1] == "near"
+    near = [r.value.samples for r in found if r.name == "near"]
+    assert near == list(stages("near", 4)) == sorted(near)
+    assert names.index("values") < len(names) - 2  # before the fine pictures
+
+
+def test_results_of_no_polygon_are_one_error_and_nothing_else() -> None:
+    (found,) = results(State(rings=()), ("fourier", "far"))
+    assert "blank" in found.error
+
+
+def test_results_say_what_cannot_be_computed_of_a_polygon() -> None:
+    found = list(results(State(taper="gaussian"), ("fourier",)))
+    assert len(found) == 1 and "taper" in found[0].error
+
+
+class _Worker:
+    """A scheduler whose work waits for a gate, and notes what it did."""
+
+    def __init__(self) -> None:
+        self.scheduler, self.gate, self.done = Scheduler(), threading.Event(), list[str]()
+
+    def work(self, name: str, steps: int = 1) -> Callable[[], Iterator[None]]:
+        def run() -> Iterator[None]:
+            for k in range(steps):
+                self.gate.wait(5)
+                self.done.append(f"{name}{k}")
+                yield
+
+        return run
+
+    def wait_for(self, name: str) -> None:
+        deadline = time.monotonic() + 5
+        while name not in self.done and time.monotonic() < deadline:
+            time.sleep(0.005)
+        assert name in self.done
+
+
+def test_old_requests_are_dropped_and_the_newest_wins() -> None:
+    worker = _Worker()
+    worker.scheduler.submit("anna", worker.work("a", 3))
+    for k in range(5):
+        worker.scheduler.submit("anna", worker.work(f"b{k}"))
+    worker.gate.set()
+    worker.wait_for("b40")
+    worker.scheduler.stop()
+    assert [name for name in worker.done if name.startswith("b")] == ["b40"]
+    assert "a1" not in worker.done
+
+
+def test_visitors_take_turns_and_a_fault_of_one_does_not_stop_the_others() -> None:
+    worker = _Worker()
+
+    def fails() -> Iterator[None]:
+        raise RuntimeError("a fault")
+        yield
+
+    worker.scheduler.submit("first", worker.work("f"))
+    worker.scheduler.submit("anna", worker.work("a", 3))
+    worker.scheduler.submit("karl", fails)
+    worker.scheduler.submit("bert", worker.work("b", 3))
+    worker.scheduler.submit("cara", worker.work("c"))
+    worker.scheduler.forget("cara")
+    worker.gate.set()
+    worker.wait_for("b2")
+    worker.scheduler.stop()
+    assert worker.done == ["f0", "a0", "b0", "a1", "b1", "a2", "b2"]
