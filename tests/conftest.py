@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Callable
+from functools import partial
 from typing import NoReturn
 
 import pytest
@@ -56,6 +58,12 @@ def bad_llvm(request: pytest.FixtureRequest) -> str:
         if not verdict.usable and candidate.version is not None and candidate.version >= (15,):
             return candidate.path
     _leave_out("a bad LLVM library (15 or 16), to see it refused.", request.config)
+
+
+@pytest.fixture(scope="session")
+def leave_out(pytestconfig: pytest.Config) -> Callable[[str], NoReturn]:
+    """Leaves the test out that asks for it, with a reason: what it needs, and what brings it."""
+    return partial(_leave_out, config=pytestconfig)
 
 
 @pytest.fixture(scope="session")

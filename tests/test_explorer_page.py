@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import os
 import re
 import shutil
@@ -13,7 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from urllib.request import urlopen
 
 import numpy as np
@@ -26,10 +27,19 @@ SECONDS = 20.0  # for anything to appear in the page of a loaded machine
 DIGITS = 1e-11  # relative: the page prints twelve
 
 
+LeaveOut = Callable[[str], NoReturn]
+
+
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
+def bokeh(leave_out: LeaveOut) -> None:
+    """Tests that ask for this are left out without the library of the page."""
+    if importlib.util.find_spec("bokeh") is None:
+        leave_out("Bokeh. `pip install polywigner[explorer]` brings it.")
+
+
+@pytest.fixture(scope="module")
+def address(bokeh: None) -> Iterator[str]:
     """A running server of the page."""
-    pytest.importorskip("bokeh", reason="needs Bokeh: pip install polywigner[explorer]")
     from polywigner.explorer.server import new_server
 
     started = threading.Event()
@@ -52,13 +62,15 @@ def address() -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def browser(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+def browser(
+    address: str, tmp_path_factory: pytest.TempPathFactory, leave_out: LeaveOut
+) -> Iterator[Any]:
     """Chromium without a window, by its driver."""
-    selenium = pytest.importorskip("selenium", reason="needs selenium: polywigner[browser]")
-    assert selenium
+    if importlib.util.find_spec("selenium") is None:
+        leave_out("Selenium. `pip install polywigner[browser]` brings it.")
     driver, program = shutil.which("chromedriver"), shutil.which("chromium")
     if driver is None or program is None:
-        pytest.skip("needs a browser: on Debian, apt-get install chromium chromium-driver")
+        leave_out("a browser. Debian: `apt-get install chromium chromium-driver`.")
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
@@ -73,8 +85,9 @@ def browser(address: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
     ):
         options.add_argument(f"--{argument}")
     downloads = tmp_path_factory.mktemp("downloads")
-    options.add_experimental_option("prefs", {"download.default_directory": str(downloads)})
     made = webdriver.Chrome(options, service=webdriver.ChromeService(driver))
+    where = {"behavior": "allow", "downloadPath": str(downloads)}
+    made.execute_cdp_cmd("Browser.setDownloadBehavior", where)
     made.downloads = downloads
     yield made
     made.quit()
@@ -106,7 +119,7 @@ class Page:
         self.browser = browser
         self.chain = ActionChains
         browser.get(url)
-        self.wait_until(lambda: "ready" in self.text("busy"))
+        self.wait_until(self.is_ready)
 
     def wait_until(self, holds: Callable[[], bool]) -> None:
         from selenium.common.exceptions import WebDriverException
@@ -120,6 +133,9 @@ class Page:
                 pass  # not there yet
             time.sleep(0.05)
         raise AssertionError(f"did not come to hold; the page says {self.text('message')!r}")
+
+    def is_ready(self) -> bool:
+        return "ready" in self.text("busy")
 
     def text(self, name: str) -> str:
         return str(self.get(name, "text"))
@@ -151,6 +167,25 @@ class Page:
 
     def state(self) -> State:
         return from_query(str(self.get("link", "value")))
+
+    def settled(self) -> State:
+        """The state once nothing is on its way any more."""
+        before, now = None, self.state()
+        while now != before or not self.is_ready():
+            time.sleep(0.3)
+            before, now = now, self.state()
+        return now
+
+    def until(self, act: Callable[[], None], holds: Callable[[], bool]) -> None:
+        """Do it again where a busy machine took two clicks for one, too slow for a double one."""
+        for _ in range(5):
+            act()
+            deadline = time.monotonic() + SECONDS / 10
+            while time.monotonic() < deadline:
+                if holds():
+                    return
+                time.sleep(0.05)
+        raise AssertionError("did not come to hold")
 
     def downloaded(self, name: str) -> Path:
         path = self.browser.downloads / name
@@ -188,10 +223,10 @@ def test_an_outline_drawn_with_the_mouse_is_computed_and_its_numbers_are_the_fun
     corners = [(-3.0, -2.0), (3.0, -2.0), (0.0, 3.0)]
     for corner in [*corners, corners[0]]:
         page.tap("aperture", *corner)
-    page.wait_until(lambda: page.state().rings == (tuple(corners),))
+    page.wait_until(lambda: page.state().rings == (tuple(corners),) and page.is_ready())
     page.tap("aperture", 0.0, 0.0)
     page.tap("fourier", 0.05, 0.02)
-    page.wait_until(lambda: page.state().nu != (0.0, 0.0) and "ready" in page.text("busy"))
+    page.wait_until(lambda: page.state().nu != (0.0, 0.0) and page.is_ready())
     state = page.state()
     assert np.allclose(state.nu, (0.05, 0.02), atol=0.01)
     source = pw.Aperture(np.array(corners) / 1000)
@@ -210,9 +245,11 @@ def test_a_vertex_can_be_dragged_added_and_undone(page: Page) -> None:
         page.wait_until(lambda x=x: page.state().rings[0][2][0] > x - 0.1)  # type: ignore[misc]
     page.at("aperture", 6.0, 6.0).release().perform()
     page.wait_until(lambda: np.allclose(page.state().rings[0][2], (6, 6), atol=0.1))
-    moved = page.state().rings
-    page.at("aperture", 0.0, -5.0).double_click().perform()
-    page.wait_until(lambda: len(page.state().rings[0]) == 5)
+    moved = page.settled().rings
+    page.until(
+        lambda: page.at("aperture", 0.0, -5.0).double_click().perform(),
+        lambda: len(page.state().rings[0]) == 5,
+    )
     page.click("undo")
     page.wait_until(lambda: page.state().rings == moved)
     page.chain(page.browser).key_down("\ue009").send_keys("z").key_up("\ue009").perform()
@@ -244,12 +281,12 @@ def test_good_and_bad_files_can_be_sent(page: Page, tmp_path: Path) -> None:
     good.write_text("POLYGON((0 0, 4 0, 4 2, 0 2, 0 0))")
     bad.write_text("{ not json")
     page.element("upload", "input").send_keys(str(good))
-    page.wait_until(lambda: len(page.state().rings) == 1 and page.state().rings[0][1] == (4, 0))
+    page.wait_until(lambda: page.state().rings[0][0] == (4, 0))
     page.wait_until(lambda: np.isclose(number_of(page, "∫|u|² dx"), 8e-6, rtol=DIGITS))
     page.element("upload", "input").send_keys(str(bad))
     page.wait_until(lambda: "broken.geojson" in page.text("message"))
     assert "Traceback" not in page.text("message") and str(tmp_path) not in page.text("message")
-    assert page.state().rings[0][1] == (4, 0)
+    assert page.state().rings[0][0] == (4, 0)
 
 
 def test_a_link_restores_the_page_and_a_damaged_one_says_so(browser: Any, address: str) -> None:
@@ -263,10 +300,10 @@ def test_a_link_restores_the_page_and_a_damaged_one_says_so(browser: Any, addres
 
 def test_the_exported_snippet_runs_and_has_the_numbers_of_the_page(page: Page) -> None:
     page.set("array", "value", "2 x 1, 12 mm")
-    page.wait_until(lambda: page.state().array != "" and "ready" in page.text("busy"))
+    page.wait_until(lambda: page.state().array != "" and page.is_ready())
     page.set("x", "value", 6.0)
     page.set("take", "value", "wigner_x")
-    page.wait_until(lambda: page.state().x[0] == 6.0 and "ready" in page.text("busy"))
+    page.wait_until(lambda: page.state().x[0] == 6.0 and page.is_ready())
     page.click("take_py")
     script = page.downloaded("wigner_x.py").read_text(encoding="utf-8")
     assert script == page.get("code", "value")
@@ -316,8 +353,9 @@ def test_two_visitors_have_states_of_their_own(browser: Any, address: str, page:
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])
-def test_the_command_prints_its_address_and_stops_cleanly(number: Any, code: int) -> None:
-    pytest.importorskip("bokeh", reason="needs Bokeh: pip install polywigner[explorer]")
+def test_the_command_prints_its_address_and_stops_cleanly(
+    number: Any, code: int, bokeh: None
+) -> None:
     command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", "--port", "0"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -353,8 +391,7 @@ def test_without_the_extra_the_command_names_it() -> None:
         (["--port", "-4"], "port"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(options: list[str], match: str) -> None:
-    pytest.importorskip("bokeh", reason="needs Bokeh: pip install polywigner[explorer]")
+def test_bad_input_is_one_line_and_exit_code_2(options: list[str], match: str, bokeh: None) -> None:
     command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", *options]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2

@@ -111,7 +111,10 @@ class Controls:
         }
         self.code = TextAreaInput(title="Python that computes this view", name="code", rows=9,
                                   cols=40, width=_WIDTH, max_length=None)  # fmt: skip
-        self.message = Div(text="", name="message", width=720)
+        # of one height: a message must not move the figures under the pointer
+        self.message = Div(
+            text="", name="message", width=900, height=46, styles={"overflow-y": "auto"}
+        )
         self.note = Div(text="", name="note", width=_WIDTH)
         self.busy = Div(text="", name="busy", width=130)
         self.values = Div(text="", name="values", width=_WIDTH)

@@ -190,7 +190,8 @@ def _connect_drawing(session: Session) -> None:
             "Click the corners one after the other; click the first one again, or press Enter, to "
             "close the outline. Esc gives up."
             if active
-            else ""
+            else "",
+            hint=True,
         )
 
     _on_change(session, controls.draw, "active", toggled)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from functools import partial
+from html import escape
 from typing import Any
 from urllib.parse import urlencode
 
@@ -51,6 +52,7 @@ class Session:
         self.pending: list[tuple[float, float]] = []
         self.filling = False
         self.trouble = self.notice = ""
+        self.is_hint = False
         self.wanted = 0  # the number of the newest request
         self.closed = False
         doc.title = "polywigner explore"
@@ -89,11 +91,11 @@ class Session:
         """Another history: an edit, undo or redo."""
         before, self.history = self.state, history
         self.say("")
-        self.fill(edges)
         if history.present != before:
             self.request()
         else:
             self.signals.data = {"busy": [0]}
+        self.fill(edges)
 
     def fill(self, edges: bool = True) -> None:
         """Put the state into widgets and handles, without their telling it back."""
@@ -108,16 +110,18 @@ class Session:
         finally:
             self.filling = False
 
-    def say(self, text: str) -> None:
-        """A notice for the visitor, besides what is wrong with the source."""
-        self.notice = text
+    def say(self, text: str, hint: bool = False) -> None:
+        """A notice for the visitor, besides what is wrong with the source; or a hint."""
+        self.notice, self.is_hint = text, hint
         self._show_message()
 
     def _show_message(self) -> None:
-        lines = [text for text in (self.notice, self.trouble) if text]
-        escaped = [t.replace("&", "&amp;").replace("<", "&lt;") for t in lines]
+        lines = [(self.notice, self.is_hint), (self.trouble, False)]
         self.controls.message.text = "".join(
-            f'<div role="alert" style="color:#b00020">{text}</div>' for text in escaped
+            f'<div role="{"status" if hint else "alert"}" style="color:'
+            f'{"#1f3b57" if hint else "#b00020"}">{escape(text)}</div>'
+            for text, hint in lines
+            if text
         )
 
     def request(self) -> None:
