@@ -28,6 +28,8 @@ TOLERANCE = {"double": 1e-12, "single": 5e-6}
 BY_BOUNDARY = {"double": 4e-16, "single": 5e-7}
 # docs/theory.md: bytes for each pair of an edge and a side in a cell
 BYTES_PER_PAIR = 64
+# fewer arrays of the engine are computed as they come
+_ENOUGH_TO_SORT = 10_000
 KINDS = (ranges.NumpyRanges, ranges.ScalarRanges, ranges.DrjitRanges)
 
 engines = pytest.mark.parametrize("engine", ENGINES)
@@ -418,3 +420,21 @@ def test_nothing_is_sorted_for_derivatives_or_while_a_loop_is_recorded() -> None
     assert seen and not any(seen)
     dr.enable_grad(points[0])
     assert not sorts(WIGNER, tables, backend.Float64, points)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("one", ["place", "frequency"])
+def test_one_place_or_frequency_counts_for_all_of_an_engines_arrays(one: str) -> None:
+    """Arrays of the engine are brought into the order of their cells, if they have one."""
+    import drjit.llvm as backend
+
+    source = pw.shapes.regular_polygon(64, 1.0)
+    x, nu = places(source, _ENOUGH_TO_SORT)
+    x, nu = (x[:1], nu) if one == "place" else (x, nu[:1])
+    expected = pw.wigner(source, x, nu, engine="llvm")
+    found = pw.wigner(source, backend.Array2f64(*x.T.copy()), backend.Array2f64(*nu.T.copy()))
+    assert np.abs(np.array(found) - expected).max() < TOLERANCE["double"] * source.area
+    pair = pw.ambiguity(source, backend.Array2f64(*nu.T.copy()), backend.Array2f64(*x.T.copy()))
+    found = np.array(pair.real) + 1j * np.array(pair.imag)
+    expected = pw.ambiguity(source, nu, x, engine="llvm")
+    assert np.abs(found - expected).max() < TOLERANCE["double"] * source.area

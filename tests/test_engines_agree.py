@@ -256,6 +256,47 @@ def test_drjit_arrays_in_give_drjit_arrays_out(precision: str) -> None:
 
 
 @pytest.mark.llvm
+@pytest.mark.parametrize("source", [CHEVRON, pw.shapes.regular_polygon(64, 1.0)])
+def test_of_drjit_arrays_no_points_give_no_values_and_unequal_numbers_are_refused(
+    source: pw.Aperture,
+) -> None:
+    import drjit as dr
+    import drjit.llvm as backend
+
+    def points(count: int) -> Any:
+        return backend.Array2f(*np.zeros((2, count), np.float32))
+
+    assert dr.width(pw.wigner(source, points(0), points(0))) == 0
+    assert dr.width(pw.wigner(source, points(0), points(1))) == 0
+    assert dr.width(pw.ambiguity(source, points(0), points(0)).imag) == 0
+    none = backend.TensorXf(np.empty((0, 1, 2), np.float32))
+    assert dr.shape(pw.wigner(source, none, np.zeros((5, 2)))) == (0, 5)
+    assert dr.shape(pw.ambiguity(source, np.zeros((5, 2)), none)) == (0, 5, 2)
+    for few, many in ((2, 3), (0, 2), (10_000, 20_000)):
+        with pytest.raises(PolywignerError, match=f"got {few} and {many}"):
+            pw.wigner(source, points(few), points(many))
+
+
+@pytest.mark.llvm
+def test_threads_that_begin_together_find_the_engine_whole() -> None:
+    code = """
+import threading, time, numpy as np, polywigner as pw
+errors = []
+def work(k):
+    time.sleep(0.005 * k)  # while another one imports
+    try:
+        pw.fourier(pw.shapes.square(1.0), np.zeros((5, 2)), engine="llvm")
+    except BaseException as error:
+        errors.append(error)
+threads = [threading.Thread(target=work, args=(k,)) for k in range(60)]
+[thread.start() for thread in threads]
+[thread.join() for thread in threads]
+assert not errors, errors
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.llvm
 def test_a_precision_that_contradicts_a_drjit_array_is_refused() -> None:
     import drjit.llvm as backend
 

@@ -69,11 +69,13 @@ def traced_by_cell(
     for start in range(0, width, _TRACED_CHUNK):
         first = drjit.opaque(number, start)  # else there would be a kernel for each chunk
         count = min(_TRACED_CHUNK, width - start)
-        inner = kernel.enter(ops, tables.frame, *taken(first + drjit.arange(number, count)))
+        where = first + drjit.arange(number, count)
+        inner = kernel.enter(ops, tables.frame, *taken(where))
         cell = kernel.order(ops, tables, *inner) if kernel.order else first
-        order = aligned(count, np.uint32)
-        order[...] = order_of(cell.numpy())
-        where = first + number(order)
+        if drjit.width(cell) > 1:  # else it is one place for all frequencies
+            order = aligned(count, np.uint32)
+            order[...] = order_of(cell.numpy())
+            where = first + number(order)
         values = kernel(ops, tables, *taken(where))
         results = results or tuple(drjit.empty(float_type, width) for _ in values)
         for result, value in zip(results, values, strict=True):

@@ -73,5 +73,8 @@ def drjit_float(engine: str, double: bool) -> Any:
     """Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
     import importlib
 
+    # Only this import waits for another thread's: a submodule is there before it is filled.
+    import drjit  # noqa: F401
+
     module = importlib.import_module(f"drjit.{engine}")
     return module.Float64 if double else module.Float32

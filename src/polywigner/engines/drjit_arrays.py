@@ -14,8 +14,10 @@ from typing import Any
 from polywigner.engines import llvm
 from polywigner.engines.by_cell import sorts, traced_by_cell
 from polywigner.engines.drjit_points import (
+    common_width,
     is_drjit,
     is_tensor,
+    nothing,
     own_float,
     point_components,
     tensor_components,
@@ -55,8 +57,8 @@ def evaluate_traced(
 
     Raises
     ------
-    ArgumentError when types, backends or precisions disagree, or a point has the wrong number
-    of components.
+    ArgumentError when types, backends, precisions or numbers of points disagree, or a point has the
+    wrong number of components.
     EngineError when the arrays are LLVM's and no usable LLVM library is loaded.
     """
     float_type = _common_float(points, parameters)
@@ -74,7 +76,10 @@ def evaluate_traced(
             for component in point_components(name, value, float_type, kernel.dimension)
         ]
     tables = _tables(kernel, source, ops.double, parameters)
-    if parameters is None and sorts(kernel, tables, float_type, components):
+    results: tuple[Any, ...]
+    if common_width(components) == 0:  # Dr.Jit has no arithmetic of no numbers with one
+        results = tuple(nothing(float_type) for _ in range(2 if complex_result else 1))
+    elif parameters is None and sorts(kernel, tables, float_type, components):
         results = traced_by_cell(kernel, tables, float_type, components)
     else:
         traced = Traced() if parameters is None else parameters.traced(ops, tables)

@@ -13,10 +13,12 @@ from polywigner.engines.parameters import tensor_of
 from polywigner.errors import ArgumentError
 
 __all__ = [
+    "common_width",
     "components_of",
     "in_plane",
     "is_drjit",
     "is_tensor",
+    "nothing",
     "own_float",
     "plane_components",
     "point_components",
@@ -51,6 +53,27 @@ def own_float(name: str, value: Any) -> Any:
             f"expected {name} of 32 or 64 bit real floats, got {type(value).__name__}"
         )
     return found
+
+
+def nothing(float_type: Any) -> Any:
+    """An array without entries."""
+    import drjit
+
+    return drjit.zeros(float_type, 0)
+
+
+def common_width(components: Sequence[Any]) -> int:
+    """How many points there are. Raises ArgumentError where arguments disagree."""
+    import drjit
+
+    widths = {drjit.width(component) for component in components}
+    if len(widths - {1}) > 1:
+        found = " and ".join(str(width) for width in sorted(widths))
+        raise ArgumentError(
+            f"expected as many points in each argument, or one, got {found}; pass arrays of one "
+            "width"
+        )
+    return next(iter(widths - {1}), 1)
 
 
 def point_components(name: str, value: Any, float_type: Any, dimension: int) -> tuple[Any, ...]:
@@ -99,6 +122,8 @@ def tensor_components(
         shape = np.broadcast_shapes(*shapes)
     except ValueError:
         raise ArgumentError(f"expected shapes that broadcast, got {shapes}") from None
+    if 0 in shape:
+        return shape, [nothing(float_type)] * (dimension * len(points))
     index_type = drjit.uint32_array_t(float_type)
     components = []
     for flat, own in zip(flats, shapes, strict=True):
@@ -149,6 +174,8 @@ def shifted_points(points: Any, shift: Any) -> Any:
     """Points of any kind of Dr.Jit array, each moved by ``shift`` (d,)."""
     import drjit
 
+    if drjit.width(points) == 0:
+        return points
     offset = np.asarray(shift, dtype=np.float64).tolist()
     if is_tensor(points):
         if not points.shape or points.shape[-1] != len(offset):

@@ -64,8 +64,8 @@ def as_tensor(results: tuple[Any, ...], shape: tuple[int, ...], points: Any) -> 
 def as_tensor_of(tensor_type: Any, results: tuple[Any, ...], shape: tuple[int, ...]) -> Any:
     import drjit
 
-    if len(results) == 1:
-        return tensor_type(results[0], shape)
+    if len(results) == 1 or 0 in shape:
+        return tensor_type(results[0], (*shape, 2)[: len(shape) + len(results) - 1])
     flat = drjit.empty(type(results[0]), 2 * int(np.prod(shape)))
     index = drjit.arange(drjit.uint32_array_t(type(results[0])), int(np.prod(shape)))
     for k, part in enumerate(results):
