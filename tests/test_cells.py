@@ -16,7 +16,7 @@ import shapely
 
 import polywigner as pw
 from oracles.references import ENGINES, awkward, awkward_names
-from polywigner.engines import NumpyOperations, ranges
+from polywigner.engines import NumpyOperations, drjit_ranges, ranges
 from polywigner.kernels import tables_of, wigner
 from polywigner.kernels.cell_finder import Segments
 from polywigner.kernels.cell_lists import cell_lists
@@ -30,7 +30,7 @@ BY_BOUNDARY = {"double": 4e-16, "single": 5e-7}
 BYTES_PER_PAIR = 64
 # fewer arrays of the engine are computed as they come
 _ENOUGH_TO_SORT = 10_000
-KINDS = (ranges.NumpyRanges, ranges.ScalarRanges, ranges.DrjitRanges)
+KINDS = (ranges.NumpyRanges, ranges.ScalarRanges, drjit_ranges.DrjitRanges)
 
 engines = pytest.mark.parametrize("engine", ENGINES)
 precisions = pytest.mark.parametrize("precision", list(TOLERANCE))

@@ -278,6 +278,20 @@ def test_of_drjit_arrays_no_points_give_no_values_and_unequal_numbers_are_refuse
 
 
 @pytest.mark.llvm
+def test_of_drjit_arrays_no_frequencies_give_no_values_of_arrays_either() -> None:
+    import drjit as dr
+    import drjit.llvm as backend
+
+    places = [[1.5 * k, 0.0] for k in range(30)]
+    square = pw.shapes.square(1.0)
+    none = backend.Array2f(*np.zeros((2, 0), np.float32))
+    no_tensor = backend.TensorXf(np.empty((0, 2), np.float32))
+    for array in (pw.Array([square, CHEVRON], [1, 0.5j]), pw.phased_array(square, places)):
+        assert dr.width(pw.fourier(array, none).real) == 0
+        assert dr.shape(pw.fourier(array, no_tensor)) == (0, 2)
+
+
+@pytest.mark.llvm
 def test_threads_that_begin_together_find_the_engine_whole() -> None:
     code = """
 import threading, time, numpy as np, polywigner as pw

@@ -29,7 +29,9 @@ __all__ = [
 
 def is_drjit(value: Any) -> bool:
     """Whether a value is a Dr.Jit array; does not import Dr.Jit."""
-    return "drjit" in sys.modules and sys.modules["drjit"].is_array_v(value)
+    # Where another thread is importing it, the module is there without its names.
+    is_array = getattr(sys.modules.get("drjit"), "is_array_v", None)
+    return is_array is not None and is_array(value)
 
 
 def is_tensor(value: Any) -> bool:

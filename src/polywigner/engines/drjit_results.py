@@ -86,10 +86,12 @@ def times_complex(value: Any, factor: Any) -> Any:
         scaled.real *= factor.real
         scaled.imag *= factor.real
         return scaled[()]
-    if not is_tensor(value):
-        return value * type(value)(factor.real, factor.imag)
     import drjit
 
+    if not drjit.width(value):
+        return value
+    if not is_tensor(value):
+        return value * type(value)(factor.real, factor.imag)
     flat = value.array
     index = drjit.arange(drjit.uint32_array_t(type(flat)), len(flat))
     other = drjit.gather(type(flat), flat, index ^ 1)  # the imaginary part's place is odd
@@ -103,6 +105,8 @@ def product_of_complex(a: Any, b: Any) -> Any:
         return a * b
     import drjit
 
+    if not len(a.array):
+        return a
     kind = type(a.array)
     even = 2 * drjit.arange(drjit.uint32_array_t(kind), len(a.array) // 2)
     a_real, a_imag, b_real, b_imag = (
