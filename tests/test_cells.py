@@ -372,7 +372,7 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
 
     from polywigner.engines import by_cell
 
-    monkeypatch.setattr(by_cell, "_TRACED_CHUNK", 7000)
+    monkeypatch.setattr(by_cell, "_CHUNK", 7000)
     monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
     source = pw.shapes.regular_polygon(40, 1.0)
     rng = np.random.default_rng(5)

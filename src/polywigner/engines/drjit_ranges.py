@@ -24,15 +24,20 @@ _CELLS_ABOVE_SORTED, _CELLS_ABOVE_UNSORTED = 1000, 4500
 class DrjitRanges:
     """Ranges for Dr.Jit arrays: loops of the kernel that is being traced."""
 
-    def __init__(self, float_type: Any, sorted_by_cell: bool) -> None:
+    def __init__(self, float_type: Any, sorted_by_cell: bool, together: bool) -> None:
         import drjit
 
         self._drjit = drjit
+        module = sys.modules[float_type.__module__]
+        self.value_type = getattr(module, _PACKETS[float_type.__name__]) if together else float_type
+        """What a lane computes: the value of one sample, or of four."""
         self._cells_above = _CELLS_ABOVE_SORTED if sorted_by_cell else _CELLS_ABOVE_UNSORTED
         self.float_type = float_type
         self._numbers = drjit.uint32_array_t(float_type)
         self.run_sums: Any = None
         """What stands for whole edges found by cells, while it is set."""
+        self.cell: Any = None
+        """The number of each lane's cell, while it is set."""
 
     @property
     def key(self) -> Hashable:
@@ -65,11 +70,22 @@ class DrjitRanges:
         found = (self._drjit.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in found for entry in packet)
 
+    def packed(self, columns: Sequence[Any], rows: int) -> tuple[int, Any]:
+        """A table of computed columns of floats, as :meth:`gather` wants it; not yet evaluated."""
+        dr, kind = self._drjit, self.float_type
+        four = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__])
+        packets = -(-len(columns) // 4)
+        flat, row = dr.empty(kind, 4 * packets * rows), dr.arange(self._numbers, rows)
+        for k in range(packets):
+            some = [*columns[4 * k : 4 * k + 4], *(kind(0.0),) * 3][:4]
+            dr.scatter(flat, four(*some), packets * row + k, mode=dr.ReduceMode.Permute)
+        return 4 * packets, flat
+
     def truncated(self, value: Any) -> Any:
         return self._numbers(value)
 
     def select_number(self, condition: Any, a: Any, b: Any) -> Any:
-        return self._drjit.select(condition, self._typed(a), self._typed(b))
+        return self._drjit.select(condition, self._initial(a), self._initial(b))
 
     def needs_gradient(self, *values: Any) -> bool:
         return any(self._drjit.grad_enabled(value) for value in values)
@@ -112,7 +128,7 @@ class DrjitRanges:
         return self._loop(first, end, step, values)
 
     def _loop(self, first: Any, end: Any, step: Callable[..., Values], values: int) -> list[Any]:
-        zeros = (self.float_type(0.0) for _ in range(values))
+        zeros = (self.value_type(0.0) for _ in range(values))
         # max_iterations=-1: a sum, so that its reverse-mode derivative is a sum as well
         _, *totals = self._drjit.while_loop(
             (self._numbers(first), *zeros), lambda row, *_: row < end, step, max_iterations=-1
@@ -151,14 +167,14 @@ class DrjitRanges:
         def next_row(row: Any, *state: Any) -> Values:
             return row + 1, *step(row, *state)
 
-        start = tuple(self._typed(s) for s in state)
+        start = tuple(self._initial(s) for s in state)
         _, *result = self._drjit.while_loop(
             (self._numbers(first), *start), lambda row, *_: row < end, next_row
         )
         return tuple(result)
 
-    def _typed(self, value: Any) -> Any:
-        kinds = {float: self.float_type, int: self._numbers}
+    def _initial(self, value: Any) -> Any:
+        kinds = {float: self.value_type, int: self._numbers}
         return kinds[type(value)](value) if type(value) in kinds else value
 
 

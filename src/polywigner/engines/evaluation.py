@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.engines import by_cell
+from polywigner.engines.by_cell import order_of
 from polywigner.engines.choice import resolved
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.on_drjit import OnDrjit
@@ -64,8 +64,6 @@ def evaluate(
         compute.ops.samples = int(np.prod(shape))
     else:
         compute, chunk = OnDrjit(kernel, tables, double, engine), _DRJIT_CHUNK
-        if kernel.order and compute.ops.prefers_cells(tables.clips_for_cells, None):
-            chunk = by_cell.CHUNK
     launched = _shared(compute, source, pairs, results) if pairs is not None else None
     if launched is None and pairs is not None and compute.takes(pairs):
         launched = _paired(compute, pairs, results)
@@ -137,15 +135,17 @@ def _by_parts(
         yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
 
 
-def _order(kernel: Kernel, tables: Any, ops: Any, arguments: Sequence[Array]) -> Any:
+def _order(compute: OnNumpy, arguments: Sequence[Array]) -> Any:
     """The order in which to take the samples: all, or by the cell in which each has its edges."""
-    if kernel.order is None or not ops.prefers_cells(tables.clips_for_cells, arguments[0]):
+    kernel, tables = compute.kernel, compute.tables
+    cells = compute.ops.prefers_cells(tables.clips_for_cells, arguments[0])
+    if kernel.order is None or not cells:
         return ...
     host = NumpyOperations(double=True)
     with np.errstate(invalid="ignore", over="ignore"):
         inner = kernel.enter(host, tables.frame, *arguments)
         cell = kernel.order(host, tables, *inner)
-        return by_cell.order_of(cell)
+        return order_of(cell)
 
 
 def _chunked(
@@ -157,7 +157,7 @@ def _chunked(
     flat = [result.reshape(-1) for result in results]
     start = 0
     for arguments in _chunks(components, results[0].shape, size):
-        order = _order(compute.kernel, compute.tables, compute.ops, arguments)
+        order = _order(compute, arguments) if isinstance(compute, OnNumpy) else ...
         end = start + len(arguments[0])
         targets = [result[start:end] for result in flat]
         yield targets, order, compute([argument[order] for argument in arguments])

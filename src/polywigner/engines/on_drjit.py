@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.engines.aligned import aligned
+from polywigner.engines.by_cell import ByCell
 from polywigner.engines.choice import drjit_float
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
 from polywigner.engines.pairs import Pairs
@@ -47,8 +48,10 @@ class OnDrjit:
         self.memory: dict[tuple[int, int], Array] = {}
         self.turn = 0
         in_a_loop = kernel.copies and self.ops.prefers_rows(tables.clips, None)
+        self.by_cell: ByCell | None = None
         if kernel.order is not None and self.ops.prefers_cells(tables.clips_for_cells, None):
             in_a_loop = True
+            self.by_cell = ByCell(kernel, tables, self.entry, self.ops.float_type)
         self.parts = [tables] if in_a_loop else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
 
     def __call__(self, arguments: Sequence[Array]) -> Fetch:
@@ -57,6 +60,8 @@ class OnDrjit:
         Meanwhile the next chunk may begin, but not yet the one after it.
         """
         self.turn ^= 1
+        if self.by_cell is not None:
+            return _fetching(self.by_cell(self._sent_all(arguments)))
         inner = self.kernel.enter(self.entry, self.tables.frame, *self._sent_all(arguments))
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
@@ -237,9 +242,7 @@ class OnDrjit:
             sums = tuple(a + b for a, b in zip(sums, terms, strict=True)) if sums else terms
             if len(self.parts) > 1:
                 drjit.eval(sums)
-        results = self.kernel.leave(self.ops, frame, inner, sums)
-        drjit.eval(results)
-        return lambda: tuple(np.asarray(r.numpy()).reshape(shape) for r in results)
+        return _fetching(self.kernel.leave(self.ops, frame, inner, sums), shape)
 
     def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
         kind = self.entry.float_type
@@ -258,6 +261,14 @@ class OnDrjit:
         memory = self.memory[key][: array.size]
         memory[...] = array
         return kind(memory)
+
+
+def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
+    """Begins to compute results; waits for them when they are fetched."""
+    import drjit
+
+    drjit.eval(results)
+    return lambda: tuple(np.asarray(r.numpy()).reshape(shape) for r in results)
 
 
 def _running_sum(values: Array) -> Array:

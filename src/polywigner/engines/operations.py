@@ -198,11 +198,16 @@ class ScalarOperations(_Unfused, ScalarRanges):
 class DrjitOperations(DrjitRanges):
     """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
 
-    def __init__(self, float_type: Any, sorted_by_cell: bool = False) -> None:
-        """``sorted_by_cell``: neighbouring samples mostly lie in the same cell."""
+    def __init__(
+        self, float_type: Any, sorted_by_cell: bool = False, together: bool = False
+    ) -> None:
+        """``sorted_by_cell``: neighbouring samples mostly lie in the same cell.
+
+        ``together``: values are arrays of four, samples of one cell that a lane computes together.
+        """
         import drjit
 
-        super().__init__(float_type, sorted_by_cell)
+        super().__init__(float_type, sorted_by_cell, together)
         self._dr = drjit
         self.double = drjit.itemsize_v(float_type) == 8
 

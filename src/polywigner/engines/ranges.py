@@ -33,6 +33,7 @@ class NumpyRanges:
 
     dtype: np.dtype[Any]
     run_sums: Any = None
+    cell: Any = None
     samples = 0
     """Of the whole that comes in chunks, where it is known."""
     at_once = 0
@@ -170,6 +171,7 @@ class ScalarRanges:
 
     key: Hashable = float
     run_sums: Any = None
+    cell: Any = None
 
     def prefers_cells(self, clips: int, like: Any) -> bool:
         """Whether to look up in cells what matters at a place."""

@@ -118,7 +118,9 @@ class _Pass:
         self.x, self.y = clipper.tx * view.offset, clipper.ty * view.offset
         self.lists = cell_lists(clipper.tables, view.point)
         self.held = _held(ops, self.lists)
-        self.cell = cell_of(ops, self.lists, ops.detached(self.x), ops.detached(self.y))
+        self.cell = ops.cell
+        if self.cell is None:
+            self.cell = cell_of(ops, self.lists, ops.detached(self.x), ops.detached(self.y))
 
     def sums(self) -> Iterator[list[Any]]:
         ops, held = self.ops, self.held

@@ -162,7 +162,9 @@ def floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
 
 def ratio_along(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
     """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
-    floor = 1e-30 if ops.double else 1e-20
+    # Its square is a normal number: lanes that wait for others in a loop have q = 0, and processors
+    # take a hundred times as long for subnormal ones.
+    floor = 1e-30 if ops.double else 1e-18
     along = ops.fma(nu_x, ux, nu_y * uy)
     along = ops.select(abs(along) < floor, floor, along)
     return along, ops.fma(nu_x, uy, nu_y * -ux) / along
