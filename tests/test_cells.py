@@ -21,6 +21,7 @@ from polywigner.kernels import tables_of, wigner
 from polywigner.kernels.cell_finder import Segments
 from polywigner.kernels.cell_lists import cell_lists
 from polywigner.kernels.cell_tree import _PAIRS_PER_EDGE, divided
+from polywigner.kernels.wigner import ratio_along
 
 # Relative to the area: what the package promises; times diameter perimeter/area where that is more,
 # since ulps of the diameter move every piece of the boundary.
@@ -438,3 +439,32 @@ def test_one_place_or_frequency_counts_for_all_of_an_engines_arrays(one: str) ->
     found = np.array(pair.real) + 1j * np.array(pair.imag)
     expected = pw.ambiguity(source, nu, x, engine="llvm")
     assert np.abs(found - expected).max() < TOLERANCE["double"] * source.area
+
+
+@pytest.mark.parametrize("size", [1, 4])
+@pytest.mark.parametrize("cells", [3, 700, 1 << 20], ids=["few", "some", "beyond 16 bits"])
+def test_groups_of_one_cell_have_every_sample_once_and_fill_up_with_their_last(
+    cells: int, size: int
+) -> None:
+    from polywigner.engines.by_cell import grouped
+
+    cell = np.random.default_rng(cells).integers(cells, size=5003).astype(np.uint32)
+    groups = grouped(cell, size)
+    place = groups.first[groups.cells] + size * np.arange(len(groups.cells))
+    inside = place[:, None] + np.arange(size)
+    last = groups.last[groups.cells][:, None]
+    sample = groups.order[np.minimum(inside, last)]
+    assert (cell[sample] == groups.cells[:, None]).all()
+    assert (np.sort(sample[inside <= last]) == np.arange(len(cell))).all()
+
+
+@pytest.mark.parametrize("double", [True, False])
+def test_edges_across_the_frequency_make_no_subnormal_numbers(double: bool) -> None:
+    """Lanes that wait in a loop see such edges, of no length, and would hold up all others."""
+    along, ratio = ratio_along(NumpyOperations(double), *map(_typed(double), (0.3, 0.0, 0.0, 0.0)))
+    assert ratio == 0
+    assert along * along >= np.finfo(along.dtype).tiny
+
+
+def _typed(double: bool) -> type:
+    return np.float64 if double else np.float32
