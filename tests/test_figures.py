@@ -64,7 +64,7 @@ def test_a_picture_one_pixel_high_has_a_peak() -> None:
 def test_the_scene_picture_states_reference_unit_and_floor() -> None:
     figure = draw_scene(np.ones((4, 6)), reference=2.5e-3, floor_db=-35)
     label = figure.axes[1].get_ylabel()
-    for part in ("dB", "0.0025 W/(m² sr)", "median", "floor -35 dB", "negative"):
+    for part in ("dB", "0.0025 W/(m² sr)", "median", "floor −35 dB", "negative"):
         assert part in label
     assert figure.axes[0].images[0].get_clim() == (-35.0, 0.0)
 
@@ -135,7 +135,7 @@ def test_every_axis_and_colour_bar_of_the_transforms_is_labelled_with_its_unit()
     assert all("mm" in axes.get_xlabel() and "mm" in axes.get_ylabel() for axes in panels)
     assert [axes.get_title(loc="left") for axes in panels] == [f"({c})" for c in "abcdef"]
     labels = " ".join(axes.get_ylabel() for axes in bars)
-    assert "floor -30 dB" in labels
+    assert "floor −30 dB" in labels
     assert labels.count("mm²") == 3
     assert "λ = 3 mm" in figure.get_suptitle()
 

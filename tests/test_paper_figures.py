@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import shapely
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.figures.paper import FIGURES
+from polywigner.figures import paper
+from polywigner.figures.paper import FIGURES, make_figure
 from polywigner.figures.paper.room import intensity_by_fft
 from polywigner.figures.paper.sampling import POSITION, dense_samples
 from polywigner.figures.paper.sources import WAVELENGTH, chevrons, square, triangle, triangles
@@ -225,8 +229,13 @@ RENDERED = ("render", "emitters")  # minutes without LLVM
     "name", [pytest.param(n, marks=pytest.mark.llvm) if n in RENDERED else n for n in FIGURES]
 )
 def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
-    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
+    made: list[Any] = []
+    monkeypatch.setattr(paper, "make_figure", lambda *of: made.append(make_figure(*of)) or made[0])
     assert main(["figures", name, "--out", str(tmp_path / "new")]) == 0
     written = [Path(line) for line in capfd.readouterr().out.splitlines()]
     assert sorted((tmp_path / "new").iterdir()) == sorted(written)
@@ -237,6 +246,27 @@ def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
     metadata = json.loads(str(values.pop("metadata")))
     assert set(metadata["about"]) == set(values)
     CHECKS[name](values)
+    for picture in (path for path in written if path.suffix == ".png"):
+        check_nothing_is_cut_off(picture)
+    for part, figure in made[0].figures.items():
+        check_panels_have_letters(figure, part)
+
+
+def check_nothing_is_cut_off(picture: Path) -> None:
+    """The outermost pixels are paper: what passes beyond the edge of a figure leaves ink there."""
+    pixels = plt.imread(picture)[..., :3]
+    for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
+        assert edge.min() == 1.0, picture.name
+
+
+def check_panels_have_letters(figure: Any, part: str) -> None:
+    """(a), (b), ... of several panels, and (a1), (a2), ... of those of a part (a)."""
+    panels = [axes for axes in figure.axes if axes.get_title() or axes.get_title(loc="left")]
+    if len(panels) < 2:
+        return
+    letters = [re.search(r"\((\w+)\)", axes.get_title(loc="left")) for axes in panels]
+    names = [f"{part}{k}" for k in range(1, 10)] if part else list(ascii_lowercase)
+    assert [letter[1] for letter in letters if letter] == names[: len(panels)]
 
 
 def test_what_a_later_figure_lacks_is_told_before_the_first_is_made(

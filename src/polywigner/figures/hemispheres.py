@@ -24,6 +24,7 @@ from polywigner.figures.style import (
     LEVEL_MAP,
     TYPOGRAPHY,
     new_figure,
+    number_text,
     quantity_text,
     row_bar,
 )
@@ -86,7 +87,9 @@ def draw_hemispheres(
         panels[0].set_ylabel("$s_y$")
         unit = squared_unit(first) if is_field else unit
         what = f"|{name}|²" if is_field else name
-        text = f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {floor_db:g} dB"
+        text = (
+            f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {number_text(floor_db)} dB"
+        )
         row_bar(panels, shown, text)
         figure.suptitle(title)
     return figure

@@ -21,7 +21,7 @@ from polywigner.figures.fields import (
     squared_unit,
 )
 from polywigner.figures.levels import check_floor
-from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, quantity_text
+from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, number_text, quantity_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -232,13 +232,13 @@ def _difference_axis(panels: Any, curves: _Curves, compared_db: float) -> None:
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
     called = curves.labels[curves.against]
     panels[0].set_ylabel("difference (dB)")
-    text = f"less {called}, where above {compared_db:g} dB of its peak"
+    text = f"less {called}, where above {number_text(compared_db)} dB of its peak"
     panels[0].set_title(text, loc="left", fontsize=8)
     for axes in panels:
         axes.set_yscale("symlog", linthresh=_LINEAR_DB, linscale=0.6)
         axes.set_ylim(-bound, bound)
         axes.yaxis.set_major_locator(FixedLocator([-d for d in decades[::-1]] + [0.0, *decades]))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number_text(value)))
         axes.yaxis.set_minor_locator(FixedLocator([]))
         axes.axhline(0, color="0.5", lw=0.6)
 

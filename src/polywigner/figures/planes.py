@@ -28,6 +28,7 @@ from polywigner.figures.style import (
     TYPOGRAPHY,
     length_unit,
     new_figure,
+    number_text,
     quantity_text,
     row_bar,
 )
@@ -99,7 +100,7 @@ def draw_planes(
             axes.set_title(label_of(found[method], method))
         what = f"|{name}|²" if is_field else name
         relative = f"dB relative to {quantity_text(zero, unit).rstrip()}"
-        row_bar(panels[0], top[-1], f"{what}, {relative}\nfloor {floor_db:g} dB")
+        row_bar(panels[0], top[-1], f"{what}, {relative}\nfloor {number_text(floor_db)} dB")
         if is_field:
             _draw_phases(panels[1], fields, powers, zero, floor_db, extent)
         elif rows == 2:
@@ -198,5 +199,5 @@ def _draw_differences(
         shown = _show(axes, differences[method], extent, **how)
         axes.set_facecolor("0.85")
         axes.set_title(f"less {called}", fontsize=8)
-    text = f"difference (dB)\ngrey: below {compared_db:g} dB"
+    text = f"difference (dB)\ngrey: below {number_text(compared_db)} dB"
     row_bar(panels, shown, text, "both" if largest > bound else "neither")

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from polywigner.figures.levels import PEAK_RULE, level_db
-from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, colour_bar, new_figure, quantity_text
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    TYPOGRAPHY,
+    colour_bar,
+    new_figure,
+    number_text,
+    quantity_text,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,9 +63,11 @@ def _size(width: int, height: int) -> tuple[float, float]:
 
 
 def _label(reference: float | None, floor_db: float, unit: str) -> str:
+    floor = f"floor {number_text(floor_db)} dB"
     if reference is None:
-        return f"radiance; nothing positive to compare with\nat the floor, {floor_db:g} dB"
+        return f"radiance; nothing positive to compare with\n{floor}"
     return (
         f"radiance, dB relative to {quantity_text(reference, unit)}\n"
-        f"(peak: {PEAK_RULE}); floor {floor_db:g} dB:\nall below it, negative radiance included"
+        f"(peak: {PEAK_RULE}); {floor}:\n"
+        "all below it, negative radiance included"
     )

@@ -15,6 +15,7 @@ __all__ = [
     "colour_bar",
     "length_unit",
     "new_figure",
+    "number_text",
     "quantity_text",
     "row_bar",
     "signed_norm",
@@ -53,6 +54,11 @@ def length_unit(length: float) -> LengthUnit:
         if length < 1000 * unit.metres:
             return unit
     return LengthUnit("m", 1.0)
+
+
+def number_text(value: float) -> str:
+    """A number as it is printed, with the minus sign that matplotlib's axes have."""
+    return f"{value:g}".replace("-", "−")
 
 
 def quantity_text(value: float, unit: str) -> str:
@@ -110,5 +116,5 @@ def signed_ticks(bar: Any) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     bar.ax.yaxis.set_major_locator(FixedLocator([-1, -0.1, -0.01, 0, 0.01, 0.1, 1]))
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number_text(value)))
     bar.ax.yaxis.set_minor_locator(FixedLocator([]))

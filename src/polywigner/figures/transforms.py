@@ -19,6 +19,7 @@ from polywigner.figures.style import (
     colour_bar,
     length_unit,
     new_figure,
+    number_text,
     signed_norm,
     signed_ticks,
 )
@@ -108,7 +109,7 @@ def _draw_levels(axes: Axes, slices: TransformSlices, unit: LengthUnit, floor_db
     levels = level_db(power, reference, floor_db)
     shown = _show(axes, slices, levels, unit, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0)
     zero = "|F(0)|²" if uniform else "the peak shown"
-    colour_bar(axes, shown, f"dB relative to {zero}, floor {floor_db:g} dB")
+    colour_bar(axes, shown, f"dB relative to {zero}, floor {number_text(floor_db)} dB")
     axes.set_title("|F(ν)|²")
     _frequency_axes(axes, r"\nu", unit, slices.wavelength, "white")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError
 from polywigner.figures.fields import Samples, field_samples
 from polywigner.figures.levels import check_floor, level_db
-from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, quantity_text
+from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, number_text, quantity_text
 from polywigner.figures.volumes_box import draw_box, draw_outline, draw_picture, draw_wall
 from polywigner.figures.volumes_layers import Layers, cast_layers, closed, shaded
 from polywigner.figures.volumes_pyvista import pyvista_layers
@@ -223,9 +223,9 @@ def _label(
     floor_db: float,
     projection: Projection,
 ) -> str:
-    listed = ", ".join(f"{level:g}" for level in reversed(shells)).replace("-", "−")
+    listed = ", ".join(number_text(level) for level in reversed(shells))
     peak = ", the largest in the box" if reference is None else ""
-    floor = f"{floor_db:g}".replace("-", "−")
+    floor = number_text(floor_db)
     return (
         f"{volume.name}, dB relative to {quantity_text(zero, volume.unit)}{peak}\n"
         f"surfaces at {listed} dB\n"

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.figures.slices import outline_of
-from polywigner.figures.style import LengthUnit
+from polywigner.figures.style import LengthUnit, number_text
 from polywigner.figures.volumes_view import Edge, View, back_edges, back_wall, label_edge
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: Len
         x, y = place + _LABEL * size * edge.outward
         # Two axes may end at one corner of the outline, each with a number.
         if all(np.hypot(x - a, y - b) > _APART * size for a, b in _places_of_texts(axes)):
-            axes.text(x, y, f"{value:g}".replace("-", "−"), ha="center", va="center", fontsize=8)
+            axes.text(x, y, number_text(value), ha="center", va="center", fontsize=8)
     middle = (first + last) / 2 + _NAME * size * edge.outward
     along = last - first if last[0] >= first[0] else first - last
     angle = np.degrees(np.arctan2(along[1], along[0]))

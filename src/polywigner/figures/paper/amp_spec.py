@@ -10,7 +10,14 @@ from polywigner.figures.drawing import draw_polygons
 from polywigner.figures.levels import level_db
 from polywigner.figures.paper.made import Made, Quality, geojson, number_samples
 from polywigner.figures.paper.sources import WAVELENGTH, chevrons
-from polywigner.figures.style import SIGNED_MAP, TYPOGRAPHY, colour_bar, length_unit, new_figure
+from polywigner.figures.style import (
+    SIGNED_MAP,
+    TYPOGRAPHY,
+    colour_bar,
+    length_unit,
+    new_figure,
+    number_text,
+)
 
 __all__ = ["make", "signed_db"]
 
@@ -60,9 +67,9 @@ def make(quality: Quality) -> Made:
         bar = colour_bar(
             axes, shown, f"Re F > 0 (red), Re F < 0 (blue)\ndB relative to F(0) = {area:.3g} mm²"
         )
-        names = [f"{level:g}".replace("-", "−") for level in levels]
+        names = [number_text(level) for level in levels]
         bar.set_ticks([*-places, 0.0, *places])
-        bar.set_ticklabels([*names, f"≤ {_FLOOR_DB:g}".replace("-", "−"), *names])
+        bar.set_ticklabels([*names, f"≤ {number_text(_FLOOR_DB)}", *names])
         axes.add_patch(
             mpl.patches.Circle(
                 (0, 0), unit.metres / WAVELENGTH, fill=False, edgecolor="0.35", lw=0.8, ls=":"

@@ -12,7 +12,7 @@ from polywigner.figures.drawing import draw_polygons, letter_panels
 from polywigner.figures.levels import level_db
 from polywigner.figures.paper.made import Made, Quality, number_samples
 from polywigner.figures.paper.sources import WAVELENGTH, catalogue
-from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, length_unit, new_figure
+from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, length_unit, new_figure, number_text
 
 __all__ = ["make"]
 
@@ -47,7 +47,7 @@ def make(quality: Quality) -> Made:
             values[key] = field
             about[key] = "m, at nu" if slits else "m^2; [j, i] at (nu_x[i], nu_x[j])"
         bar = figure.colorbar(shown, ax=panels, location="bottom", shrink=0.5, aspect=40, pad=0.02)
-        bar.set_label(f"|F(ν)|², dB relative to |F(0)|², floor {_FLOOR_DB:g} dB".replace("-", "−"))
+        bar.set_label(f"|F(ν)|², dB relative to |F(0)|², floor {number_text(_FLOOR_DB)} dB")
         letter_panels(panels)
     return Made({"": figure}, values, about)
 

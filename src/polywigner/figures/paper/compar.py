@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.figures.drawing import number_panels
 from polywigner.figures.lines import draw_lines
 from polywigner.figures.paper.fields import RAYS, compared
 from polywigner.figures.paper.made import Made, Quality, number_samples
@@ -27,6 +28,8 @@ def make(quality: Quality) -> Made:
         "a": draw_lines(axis, title=f"(a) boresight, {found}"),
         "b": draw_planes(cut, title=f"(b) plane through the axis and along two sides, {found}"),
     }
+    for letter, figure in figures.items():
+        number_panels(figure, letter)
     values: dict[str, NDArray[Any]] = {"boresight_z": axis["z"].values}
     about = {"boresight_z": "m"}
     for name in ("x", "z"):

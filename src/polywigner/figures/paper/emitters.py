@@ -17,7 +17,7 @@ from polywigner.figures.paper.room import (
     wigner_source,
 )
 from polywigner.figures.paper.sources import WAVELENGTH, square
-from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, new_figure, quantity_text
+from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, new_figure, number_text, quantity_text
 
 __all__ = ["make"]
 
@@ -55,7 +55,7 @@ def make(quality: Quality) -> Made:
             axes.set_title(title)
         bar = figure.colorbar(shown, ax=panels, shrink=0.7, pad=0.02, extend="max")
         against = "nothing lit" if zero is None else quantity_text(zero, _UNIT)
-        bar.set_label(f"radiance, dB relative to {against}; floor {_FLOOR_DB:g} dB")
+        bar.set_label(f"radiance, dB relative to {against}; floor {number_text(_FLOOR_DB)} dB")
         letter_panels(panels)
     about = "W m^-2 sr^-1; rows from the top; signed"
     return Made(

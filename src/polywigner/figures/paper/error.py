@@ -13,7 +13,7 @@ from polywigner.figures.drawing import letter_panels
 from polywigner.figures.paper.fields import RAYS, limits_known
 from polywigner.figures.paper.made import Made, Quality, number_samples
 from polywigner.figures.paper.sources import WAVELENGTH, square
-from polywigner.figures.style import TYPOGRAPHY, new_figure
+from polywigner.figures.style import TYPOGRAPHY, new_figure, number_text
 
 __all__ = ["LARGEST_ANGLE", "make"]
 
@@ -60,7 +60,7 @@ def make(quality: Quality) -> Made:
         _draw(panels[1], radii, rms, "radius / λ", f"rms over a cut, −{degrees} to {degrees}")
         panels[0].set_ylabel("difference from Kirchhoff (dB)")
         panels[1].text(
-            0.98, 0.93, f"where above {COMPARED_DB:g} dB of the peak".replace("-", "−"),
+            0.98, 0.93, f"where above {number_text(COMPARED_DB)} dB of the peak",
             transform=panels[1].transAxes, ha="right", fontsize=7.5,
         )  # fmt: skip
         figure.legend(

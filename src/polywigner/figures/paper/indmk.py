@@ -25,7 +25,7 @@ def make(quality: Quality) -> Made:
     unit = length_unit(source.diameter)
     mm2 = unit.metres**2
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(5.6, 3.1)
+        figure = new_figure(6.2, 3.3)  # as wide as the legend
         axes = figure.add_subplot()
         parts = (
             (hull, "none", _HULL, f"convex hull, {hull.area / mm2:.0f} mm²"),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.figures.drawing import number_panels
 from polywigner.figures.paper.made import Made, Quality, number_samples
 from polywigner.figures.paper.sources import chevrons
 from polywigner.figures.projections import draw_projections
@@ -27,6 +28,7 @@ def make(quality: Quality) -> Made:
         found = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
         title = f"({letter}) projected {_called(kind)}, two chevrons"
         figures[letter] = draw_projections(found, title=title)
+        number_panels(figures[letter], letter)
         for name in (*found.coords, *found.data_vars):
             key = str(name) if name in found.coords else f"{kind}_{name}"
             values[key] = np.asarray(found[name].values)

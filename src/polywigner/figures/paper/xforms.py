@@ -10,7 +10,7 @@ import polywigner as pw
 from polywigner.figures.drawing import draw_polygons, length_axes, letter_panels
 from polywigner.figures.paper.made import Made, Quality, geojson
 from polywigner.figures.paper.sources import triangle
-from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure
+from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, number_text
 
 __all__ = ["make"]
 
@@ -48,8 +48,8 @@ def make(quality: Quality) -> Made:
         right.annotate("", tip, (0, 0), arrowprops=arrow, zorder=5)
         right.annotate("ξ", tip, xytext=(4, 2), textcoords="offset points")
         right.plot(*np.outer(tip, (-0.5, 0.5)), "o", color="black", ms=4, label="±ξ/2", zorder=5)
-        left.set_title(f"lag slice at x = ({x * 1e3:g}, {y * 1e3:g}) mm")
-        right.set_title(f"position slice at ξ = ({across * 1e3:g}, {up * 1e3:g}) mm")
+        left.set_title(f"lag slice at x = {_pair(POSITION)} mm")
+        right.set_title(f"position slice at ξ = {_pair(LAG)} mm")
         unit = length_unit(source.diameter)
         length_axes(left, r"\xi", unit)
         length_axes(right, "x", unit)
@@ -67,6 +67,10 @@ def make(quality: Quality) -> Made:
         },
         {**dict.fromkeys(shapes, "GeoJSON, m"), "x": "m", "xi": "m"},
     )
+
+
+def _pair(metres: tuple[float, float]) -> str:
+    return "({}, {})".format(*(number_text(value * 1e3) for value in metres))
 
 
 def _draw(
