@@ -8,12 +8,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 FILL = ROOT / "tools" / "fill_documents.py"
 PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
 RECORDED = ROOT / "benchmarks" / "recorded"
+# Steps of 8 bits, rms: 256 colours that cover a picture are one or two off, dithered ones up to five.
+OF_FEW_COLOURS = 2.3
 LABEL = re.compile(r"\(([A-Z]{1,2}\d{1,2})\)")
 
 
@@ -89,3 +93,17 @@ def test_every_label_that_code_and_documents_cite_stands_at_a_formula() -> None:
     sources = [*(ROOT / "src").rglob("*.py"), *PAGES]
     cited = {label: path for path in sources for label in LABEL.findall(path.read_text("utf-8"))}
     assert {label: path.name for label, path in cited.items() if label not in labels} == {}
+
+
+@pytest.mark.parametrize(
+    "name", [path.name for path in sorted((ROOT / "docs" / "images").glob("small_*.png"))]
+)
+def test_small_pictures_are_smooth_where_large_ones_are(name: str) -> None:
+    """Their few colours are not mixed by dots: no pixel is far from the one that it stands for."""
+    with Image.open(ROOT / "docs" / "images" / name) as picture:
+        small = np.asarray(picture.convert("RGB"), dtype=float)
+    with Image.open(ROOT / "docs" / "images" / name.removeprefix("small_")) as picture:
+        size = small.shape[1], small.shape[0]
+        resized = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
+    apart = np.abs(small - np.asarray(resized, dtype=float))
+    assert np.sqrt((apart**2).mean()) < OF_FEW_COLOURS

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shapely import box
+from shapely.affinity import rotate
 
 import polywigner as pw
 from polywigner.cli import main
@@ -135,6 +137,25 @@ def test_fringes_over_position_and_lag_are_resolved(name: str) -> None:
         error = worst(f, points, steps)
         assert error < BESIDE_KINKS
         assert worst(f, points, steps, TOO_COARSE) > 2 * error
+
+
+@pytest.mark.parametrize("turned", [0.0, 30.0])
+def test_a_strip_thinner_than_fringes_is_not_missed(turned: float) -> None:
+    """Along its normal W is a triangle, whatever the wavelength, of which a grid that knows of
+    fringes alone may have no sample."""
+    strip = pw.Aperture(rotate(box(-10e-3, -0.1e-3, 10e-3, 0.1e-3), turned))
+    nu, lag = np.array([0.3, 0.2]) / WAVELENGTH, np.zeros(2)
+    along = np.random.default_rng(9).uniform((-9e-3, -0.1e-3), (9e-3, 0.1e-3), (60, 2))
+    angle = np.radians(turned)
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    for quantity, f, kinds in (
+        ("wigner", lambda x: pw.wigner(strip, x, nu), "xy"),
+        ("ambiguity", lambda xi: pw.ambiguity(strip, lag, xi), ("xi_x", "xi_y")),
+    ):
+        sampling = pw.suggest_sampling(strip, WAVELENGTH, quantity)
+        steps = [sampling[k].nyquist / 2 for k in kinds]
+        assert worst(f, along @ turn, steps) < BESIDE_KINKS
+        assert worst(f, along @ turn, steps, TOO_COARSE) > BESIDE_KINKS
 
 
 # Far away phases turn fast at the rim of a plane only, and a coarse grid does in its middle.
@@ -278,6 +299,9 @@ WRONG = {
     "a level of rounding": ({"quantity": "render", "level_db": -1e4}, "from -150"),
     "above the peak": ({"quantity": "render", "level_db": 3.0}, "at most zero"),
     "frequencies beyond floats": ({"reach": 1e308, "quantity": "wigner"}, "units"),
+    "a place for frequencies": ({"box": ((0, 0, 1), (1, 1, 1))}, 'no box for "intensity"'),
+    "a place for a render": ({"quantity": "render", "radius": 1.0}, 'no radius for "render"'),
+    "a reach for places": ({"quantity": "irradiance", "radius": 1.0, "reach": 9.0}, "no reach"),
     "another unit": ({"wavelength": 1e-30}, "units"),
 }
 

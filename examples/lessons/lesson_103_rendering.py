@@ -91,13 +91,14 @@ assert radiance.min() < 0
 def show(axes, values, reference, floor, title, **box):
     """Signed radiance in dB; what is not above the floor, or negative, has its colour."""
     picture = axes.imshow(level_db(values, reference, floor), "inferno", vmin=floor, vmax=0, **box)
-    axes.set_title(title)
-    axes.figure.colorbar(picture, ax=axes, label="dB")
+    axes.set(title=title, xlabel="x (mm)")
+    axes.figure.colorbar(picture, ax=axes, label="dB rel. to the peak")
 
 
 PLACES = {"extent": 2 * [-HALF * 1e3, HALF * 1e3]}  # mm
 figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")
 show(axes, radiance, picture_peak(radiance), -40, "the floor, from above", **PLACES)
+axes.set_ylabel("y (mm)")
 
 # %%
 # What should be there
@@ -128,7 +129,8 @@ show(panels[0], radiance, peak, -40, "rendered", **PLACES)
 show(panels[1], expected, peak, -40, "formula", **PLACES)
 limit = 0.01
 picture = panels[2].imshow(difference / peak, "RdBu_r", vmin=-limit, vmax=limit, **PLACES)
-panels[2].set_title("difference")
+panels[2].set(title="difference", xlabel="x (mm)")
+panels[0].set_ylabel("y (mm)")
 figure.colorbar(picture, ax=panels[2], extend="both", label="of the peak")
 
 # %%
@@ -180,7 +182,8 @@ seen = 10 * np.log10(independent[0])
 print(f"floor for this picture: {seen:.0f} dB")
 figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), layout="compressed")
 for axes, floor in zip(panels, (-40, round(seen)), strict=True):
-    show(axes, noisy, peak, floor, f"16 independent samples, floor {floor} dB", **PLACES)
+    show(axes, noisy, peak, floor, f"16 independent samples, floor −{-floor} dB", **PLACES)
+panels[0].set_ylabel("y (mm)")
 
 # %%
 # The same in XML

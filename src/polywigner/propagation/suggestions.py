@@ -29,6 +29,13 @@ SampledQuantity = Literal[
     "fourier", "intensity", "wigner", "ambiguity", "pattern", "amplitude", "irradiance", "render"
 ]
 
+_PHASE_SPACE = ("fourier", "intensity", "wigner", "ambiguity")
+_AT_PLACES = ("amplitude", "irradiance")
+
+# Nyquist's step over the width of the narrowest part, along positions: what W is over a strip, a
+# triangle of that width, is then seen at several samples, wherever the grid begins.
+_OF_WIDTH = 0.5
+
 # No grid that anybody could hold; a slip of units rather than a wish.
 _MOST_SAMPLES = 1 << 53
 
@@ -105,17 +112,17 @@ def suggest_sampling(
     ============  =======================  =========================================================
     "fourier"     nu                       1/b for F, but for the wave of the box's centre
     "intensity"   nu                       1/(2 b) for \\|F\\|^2, the transform of lags up to b
-    "wigner"      x, nu                    1/(2 b) along nu; 1/(4 (N + K)) along x
-    "ambiguity"   upsilon, xi              1/b along upsilon, as for F; 1/(2 (N + K)) along xi
+    "wigner"      x, nu                    1/(2 b) along nu; 1/(4 (N + K)), at most w/2, along x
+    "ambiguity"   upsilon, xi              1/b along upsilon, as for F; twice that of x along xi
     "pattern"     theta, phi               wavelength/(2 D), D the diagonal of the box
     "amplitude"   x, y, z or theta, phi    1/(2 largest local frequency)
     "irradiance"  x, y, z or theta, phi    1/(2 largest difference of two of them at a point)
     "render"      none                     samples per pixel
     ============  =======================  =========================================================
 
-    K is the largest frequency of the waves on the source (0 of uniform ones). Local frequencies
-    are direction cosines of the rays from the source's box, over the wavelength. Source:
-    docs/sampling.md, (N1) to (N7).
+    K is the largest frequency of the waves on the source (0 of uniform ones), w the width of its
+    narrowest part, 2 area/perimeter. Local frequencies are direction cosines of the rays from the
+    source's box, over the wavelength. Source: docs/sampling.md, (N1) to (N7).
 
     Parameters
     ----------
@@ -140,8 +147,8 @@ def suggest_sampling(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
-    elements do not lie in the plane z = 0.
+    ArgumentError for arguments of the wrong type, shape or range, and for a reach or a place where
+    the quantity has none; GeometryError for an Array whose elements do not lie in the plane z = 0.
     """
     if not isinstance(quantity, str) or quantity not in get_args(SampledQuantity):
         names = ", ".join(f'"{name}"' for name in get_args(SampledQuantity))
@@ -149,7 +156,8 @@ def suggest_sampling(
     finer = checked_number(oversampling, "oversampling", "a number of at least 1")
     if not finer >= 1:
         raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
-    if quantity in ("fourier", "intensity", "wigner", "ambiguity"):
+    _check_used(quantity, {"reach": reach, "box": box, "line": line, "radius": radius})
+    if quantity in _PHASE_SPACE:
         return _of(quantity, _phase_space_axes(source, wavelength, quantity, reach, finer))
     plane = checked_source(source)
     length = checked_wavelength(wavelength)
@@ -166,6 +174,19 @@ def suggest_sampling(
         places = {"box": box, "line": line, "radius": radius}
         bands = _field_bands(bounds, length, places, coherent=quantity == "amplitude")
     return _of(quantity, [_axis(band, finer) for band in bands])
+
+
+def _check_used(quantity: str, given: dict[str, Any]) -> None:
+    """What is not for a quantity is refused rather than passed over: nobody gives it in vain."""
+    used = ("reach",) if quantity in _PHASE_SPACE else ()
+    used = ("box", "line", "radius") if quantity in _AT_PLACES else used
+    for name, value in given.items():
+        if value is not None and name not in used:
+            kinds = _PHASE_SPACE if name == "reach" else _AT_PLACES
+            raise ArgumentError(
+                f'expected no {name} for "{quantity}", got {value!r}; give quantity as one of '
+                + ", ".join(f'"{kind}"' for kind in kinds)
+            )
 
 
 def _of(quantity: SampledQuantity, axes: list[AxisSampling]) -> Sampling:
@@ -201,6 +222,7 @@ def _phase_space_axes(
     most = _largest_frequency(wavelength, reach)
     bounds, waves = _bounds(source), most + _largest_wave(source)
     half = len(bounds) // 2
+    narrow = _OF_WIDTH * min(map(_narrowest, _elements(source)))
     bands = []
     for k, suffix in enumerate(("",) if half == 1 else ("_x", "_y")):
         low, high = bounds[k], bounds[k + half]
@@ -210,10 +232,10 @@ def _phase_space_axes(
         bands += {
             "fourier": [nu._replace(nyquist=1 / width)],
             "intensity": [nu],
-            "wigner": [Band(position, "m", low, high, 1 / (4 * waves), False), nu],
+            "wigner": [Band(position, "m", low, high, min(1 / (4 * waves), narrow), False), nu],
             "ambiguity": [
                 Band(f"upsilon{suffix}", "1/m", -2 * most, 2 * most, 1 / width, True),
-                Band(f"xi{suffix}", "m", -width, width, 1 / (2 * waves), False),
+                Band(f"xi{suffix}", "m", -width, width, min(1 / (2 * waves), 2 * narrow), False),
             ],
         }[quantity]
     kinds = len(bands) // half
@@ -238,6 +260,13 @@ def _bounds(source: Any) -> tuple[float, ...]:
     boxes = np.array([element.bounds for element in _elements(source)], dtype=np.float64)
     half = boxes.shape[1] // 2
     return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
+
+
+def _narrowest(element: Any) -> float:
+    """The width of the narrowest part: of a strip, a ring, a slit; half the side of a square."""
+    if isinstance(element, Slits):
+        return float(np.diff(element.intervals, axis=1).min())
+    return min(2 * part.area / part.length for part in element.polygons.geoms)
 
 
 def _largest_wave(source: PhaseSpaceSource) -> float:
