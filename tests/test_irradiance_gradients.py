@@ -83,7 +83,7 @@ def test_points_alone_may_have_derivatives_and_weights_may() -> None:
 
 
 @pytest.mark.parametrize(
-    "more", [{"order": 3}, {"method": "kirchhoff"}, {"return_error": True}, {"sampling": "sobol"}]
+    "more", [{"order": 3}, {"method": "fraunhofer"}, {"return_error": True}, {"sampling": "sobol"}]
 )
 def test_what_has_no_derivatives_says_so(more: Any) -> None:
     import drjit as dr

@@ -13,6 +13,7 @@ module               what is in it
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
 ``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
+``hosted_slopes``    the same with derivatives that the host computes as well
 ``gradients``        kernels as custom operations, with derivatives in closed form
 ``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
 ``ray_sums``         sums over rays, with derivatives
@@ -30,6 +31,7 @@ from polywigner.engines.drjit_results import product_of_complex, times_complex
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.gradients import differentiable
 from polywigner.engines.grids import evaluate_on_grid
+from polywigner.engines.hosted_slopes import TracedField, hosted_field
 from polywigner.engines.operations import (
     DrjitOperations,
     NumpyOperations,
@@ -58,6 +60,7 @@ __all__ = [
     "Precision",
     "ScalarOperations",
     "Traced",
+    "TracedField",
     "checked_engine",
     "checked_precision",
     "complex_numbers",
@@ -69,6 +72,7 @@ __all__ = [
     "evaluate_traced",
     "float_of",
     "has_gradient",
+    "hosted_field",
     "in_plane",
     "is_drjit",
     "kernel_threads",

@@ -31,7 +31,9 @@ from polywigner.errors import ArgumentError
 from polywigner.kernels import Kernel
 
 __all__ = [
+    "check_request",
     "checked_float",
+    "common_float",
     "evaluate_traced",
 ]
 
@@ -61,11 +63,11 @@ def evaluate_traced(
     wrong number of components.
     EngineError when the arrays are LLVM's and no usable LLVM library is loaded.
     """
-    float_type = _common_float(points, parameters)
+    float_type = common_float(points, parameters)
     if not any(is_drjit(value) for _, value in points):
         points = [(name, tensor_of(float_type, value)) for name, value in points]
     ops = DrjitOperations(float_type)
-    _check_request(float_type, ops.double, precision, engine)
+    check_request(float_type, ops.double, precision, engine)
     tensors = any(is_tensor(value) for _, value in points)
     if tensors:
         shape, components = tensor_components(points, float_type, kernel.dimension)
@@ -100,7 +102,7 @@ def checked_float(name: str, value: Any, precision: str | None, engine: str) -> 
 
     found = own_float(name, value)
     double = drjit.itemsize_v(found) == 8
-    _check_request(found, double, precision, engine)
+    check_request(found, double, precision, engine)
     return found, double
 
 
@@ -122,7 +124,7 @@ def _is_data(parameters: Parameters, components: Sequence[Any]) -> bool:
     return changes and max(map(drjit.width, components)) < _WORTH_COMPILING
 
 
-def _common_float(points: Sequence[tuple[str, Any]], parameters: Parameters | None) -> Any:
+def common_float(points: Sequence[tuple[str, Any]], parameters: Parameters | None) -> Any:
     types = {own_float(name, value) for name, value in points if is_drjit(value)}
     types |= set() if parameters is None else parameters.types
     if len(types) > 1:
@@ -133,7 +135,7 @@ def _common_float(points: Sequence[tuple[str, Any]], parameters: Parameters | No
     return types.pop()
 
 
-def _check_request(float_type: Any, double: bool, precision: str | None, engine: str) -> None:
+def check_request(float_type: Any, double: bool, precision: str | None, engine: str) -> None:
     own = "double" if double else "single"
     if precision not in (None, own):
         raise ArgumentError(

@@ -24,10 +24,12 @@ __all__ = [
     "BoundaryFrame",
     "BoundaryTables",
     "Row",
+    "anglewise",
     "edge_sum",
     "enter",
     "free_wave",
     "leave",
+    "lengthwise",
     "offset_of",
     "weighted",
 ]
@@ -117,8 +119,8 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: E
     phase = (constant, slope, distance, along, start)
     pair = (first, *phase, b, z, along, across, pz, *seen)
 
-    far, clear, swing, half = _lengthwise(ops, corner, sine, depth)
-    near_clear, near_swing, middle, span = _anglewise(ops, corner, sine, depth)
+    far, clear, swing, half = lengthwise(ops, corner, sine, depth)
+    near_clear, near_swing, middle, span = anglewise(ops, corner, sine, depth)
     clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
     needed, expected = nodes_needed(ops, inner[9], clear, 2 * math.pi * swing)
     rule = rule_of(ops, needed)
@@ -136,7 +138,7 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: E
     return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 
-def _lengthwise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
+def lengthwise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
     """Whether a rule in the length along the panel will do; for it the distance of singularities
     and the turns of phase, for and over half of the panel, and half the length."""
     half = 0.5 * corner.length
@@ -150,7 +152,7 @@ def _lengthwise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, .
     return nearest >= half, ops.minimum(clear, nearest) / half, half * swing, half
 
 
-def _anglewise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
+def anglewise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
     """The same for a rule in v, s = sqrt(b^2 + z^2) sinh v: distance, turns, and the interval of v
     as middle and half-length."""
     away = ops.sqrt(corner.b * corner.b + corner.z * corner.z)

@@ -19,6 +19,7 @@ from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.far_fields import far_field
+from polywigner.propagation.fields_traced import has_derivatives, traced_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
     METHODS,
@@ -28,6 +29,7 @@ from polywigner.propagation.places import (
     checked_points,
     checked_wavelength,
 )
+from polywigner.transforms import Differentiable
 
 __all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude", "checked_amplitude_tolerance"]
 
@@ -42,7 +44,7 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 
 
 def amplitude(
-    source: Aperture | Array,
+    source: Aperture | Array | Differentiable,
     points: Any,
     wavelength: float,
     method: Method = "rayleigh-sommerfeld-1",
@@ -64,9 +66,11 @@ def amplitude(
 
     Parameters
     ----------
-    source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations.
-    points : (..., 3) in m, z > 0; or a Dr.Jit array, without derivatives, for results as those of
-        :func:`fourier` are.
+    source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
+        :func:`differentiable` one.
+    points : (..., 3) in m, z > 0; or a Dr.Jit array for results as those of :func:`fourier` are.
+        Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
+        field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
     wavelength : in m.
     method : "rayleigh-sommerfeld-1" (the field in the opening is given), "rayleigh-sommerfeld-2"
         (its normal derivative is), "kirchhoff" (their mean), "fresnel" (parabolic waves, for
@@ -99,6 +103,23 @@ def amplitude(
     wavelengths, and lengths beyond 1e-75 to 1e75 m; GeometryError for arrays in other planes;
     EngineError without the engine.
     """
+    if has_derivatives(source, points, wavelength):
+        if return_error or obliquity is not None:
+            raise ArgumentError(
+                "expected no return_error and no obliquity with derivatives; pass "
+                "drjit.detach(...) of what needs none"
+            )
+        return traced_field(
+            amplitude,
+            source,
+            points,
+            wavelength,
+            method,
+            tolerance,
+            precision=precision,
+            engine=engine,
+        ).amplitude()
+    assert not isinstance(source, Differentiable)
     if engines.is_drjit(points):
         compute = partial(
             amplitude,

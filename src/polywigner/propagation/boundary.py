@@ -18,13 +18,13 @@ from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of
 
-__all__ = ["boundary_field"]
+__all__ = ["SHARES", "boundary_field", "strata_of"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 # Share of the second boundary term: (B3).
-_SHARES = {"rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5, "rayleigh-sommerfeld-1": 1.0}
+SHARES = {"rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5, "rayleigh-sommerfeld-1": 1.0}
 # An edge costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
 # Of Fresnel fields a panel has at most so many turns of phase in half of it.
@@ -84,13 +84,12 @@ def boundary_field(
     edges = sum(e.edges for e in radiator.elements)
     engine = resolved(engine, len(points), _TERMS * edges)
     task = _Task(radiator, wavelength, _kernel(method), paraxial, double or paraxial, engine)
-    strata = _paraxial_strata if paraxial else _strata
     values = np.zeros(len(points), np.complex128)
     errors = np.full(len(points), np.inf)
-    allowed = tolerance * _size(radiator, points, wavelength, _SHARES.get(method, 0.0))
+    allowed = tolerance * _size(radiator, points, wavelength, SHARES.get(method, 0.0))
     if not paraxial:
         _check_panels(radiator, wavelength)
-    for todo, longest in strata(task, points):
+    for todo, longest in strata_of(radiator, points, wavelength, paraxial):
         digits = math.log(1 / tolerance) + _MARGIN
         for _ in range(_ROUNDS):
             value, error = _once(task, points[todo], digits, longest)
@@ -124,9 +123,14 @@ def _check_panels(radiator: Radiator, wavelength: float) -> None:
         )
 
 
-def _strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, float]]:
-    """Numbers of points, and how long panels may be for them."""
-    distance = task.radiator.distance(points) / task.wavelength
+def strata_of(
+    radiator: Radiator, points: Floats, wavelength: float, paraxial: bool
+) -> Iterator[tuple[Indices, float]]:
+    """Numbers of points, and how long panels may be for them, in wavelengths."""
+    if paraxial:
+        yield from _paraxial_strata(radiator, points, wavelength)
+        return
+    distance = radiator.distance(points) / wavelength
     low = 0.0
     for high, longest in _STRATA:
         mine = np.flatnonzero((low <= distance) & (distance < high))
@@ -135,15 +139,16 @@ def _strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, float]]:
             yield mine, longest
 
 
-def _paraxial_strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, float]]:
+def _paraxial_strata(
+    radiator: Radiator, points: Floats, wavelength: float
+) -> Iterator[tuple[Indices, float]]:
     """The same for Fresnel fields: phases run as fast along an edge as it is seen aslant."""
-    radiator = task.radiator
-    steepest = task.wavelength * radiator.highest_frequency
+    steepest = wavelength * radiator.highest_frequency
     aside = np.maximum(points[:, :2] - radiator.low, radiator.high - points[:, :2])
     slope = np.linalg.norm(aside, axis=1) / points[:, 2] + steepest
     longest = np.minimum(2 * _FRESNEL_TURNS / slope, _STRATA[-1][1])
     step = np.ceil(-np.log2(longest / _STRATA[-1][1])).astype(np.intp)
-    if task.radiator.perimeter / (task.wavelength * float(longest.min(initial=1.0))) > _MOST_ROWS:
+    if radiator.perimeter / (wavelength * float(longest.min(initial=1.0))) > _MOST_ROWS:
         worst = int(longest.argmin())
         raise ArgumentError(
             "expected points where Fresnel's parabolic waves can be summed up, got "
@@ -155,7 +160,7 @@ def _paraxial_strata(task: _Task, points: Floats) -> Iterator[tuple[Indices, flo
 
 
 def _kernel(method: str) -> Kernel:
-    share = _SHARES.get(method, 0.0)
+    share = SHARES.get(method, 0.0)
     edge_sum = fresnel_edge_sum if method == "fresnel" else boundary.edge_sum
     return Kernel(
         name=f"boundary integral, {method}",

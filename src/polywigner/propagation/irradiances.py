@@ -24,6 +24,7 @@ from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
 from polywigner.propagation.arrangement import bounds_of
+from polywigner.propagation.fields_traced import has_derivatives, traced_field
 from polywigner.propagation.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.places import (
     METHODS,
@@ -35,7 +36,7 @@ from polywigner.propagation.places import (
 from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate, by_gauss
 from polywigner.propagation.rays_sampling import Sampling, by_samples
-from polywigner.propagation.rays_traced import has_derivatives, traced_irradiance
+from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable, lag_marginal
 
@@ -84,8 +85,9 @@ def irradiance(
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
         illuminations.
     points : (..., 3) in m, z > 0; or a Dr.Jit array for values in one.
-    wavelength : in m. With derivatives in it (a Dr.Jit ``Float``), in ``points``, or in the numbers
-        of a :func:`differentiable` source, by rays of the first order alone.
+    wavelength : in m. By rays of the first order with derivatives in it (a Dr.Jit ``Float``), in
+        ``points``, and in the numbers of a :func:`differentiable` source; by the other methods
+        in points and numbers alone, and by "fraunhofer" in none.
     method : "wigner", "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel" or
         "fraunhofer".
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
@@ -127,14 +129,26 @@ def irradiance(
     """
     how: dict[str, Any]
     if has_derivatives(source, points, wavelength):
-        if method != "wigner" or order != 1 or sampling != "gauss" or return_error:
+        if order != 1 or sampling != "gauss" or return_error:
             raise ArgumentError(
-                'expected method="wigner" and order=1, Gauss rules, and no return_error with '
-                "derivatives; pass drjit.detach(...) of what needs none"
+                "expected order=1 (rays of the third order have no derivatives), Gauss rules, "
+                "and no return_error with derivatives; pass drjit.detach(...) of what needs none"
             )
-        return traced_irradiance(
-            source, points, wavelength, obliquity, checked_tolerance(tolerance)
-        )
+        allowed = checked_tolerance(tolerance)
+        if method == "wigner":
+            return traced_irradiance(source, points, wavelength, obliquity, allowed)
+        _check_rays_only(method, obliquity=obliquity, samples=samples)
+        finer = allowed if allowed < DEFAULT_TOLERANCE[True] else None
+        return traced_field(
+            amplitude,
+            source,
+            points,
+            wavelength,
+            method,
+            finer,
+            precision=precision,
+            engine=engine,
+        ).irradiance()
     if is_drjit(points):
         how = {"obliquity": obliquity, "order": order, "tolerance": tolerance, "samples": samples}
         how |= {"return_error": return_error, "sampling": sampling, "seed": seed}

@@ -14,7 +14,16 @@ from polywigner.illumination.direction_cosines import direction_cosines
 from polywigner.kernels import phases
 from polywigner.radiometry.directions import PlaneSource, checked_source
 
-__all__ = ["Radiator", "panels_of", "radiator_of"]
+__all__ = [
+    "Pieces",
+    "Radiator",
+    "cosines_of",
+    "panels_of",
+    "pieces_of",
+    "radiator_of",
+    "reaches",
+    "starts",
+]
 
 Floats = NDArray[np.float64]
 Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]
@@ -142,15 +151,12 @@ def panels_of(
     """
     for element in radiator.elements:
         plane = element.frequencies * wavelength
-        cosines = direction_cosines(element.frequencies, wavelength)
-        if paraxial:
-            cosines = (1 - (plane**2).sum(axis=1) / 2).astype(np.complex128)
-        reach = np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
+        cosines = cosines_of(element.frequencies, wavelength, paraxial)
+        reach = reaches(plane, longest)
         for wave, amplitude in enumerate(element.amplitudes):
-            begin, along, length = _pieces(element.outline, wavelength * reach[wave])
-            kappa = element.frequencies[wave]
-            turns = phases.dot(_OPS, tuple(kappa), (begin[:, 0], begin[:, 1]))
-            start = np.broadcast_to(phases.reduced(_OPS, turns), length.shape)
+            pieces = pieces_of(element.outline, wavelength * reach[wave])
+            begin, along, length = pieces.begin, pieces.along, pieces.length
+            start = starts(begin, element.frequencies[wave])
             step = max(1, count // len(length))
             for first in range(0, len(element.weights), step):
                 shifts = element.shifts[first : first + step]
@@ -168,17 +174,56 @@ def panels_of(
                 yield rows.reshape(-1, 9), amplitudes, evanescent
 
 
-def _pieces(outline: Aperture, longest: float) -> tuple[Floats, Floats, Floats]:
-    """Beginnings (n, 2), directions (n, 2) and lengths (n,) of pieces of the outline's edges."""
+def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> NDArray[np.complex128]:
+    """p_z of waves (m, 2); with ``paraxial`` 1 - (p_x^2 + p_y^2)/2."""
+    if not paraxial:
+        return direction_cosines(frequencies, wavelength)
+    return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
+
+
+def reaches(plane: Floats, longest: float) -> Floats:
+    """How long panels may be for waves with p_x, p_y (m, 2), in wavelengths."""
+    return np.minimum(longest, _TURNS / (1.0 + np.linalg.norm(plane, axis=1)))
+
+
+def starts(begin: Floats, kappa: Floats) -> Floats:
+    """The phase of a wave at places (n, 2), in turns from -1/2 to 1/2."""
+    turns = phases.dot(_OPS, tuple(kappa), (begin[:, 0], begin[:, 1]))
+    return np.broadcast_to(phases.reduced(_OPS, turns), len(begin))
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Pieces of the edges of an outline."""
+
+    begin: Floats
+    """(n, 2)."""
+    along: Floats
+    """Directions (n, 2)."""
+    length: Floats
+    """(n,)."""
+    owner: NDArray[np.intp]
+    """Number of the edge, which is that of the vertex that it begins at."""
+    share: Floats
+    """Of the edge before the piece begins, (n,)."""
+    step: Floats
+    """Of the edge, (n,)."""
+
+
+def pieces_of(outline: Aperture, longest: float) -> Pieces:
+    """Pieces of an outline's edges, none longer than ``longest``."""
     begin = np.concatenate(outline.rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in outline.rings]) - begin
     length = np.hypot(edge[:, 0], edge[:, 1])
     pieces = np.ceil(length / longest).astype(np.intp)
     owner = np.repeat(np.arange(len(edge)), pieces)
     number = np.arange(len(owner)) - np.repeat(pieces.cumsum() - pieces, pieces)
-    share = (number / pieces[owner])[:, None]
-    return (
-        begin[owner] + share * edge[owner],
+    share = number / pieces[owner]
+    return Pieces(
+        begin[owner] + share[:, None] * edge[owner],
         (edge / length[:, None])[owner],
         (length / pieces)[owner],
+        owner,
+        share,
+        (1.0 / pieces)[owner],
     )

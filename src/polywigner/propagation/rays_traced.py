@@ -22,19 +22,12 @@ from polywigner.propagation.rays_adaptive import phase_rates
 from polywigner.propagation.rays_rules import Rule, gauss_rule
 from polywigner.transforms import Differentiable, wigner
 
-__all__ = ["has_derivatives", "traced_irradiance"]
+__all__ = ["traced_irradiance"]
 
 # Nodes beyond those that the phase needs, rule after rule.
 _LEVELS = (4.0, 8.0, 15.0, 28.0)
 # 400 MiB for each array of float64.
 _MOST_RAYS = 50_000_000
-
-
-def has_derivatives(source: Any, points: Any, wavelength: Any) -> bool:
-    """Whether an argument is there to be differentiated in."""
-    if isinstance(source, Differentiable) or engines.is_drjit(wavelength):
-        return True
-    return engines.is_drjit(points) and engines.has_gradient(points)
 
 
 def traced_irradiance(

@@ -41,8 +41,8 @@ def differentiable(
 ) -> Differentiable:
     """A source of which some numbers are Dr.Jit arrays, to differentiate with respect to them.
 
-    `fourier`, `wigner`, `ambiguity` and `irradiance` take it in place of the source; they return
-    Dr.Jit arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form
+    `fourier`, `wigner`, `ambiguity`, `amplitude` and `irradiance` take it in place of the source;
+    they return Dr.Jit arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form
     (docs/gradients). The source itself has the other numbers, and how vertices form rings.
 
     Parameters

@@ -1,0 +1,288 @@
+"""Derivatives of exact and of Fresnel fields as integrals along edges. Source: (G5) to (G7)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import engines
+from polywigner.engines.choice import resolved
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array, Illumination
+from polywigner.kernels.edge_strips import FRESNEL_STRIPS, STRIPS
+from polywigner.propagation.boundary import SHARES, boundary_field, strata_of
+from polywigner.propagation.panels import (
+    Radiator,
+    cosines_of,
+    pieces_of,
+    radiator_of,
+    reaches,
+    starts,
+)
+
+__all__ = ["FieldSlopes"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Pairs of a point and a panel at a time.
+_PAIRS = 1 << 17
+# One costs about as much as so many terms of other kernels, for the choice of an engine.
+_TERMS = 16
+# Of the field's tolerance: integrals along edges may cancel.
+_SHARE = 1e-2
+
+
+@dataclass(frozen=True)
+class _Strips:
+    """Panels times waves (m,), lengths in wavelengths."""
+
+    begin: Floats
+    """(m, 2), relative to the centre."""
+    along: Floats
+    """(m, 2)."""
+    length: Floats
+    plane: Floats
+    """p_x and p_y, (m, 2)."""
+    cosine: Complex
+    """p_z."""
+    start: Floats
+    amplitude: Complex
+    first: NDArray[np.intp]
+    """Number of the vertex at which the panel's edge begins; where it ends."""
+    last: NDArray[np.intp]
+    share: Floats
+    """Of the edge before the panel, and in a wavelength of it."""
+    rate: Floats
+
+    @property
+    def normal(self) -> Floats:
+        """Outward, (m, 2)."""
+        return np.stack([self.along[:, 1], -self.along[:, 0]], axis=1)
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Integrals along panels (m,) seen from points ``where`` (n,): arrays (n, m)."""
+
+    where: NDArray[np.intp]
+    strips: _Strips
+    kernel: Complex
+    """Of amplitude times u times the kernel K of the field; of t times that."""
+    by_length: Complex
+    height: Complex
+    """Of what edges contribute to the derivative in z."""
+
+
+@dataclass(frozen=True, eq=False)
+class FieldSlopes:
+    """Derivatives of the field of a source by one method, in points, vertices and fields."""
+
+    source: Aperture | Array
+    wavelength: float
+    method: str
+    tolerance: float
+    by_waves: bool
+    """Whether ``of_fields`` is of amplitudes of waves, instead of weights of elements."""
+
+    @cached_property
+    def _elements(self) -> tuple[Aperture, ...]:
+        coplanar = (self.source,) if isinstance(self.source, Aperture) else self.source.coplanar
+        return tuple(element for element in coplanar if isinstance(element, Aperture))
+
+    @cached_property
+    def _radiator(self) -> Radiator:
+        return radiator_of(self.source)
+
+    @property
+    def _paraxial(self) -> bool:
+        return self.method == "fresnel"
+
+    def of_points(self, points: Floats) -> Complex:
+        """dU/d(x, y, z) at points (n, 3), (n, 3): (G6)."""
+        return self.reverse(points, np.zeros(len(points), np.complex128), True, False)[0]
+
+    def forward(self, points: Floats, change: Floats) -> Complex:
+        """Along a change (v, 2) of the vertices, (n,): (G5)."""
+        found = np.zeros(len(points), np.complex128)
+        for sums in self._sums(points):
+            strips = sums.strips
+            begin, end = (
+                (strips.normal * change[k]).sum(axis=1) for k in (strips.first, strips.last)
+            )
+            rate = strips.rate * (end - begin)
+            constant = begin + strips.share * (end - begin)
+            found[sums.where] += (sums.kernel @ constant + sums.by_length @ rate) / self.wavelength
+        return found
+
+    def reverse(
+        self, points: Floats, cotangent: Complex, of_points: bool, of_vertices: bool
+    ) -> tuple[Complex, Floats]:
+        """:meth:`of_points`, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2); those wanted."""
+        slopes = np.zeros((len(points), 3), np.complex128)
+        vertices = np.zeros((sum(len(r) for e in self._elements for r in e.rings), 2))
+        if of_points:
+            for axis in range(3):
+                slopes[:, axis] = self._carried(points, axis)
+        for sums in self._sums(points) if of_points or of_vertices else ():
+            if of_points:
+                edges = sums.kernel @ sums.strips.normal
+                slopes[sums.where, :2] -= edges / self.wavelength
+                slopes[sums.where, 2] += sums.height.sum(axis=1) / self.wavelength
+            if of_vertices:
+                self._push(vertices, sums, cotangent[sums.where].conj() / self.wavelength)
+        return slopes, vertices
+
+    @staticmethod
+    def _push(vertices: Floats, sums: _Sums, weight: Complex) -> None:
+        """Adds what panels do to the vertices at both ends of their edges."""
+        strips = sums.strips
+        whole, by_length = (weight @ sums.kernel).real, (weight @ sums.by_length).real
+        at_end = strips.share * whole + strips.rate * by_length
+        for number, value in ((strips.first, whole - at_end), (strips.last, at_end)):
+            np.add.at(vertices, number, value[:, None] * strips.normal)
+
+    def of_fields(self, points: Floats) -> Complex:
+        """The fields of single elements or waves, (n, k)."""
+        columns = [self._field(radiator_of(part), points) for part in self._parts()]
+        return np.stack(columns, axis=1)
+
+    def _parts(self) -> Iterator[Aperture]:
+        if not self.by_waves:
+            yield from self._elements
+            return
+        (aperture,) = self._elements
+        assert aperture.illumination is not None
+        for kappa in aperture.illumination.frequencies:
+            yield aperture.with_illumination(Illumination([1.0], kappa[None]))
+
+    def _field(self, radiator: Radiator, points: Floats, method: str | None = None) -> Complex:
+        name = method or self.method
+        values, _, _ = boundary_field(
+            radiator, points, self.wavelength, name, self.tolerance, True, "auto"
+        )
+        return values
+
+    def _carried(self, points: Floats, axis: int) -> Complex | float:
+        """What waves change by as they go on, each by its own frequency along an axis."""
+        elements = []
+        for element in self._radiator.elements:
+            if axis < 2:
+                rates = element.frequencies[:, axis].astype(np.complex128)
+            else:
+                cosines = cosines_of(element.frequencies, self.wavelength, self._paraxial)
+                rates = cosines / self.wavelength
+            amplitudes = element.amplitudes * (2j * math.pi * rates)
+            elements.append(replace(element, amplitudes=amplitudes))
+        if not any(element.amplitudes.any() for element in elements):
+            return 0.0
+        radiator = replace(self._radiator, elements=tuple(elements))
+        other = {"rayleigh-sommerfeld-1": "rayleigh-sommerfeld-2"}
+        other |= {second: first for first, second in other.items()}
+        return self._field(radiator, points, other.get(self.method) if axis == 2 else None)
+
+    def _sums(self, points: Floats) -> Iterator[_Sums]:
+        """Blocks of points and all panels."""
+        digits = -math.log(max(self.tolerance * _SHARE, 1e-14))
+        places = points.copy()
+        places[:, :2] -= self._radiator.centre
+        places /= self.wavelength
+        for where, longest in strata_of(self._radiator, points, self.wavelength, self._paraxial):
+            strips = self._strips(longest)
+            step = max(1, _PAIRS // len(strips.length))
+            for k in range(0, len(where), step):
+                mine = where[k : k + step]
+                yield self._block(places[mine], mine, strips, digits)
+
+    def _block(
+        self, places: Floats, where: NDArray[np.intp], strips: _Strips, digits: float
+    ) -> _Sums:
+        along = (strips.plane * strips.along).sum(axis=1)
+        rows = [column[:, None] for column in places.T]
+        columns = (*strips.begin.T, *strips.along.T, strips.length, along, strips.start)
+        pairs = [*rows, *(column[None] for column in columns), np.full((1, 1), digits)]
+        sums = engines.evaluate(
+            FRESNEL_STRIPS if self._paraxial else STRIPS,
+            None,
+            pairs,
+            double=True,
+            engine=resolved("auto", len(places) * len(along), _TERMS),
+            outputs=4 if self._paraxial else 8,
+        )
+        found = [
+            (a + 1j * b) * strips.amplitude for a, b in zip(sums[::2], sums[1::2], strict=True)
+        ]
+        return _Sums(where, strips, *self._combined(found, places, strips))
+
+    def _combined(
+        self, found: list[Complex], places: Floats, strips: _Strips
+    ) -> tuple[Complex, Complex, Complex]:
+        """Of integrals of 1 and t times u G and u (1/R - 2 pi i) G/R, those of :class:`_Sums`."""
+        left = -strips.normal
+        away = (strips.begin * left).sum(axis=1) - places[:, :2] @ left.T
+        across = (strips.plane * left).sum(axis=1)
+        z = places[:, 2:]
+        if self._paraxial:
+            wave = np.exp(2j * math.pi * (z - np.rint(z))) / (1j * z)
+            kernel, by_length = (wave * value for value in found)
+            return kernel, by_length, -0.5 * (across - away / z) * kernel
+        share = SHARES[self.method]
+        first, second = share * z / (2 * math.pi), -1j * (1 - share) * strips.cosine
+        height = away * found[2] + 2j * math.pi * across * found[0]
+        return (
+            first * found[2] + second * found[0],
+            first * found[3] + second * found[1],
+            (share / (2 * math.pi)) * height,
+        )
+
+    def _strips(self, longest: float) -> _Strips:
+        elements = self._elements
+        weights = np.ones(1) if isinstance(self.source, Aperture) else self.source.weights
+        found: list[tuple[NDArray[Any], ...]] = []
+        count = 0
+        for element, weight in zip(elements, weights.tolist(), strict=True):
+            found += self._strips_of(element, weight, count, longest)
+            count += sum(map(len, element.rings))
+        columns = zip(*found, strict=True)
+        return _Strips(*(np.concatenate(column) for column in columns))
+
+    def _strips_of(
+        self, element: Aperture, weight: complex, count: int, longest: float
+    ) -> Iterator[tuple[NDArray[Any], ...]]:
+        """Those of each wave, in the order of :class:`_Strips`."""
+        field = element.illumination or Illumination([1.0], [[0.0, 0.0]])
+        plane = field.frequencies * self.wavelength
+        cosines = cosines_of(field.frequencies, self.wavelength, self._paraxial)
+        after = _next_vertices(element) + count
+        for wave, reach in enumerate(reaches(plane, longest)):
+            pieces = pieces_of(element, reach * self.wavelength)
+            size = len(pieces.length)
+            length = pieces.length / self.wavelength
+            yield (
+                (pieces.begin - self._radiator.centre) / self.wavelength,
+                pieces.along,
+                length,
+                np.broadcast_to(plane[wave], (size, 2)),
+                np.full(size, cosines[wave]),
+                starts(pieces.begin, field.frequencies[wave]),
+                np.full(size, weight * field.amplitudes[wave], np.complex128),
+                pieces.owner + count,
+                after[pieces.owner],
+                pieces.share,
+                pieces.step / length,
+            )
+
+
+def _next_vertices(element: Aperture) -> NDArray[np.intp]:
+    """The number of the vertex after each of ``element.rings``."""
+    found, count = [], 0
+    for ring in element.rings:
+        found.append(np.roll(np.arange(len(ring)), -1) + count)
+        count += len(ring)
+    return np.concatenate(found)

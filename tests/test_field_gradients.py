@@ -1,0 +1,276 @@
+"""Derivatives of exact and Fresnel fields, against integrals over areas and laws of physics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles.diffraction import field_by_quadrature
+from polywigner.errors import ArgumentError
+
+pytestmark = pytest.mark.llvm
+
+WAVELENGTH = 3e-3
+OUTER = 1e-3 * np.array([[0, 0], [6, 1], [5, 5], [1, 4]])
+HOLE = 1e-3 * np.array([[2, 2], [3, 3.5], [4, 2.5]])
+CHEVRON = pw.shapes.chevron(7e-3, 5e-3, 3e-3)
+# Three waves, the last of them evanescent.
+WAVES = pw.Illumination([1, 0.5j, 0.3 - 0.2j], [[0, 0], [90, -60], [300, 250]])
+SOURCES = {
+    "hole": pw.Aperture(shapely.Polygon(OUTER, [HOLE])),
+    "waves": CHEVRON.with_illumination(WAVES),
+    "array": pw.Array([CHEVRON, pw.shapes.square(3e-3).moved((8e-3, 1e-3))], [1, 0.4 + 0.7j]),
+}
+POINTS = np.array([[1e-3, 2e-3, 9e-3], [-0.02, 0.01, 0.03], [0.004, -0.006, 5e-3]])
+FACTOR = np.array([1.0, -0.5 + 0.3j, 0.7j])
+EXACT = ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"]
+# Of the largest component. Differences of the fourth order with this step err by (k step)^4, 1e-14,
+# and by rounding of fields, 1e-14 over k step; 2e-11 was found.
+STEP, DIFFERENCES = 1e-7, 1e-9
+SIDES = 5e-3, 4e-3
+# Of sums of float64 over 3600 nodes, and of fields to 1e-13 of the incident wave.
+QUADRATURE = 1e-12
+# The last digits of float64 sums along edges.
+ROUNDING = 1e-12
+
+
+def _backend() -> Any:
+    import drjit.llvm.ad as backend
+
+    return backend
+
+
+def _elements(source: Any) -> Any:
+    return source.coplanar if isinstance(source, pw.Array) else (source,)
+
+
+def _corners(source: Any) -> np.ndarray:
+    return np.concatenate([ring for element in _elements(source) for ring in element.rings])
+
+
+def _moved(source: Any, corners: np.ndarray) -> Any:
+    """The same source with other vertices."""
+    vertices = _backend().Array2f64(np.ascontiguousarray(corners.T))
+    return pw.differentiable(source, vertices=vertices).source
+
+
+def _slope(f: Callable[[float], Any]) -> Any:
+    near, far = (f(h) - f(-h) for h in (STEP, 2 * STEP))
+    return (8 * near - far) / (12 * STEP)
+
+
+def _traced(source: Any, points: np.ndarray) -> tuple[Any, Any, Any]:
+    import drjit as dr
+
+    vertices = _backend().Array2f64(np.ascontiguousarray(_corners(source).T))
+    places = _backend().Array3f64(np.ascontiguousarray(points.T))
+    dr.enable_grad(vertices, places)
+    return pw.differentiable(source, vertices=vertices), vertices, places
+
+
+def _gradient(source: Any, points: np.ndarray, method: str) -> tuple[np.ndarray, np.ndarray]:
+    """Of Re sum FACTOR* U, in points (n, 3) and in vertices (v, 2)."""
+    import drjit as dr
+
+    traced, vertices, places = _traced(source, points)
+    field = pw.amplitude(traced, places, WAVELENGTH, method)
+    real, imag = _backend().Float64(FACTOR.real.copy()), _backend().Float64(FACTOR.imag.copy())
+    dr.backward(dr.sum(real * field.real + imag * field.imag))
+    return np.array(places.grad).T, np.array(vertices.grad).T
+
+
+def _field(source: Any, points: np.ndarray, method: str) -> np.ndarray:
+    if method == "fresnel":
+        return pw.amplitude(source, points, WAVELENGTH, method, tolerance=1e-13)
+    return field_by_quadrature(source, points, WAVELENGTH, method)
+
+
+@pytest.mark.parametrize("method", [*EXACT, "fresnel"])
+@pytest.mark.parametrize("name", SOURCES)
+def test_derivatives_are_those_of_integrals_over_the_area(name: str, method: str) -> None:
+    source = SOURCES[name]
+    of_points, of_vertices = _gradient(source, POINTS, method)
+    rng = np.random.default_rng(2)
+    places, corners = rng.normal(size=POINTS.shape), rng.normal(size=of_vertices.shape)
+
+    def by_points(h: float) -> Any:
+        return (FACTOR.conj() * _field(source, POINTS + h * places, method)).real
+
+    def by_vertices(h: float) -> Any:
+        moved = _moved(source, _corners(source) + h * corners)
+        return (FACTOR.conj() @ _field(moved, POINTS, method)).real
+
+    errors = np.abs(_slope(by_points) - (of_points * places).sum(axis=1))
+    assert (errors < DIFFERENCES * np.abs(of_points).max(axis=1)).all()
+    error = abs(_slope(by_vertices) - (of_vertices * corners).sum())
+    assert error < DIFFERENCES * np.abs(of_vertices).max()
+
+
+def _under_the_integral(point: np.ndarray, method: str) -> np.ndarray:
+    """dU/d(x, y, z) of the waves on a rectangle, the kernel's own derivative integrated over it."""
+    node, weight = np.polynomial.legendre.leggauss(60)
+    x, y = np.meshgrid(SIDES[0] / 2 * node, SIDES[1] / 2 * node, indexing="ij")
+    area = np.multiply.outer(weight, weight) * SIDES[0] * SIDES[1] / 4
+    away = np.stack([point[0] - x, point[1] - y, np.full_like(x, point[2])])
+    r = np.sqrt((away**2).sum(axis=0))
+    k, z = 2 * np.pi / WAVELENGTH, point[2]
+    wave = np.exp(1j * k * r)
+    h = wave * (r**-3 - 1j * k * r**-2)
+    dh = wave * (3j * k * r**-3 + k**2 * r**-2 - 3 * r**-4)
+    first, second = z * dh * away / r, -h * away
+    first[2] += h
+    total = np.zeros(3, complex)
+    for amplitude, kappa in zip(WAVES.amplitudes, WAVES.frequencies, strict=True):
+        u = amplitude * np.exp(2j * np.pi * (kappa[0] * x + kappa[1] * y)) * area / (2 * np.pi)
+        pz = np.sqrt(1 - (WAVELENGTH * kappa) @ (WAVELENGTH * kappa) + 0j)
+        of_second = -1j * k * pz * second
+        of_method = {
+            EXACT[0]: first,
+            EXACT[1]: of_second,
+            EXACT[2]: (first + of_second) / 2,
+        }
+        total += (u * of_method[method]).sum(axis=(1, 2))
+    return total
+
+
+@pytest.mark.parametrize("method", EXACT)
+def test_derivatives_in_points_are_those_of_the_kernel_under_the_integral(method: str) -> None:
+    import drjit as dr
+
+    source = pw.shapes.rectangle(*SIDES).with_illumination(WAVES)
+    points = _backend().Array3f64(np.ascontiguousarray(POINTS.T))
+    dr.enable_grad(points)
+    field = pw.amplitude(source, points, WAVELENGTH, method, tolerance=1e-13)
+    real, imag = _backend().Float64(FACTOR.real.copy()), _backend().Float64(FACTOR.imag.copy())
+    dr.backward(dr.sum(real * field.real + imag * field.imag))
+    found = np.array(points.grad).T
+    expected = [
+        (g.conjugate() * _under_the_integral(p, method)).real
+        for g, p in zip(FACTOR, POINTS, strict=True)
+    ]
+    errors = np.abs(found - expected).max(axis=1) / np.abs(found).max(axis=1)
+    assert (errors < QUADRATURE).all()
+
+
+@pytest.mark.parametrize("method", EXACT)
+def test_derivatives_hold_a_hundredth_of_a_wavelength_from_an_edge(method: str) -> None:
+    side = 4e-3
+    square = pw.shapes.square(2 * side)
+    points = np.array([[side + 3e-5, 1e-3, 2e-5], [side - 3e-5, 0, 3e-5], [side, side, 4e-5]])
+    found, _ = _gradient(square, points, method)
+    change = np.random.default_rng(3).normal(size=points.shape)
+
+    def field(h: float) -> Any:
+        places = points + h * change
+        return pw.amplitude(square, places, WAVELENGTH, method, tolerance=1e-13)
+
+    errors = np.abs(
+        _slope(lambda h: (FACTOR.conj() * field(h)).real) - (found * change).sum(axis=1)
+    )
+    # steps are a hundredth of the distance: their fourth power remains
+    assert (errors < 1e-6 * np.abs(found).max(axis=1)).all()
+
+
+@pytest.mark.parametrize("method", [*EXACT, "fresnel"])
+def test_forward_and_reverse_agree(method: str) -> None:
+    import drjit as dr
+
+    source = SOURCES["waves"]
+    of_points, of_vertices = _gradient(source, POINTS, method)
+    rng = np.random.default_rng(4)
+    changes = rng.normal(size=of_vertices.shape), rng.normal(size=of_points.shape)
+    traced, vertices, places = _traced(source, POINTS)
+    dr.set_grad(vertices, type(vertices)(np.ascontiguousarray(changes[0].T)))
+    dr.set_grad(places, type(places)(np.ascontiguousarray(changes[1].T)))
+    slope = dr.forward_to(pw.amplitude(traced, places, WAVELENGTH, method))
+    along = (FACTOR.conj() @ (np.array(slope.real) + 1j * np.array(slope.imag))).real
+    expected = (of_vertices * changes[0]).sum() + (of_points * changes[1]).sum()
+    assert abs(along - expected) < ROUNDING * np.abs(of_points).max()
+
+
+def test_a_source_that_is_lit_evenly_may_move_instead_of_the_points() -> None:
+    of_points, of_vertices = _gradient(SOURCES["hole"], POINTS, "kirchhoff")
+    largest = np.abs(of_points).max()
+    assert np.abs(of_points.sum(axis=0)[:2] + of_vertices.sum(axis=0)).max() < ROUNDING * largest
+
+
+@pytest.mark.parametrize("name", ["array", "waves"])
+def test_fields_are_linear_in_weights_and_amplitudes(name: str) -> None:
+    import drjit as dr
+
+    backend, source = _backend(), SOURCES[name]
+    key = "weights" if name == "array" else "amplitudes"
+    values = source.weights if name == "array" else source.illumination.amplitudes
+    numbers = backend.Complex2f64(values.real.copy(), values.imag.copy())
+    dr.enable_grad(numbers)
+    traced = pw.differentiable(source, **{key: numbers})
+    found = pw.irradiance(traced, POINTS, WAVELENGTH, "kirchhoff")
+    plain = pw.irradiance(source, POINTS, WAVELENGTH, "kirchhoff")
+    assert np.abs(np.array(found) - plain).max() < ROUNDING * plain.max()
+    dr.backward(dr.sum(found.array))
+    gradient = np.array(numbers.grad.real) + 1j * np.array(numbers.grad.imag)
+    # |U|^2 is homogeneous of degree 2 in them, and a phase in common changes nothing; of fields
+    # that are accurate to 1e-9
+    assert abs(values.conj() @ gradient - 2 * plain.sum()) < 1e-8 * plain.sum()
+    numbers = backend.Complex2f64(values.real.copy(), values.imag.copy())
+    dr.enable_grad(numbers)
+    dr.set_grad(numbers, backend.Complex2f64(values.real.copy(), values.imag.copy()))
+    traced = pw.differentiable(source, **{key: numbers})
+    field = pw.amplitude(traced, POINTS, WAVELENGTH, "rayleigh-sommerfeld-1")
+    along = np.array(dr.forward_to(field))
+    assert np.abs(along - np.array(field)).max() < 1e-8 * np.abs(along).max()
+
+
+def test_results_and_derivatives_are_the_kind_of_array_that_points_are() -> None:
+    import drjit as dr
+
+    backend = _backend()
+    exact, _ = _gradient(CHEVRON, POINTS, "kirchhoff")
+    points = backend.TensorXf(POINTS.astype(np.float32)[:, None])
+    dr.enable_grad(points)
+    field = pw.amplitude(CHEVRON, points, WAVELENGTH, "kirchhoff")
+    assert type(field) is backend.TensorXf
+    assert field.shape == (3, 1, 2)
+    factor = np.stack([FACTOR.real, FACTOR.imag], axis=-1).astype(np.float32)
+    dr.backward(dr.sum(field.array * backend.Float(factor.ravel())))
+    # float32 places are off by 6e-8 of 3e-2 m, 4e-6 radians
+    assert np.abs(np.array(points.grad)[:, 0] - exact).max() < 1e-5 * np.abs(exact).max()
+    one = backend.Array3f64(backend.Float64(POINTS[:, 0].copy()), 2e-3, 9e-3)
+    dr.enable_grad(one)
+    values = pw.irradiance(CHEVRON, one, WAVELENGTH, "rayleigh-sommerfeld-2")
+    assert values.shape == (3,)
+    dr.backward(values)
+    assert len(one.grad.z) == 1
+
+
+@pytest.mark.parametrize(
+    ("function", "more", "message"),
+    [
+        (pw.amplitude, {"method": "fraunhofer"}, "fraunhofer"),
+        (pw.amplitude, {"return_error": True}, "return_error"),
+        (pw.irradiance, {"method": "kirchhoff", "order": 3}, "third order"),
+        (pw.irradiance, {"method": "fresnel", "obliquity": "paper"}, "obliquity"),
+        (pw.amplitude, {"method": "wigner"}, "wigner"),
+    ],
+)
+def test_what_has_no_derivatives_says_so(function: Any, more: Any, message: str) -> None:
+    _, _, points = _traced(CHEVRON, POINTS)
+    with pytest.raises(ArgumentError, match=message):
+        function(CHEVRON, points, WAVELENGTH, **more)
+
+
+def test_a_wavelength_with_derivatives_is_for_rays_alone() -> None:
+    wavelength = _backend().Float64(WAVELENGTH)
+    with pytest.raises(ArgumentError, match="wavelength without derivatives"):
+        pw.amplitude(CHEVRON, POINTS, wavelength)
+
+
+def test_points_behind_the_source_have_no_field() -> None:
+    _, _, points = _traced(CHEVRON, POINTS * [1, 1, -1])
+    with pytest.raises(ArgumentError, match="in front of the source"):
+        pw.amplitude(CHEVRON, points, WAVELENGTH)
