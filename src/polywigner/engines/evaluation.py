@@ -138,8 +138,9 @@ def _by_parts(
 def _order(compute: OnNumpy, arguments: Sequence[Array]) -> Any:
     """The order in which to take the samples: all, or by the cell in which each has its edges."""
     kernel, tables = compute.kernel, compute.tables
-    cells = compute.ops.prefers_cells(tables.clips_for_cells, arguments[0])
-    if kernel.order is None or not cells:
+    if kernel.order is None:  # and its tables cut nothing
+        return ...
+    if not compute.ops.prefers_cells(tables.clips_for_cells, arguments[0]):
         return ...
     host = NumpyOperations(double=True)
     with np.errstate(invalid="ignore", over="ignore"):
