@@ -178,7 +178,7 @@ def suggest_sampling(
 
 def _check_used(quantity: str, given: dict[str, Any]) -> None:
     """What is not for a quantity is refused rather than passed over: nobody gives it in vain."""
-    used = ("reach",) if quantity in _PHASE_SPACE else ()
+    used: tuple[str, ...] = ("reach",) if quantity in _PHASE_SPACE else ()
     used = ("box", "line", "radius") if quantity in _AT_PLACES else used
     for name, value in given.items():
         if value is not None and name not in used:
