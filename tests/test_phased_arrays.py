@@ -15,7 +15,7 @@ from oracles.references import ENGINES
 from polywigner.engines.operations import NumpyOperations
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.illumination.lattices import Profile, lattice_of, separated
-from polywigner.kernels.factors import ProfileFactor
+from polywigner.kernels.factors import ProfileFactor, _Series, _Table
 from polywigner.kernels.lattice_arrays import is_on_lattice
 from polywigner.kernels.scattered_arrays import is_scattered
 from polywigner.kernels.weight_tables import mean_table
@@ -209,6 +209,61 @@ def test_rows_of_any_weights_take_their_factors_from_a_table_or_a_sum(
     lattice_arrays._tables.cache_clear()
     assert len(made) == 1
     assert np.abs(found - by_sum).max() < 1e-12 * energy
+
+
+def test_rows_of_terms_beyond_what_single_precision_counts_are_read_where_they_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A row of 8192 sites has 2^24 packets of four terms, beyond which float32 has no odd number.
+
+    So many take a gigabyte; here is what would be read of them.
+    """
+    rows, packets = np.float32([0.0, 9000.0, 16_400.0]), 1025
+    assert rows[-1] * packets > 1 << 24
+    read: list[Any] = []
+
+    def noted(self: Any, table: Any, row: Any) -> Any:
+        read.append(row)
+        return np.zeros((4, *np.shape(row)), np.float32)
+
+    monkeypatch.setattr(NumpyOperations, "gather", noted)
+    table = _Table(np.zeros((1, 4)))
+    series = _Series(packets, table, None, None, None)
+    turns = np.float32([0.1, 0.2, 0.3])
+    series.value(NumpyOperations(double=False), rows, 16_400.0, np.float32(5.0), turns)
+    expected = rows.astype(int) * packets + np.arange(packets)[::-1, None]
+    np.testing.assert_array_equal(read, expected)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
+def test_long_sums_over_a_row_are_a_loop_of_the_kernel(
+    transform: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unrolled, thousands of terms would take a minute to compile; derivatives still unroll."""
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    from polywigner.engines import operations
+    from polywigner.kernels import site_weights
+
+    monkeypatch.setattr(site_weights, "_LONGEST_SUM", 1000)
+    row = pw.phased_array(SQUARE, grid(300, 1, 1.3), _random(300))
+    x, xi, nu = _points(row, 60, 8)
+    points = (x, nu) if transform is pw.wigner else (nu, xi)
+    expected = transform(row, *points, engine="numpy")
+    assert len(row.elements) / 8 > operations._UNROLLED_STEPS
+    found = transform(row, *points, engine="llvm")
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+    if transform is pw.wigner:
+        place, frequency = (backend.Array2f64(*p.T.copy()) for p in points)
+        dr.enable_grad(frequency)
+        dr.backward(dr.sum(pw.wigner(row, place, frequency)))
+        step = np.array([1e-7, 0.0])
+        ahead, behind = (pw.wigner(row, x, nu + s, engine="numpy") for s in (step, -step))
+        slope = (ahead - behind) / 2e-7
+        error = np.abs(np.array(dr.grad(frequency)[0]) - slope).max()
+        assert error < 1e-6 * np.abs(slope).max()  # of the difference quotient
 
 
 def test_sums_of_a_thousand_weights_are_made_without_a_loop_over_their_pairs() -> None:

@@ -152,33 +152,35 @@ class _Series:
     def value(self, ops: Any, row: Any, last: float, pairs: Any, turns: Any) -> Pair:
         """The sum of a row at ``turns``; 0 for rows that do not exist. ``pairs``: its length."""
         exists = (row >= 0.0) & (row <= last)
-        start = ops.select(exists, row, 0.0) * float(self.packets)
+        # Whole numbers: in float32, those beyond 2^24 (rows of 8200 sites) would be rounded.
+        known = ops.select(exists, row, 0.0)
+        start, nil = ops.truncated(known) * self.packets, 0.0 * known + 0.0 * turns
         is_even = ops.select(exists, pairs, 1.0)
         is_even = abs(is_even - 2.0 * ops.round(0.5 * is_even)) < 0.5  # middles between two terms
         basis = _Basis(ops, turns, is_even)
-        p_real = self._sum(ops, basis, self.p_real, start, basis.cosine)
-        p_imag = self._sum(ops, basis, self.p_imag, start, basis.cosine)
-        q_real = self._sum(ops, basis, self.q_real, start, basis.sine)
-        q_imag = self._sum(ops, basis, self.q_imag, start, basis.sine)
+        p_real = self._sum(ops, basis, self.p_real, start, nil, basis.cosine)
+        p_imag = self._sum(ops, basis, self.p_imag, start, nil, basis.cosine)
+        q_real = self._sum(ops, basis, self.q_real, start, nil, basis.sine)
+        q_imag = self._sum(ops, basis, self.q_imag, start, nil, basis.sine)
         real, imag = p_real + q_imag, p_imag - q_real
         zero = 0.0 * turns
         return Pair(ops.select(exists, real + zero, zero), ops.select(exists, imag + zero, zero))
 
     def _sum(
-        self, ops: Any, basis: _Basis, table: _Table | None, start: Any, ends: tuple[Any, Any]
+        self, ops: Any, basis: _Basis, table: _Table | None, start: Any, nil: Any, ends: Any
     ) -> Any:
         if table is None:
             return 0.0
-        b: Any = 0.0 * start
-        d: Any = 0.0 * start
-        after: Any = b
-        memory = table.in_memory(ops)
-        for packet in range(self.packets - 1, -1, -1):
-            coefficients = ops.gather(memory, ops.truncated(start + float(packet)))
-            for coefficient in reversed(coefficients):
+        memory, last = table.in_memory(ops), start + (self.packets - 1)
+
+        def step(packet: Any, after: Any, b: Any, d: Any) -> tuple[Any, ...]:
+            for coefficient in reversed(ops.gather(memory, last - packet)):
                 after = b
                 d = ops.fma(basis.slope, b, ops.fma(basis.sign, d, coefficient))
                 b = ops.fma(basis.sign, b, d)
+            return after, b, d
+
+        after, _, d = ops.repeated(self.packets, (nil, nil, nil), step, basis.slope)
         first, second = ends
         return first * d + second * after
 

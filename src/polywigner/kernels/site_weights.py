@@ -67,8 +67,8 @@ class Weights:
         """The weight of a site, and whether there is one; 0 if not."""
         rows, columns = self.shape
         exists = (i >= 0.0) & (i < float(rows)) & (j >= 0.0) & (j < float(columns))
-        index = ops.select(exists, i * float(columns) + j, 0.0)
-        real, imag = (ops.lookup(table, index) for table in (self.real, self.imag))
+        row, column = (ops.truncated(ops.select(exists, value, 0.0)) for value in (i, j))
+        real, imag = (ops.lookup(table, row * columns + column) for table in (self.real, self.imag))
         return Pair(ops.select(exists, real, 0.0), ops.select(exists, imag, 0.0)), exists
 
 

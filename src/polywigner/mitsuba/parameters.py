@@ -30,6 +30,7 @@ from polywigner.quantities import parse_frequency, parse_length, parse_power, wa
 __all__ = [
     "PARAMETERS",
     "EmitterSpec",
+    "check_flag",
     "check_range",
     "check_sampling",
     "check_sampling_weight",
@@ -173,6 +174,13 @@ def check_sampling(name: str) -> str:
     if name not in SAMPLINGS:
         raise SceneError(f"expected a sampling, got {name!r}; use one of {', '.join(SAMPLINGS)}")
     return name
+
+
+def check_flag(name: str, value: Any) -> bool:
+    """The value as True or False; SceneError for anything else, such as the text "false"."""
+    if not isinstance(value, bool | np.bool_):
+        raise SceneError(f"expected {name} to be True or False, got {value!r}; give one of them")
+    return bool(value)
 
 
 def _exponent(value: Any) -> float:

@@ -18,6 +18,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import (
+    check_flag,
     check_range,
     check_sampling,
     check_sampling_weight,
@@ -82,15 +83,16 @@ def aperture(
     """
     if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
         source = Aperture(source)
+    antithetic = check_flag("antithetic", antithetic)
     radiator = radiator_of(source, obliquity, antithetic)
     entry: dict[str, Any] = {
         "type": PLUGIN_NAME,
         "source": register_source(radiator.source),
         "wavelength": parse_length(wavelength),
         "obliquity": obliquity,
-        "antithetic": bool(antithetic),
+        "antithetic": antithetic,
         "sampling": check_sampling(sampling),
-        "control_variate": bool(control_variate),
+        "control_variate": check_flag("control_variate", control_variate),
         "scene_unit": parse_length(scene_unit),
         "sampling_weight": check_sampling_weight(sampling_weight),
     }
