@@ -16,7 +16,8 @@ ROOT = Path(__file__).resolve().parent.parent
 FILL = ROOT / "tools" / "fill_documents.py"
 PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
 RECORDED = ROOT / "benchmarks" / "recorded"
-# Steps of 8 bits, rms: 256 colours that cover a picture are one or two off, dithered ones up to five.
+# Steps of 8 bits, rms: 256 colours that cover a picture are one or two off,
+# dithered ones up to five.
 OF_FEW_COLOURS = 2.3
 LABEL = re.compile(r"\(([A-Z]{1,2}\d{1,2})\)")
 
@@ -107,3 +108,33 @@ def test_small_pictures_are_smooth_where_large_ones_are(name: str) -> None:
         resized = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
     apart = np.abs(small - np.asarray(resized, dtype=float))
     assert np.sqrt((apart**2).mean()) < OF_FEW_COLOURS
+
+
+def ratios(case: str, peer: str) -> str:
+    """The range of a peer's ratios in the recorded comparison, as it is written in sentences."""
+    rows = re.findall(r"^\|.*\|$", (RECORDED / "comparison.md").read_text("utf-8"), re.MULTILINE)
+    cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
+    found = [
+        float(row[6].split()[0]) for row in cells if row[0].startswith(case) and row[3] == peer
+    ]
+    assert len(found) == 3
+    digits = 0 if min(found) > 10 else 1
+    return f"{min(found):.{digits}f} to {max(found):.{digits}f}"
+
+
+def test_ratios_in_sentences_are_those_of_the_recorded_comparison() -> None:
+    readme, comparison = (
+        re.sub(r"\s+", " ", (ROOT / name).read_text("utf-8"))
+        for name in ("README.md", "docs/comparison.md")
+    )
+    assert f"{ratios('18 hexagons, nu D', 'finufft')} times as long" in readme
+    assert f"coxeter 0.11.0: {ratios('18 hexagons, nu D', 'coxeter')} times" in readme
+    assert f"{ratios('18 hexagons, nu D', 'coxeter')} times for 18 hexagons" in comparison
+    assert f"{ratios('square, nu D', 'coxeter')} times as long for a square" in comparison
+
+
+def test_files_in_commands_of_the_readme_are_there() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    files = re.findall(r"^polywigner (?:render|transform|propagate) (\S+)", text, re.MULTILINE)
+    assert len(files) == 3
+    assert [name for name in files if not (ROOT / name).is_file()] == []
