@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.stokes import moved_off_zero
-from polywigner.kernels.trigonometry import cos_sin_turns
+from polywigner.kernels.trigonometry import cos_sin_over_turns, cos_sin_turns
 
 __all__ = ["Axes", "Segment", "Sink", "Slopes", "Wanted", "times_i"]
 
@@ -137,8 +137,8 @@ def _means(ops: Any, turns: Any) -> tuple[Any, Any, Any]:
     small = square < _SERIES_BELOW**2
     near = ops.select(small, square, 0.0)
     inverse = 1.0 / ops.select(small, 1.0, x)
-    cosine, sine = cos_sin_turns(ops, 0.5 * turns)
-    j0 = ops.select(small, _reduced(ops, near, 0), sine * inverse)
+    cosine, sine, ratio = cos_sin_over_turns(ops, 0.5 * turns)
+    j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
     j1 = ops.select(small, _reduced(ops, near, 1) * x, (j0 - cosine) * inverse)
     j2 = ops.select(small, _reduced(ops, near, 2) * near, ops.fma(3.0 * inverse, j1, -j0))
     return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))

@@ -14,7 +14,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
-__all__ = ["cos_sin_turns", "mean_plane_wave", "sin_turns", "sinc", "sinc_less_one"]
+__all__ = [
+    "cos_sin_over_turns",
+    "cos_sin_turns",
+    "mean_plane_wave",
+    "sin_turns",
+    "sinc",
+    "sinc_less_one",
+]
 
 _SINE_DOUBLE = (
     25.132741228718345, -64.83584404672554, 67.07762091738222, -38.51295534186807,
@@ -51,6 +58,13 @@ def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
     """cos(2 pi turns) and sin(2 pi turns)."""
     r = turns - ops.round(turns)
     return _sine_of_reduced(ops, 0.25 - abs(r)), _sine_of_reduced(ops, r)
+
+
+def cos_sin_over_turns(ops: Any, turns: Any) -> tuple[Any, Any, Any]:
+    """cos(2 pi turns), sin(2 pi turns), and for |turns| < 1/2 sin(2 pi turns)/turns, at 0 too."""
+    r = turns - ops.round(turns)
+    ratio = _sine_over_reduced(ops, r)
+    return _sine_of_reduced(ops, 0.25 - abs(r)), ratio * r, ratio
 
 
 def sinc(ops: Any, turns: Any) -> Any:
