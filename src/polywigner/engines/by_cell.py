@@ -6,16 +6,20 @@ sample needs, a lane takes four samples of one cell: it reads each row once for 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from polywigner.engines.aligned import aligned
+from polywigner.engines.frozen import frozen, is_recording
 from polywigner.engines.operations import DrjitOperations
 from polywigner.kernels import Kernel
+from polywigner.kernels.cells import arrays_of
+from polywigner.kernels.clipping import MIRRORED
 
 __all__ = ["ByCell", "Groups", "grouped", "order_of", "sorts", "traced_by_cell"]
 
@@ -104,6 +108,8 @@ class ByCell:
         on_cpu = drjit.backend_v(kind) == drjit.JitBackend.LLVM
         self.size = _TOGETHER if kernel.copies == 1 and on_cpu else 1
         self.ops = DrjitOperations(kind, sorted_by_cell=True, together=self.size > 1)
+        # lists of its own: while Dr.Jit records, it puts other arrays in their place
+        self.ops.key = kind, kernel.name
 
     def __call__(self, arguments: Sequence[Any]) -> tuple[Any, ...]:
         """Results for a chunk of samples; not yet evaluated."""
@@ -114,20 +120,35 @@ class ByCell:
         count = max(map(drjit.width, inner))
         assert kernel.order is not None
         cell = kernel.order(ops, self.tables, *inner)
-        rows = ops.packed(inner, count)
+        width, rows = ops.packed(inner, count)
         drjit.eval(rows, cell)
         groups = grouped(np.broadcast_to(cell.numpy(), count), self.size)
         cells, where = self._samples(groups)
-        columns = list(zip(*(ops.gather(rows, one) for one in where), strict=True))
-        mine = [ops.value_type(*column) for column in columns[: len(inner)]]
-        ops.cell = cells if self.size > 1 else None
-        found = kernel.leave(ops, frame, mine, kernel.edge_sum(ops, self.tables, *mine))
+        traced: Callable[..., tuple[Any, ...]] = partial(self._summed, width, len(inner))
+        summed = traced
+        if self.size > 1 and not is_recording(ops.float_type):
+            memory = partial(arrays_of, ops, self.tables, MIRRORED)
+            owners = (kernel, self.tables)
+            summed = frozen(lambda: (traced, memory()), owners, ops.float_type, "by cell")
+        found = summed(rows, cells, *where)
         drjit.eval(found)
         results = tuple(drjit.empty(ops.float_type, count) for _ in found)
         for result, values in zip(results, found, strict=True):
             for k, one in enumerate(where):
                 drjit.scatter(result, values[k] if self.size > 1 else values, one)
         return results
+
+    def _summed(
+        self, width: int, count: int, rows: Any, cells: Any, *where: Any
+    ) -> tuple[Any, ...]:
+        """Results for groups of samples, whose ``count`` arguments are in rows of a table."""
+        ops, frame = self.ops, self.tables.frame
+        columns = zip(*(ops.gather((width, rows), one) for one in where), strict=True)
+        inner = [ops.value_type(*column) for column in columns][:count]
+        ops.cell = cells if self.size > 1 else None
+        sums = self.kernel.edge_sum(ops, self.tables, *inner)
+        ops.cell = None
+        return self.kernel.leave(ops, frame, inner, sums)
 
     def _samples(self, groups: Groups) -> tuple[Any, list[Any]]:
         """The cell of each group, and its samples; a cell's last one again where it has no more."""

@@ -9,6 +9,7 @@ with real and imaginary part last, since Dr.Jit has no complex tensors.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from polywigner.engines import llvm
@@ -23,6 +24,7 @@ from polywigner.engines.drjit_points import (
     tensor_components,
 )
 from polywigner.engines.drjit_results import as_complex, as_tensor
+from polywigner.engines.frozen import freezes, frozen, is_code
 from polywigner.engines.gradients import differentiable
 from polywigner.engines.operations import DrjitOperations
 from polywigner.engines.parameters import Parameters, Traced, tensor_of
@@ -83,6 +85,10 @@ def evaluate_traced(
         results = tuple(nothing(float_type) for _ in range(2 if complex_result else 1))
     elif parameters is None and sorts(kernel, tables, float_type, components):
         results = traced_by_cell(kernel, tables, float_type, components)
+    elif parameters is None and is_code(kernel, ops, tables) and freezes(components):
+        code = partial(kernel, ops, tables)
+        whole = frozen(lambda: (code, ()), (kernel, tables), float_type, "as it is")
+        results = whole(*components)
     else:
         traced = Traced() if parameters is None else parameters.traced(ops, tables)
         if parameters is not None and _is_data(parameters, components):

@@ -33,16 +33,13 @@ class DrjitRanges:
         """What a lane computes: the value of one sample, or of four."""
         self._cells_above = _CELLS_ABOVE_SORTED if sorted_by_cell else _CELLS_ABOVE_UNSORTED
         self.float_type = float_type
+        self.key: Hashable = float_type
+        """Two namespaces with one key share tables."""
         self._numbers = drjit.uint32_array_t(float_type)
         self.run_sums: Any = None
         """What stands for whole edges found by cells, while it is set."""
         self.cell: Any = None
         """The number of each lane's cell, while it is set."""
-
-    @property
-    def key(self) -> Hashable:
-        """Two namespaces with one key share tables."""
-        return self.float_type
 
     def prefers_cells(self, clips: int, like: Any) -> bool:
         """Whether to look up in cells what matters at a place."""

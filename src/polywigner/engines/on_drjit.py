@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from polywigner.engines.aligned import aligned
 from polywigner.engines.by_cell import ByCell
 from polywigner.engines.choice import drjit_float
+from polywigner.engines.frozen import frozen, is_code, is_recording
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
 from polywigner.engines.pairs import Pairs
 from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
@@ -48,6 +50,7 @@ class OnDrjit:
         self.memory: dict[tuple[int, int], Array] = {}
         self.turn = 0
         in_a_loop = kernel.copies and self.ops.prefers_rows(tables.clips, None)
+        self.is_code = is_code(kernel, self.ops, tables)
         self.by_cell: ByCell | None = None
         if kernel.order is not None and self.ops.prefers_cells(tables.clips_for_cells, None):
             in_a_loop = True
@@ -62,7 +65,21 @@ class OnDrjit:
         self.turn ^= 1
         if self.by_cell is not None:
             return _fetching(self.by_cell(self._sent_all(arguments)))
-        inner = self.kernel.enter(self.entry, self.tables.frame, *self._sent_all(arguments))
+        whole: Callable[..., tuple[Any, ...]] = self._whole
+        kind = self.ops.float_type
+        if self.is_code and not is_recording(kind):
+            owners = (self.kernel, self.tables)
+            whole = frozen(lambda: (self._kept()._whole, ()), owners, kind)
+        return _fetching(whole(*self._sent_all(arguments)))
+
+    def _kept(self) -> OnDrjit:
+        """The same for a frozen function, which is to keep no memory of chunks."""
+        kept = copy(self)
+        kept.memory = {}
+        return kept
+
+    def _whole(self, *arguments: Any) -> tuple[Any, ...]:
+        inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
         return self._of_inner(inner)
@@ -81,7 +98,7 @@ class OnDrjit:
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
         inner = self._looked_up(entered, shape, *_split(self.ops.float_type, *shape))
-        return self._of_inner(inner, shape)
+        return _fetching(self._of_inner(inner), shape)
 
     def sums_whole_edges(self, pairs: Pairs) -> bool:
         """Whether rows are many enough for sums along the outline, where edges are found by cells.
@@ -138,7 +155,7 @@ class OnDrjit:
         width = drjit.opaque(type(column), shape[1])
         self.ops.run_sums = RunSums(self.ops, inner[shared.frequency], *prefixes, column, width)
         try:
-            return self._of_inner(inner, shape)
+            return _fetching(self._of_inner(inner), shape)
         finally:
             self.ops.run_sums = None
 
@@ -230,7 +247,7 @@ class OnDrjit:
         with np.errstate(invalid="ignore", over="ignore"):
             return self.kernel.enter(NumpyOperations(double=True), self.tables.frame, *arguments)
 
-    def _of_inner(self, inner: tuple[Any, ...], shape: tuple[int, ...] = (-1,)) -> Fetch:
+    def _of_inner(self, inner: tuple[Any, ...]) -> tuple[Any, ...]:
         import drjit
 
         frame = self.tables.frame
@@ -242,7 +259,7 @@ class OnDrjit:
             sums = tuple(a + b for a, b in zip(sums, terms, strict=True)) if sums else terms
             if len(self.parts) > 1:
                 drjit.eval(sums)
-        return _fetching(self.kernel.leave(self.ops, frame, inner, sums), shape)
+        return self.kernel.leave(self.ops, frame, inner, sums)
 
     def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
         kind = self.entry.float_type

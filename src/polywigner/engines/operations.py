@@ -28,7 +28,7 @@ _ROWS_ABOVE_NUMPY, _FEW_SAMPLES = 64, 256
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
 # Unrolled, a term of the Fourier transform takes some 20 ms to compile.
-_UNROLLED_ROWS = 12
+UNROLLED_ROWS = 12
 # Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a
 # minute; as a loop 0.3 s and 0.7 s, and it runs as fast.
 _UNROLLED_STEPS = 8
@@ -276,7 +276,7 @@ class DrjitOperations(DrjitRanges):
         nearly as fast where a term is long, and compiles at once. ``unroll=False``: a loop for any
         number of rows.
         """
-        if unroll and len(rows) <= _UNROLLED_ROWS:
+        if unroll and len(rows) <= UNROLLED_ROWS:
             return _unrolled_sum(rows, term)
         dr, real = self._dr, self.float_type
         # Lists: NumPy's memory would be used in place, and its alignment enters the kernel.

@@ -15,7 +15,7 @@ from polywigner.kernels.cell_tables import GATE, GATE_EXACT, CutList
 from polywigner.kernels.clipping import AHEAD, BEHIND, Clipper, RowClipper, View
 from polywigner.kernels.tables import Edge, Piece, Tables
 
-__all__ = ["CellClipper", "cell_of", "clipper_for", "order"]
+__all__ = ["CellClipper", "arrays_of", "cell_of", "clipper_for", "order"]
 
 Interval = tuple[Any, Any, Any, Any]
 
@@ -67,9 +67,17 @@ class _Held:
 
 def _held(ops: Any, lists: CellLists) -> _Held:
     if ops.key not in lists.held:
-        lists.held[ops.key] = _Held(ops, lists)
+        lists.held.setdefault(ops.key, _Held(ops, lists))  # in all threads the same
     found: _Held = lists.held[ops.key]
     return found
+
+
+def arrays_of(ops: Any, tables: Tables, view: View) -> list[Any]:
+    """The lists in an engine's memory, but the map of the cells, as a plain list of its arrays."""
+    held = _held(ops, cell_lists(tables, view.point))
+    found = [held.edges, *held.rest, *held.weights, held.runs, held.first_run]
+    found += [table for cuts in held.cuts for table in cuts]
+    return [flat for _, flat in found]
 
 
 class CellClipper(Clipper):
