@@ -43,7 +43,8 @@ class _Frozen:
             return held.function(*arguments)
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
-        self.state, self.owners = list(state), owners
+        # of an array of no numbers, Dr.Jit takes the recording for a fault, and ends the process
+        self.state, self.owners = [array for array in state if len(array)], owners
         # Dr.Jit ends the process when two threads record one function at the same time.
         self.lock = threading.Lock()
 

@@ -1,0 +1,151 @@
+"""Kernels that are traced once give in every later call what they gave in the first."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+
+pytestmark = pytest.mark.llvm
+
+SQUARE = pw.shapes.square(1.0)
+CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)
+# a kernel runs through the same steps however often it is launched
+EXACT = 0.0
+# its errors in double precision, of the area, beside NumPy's
+ROUNDING = 1e-12
+
+
+def points(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-0.5, 0.5, (count, 2)), rng.uniform(-5, 5, (count, 2))
+
+
+def in_engine(*arrays: np.ndarray) -> list[Any]:
+    import drjit as dr
+    import drjit.llvm as backend
+
+    found = [backend.Array2f64(*(column.tolist() for column in a.T)) for a in arrays]
+    dr.eval(found)
+    return found
+
+
+def largest(difference: Any) -> float:
+    return float(np.abs(np.array(difference)).max())
+
+
+def test_any_number_of_samples_goes_through_a_kernel_traced_once() -> None:
+    for seed, count in enumerate([1000, 7, 1, 20_000, 1, 33]):
+        x, nu = points(count, seed)
+        for source in (SQUARE, CHEVRON):
+            expected = pw.wigner(source, x, nu, engine="numpy")
+            allowed = ROUNDING * source.area
+            assert largest(pw.wigner(source, x, nu, engine="llvm") - expected) < allowed
+            found = np.array(pw.wigner(source, *in_engine(x, nu)))
+            assert largest(found - expected) < allowed
+
+
+def test_every_transform_repeats_itself() -> None:
+    x, nu = points(300)
+    tapered = SQUARE.with_illumination(pw.cosine_taper(1.0, 1.0))
+    for source in (CHEVRON, tapered, pw.shapes.regular_polygon(40, 0.5)):
+        for transform, given in (
+            (pw.fourier, (nu,)),
+            (pw.wigner, (x, nu)),
+            (pw.ambiguity, (nu, x)),
+            (pw.autocorrelation, (x, x)),
+            (pw.position_marginal, (x,)),
+        ):
+            calls = [transform(source, *given, engine="llvm") for _ in range(3)]
+            assert largest(calls[0] - calls[1]) == largest(calls[0] - calls[2]) == EXACT
+            expected = transform(source, *given, engine="numpy")
+            assert largest(calls[2] - expected) < ROUNDING * max(source.area, 1.0)
+
+
+@pytest.mark.parametrize("kind", ["NumPy", "Dr.Jit"])
+def test_a_second_call_traces_nothing(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    from polywigner.engines.operations import DrjitOperations
+
+    traced = []
+    fma = DrjitOperations.fma
+    monkeypatch.setattr(
+        DrjitOperations, "fma", lambda self, *abc: (traced.append(1), fma(self, *abc))[1]
+    )
+    source = pw.shapes.triangle(1.0, 0.8 if kind == "NumPy" else 0.9)
+    seen = []
+    for seed in (1, 2, 3):
+        x, nu = points(500, seed)
+        before = len(traced)
+        if kind == "NumPy":
+            pw.wigner(source, x, nu, engine="llvm")
+        else:
+            pw.wigner(source, *in_engine(x, nu))
+        seen.append(len(traced) - before)
+    assert seen[0] > 0 == seen[1] == seen[2]
+
+
+def test_earlier_results_stay_as_they_are() -> None:
+    arrays = [in_engine(*points(100, seed)) for seed in (1, 2)]
+    first = pw.wigner(CHEVRON, *arrays[0])
+    before = np.array(first)
+    pw.wigner(CHEVRON, *arrays[1])
+    assert largest(np.array(first) - before) == EXACT
+
+
+def test_threads_may_call_the_same_kernels_at_once() -> None:
+    """Dr.Jit ends the process where two threads record one function at the same time."""
+    sources = [pw.shapes.triangle(1.0, 0.7 + k / 100) for k in range(10)]
+    given = [points(200 + 10 * k, k) for k in range(4)]
+    expected = [[pw.wigner(s, *p, engine="numpy") for s in sources] for p in given]
+    together = threading.Barrier(len(given))
+    worst = [1.0] * len(given)
+
+    def work(k: int) -> None:
+        found = []
+        for source, values in zip(sources, expected[k], strict=True):
+            together.wait(timeout=60)
+            found += [pw.wigner(source, *given[k], engine="llvm") - values for _ in range(3)]
+        worst[k] = largest(found)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(len(given))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert max(worst) < ROUNDING
+
+
+def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel() -> None:
+    import drjit as dr
+
+    x, nu = in_engine(*points(100))
+    value = pw.wigner(CHEVRON, x * 0.5, nu)
+    assert value.state == dr.VarState.Unevaluated
+    assert pw.wigner(CHEVRON, x, nu).state == dr.VarState.Evaluated
+
+
+def test_few_kernels_are_remembered() -> None:
+    from polywigner.engines import frozen
+
+    x, _ = points(3)
+    for k in range(frozen._MOST + 3):
+        pw.position_marginal(pw.shapes.rectangle(1.0, 1 + k / 100), x, engine="llvm")
+    assert len(frozen._known) == frozen._MOST
+
+
+def test_a_process_that_remembers_kernels_ends_in_silence() -> None:
+    code = (
+        "import polywigner as pw, numpy as np\n"
+        "x = np.full((100, 2), 0.1)\n"
+        "for source in (pw.shapes.square(1.0), pw.shapes.regular_polygon(40, 1.0)):\n"
+        "    pw.wigner(source, x, x, engine='llvm')\n"
+        "    pw.wigner(source, x, x, engine='llvm')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
