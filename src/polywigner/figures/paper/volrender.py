@@ -18,7 +18,7 @@ _TOLERANCE = 1e-3  # 0.004 dB: far less than a surface's thickness on the page
 
 
 def make(quality: Quality) -> Made:
-    """From 2 mm to 120 mm (38 wavelengths), exactly: rays cost ten times as much here."""
+    """From 2 mm to 120 mm (38 wavelengths), exactly: rays take tens of times as long here."""
     source = chevrons()
     found = pw.volume(
         source,
