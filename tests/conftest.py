@@ -12,11 +12,16 @@ from functools import partial
 from typing import NoReturn
 
 import pytest
+from hypothesis import settings
 
 from polywigner.engines import llvm as _llvm
 
 # Before any test module is imported: Dr.Jit opens its LLVM library at import, once.
 STATUS = _llvm.prepare()
+
+# A shared machine may stall any example for seconds, the first of a process above all.
+settings.register_profile("without deadline", deadline=None)
+settings.load_profile("without deadline")
 
 _MARKERS = {
     "llvm": "compiles kernels with LLVM (the variants llvm_*, the engine 'llvm')",
