@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 from benchmarks.lines import SCHEMA, Figure, Line
 from benchmarks.questions import module_of
 
-__all__ = ["as_json", "from_json", "markdown", "summary", "table", "written"]
+__all__ = ["as_json", "check_writable", "from_json", "markdown", "summary", "table", "written"]
 
 _HEADINGS = (
     "case", "precision", "cores", "peer", "polywigner", "peer's", "ratio", "error", "peer's error",
@@ -32,9 +33,16 @@ def from_json(report: dict[str, Any]) -> list[Line]:
     return [Line.from_json(line) for line in report["lines"]]
 
 
+def check_writable(folder: Path) -> None:
+    """Makes the folder if there is none. OSError where nothing can be written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+
+
 def written(folder: Path, lines: Sequence[Line], facts: dict[str, Any]) -> list[Path]:
     """Writes comparison.json and comparison.md; each appears whole or not at all."""
-    folder.mkdir(parents=True, exist_ok=True)
+    check_writable(folder)
     texts = {
         "comparison.json": json.dumps(as_json(lines, facts), indent=1) + "\n",
         "comparison.md": f"# Results of make bench\n\n{markdown(lines, facts)}",

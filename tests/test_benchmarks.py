@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -178,3 +179,30 @@ def test_a_quick_run_asks_each_question_once() -> None:
     assert {(t.question, t.case) for t in whole} == {
         (name, case) for name in NAMES for case in module_of(name).CASES
     }
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--case", "dodecagon"], "'dodecagon'; see --list"),
+        (["--out", "{file}/results"], "folder to write into, got .*results"),
+        (["--only", "speed"], "invalid choice: 'speed'"),
+    ],
+)
+def test_what_cannot_be_measured_or_written_is_told_before_anything_is_measured(
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from benchmarks import __main__ as bench
+
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(bench, "_measured", lambda *of: pytest.fail("it measured"))
+    monkeypatch.setattr(bench, "RESULTS", tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        bench.main([option.replace("{file}", str(tmp_path / "file")) for option in options])
+    assert ended.value.code == 2
+    assert re.search(message, capsys.readouterr().err)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
