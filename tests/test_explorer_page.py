@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import importlib.util
-import os
 import re
 import shutil
 import signal
@@ -21,6 +20,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from polywigner.cli import main
 from polywigner.explorer.state import State, from_query, to_query
 
 SECONDS = 20.0  # for anything to appear in the page of a loaded machine
@@ -352,10 +352,7 @@ def test_two_visitors_have_states_of_their_own(browser: Any, address: str, page:
     assert page.state().steering == "10 deg"
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 0)])
-def test_the_command_prints_its_address_and_stops_cleanly(
-    number: Any, code: int, bokeh: None
-) -> None:
+def test_the_command_prints_its_address_and_stops_cleanly(bokeh: None) -> None:
     command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", "--port", "0"]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -365,21 +362,21 @@ def test_the_command_prints_its_address_and_stops_cleanly(
         found = re.search(r"http://127\.0\.0\.1:\d+/", line)
         assert found, line
         assert b"polywigner explore" in urlopen(found[0], timeout=SECONDS).read()
-        run.send_signal(number)
+        run.send_signal(signal.SIGINT)
         output, errors = run.communicate(timeout=SECONDS)
-    assert run.returncode == code
+    assert run.returncode == 0
     assert "stopped" in output and "Traceback" not in errors
 
 
-def test_without_the_extra_the_command_names_it() -> None:
-    block = (
-        "import sys; sys.modules['bokeh'] = None; from polywigner.cli import main; sys.exit(main())"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", block, "explore"], capture_output=True, text=True, env=os.environ
-    )
-    assert done.returncode == 2
-    assert "polywigner[explorer]" in done.stderr and "Traceback" not in done.stderr
+def test_without_the_extra_the_command_names_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "bokeh"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "bokeh", None)
+    assert main(["explore"]) == 2
+    errors = capsys.readouterr().err
+    assert "polywigner[explorer]" in errors and errors.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -391,8 +388,9 @@ def test_without_the_extra_the_command_names_it() -> None:
         (["--port", "-4"], "port"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(options: list[str], match: str, bokeh: None) -> None:
-    command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", *options]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert match in done.stderr and done.stderr.count("\n") == 1
+def test_bad_input_is_one_line_and_exit_code_2(
+    options: list[str], match: str, bokeh: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["explore", "--no-browser", *options]) == 2
+    errors = capsys.readouterr().err
+    assert match in errors and errors.count("\n") == 1

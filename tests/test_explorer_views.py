@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import polywigner as pw
-from polywigner.errors import GeometryError, PolywignerError
+from polywigner.errors import ArgumentError, GeometryError, PolywignerError
 from polywigner.explorer import editing, exports, snippets, sources, views, windows
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.history import History
@@ -202,6 +202,12 @@ def test_rays_and_the_exact_field_agree_far_in_front() -> None:
 
 def test_rays_close_to_the_source_carry_a_warning() -> None:
     assert "rough picture" in views.near_field(State(distance=3.0), 5).note
+
+
+def test_rays_of_outlines_that_would_take_minutes_are_refused() -> None:
+    state = State(rings=editing.rings_of_aperture(CATALOGUE["18 hexagons"]()))
+    with pytest.raises(ArgumentError, match="108"):
+        views.near_field(state, 5)
 
 
 def test_the_far_field_peaks_at_four_pi_area_over_wavelength_squared() -> None:

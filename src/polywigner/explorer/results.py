@@ -16,6 +16,7 @@ __all__ = ["Result", "results", "stages"]
 
 _EDGES_AT_ONCE = 40
 """Up to so many edges the pictures of transforms are exact at once: 0.1 s in all."""
+_EDGES_OF_FINE_RAYS = 12
 _COARSE = 64
 
 
@@ -31,7 +32,7 @@ class Result:
 def stages(name: str, edges: int) -> tuple[int, ...]:
     """The samples along each axis that a picture of a source of so many edges is shown with."""
     if name == "near":
-        return (16, 48, 128)
+        return (16, 48, 128) if edges <= _EDGES_OF_FINE_RAYS else (16, 32)
     return (views.SAMPLES,) if edges <= _EDGES_AT_ONCE else (_COARSE, views.SAMPLES)
 
 
@@ -46,7 +47,7 @@ def results(state: State, names: tuple[str, ...]) -> Iterator[Result]:
     except PolywignerError as error:
         yield Result("source", error=str(error))
         return
-    edges = sum(map(len, state.rings)) * _copies(state)
+    edges = views.edges_of(state)
     todo: list[tuple[int, str, int]] = []
     for name in names:
         if name in views.PICTURES:
@@ -55,11 +56,6 @@ def results(state: State, names: tuple[str, ...]) -> Iterator[Result]:
             todo.append((0, name, 0))
     for _, name, samples in sorted(todo, key=lambda entry: entry[0]):
         yield _result(state, name, samples)
-
-
-def _copies(state: State) -> int:
-    source = source_of(state)
-    return len(source) if hasattr(source, "__len__") else 1
 
 
 def _result(state: State, name: str, samples: int) -> Result:

@@ -24,11 +24,11 @@ _SIDES = {"level": "dB", "phase": "°", "difference": "dB"}
 
 @cache
 def palette(scale: str) -> list[str]:
-    """256 colours; of signed values by their square roots, so that faint lobes are seen."""
+    """257 colours; of signed values by their square roots, so that faint lobes are seen."""
     import matplotlib as mpl
     from matplotlib.colors import to_hex
 
-    t = np.linspace(-1, 1, 256)
+    t = np.linspace(-1, 1, 257)  # odd: zero is white
     if scale == "signed":
         t = np.sign(t) * np.sqrt(np.abs(t))
     colours = mpl.colormaps[_MAPS.get(scale, SIGNED_MAP)]((t + 1) / 2)
@@ -76,6 +76,7 @@ class ImageFigure:
         self.hover = HoverTool(renderers=[drawn], tooltips=[("value", "@image{0.0000e+0}")])
         self.figure.add_tools(self.hover)
         self._window: tuple[Any, ...] = ()
+        self._scale = "level"
 
     def update(self, picture: Picture, what: Shown, state: State, cross: Any) -> None:
         """Show new values, and the cross at a point (x, y) in the axes' unit, None for none."""
@@ -89,7 +90,10 @@ class ImageFigure:
         peak = what.peak * per**2 if signed else 1.0
         image = np.asarray(what.values * peak, dtype=np.float32)
         self._frame((left, bottom, width, state.unit))
-        self.mapper.update(low=what.low * peak, high=what.high * peak, palette=palette(what.scale))
+        self.mapper.update(low=what.low * peak, high=what.high * peak)
+        if what.scale != self._scale:  # so many colours take 5 ms to check
+            self._scale = what.scale
+            self.mapper.palette = palette(what.scale)
         self.bar.title = f"{state.unit}²" if signed else _SIDES.get(what.scale, "")
         self.figure.title.text = what.title if signed else f"{what.title}: {what.bar}"
         self.hover.tooltips = self._tooltips(picture, state.unit, self.bar.title)
