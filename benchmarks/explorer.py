@@ -124,7 +124,7 @@ def edit(driver: Any, step: int) -> list[float]:
 
 
 def visit(url: str) -> None:
-    """Come, stay while the pictures are computed, and leave: by the websocket, without a browser."""
+    """Come, stay while pictures are computed, and leave: by the websocket, without a browser."""
     from bokeh.client import pull_session
 
     session = pull_session(url=url)
