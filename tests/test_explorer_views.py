@@ -301,6 +301,11 @@ def test_results_of_no_polygon_are_one_error_and_nothing_else() -> None:
     assert "blank" in found.error
 
 
+def test_an_array_that_would_keep_others_waiting_is_refused() -> None:
+    (found,) = results(State(array="1000 x 1000, 12 mm"), ("wigner_x",))
+    assert "256 elements" in found.error
+
+
 def test_results_say_what_cannot_be_computed_of_a_polygon() -> None:
     found = list(results(State(taper="gaussian"), ("fourier",)))
     assert len(found) == 1 and "taper" in found[0].error

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 import polywigner as pw
-from polywigner.errors import FileFormatError, GeometryError, PolywignerError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.explorer.editing import rings_of_aperture
 from polywigner.explorer.state import Ring, State
 from polywigner.geometry.formats.outlines import nested
@@ -20,6 +20,7 @@ from polywigner.illumination.texts import fed
 
 __all__ = [
     "LARGEST_UPLOAD",
+    "MOST_ELEMENTS",
     "aperture_of",
     "polygons_of",
     "source_of",
@@ -32,6 +33,9 @@ Source = pw.Aperture | pw.Array
 LARGEST_UPLOAD = 1 << 20
 """Bytes of a file that a visitor sends: ten thousand vertices as text, of which the page edits a
 tenth."""
+
+MOST_ELEMENTS = 256
+"""Of an array: what one visitor asks for must not keep the others waiting for long."""
 
 _SUFFIXES = (".geojson", ".json", ".wkt", ".csv", ".svg", ".dxf", ".txt")
 
@@ -82,6 +86,11 @@ def _source(
     rings: tuple[Ring, ...], per_metre: int, feeding: tuple[tuple[str, str], ...], wavelength: float
 ) -> Source:
     source: Source = fed(aperture_of(rings, per_metre), dict(feeding), wavelength)
+    if isinstance(source, pw.Array) and len(source) > MOST_ELEMENTS:
+        raise ArgumentError(
+            f"array: expected at most {MOST_ELEMENTS} elements in the page, got {len(source)}; use "
+            "`polywigner transform` for such an array"
+        )
     return source
 
 
