@@ -12,7 +12,7 @@ from polywigner.explorer import views
 from polywigner.explorer.sources import source_of
 from polywigner.explorer.state import State
 
-__all__ = ["Result", "results", "stages"]
+__all__ = ["Result", "final_samples", "results", "stages"]
 
 _EDGES_AT_ONCE = 40
 """Up to so many edges the pictures of transforms are exact at once: 0.1 s in all."""
@@ -34,6 +34,11 @@ def stages(name: str, edges: int) -> tuple[int, ...]:
     if name == "near":
         return (16, 48, 128) if edges <= _EDGES_OF_FINE_RAYS else (16, 32)
     return (views.SAMPLES,) if edges <= _EDGES_AT_ONCE else (_COARSE, views.SAMPLES)
+
+
+def final_samples(state: State, name: str) -> int:
+    """The samples along each axis that a picture is shown with in the end."""
+    return stages(name, views.edges_of(state))[-1]
 
 
 def results(state: State, names: tuple[str, ...]) -> Iterator[Result]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from polywigner.explorer import views, windows
+from polywigner.explorer.results import final_samples
 from polywigner.explorer.sources import feeding_of, polygons_of
 from polywigner.explorer.state import State
 
@@ -61,7 +62,7 @@ def _axis_lines(half: float, samples: int, x: float = 0.0, y: float = 0.0) -> li
 
 
 def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
-    count = samples or (128 if name == "near" else views.SAMPLES)
+    count = samples or final_samples(state, name)
     engine = f'engine="{views.ENGINE}"'
     x, y = (state.metres(v) for v in state.x)
     nu = tuple(v * state.per_metre for v in state.nu)

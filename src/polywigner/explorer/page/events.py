@@ -20,6 +20,7 @@ from polywigner.explorer.page.show import ORDERS, PARTS, show_code
 from polywigner.explorer.page.tour import STEPS
 from polywigner.explorer.snippets import snippet
 from polywigner.explorer.sources import state_of_upload
+from polywigner.explorer.state import State
 
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
@@ -319,6 +320,15 @@ def _connect_fields(session: Session) -> None:
     _on_change(session, controls.views, "active", chosen)
 
 
+def _taken(state: State, name: str, kind: str) -> bytes:
+    """A view as a file of this kind."""
+    if kind == "py":
+        return snippet(state, name).encode()
+    if kind == "npz":
+        return exports.values_file(state, name)
+    return exports.picture_file(state, name, kind)
+
+
 def _connect_take_away(session: Session) -> None:
     controls = session.controls
     session.downloads.js_on_change(
@@ -338,13 +348,7 @@ def _connect_take_away(session: Session) -> None:
 
     def take(kind: str) -> None:
         name, state = controls.take.value, session.state
-        if kind == "py":
-            content = snippet(state, name).encode()
-        elif kind == "npz":
-            content = exports.values_file(state, name)
-        else:
-            content = exports.picture_file(state, name, kind)
-        send(kind, name, content)
+        session.aside(partial(_taken, state, name, kind), partial(send, kind, name))
 
     for kind, button in controls.files.items():
         _on_click(session, button, partial(take, kind))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from html import escape
 from typing import Any
@@ -140,6 +140,20 @@ class Session:
             yield
         self._later(partial(self._finish, number))
 
+    def aside(self, compute: Callable[[], bytes], send: Callable[[bytes], None]) -> None:
+        """Compute a file in the scheduler's thread, apart from the views, and send it."""
+
+        def steps() -> Iterator[None]:
+            try:
+                content = compute()
+            except PolywignerError as error:
+                self._later(partial(self.say, str(error)))
+            else:
+                self._later(partial(send, content))
+            yield
+
+        self.scheduler.submit((id(self), "file"), steps)
+
     def _later(self, callback: Any) -> None:
         if not self.closed:
             self.doc.add_next_tick_callback(callback)
@@ -170,3 +184,4 @@ class Session:
     def _leave(self, context: Any) -> None:
         self.closed = True
         self.scheduler.forget(id(self))
+        self.scheduler.forget((id(self), "file"))
