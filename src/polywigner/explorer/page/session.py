@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from html import escape
 from typing import Any
@@ -37,6 +39,11 @@ def open_page(doc: Any, start: State, scheduler: Scheduler) -> None:
     session = Session(doc, start, scheduler)
     session.say(message)
     session.request()
+
+
+def _collect() -> Iterator[None]:
+    gc.collect()
+    yield
 
 
 class Session:
@@ -155,7 +162,9 @@ class Session:
         self.scheduler.submit((id(self), "file"), steps)
 
     def _later(self, callback: Any) -> None:
-        if not self.closed:
+        if self.closed:
+            return
+        with suppress(Exception):  # a visitor leaves in this moment: Bokeh takes the page apart
             self.doc.add_next_tick_callback(callback)
 
     def _show(self, state: State, result: Result, number: int) -> None:
@@ -185,3 +194,7 @@ class Session:
         self.closed = True
         self.scheduler.forget(id(self))
         self.scheduler.forget((id(self), "file"))
+        for image in self.figures.images.values():
+            image.source.data = {name: [] for name in image.source.data}
+        # pages are cycles of references: Python alone would wait for hundreds of them
+        self.scheduler.submit("garbage", _collect)
