@@ -169,8 +169,11 @@ def _chunks(
     components: Sequence[Array], shape: tuple[int, ...], size: int
 ) -> Iterator[Sequence[Array]]:
     """The components in float64, broadcast to a shape, chunk by chunk in C order."""
-    whole = [np.broadcast_to(c, shape) for c in components]
+    whole = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
     arguments: list[Any]
+    if 0 < whole[0].size <= size:
+        yield [c.astype(np.float64, copy=False).reshape(-1) for c in whole]
+        return
     with np.nditer(
         whole,
         flags=["external_loop", "buffered", "zerosize_ok"],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -49,13 +50,18 @@ class OnDrjit:
         self.dtype = np.dtype(np.float64 if double else np.float32)
         self.memory: dict[tuple[int, int], Array] = {}
         self.turn = 0
-        in_a_loop = kernel.copies and self.ops.prefers_rows(tables.clips, None)
         self.is_code = is_code(kernel, self.ops, tables)
         self.by_cell: ByCell | None = None
         if kernel.order is not None and self.ops.prefers_cells(tables.clips_for_cells, None):
-            in_a_loop = True
             self.by_cell = ByCell(kernel, tables, self.entry, self.ops.float_type)
-        self.parts = [tables] if in_a_loop else parts_of(kernel, tables, _CLIPS_PER_KERNEL)
+
+    @cached_property
+    def parts(self) -> list[Any]:
+        """Tables whose sums add up to the whole, as much code in each as compiles well."""
+        in_a_loop = self.kernel.copies and self.ops.prefers_rows(self.tables.clips, None)
+        if in_a_loop or self.by_cell is not None:
+            return [self.tables]
+        return parts_of(self.kernel, self.tables, _CLIPS_PER_KERNEL)
 
     def __call__(self, arguments: Sequence[Array]) -> Fetch:
         """Begins to compute the results of a chunk; waits for them when they are fetched.
