@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.engines import NumpyOperations, ranges
+from polywigner.engines import NumpyOperations, drjit_ranges, ranges
 from polywigner.engines.llvm import prepare
 from polywigner.kernels import tables_of
 from polywigner.kernels.cell_lists import cell_lists
@@ -57,7 +57,7 @@ OUTLINES: dict[str, Callable[[int], pw.Aperture]] = {
 @contextmanager
 def without_cells() -> Iterator[None]:
     """All edges cut by all pieces, as constants of the kernel or in a loop over a table."""
-    kinds: Any = (ranges.NumpyRanges, ranges.DrjitRanges)
+    kinds: Any = (ranges.NumpyRanges, drjit_ranges.DrjitRanges)
     kept = [kind.prefers_cells for kind in kinds]
     for kind in kinds:
         kind.prefers_cells = lambda self, clips, like: False

@@ -17,8 +17,8 @@ from polywigner.engines.ranges import MOST_CUTS, Table, Values
 __all__ = ["DrjitRanges"]
 
 # Cuts beyond which cells are faster than constants compiled into a kernel: where samples are sorted
-# by cell (the 32-gon), and where they are not (the 67-gon, which takes seconds to compile).
-_CELLS_ABOVE_SORTED, _CELLS_ABOVE_UNSORTED = 1000, 4500
+# by cell (the 23-gon), and where they are not (the 67-gon, which takes seconds to compile).
+_CELLS_ABOVE_SORTED, _CELLS_ABOVE_UNSORTED = 500, 4500
 
 
 class DrjitRanges:
