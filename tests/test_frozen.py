@@ -149,3 +149,34 @@ def test_a_process_that_remembers_kernels_ends_in_silence() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+GARBAGE = """
+import gc
+import sys
+import drjit
+import numpy as np
+from drjit.llvm import Float64
+import polywigner as pw
+
+gc.set_threshold(0)
+for _ in range(100):  # each in a circle of its own, which a collection alone can free
+    circle = [Float64(np.arange(10.0))]
+    circle.append(circle)
+del circle
+
+def profile(*event):
+    if drjit.flag(drjit.JitFlag.FreezingScope):
+        sys.setprofile(None)
+        gc.set_threshold(1, 1, 1)
+
+sys.setprofile(profile)
+pw.wigner(pw.shapes.chevron(2.0, 1.2, 0.4), np.zeros((300, 2)), np.ones((300, 2)), engine="llvm")
+assert sys.getprofile() is None, "nothing was recorded"
+assert gc.isenabled()
+"""
+
+
+def test_garbage_that_holds_memory_of_numpy_is_not_collected_while_a_kernel_is_recorded() -> None:
+    done = subprocess.run([sys.executable, "-c", GARBAGE], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -7,9 +7,11 @@ samples, in a hundredth of a millisecond.
 
 from __future__ import annotations
 
+import gc
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from polywigner.engines.operations import UNROLLED_ROWS, DrjitOperations
@@ -49,9 +51,34 @@ class _Frozen:
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
-        with self.lock:
+        with self.lock, _without_collection():
             found: Values = self.replayed(self.state, *arguments)
             return found
+
+
+_paused: list[bool] = []
+"""For each recording that goes on: whether garbage was collected before it."""
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """No garbage is collected meanwhile.
+
+    Dr.Jit ends the process when an array that holds memory of NumPy's is freed in a thread that is
+    recording, and whatever a collection frees would be freed there.
+    """
+    with _lock:
+        _paused.append(gc.isenabled())
+        gc.disable()
+    try:
+        yield
+    finally:
+        with _lock:
+            was_enabled = _paused.pop()
+            if _paused:
+                _paused[0] |= was_enabled
+            elif was_enabled:
+                gc.enable()
 
 
 class _Held:
