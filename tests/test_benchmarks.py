@@ -6,6 +6,7 @@ import json
 import platform
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,16 @@ def test_the_kernel_traced_by_jax_gives_the_wigner_function() -> None:
     assert np.abs(found - expected).max() < DOUBLE * source.area
 
 
+@pytest.fixture
+def own_threads() -> Iterator[None]:
+    """What is measured here in the tests' own process leaves it as many threads as it had."""
+    drjit = pytest.importorskip("drjit")
+    before = drjit.thread_count()
+    yield
+    drjit.set_thread_count(before)
+
+
+@pytest.mark.usefixtures("own_threads")
 @pytest.mark.parametrize("case", ["square", "two chevrons"])
 def test_all_contenders_for_w_meet_the_exact_values(
     case: str, monkeypatch: pytest.MonkeyPatch

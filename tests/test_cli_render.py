@@ -230,6 +230,28 @@ def test_a_tracer_of_particles_draws_no_bar_of_its_own(
     assert record["used"]["integrator"] == "ptracer"
 
 
+ONE_THREAD = """
+import sys
+from pathlib import Path
+import drjit
+import numpy as np
+import polywigner.mitsuba
+import mitsuba
+mitsuba.set_variant("scalar_rgb")
+from polywigner.mitsuba.images import write_exr
+drjit.set_thread_count(1)
+write_exr(Path(sys.argv[1]), np.full((300, 300, 1), -1.5))
+assert drjit.thread_count() == 1
+drjit.set_thread_count(2)  # to read the file is work for two as well
+assert (np.array(mitsuba.Bitmap(sys.argv[1])) == -1.5).all()
+"""
+
+
+def test_an_image_is_written_where_dr_jit_has_one_thread(tmp_path: Path) -> None:
+    image = str(tmp_path / "image.exr")
+    subprocess.run([sys.executable, "-c", ONE_THREAD, image], check=True, timeout=60)
+
+
 def test_an_image_that_cannot_be_written_is_an_error_of_the_package(tmp_path: Path) -> None:
     from polywigner.mitsuba.images import write_exr
 

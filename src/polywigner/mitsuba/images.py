@@ -2,15 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines import kernel_threads
 from polywigner.errors import ArgumentError
 
 __all__ = ["write_exr"]
+
+
+@contextmanager
+def _two_threads() -> Iterator[None]:
+    """Within, Dr.Jit's pool has a thread beside the caller's.
+
+    Mitsuba's OpenEXR hands work to the pool and waits without doing any: on one processor, or with
+    ``drjit.set_thread_count(1)``, it would wait for ever.
+    """
+    with kernel_threads():
+        before = dr.thread_count()
+        if before < 2:
+            dr.set_thread_count(2)
+        try:
+            yield
+        finally:
+            if before < 2:
+                dr.set_thread_count(before)
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
@@ -30,7 +52,8 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
     stream = mi.MemoryStream()
-    bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
+    with _two_threads():
+        bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
     try:
         path.write_bytes(stream.raw_buffer())
     except OSError as error:
