@@ -49,13 +49,18 @@ class Line:
     error_unit: str = ""
     target: float | None = None
     """The least ratio asked for."""
+    enough: float | None = None
+    """Our own rate that does as well, whatever the ratio."""
     note: str = ""
 
     @property
     def reached(self) -> bool | None:
-        """Whether best and median reach the target; None without one."""
+        """Whether best and median reach the target, or our rate is enough; None without one."""
         if self.target is None or self.ratio is None or self.ratio_median is None:
             return None
+        rate = min(self.ours.best, self.ours.median) if self.ours else 0.0
+        if self.enough is not None and rate >= self.enough:
+            return True
         return min(self.ratio, self.ratio_median) >= self.target
 
     def as_json(self) -> dict[str, Any]:

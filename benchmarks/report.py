@@ -123,7 +123,8 @@ def _row(line: Line) -> list[str]:
     notes = [line.note] if line.note else []
     if line.target is not None:
         reached = {True: "reached", False: "missed", None: "not measured"}[line.reached]
-        notes.insert(0, f"asked: {line.target:,.3g}, {reached}")
+        either = "" if line.enough is None else f" or {line.enough:,.3g} {line.unit}"
+        notes.insert(0, f"asked: {line.target:,.3g}{either}, {reached}")
     return [
         line.case,
         line.precision,

@@ -28,6 +28,9 @@ FEWEST = 1 << 3
 STEADY = 0.7
 PATIENCE = 0.1  # seconds
 FEW_ROUNDS, LONG = 3, 1.0  # seconds
+# Threads of a pool look out for work for a while after the last; whoever comes next would share the
+# cores with them.
+REST = 0.1  # seconds
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,8 @@ def in_turns(
         for name, action in actions.items():
             if turn >= FEW_ROUNDS and sum(times[name]) > LONG:
                 continue
+            if threads > 1:
+                time.sleep(REST)
             start = clock()
             action()
             times[name].append(clock() - start)

@@ -162,6 +162,13 @@ def test_a_target_is_reached_by_best_and_median(median: float, reached: bool) ->
     assert a_line(ratio=1.0, ratio_median=median, target=0.85).reached is reached
 
 
+@pytest.mark.parametrize(("enough", "reached"), [(1e-3, True), (1e9, False)])
+def test_a_rate_of_our_own_may_do_as_well_as_the_ratio(enough: float, reached: bool) -> None:
+    line = a_line(ratio=1.0, ratio_median=1.0, target=10.0, enough=enough)
+    assert line.reached is reached
+    assert f"asked: 10 or {enough:,.3g} M samples/s" in report.table([line])
+
+
 def test_a_report_has_a_row_for_each_line_and_pictures(tmp_path: Path) -> None:
     absent = a_line(theirs=None, ratio=None, ratio_median=None, note="no C++ compiler found")
     lines = [a_line(target=3.0), absent, a_line(question="memory", unit="MiB")]
