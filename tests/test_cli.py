@@ -187,3 +187,14 @@ def test_the_module_runs_as_a_script(module: str) -> None:
         timeout=60,
     )
     assert run.stdout == f"polywigner {pw.__version__}\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full device here")
+def test_a_full_disk_behind_the_output_is_told_in_one_line() -> None:
+    command = [sys.executable, "-m", "polywigner", "cite"]
+    with Path("/dev/full").open("w") as full:
+        run = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert run.returncode == 2
+    assert run.stderr.count("\n") == 1
+    assert "No space left on device" in run.stderr
+    assert "fault of polywigner" not in run.stderr

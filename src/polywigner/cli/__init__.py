@@ -7,6 +7,7 @@ libraries are imported by the command that needs them, so that ``--help`` answer
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import warnings
@@ -20,6 +21,7 @@ _FAILED = 1
 _BAD_INPUT = 2
 _INTERRUPTED = 130
 _DEBUG = "POLYWIGNER_DEBUG"
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -71,6 +73,10 @@ def _from_exception(error: Exception) -> int:
         return _say(f"error: {text} See `polywigner --help`.", _BAD_INPUT)
     if type(error).__name__ == "Abort":
         return _say("interrupted", _INTERRUPTED)
+    if isinstance(error, OSError) and error.errno in _NO_ROOM:
+        _drop_output()
+        text = f"expected room for what is written, got: {error.strerror}; free some, or write"
+        return _say(f"error: {text} to another place", _BAD_INPUT)
     if os.environ.get(_DEBUG) == "1":
         import traceback
 
@@ -93,6 +99,11 @@ def _say(message: str, code: int) -> int:
 
 
 def _closed_pipe() -> int:
-    # `polywigner ... | head`: the reader has gone; stdout must not be flushed again at exit.
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    # `polywigner ... | head`: the reader has gone.
+    _drop_output()
     return _FAILED
+
+
+def _drop_output() -> None:
+    # What stdout still holds must not be flushed again at exit.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
