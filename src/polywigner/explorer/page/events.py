@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import base64
 import binascii
-import logging
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from bokeh.events import DocumentReady, DoubleTap, MouseLeave, MouseMove, PanEnd, PanStart, Tap
 from bokeh.models import CustomJS
 
-from polywigner.errors import PolywignerError
-from polywigner.explorer import editing, exports, views, windows
+from polywigner.explorer import editing, views, windows
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.page import script
-from polywigner.explorer.page.show import ORDERS, PARTS, show_code
-from polywigner.explorer.page.tour import STEPS
-from polywigner.explorer.snippets import snippet
+from polywigner.explorer.page.guards import guarded, on_change, on_click, on_event
+from polywigner.explorer.page.show import ORDERS, PARTS
+from polywigner.explorer.page.take_away import connect_take_away
+from polywigner.explorer.page.tour import connect_tour
 from polywigner.explorer.sources import state_of_upload
-from polywigner.explorer.state import State
 
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
@@ -28,10 +25,6 @@ if TYPE_CHECKING:
 __all__ = ["connect"]
 
 _NEAR_VERTEX = 0.02  # of the window: a click there means the vertex
-_KINDS = {
-    "png": "image/png", "svg": "image/svg+xml", "npz": "application/octet-stream",
-    "py": "text/x-python", "geojson": "application/geo+json",
-}  # fmt: skip
 
 
 def connect(session: Session) -> None:
@@ -39,41 +32,8 @@ def connect(session: Session) -> None:
     _connect_outline(session)
     _connect_fields(session)
     _connect_points(session)
-    _connect_take_away(session)
-    _connect_tour(session)
-
-
-def _guarded(session: Session, work: Callable[..., None]) -> Callable[..., None]:
-    """Work that is left out while widgets are filled, and whose errors become messages."""
-
-    def run(*arguments: Any) -> None:
-        if session.filling:
-            return
-        try:
-            work(*arguments)
-        except PolywignerError as error:
-            session.say(str(error))
-        except Exception:  # no traceback reaches the page
-            logging.getLogger(__name__).exception("a request failed")
-            session.say("This could not be done; it is a fault of polywigner.")
-
-    return run
-
-
-def _on_change(session: Session, widget: Any, name: str, work: Callable[[Any], None]) -> None:
-    # Bokeh looks at the number of parameters: exactly three, by name
-    guarded = _guarded(session, work)
-    widget.on_change(name, lambda attr, old, new: guarded(new))
-
-
-def _on_click(session: Session, button: Any, work: Callable[[], None]) -> None:
-    guarded = _guarded(session, work)
-    button.on_click(lambda: guarded())
-
-
-def _on_event(session: Session, figure: Any, event: Any, work: Callable[[Any], None]) -> None:
-    guarded = _guarded(session, work)
-    figure.on_event(event, lambda happened: guarded(happened))
+    connect_take_away(session)
+    connect_tour(session)
 
 
 def _connect_outline(session: Session) -> None:
@@ -101,23 +61,23 @@ def _connect_outline(session: Session) -> None:
         drag["started"] = drag["on"]
         session.edit(step=step, edges=False, rings=rings)
 
-    _on_event(session, drawn.figure, PanStart, lambda _: dragging(True))
-    _on_event(session, drawn.figure, PanEnd, lambda _: dragging(False))
-    _on_change(session, drawn.outline, "data", edited)
+    on_event(session, drawn.figure, PanStart, lambda _: dragging(True))
+    on_event(session, drawn.figure, PanEnd, lambda _: dragging(False))
+    on_change(session, drawn.outline, "data", edited)
     _connect_drawing(session)
-    _on_click(session, controls.undo, lambda: session.go(session.history.undone()))
-    _on_click(session, controls.redo, lambda: session.go(session.history.redone()))
-    _on_click(session, controls.delete, lambda: _delete(session))
-    _on_click(session, controls.insert, lambda: _insert(session))
-    _on_change(session, controls.rows, "data", lambda data: _from_table(session, data))
-    _on_change(session, controls.shape, "value", lambda name: _start_from(session, name))
-    arrived = _guarded(session, partial(_upload, session))
+    on_click(session, controls.undo, lambda: session.go(session.history.undone()))
+    on_click(session, controls.redo, lambda: session.go(session.history.redone()))
+    on_click(session, controls.delete, lambda: _delete(session))
+    on_click(session, controls.insert, lambda: _insert(session))
+    on_change(session, controls.rows, "data", lambda data: _from_table(session, data))
+    on_change(session, controls.shape, "value", lambda name: _start_from(session, name))
+    arrived = guarded(session, partial(_upload, session))
     # the name of a file comes after its content
-    _on_change(
+    on_change(
         session, controls.upload, "value", lambda _: session.doc.add_next_tick_callback(arrived)
     )
     session.doc.js_on_event(DocumentReady, CustomJS(args={"keys": session.keys}, code=script.KEYS))
-    _on_change(session, session.keys, "data", lambda data: _pressed(session, data["key"][0]))
+    on_change(session, session.keys, "data", lambda data: _pressed(session, data["key"][0]))
 
 
 def _selected(session: Session) -> int | None:
@@ -195,8 +155,8 @@ def _connect_drawing(session: Session) -> None:
             hint=True,
         )
 
-    _on_change(session, controls.draw, "active", toggled)
-    _on_click(session, controls.finish, lambda: _finish(session))
+    on_change(session, controls.draw, "active", toggled)
+    on_click(session, controls.finish, lambda: _finish(session))
 
 
 def _finish(session: Session) -> None:
@@ -248,10 +208,10 @@ def _rounded(point: tuple[float, float], step: float) -> tuple[float, float]:
 
 def _connect_points(session: Session) -> None:
     controls, figures = session.controls, session.figures
-    _on_event(session, figures.aperture.figure, Tap, lambda event: _tapped(session, event))
-    _on_event(session, figures.aperture.figure, DoubleTap, lambda event: _doubled(session, event))
-    _on_event(session, figures.aperture.figure, MouseMove, lambda event: _hovered(session, event))
-    _on_event(
+    on_event(session, figures.aperture.figure, Tap, lambda event: _tapped(session, event))
+    on_event(session, figures.aperture.figure, DoubleTap, lambda event: _doubled(session, event))
+    on_event(session, figures.aperture.figure, MouseMove, lambda event: _hovered(session, event))
+    on_event(
         session, figures.aperture.figure, MouseLeave, lambda _: _lags(session, session.state.x)
     )
 
@@ -262,7 +222,7 @@ def _connect_points(session: Session) -> None:
 
     event_figures = {name: name for name in ("fourier", "wigner_nu", "wigner_x")}
     for name in event_figures:
-        _on_event(session, figures.by_name(name), Tap, partial(choose, name))
+        on_event(session, figures.by_name(name), Tap, partial(choose, name))
 
     def typed(_: Any) -> None:
         values = [w.value for w in (controls.x, controls.y, controls.nu_x, controls.nu_y)]
@@ -270,7 +230,7 @@ def _connect_points(session: Session) -> None:
             session.edit(step=False, edges=False, x=tuple(values[:2]), nu=tuple(values[2:]))
 
     for widget in (controls.x, controls.y, controls.nu_x, controls.nu_y):
-        _on_change(session, widget, "value", typed)
+        on_change(session, widget, "value", typed)
 
 
 def _doubled(session: Session, event: Any) -> None:
@@ -304,12 +264,12 @@ def _connect_fields(session: Session) -> None:
         session.edit(step=False, edges=False, **{name: value or 0.0})
 
     for name in ("unit", "wave", "taper", "array", "window", "steering"):
-        _on_change(session, getattr(controls, name), "value", partial(entered, name))
+        on_change(session, getattr(controls, name), "value", partial(entered, name))
     for name in ("snap", "reach", "defocus", "distance"):
-        _on_change(session, getattr(controls, name), "value", partial(looked, name))
-    _on_change(session, controls.part, "active",
+        on_change(session, getattr(controls, name), "value", partial(looked, name))
+    on_change(session, controls.part, "active",
                lambda k: session.edit(step=False, edges=False, part=PARTS[k]))  # fmt: skip
-    _on_change(session, controls.order, "active",
+    on_change(session, controls.order, "active",
                lambda k: session.edit(step=False, edges=False, order=ORDERS[k]))  # fmt: skip
 
     def chosen(_: Any) -> None:
@@ -317,68 +277,4 @@ def _connect_fields(session: Session) -> None:
         session.request()
 
     session.figures.set_visible(session.visible)
-    _on_change(session, controls.views, "active", chosen)
-
-
-def _taken(state: State, name: str, kind: str) -> bytes:
-    """A view as a file of this kind."""
-    if kind == "py":
-        return snippet(state, name).encode()
-    if kind == "npz":
-        return exports.values_file(state, name)
-    return exports.picture_file(state, name, kind)
-
-
-def _connect_take_away(session: Session) -> None:
-    controls = session.controls
-    session.downloads.js_on_change(
-        "data", CustomJS(args={"files": session.downloads}, code=script.DOWNLOAD)
-    )
-    # what nothing in the page refers to is not sent to it
-    known = {"link": controls.link, "files": session.downloads, "keys": session.keys}
-    controls.link.js_on_change("value", CustomJS(args=known, code=script.ADDRESS))
-    _on_change(session, controls.take, "value", lambda _: show_code(controls, session.state))
-
-    def send(suffix: str, name: str, content: bytes) -> None:
-        session.downloads.data = {
-            "name": [f"{name}.{suffix}"],
-            "kind": [_KINDS[suffix]],
-            "content": [base64.b64encode(content).decode("ascii")],
-        }
-
-    def take(kind: str) -> None:
-        name, state = controls.take.value, session.state
-        session.aside(partial(_taken, state, name, kind), partial(send, kind, name))
-
-    for kind, button in controls.files.items():
-        _on_click(session, button, partial(take, kind))
-
-    def outline(suffix: str, written: Callable[[Any], str]) -> None:
-        send(suffix, "aperture", written(session.state).encode())
-
-    for name, suffix, written in (
-        ("geojson", "geojson", exports.geojson),
-        ("outline_svg", "svg", exports.svg),
-    ):
-        _on_click(session, controls.outlines[name], partial(outline, suffix, written))
-
-
-def _connect_tour(session: Session) -> None:
-    controls, at = session.controls, {"step": -1}
-
-    def go(by: int) -> None:
-        if at["step"] >= 0:
-            session.figures.by_name(STEPS[at["step"]][0]).outline_line_color = "#e5e5e5"
-            session.figures.by_name(STEPS[at["step"]][0]).outline_line_width = 1
-        step = at["step"] = at["step"] + by if at["step"] + by < len(STEPS) else -1
-        controls.tour_back.visible = step > 0
-        if step < 0:
-            controls.tour_text.text, controls.tour.label = "", "What am I looking at?"
-            return
-        figure, heading, text = STEPS[step]
-        session.figures.by_name(figure).update(outline_line_color="#ffb000", outline_line_width=4)
-        controls.tour_text.text = f"<b>{step + 1} of {len(STEPS)}: {heading}</b><br>{text}"
-        controls.tour.label = "Next" if step + 1 < len(STEPS) else "End of the tour"
-
-    _on_click(session, controls.tour, lambda: go(1))
-    _on_click(session, controls.tour_back, lambda: go(-1))
+    on_change(session, controls.views, "active", chosen)

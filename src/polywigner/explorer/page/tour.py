@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-__all__ = ["STEPS"]
+from typing import TYPE_CHECKING
+
+from polywigner.explorer.page.guards import on_click
+
+if TYPE_CHECKING:
+    from polywigner.explorer.page.session import Session
+
+__all__ = ["STEPS", "connect_tour"]
 
 STEPS: tuple[tuple[str, str, str], ...] = (
     (
@@ -44,3 +51,25 @@ STEPS: tuple[tuple[str, str, str], ...] = (
     ),
 )
 """Name of the figure, heading and text of each step."""
+
+
+def connect_tour(session: Session) -> None:
+    """The two buttons of the tour."""
+    controls, at = session.controls, {"step": -1}
+
+    def go(by: int) -> None:
+        if at["step"] >= 0:
+            session.figures.by_name(STEPS[at["step"]][0]).outline_line_color = "#e5e5e5"
+            session.figures.by_name(STEPS[at["step"]][0]).outline_line_width = 1
+        step = at["step"] = at["step"] + by if at["step"] + by < len(STEPS) else -1
+        controls.tour_back.visible = step > 0
+        if step < 0:
+            controls.tour_text.text, controls.tour.label = "", "What am I looking at?"
+            return
+        figure, heading, text = STEPS[step]
+        session.figures.by_name(figure).update(outline_line_color="#ffb000", outline_line_width=4)
+        controls.tour_text.text = f"<b>{step + 1} of {len(STEPS)}: {heading}</b><br>{text}"
+        controls.tour.label = "Next" if step + 1 < len(STEPS) else "End of the tour"
+
+    on_click(session, controls.tour, lambda: go(1))
+    on_click(session, controls.tour_back, lambda: go(-1))
