@@ -48,9 +48,10 @@ class Controls:
     """All widgets of one visitor; what they do is the session's business."""
 
     def __init__(self) -> None:
-        half, third = _WIDTH // 2 - 10, _WIDTH // 3 - 10
-        self.shape = Select(title="Start from", options=["", *CATALOGUE, "blank sheet"], value="",
-                            name="shape", width=half)  # fmt: skip
+        half = _WIDTH // 2 - 10
+        shapes = [(name, name) for name in (*CATALOGUE, "blank sheet")]
+        self.shape = Select(title="Start from", options=[("", "choose a shape …"), *shapes],
+                            value="", name="shape", width=_WIDTH)  # fmt: skip
         self.unit = Select(title="Length unit", options=list(UNITS), name="unit", width=half)
         self.upload = FileInput(
             accept=".geojson,.json,.wkt,.csv,.svg,.dxf,.txt", name="upload", width=_WIDTH,
@@ -58,23 +59,23 @@ class Controls:
         )  # fmt: skip
         self.draw = Toggle(label="Draw an outline", name="draw", width=half)
         self.finish = Button(label="Finish outline", name="finish", width=half, disabled=True)
-        self.undo = Button(label="Undo", name="undo", width=third)
-        self.redo = Button(label="Redo", name="redo", width=third)
-        self.delete = Button(label="Delete vertex", name="delete", width=third)
-        self.insert = Button(label="Insert vertex", name="insert", width=third)
-        self.snap = NumericInput(title="Snap to", mode="float", low=0, name="snap", width=third)
+        self.undo = Button(label="Undo", name="undo", width=half)
+        self.redo = Button(label="Redo", name="redo", width=half)
+        self.delete = Button(label="Delete vertex", name="delete", width=half)
+        self.insert = Button(label="Insert vertex", name="insert", width=half)
+        self.snap = NumericInput(title="Snap to", mode="float", low=0, name="snap", width=half)
         self.rows = ColumnDataSource({"ring": [], "x": [], "y": []}, name="rows")
         self.table = DataTable(
             source=self.rows, editable=True, width=_WIDTH, height=170, name="table",
             index_position=None, autosize_mode="fit_columns", sortable=False, reorderable=False,
             columns=[
                 TableColumn(field="ring", title="outline", width=60),
-                TableColumn(field="x", title="x", editor=NumberEditor()),
-                TableColumn(field="y", title="y", editor=NumberEditor()),
+                TableColumn(field="x", title="x", editor=NumberEditor(), width=115),
+                TableColumn(field="y", title="y", editor=NumberEditor(), width=115),
             ],
         )  # fmt: skip
         self.wave = TextInput(title="Frequency or wavelength", name="wave", width=half)
-        self.taper = TextInput(title="Taper", placeholder="cosine, taylor 30 dB", name="taper",
+        self.taper = TextInput(title="Taper", placeholder="taylor 30 dB", name="taper",
                                width=half)  # fmt: skip
         self.array = TextInput(title="Array", placeholder="4 x 4, 12 mm", name="array", width=half)
         self.window = TextInput(title="Window of the array", placeholder="taylor 25 dB",
@@ -113,7 +114,11 @@ class Controls:
                                   cols=40, width=_WIDTH, max_length=None)  # fmt: skip
         # of one height: a message must not move the figures under the pointer
         self.message = Div(
-            text="", name="message", width=900, height=46, styles={"overflow-y": "auto"}
+            text="",
+            name="message",
+            height=46,
+            sizing_mode="stretch_width",
+            styles={"overflow-y": "auto"},
         )
         self.note = Div(text="", name="note", width=_WIDTH)
         self.busy = Div(text="", name="busy", width=130)
@@ -129,11 +134,12 @@ class Controls:
             row(self.tour_back, self.tour),
             self.tour_text,
             _heading("Aperture"),
-            row(self.shape, self.unit),
+            self.shape,
             self.upload,
+            row(self.unit, self.snap),
             row(self.draw, self.finish),
-            row(self.undo, self.redo, self.snap),
             row(self.insert, self.delete),
+            row(self.undo, self.redo),
             self.table,
             _heading("Light"),
             row(self.wave, self.steering),

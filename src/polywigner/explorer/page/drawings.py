@@ -158,4 +158,4 @@ class PolarFigure:
             radius = np.clip(1 + (levels - top) / _SPAN, 0, 1)
             angle = stretch * cuts.theta
             source.data = {"x": radius * np.sin(angle), "y": radius * np.cos(angle)}
-        self.figure.title.text = f"Directivity, at most {cuts.largest:.2f} dBi; rings in dBi"
+        self.figure.title.text = f"Directivity in dBi, at most {cuts.largest:.2f}"

@@ -36,18 +36,24 @@ def palette(scale: str) -> list[str]:
 
 
 def plain_figure(title: str, name: str, **how: Any) -> Any:
-    """A square figure without logo, with pan, zoom and reset."""
+    """A square figure without logo, with pan and zoom."""
     made = figure(
         title=title, name=name, frame_width=_SIDE, frame_height=_SIDE, match_aspect=True,
-        tools="pan,wheel_zoom,box_zoom,reset", active_scroll="wheel_zoom", toolbar_location="below",
-        x_range=Range1d(-1, 1), y_range=Range1d(-1, 1), min_border_left=60, min_border_right=40,
+        tools="pan,wheel_zoom", active_scroll="wheel_zoom", toolbar_location=None,
+        x_range=Range1d(-1, 1), y_range=Range1d(-1, 1), min_border_left=55, min_border_right=52,
         **how,
     )  # fmt: skip
     made.toolbar.logo = None
-    made.toolbar.autohide = True
     made.title.text_font_size = "10pt"
     made.xgrid.visible = made.ygrid.visible = False
     return made
+
+
+def _title(what: Shown, side: str) -> str:
+    """What is shown, and the unit of the colour bar."""
+    if what.scale in ("signed", "phase"):
+        return f"{what.title} ({side})"
+    return what.title if what.scale == "unit" else f"{what.title}: {what.bar}"
 
 
 class ImageFigure:
@@ -67,11 +73,12 @@ class ImageFigure:
         self.figure.line(
             "x", "y", source=self.circle, color="#808080", line_dash="dotted", line_width=1.5
         )
-        for size, colour in ((14, "white"), (10, "#c1440e")):
+        for width, colour in ((6, "white"), (2.5, "black")):  # seen on every colour
             self.figure.scatter(
-                "x", "y", source=self.cross, marker="cross", size=size, line_width=2, color=colour
-            )
-        self.bar = ColorBar(color_mapper=self.mapper, width=10, title_text_font_size="9pt")
+                "x", "y", source=self.cross, marker="cross", size=14, line_width=width,
+                color=colour,
+            )  # fmt: skip
+        self.bar = ColorBar(color_mapper=self.mapper, width=10, padding=3, label_standoff=4)
         self.figure.add_layout(self.bar, "right")
         self.hover = HoverTool(renderers=[drawn], tooltips=[("value", "@image{0.0000e+0}")])
         self.figure.add_tools(self.hover)
@@ -94,9 +101,9 @@ class ImageFigure:
         if what.scale != self._scale:  # so many colours take 5 ms to check
             self._scale = what.scale
             self.mapper.palette = palette(what.scale)
-        self.bar.title = f"{state.unit}²" if signed else _SIDES.get(what.scale, "")
-        self.figure.title.text = what.title if signed else f"{what.title}: {what.bar}"
-        self.hover.tooltips = self._tooltips(picture, state.unit, self.bar.title)
+        side = f"{state.unit}²" if signed else _SIDES.get(what.scale, "")
+        self.figure.title.text = _title(what, side)
+        self.hover.tooltips = self._tooltips(picture, state.unit, side)
         self.source.data = {
             "image": [image], "x": [left], "y": [bottom], "dw": [width], "dh": [width],
         }  # fmt: skip

@@ -3,7 +3,7 @@ the address, keys."""
 
 from __future__ import annotations
 
-__all__ = ["ADDRESS", "DOWNLOAD", "DRAG", "KEYS", "REBUILD"]
+__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "KEYS", "REBUILD"]
 
 _REBUILD = """
 const {x, y, ring} = vertices.data
@@ -47,6 +47,25 @@ setTimeout(() => URL.revokeObjectURL(link.href), 10000)
 ADDRESS = """
 history.replaceState(null, "", location.pathname + "?" + link.value)
 """
+
+# Of a figure's width, 110 pixels are labels and its colour bar.
+ARRANGE = """
+const arrange = () => {
+  const {clientWidth} = document.documentElement
+  const room = clientWidth - (clientWidth > narrow ? beside : 0) - 12
+  const columns = Math.max(1, Math.min(4, Math.floor(room / 310)))
+  const side = Math.max(190, Math.min(420, Math.floor(room / columns) - 110))
+  document.documentElement.style.setProperty("--polywigner-columns", columns)
+  for (const figure of figures) { figure.setv({frame_width: side, frame_height: side}) }
+}
+arrange()
+window.addEventListener("resize", arrange)
+// the wheel scrolls the page, with Ctrl it zooms a figure
+document.addEventListener("wheel", (event) => {
+  if (!event.ctrlKey && !event.metaKey) { event.stopPropagation() }
+}, {capture: true})
+"""
+"""The size of figures, and what the wheel does over them."""
 
 KEYS = """
 if (window.polywigner_keys) { return }

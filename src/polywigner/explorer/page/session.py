@@ -11,13 +11,13 @@ from html import escape
 from typing import Any
 from urllib.parse import urlencode
 
-from bokeh.layouts import column, row
 from bokeh.models import ColumnDataSource
 
 from polywigner.errors import PolywignerError
 from polywigner.explorer.history import History
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
+from polywigner.explorer.page.layout import arranged, connect_layout
 from polywigner.explorer.page.show import Figures, fill
 from polywigner.explorer.results import Result, results
 from polywigner.explorer.scheduler import Scheduler
@@ -65,8 +65,9 @@ class Session:
         doc.title = "polywigner explore"
         connect(self)
         self.fill()
-        top = row(self.controls.busy, self.controls.message)
-        doc.add_root(row(self.controls.side(), column(top, self.figures.grid), name="page"))
+        top = [self.controls.busy, self.controls.message]
+        doc.add_root(arranged(self.controls.side(), top, self.figures.grid))
+        connect_layout(doc, self.figures.all)
         doc.on_session_destroyed(self._leave)
 
     @property

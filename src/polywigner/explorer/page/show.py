@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bokeh.layouts import gridplot
 
 from polywigner.errors import PolywignerError
 from polywigner.explorer import windows
@@ -13,6 +12,7 @@ from polywigner.explorer.editing import rows_of_rings
 from polywigner.explorer.history import History
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.drawings import ApertureFigure, LagFigure, PolarFigure
+from polywigner.explorer.page.layout import figure_grid
 from polywigner.explorer.page.pictures import ImageFigure
 from polywigner.explorer.results import Result
 from polywigner.explorer.shown import shown
@@ -77,17 +77,12 @@ class Figures:
         }
         self.set_visible(())
         made = {name: image.figure for name, image in self.images.items()}
-        near = [made[f"{key}_near"] for key in _NEAR]
-        self.grid = gridplot(
-            [
-                [self.aperture.figure, made["fourier"], made["wigner_nu"]],
-                [self.lags.figure, made["wigner_x"], made["otf"]],
-                [self.polar.figure],
-                near,
-            ],
-            merge_tools=False,
-            toolbar_location=None,
-        )
+        self.all = [
+            self.aperture.figure, made["fourier"], made["wigner_nu"],
+            self.lags.figure, made["wigner_x"], made["otf"], self.polar.figure,
+            *(made[f"{key}_near"] for key in _NEAR),
+        ]  # fmt: skip
+        self.grid = figure_grid(self.all)
 
     def of(self, name: str) -> list[Any]:
         """The Bokeh figures of a view."""
