@@ -152,7 +152,9 @@ class Page:
         return self.browser.execute_script(script, name, selector)
 
     def click(self, name: str) -> None:
-        self.element(name, "button").click()
+        button = self.element(name, "button")
+        self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+        button.click()
 
     def at(self, figure: str, x: float, y: float) -> Any:
         """A mouse at a place of a figure, in its units."""
