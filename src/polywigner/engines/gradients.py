@@ -2,8 +2,8 @@
 
 To let Dr.Jit differentiate through the cuts would cost some thirty times the kernel itself, and be
 wrong where a cut is the last of several. Here a kernel's sum over edges is one operation: forward
-and in reverse it runs another kernel with the closed form of the derivative. What comes before and
-after the sum (into the frame and out of it) is Dr.Jit's to differentiate.
+and in reverse it runs another kernel with the closed form of the derivative. The way into the frame
+belongs to it, lest gradients be stored in the frame first; the way out is Dr.Jit's to differentiate.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from polywigner.engines.operations import DrjitOperations
+from polywigner.engines.operations import DrjitOperations, ScalarOperations
 from polywigner.engines.parameters import Traced
 from polywigner.kernels import Kernel
 from polywigner.kernels.complex_pairs import Pair
@@ -32,9 +32,8 @@ def differentiable(
     if slopes is None or not dr.grad_enabled((tuple(components), shared)):
         return kernel(ops, tables, *components)
     inner = kernel.enter(ops, tables.frame, *components)
-    fixed = len(inner) - slopes.arguments
-    typed = tuple(ops.float_type(value) for value in inner[fixed:])
-    operation = _operation(kernel, ops, tables, inner[:fixed], slopes, traced, typed)
+    typed = tuple(ops.float_type(value) for value in components)
+    operation = _operation(kernel, ops, tables, dr.detach(inner), slopes, traced, typed)
     sums = dr.custom(operation, typed, traced.vertices, traced.fields)
     return kernel.leave(ops, tables.frame, inner, sums)
 
@@ -43,54 +42,52 @@ def _operation(
     kernel: Kernel,
     ops: DrjitOperations,
     tables: Any,
-    fixed: Sequence[Any],
+    inner: Sequence[Any],
     slopes: SlopeKernel,
     traced: Traced,
-    inner: Sequence[Any],
+    components: Sequence[Any],
 ) -> Any:
     import drjit as dr
 
-    real = ops.float_type
-    needed = [dr.grad_enabled(value) for value in inner]
+    real, frame = ops.float_type, tables.frame
+    needed = [dr.grad_enabled(value) for value in components]
+    summed = tuple(real(value) for value in inner[len(inner) - slopes.arguments :])
 
     class EdgeSum(dr.CustomOp):
         """The sum over the edges of one kernel and source."""
 
-        def eval(self, inner: Any, vertices: Any, fields: Any) -> Any:
-            self.inner, self.vertices, self.fields = inner, vertices, fields
-            sums = kernel.edge_sum(ops, tables, *map(dr.detach, fixed), *inner)
-            return tuple(real(value) for value in sums)
+        def eval(self, components: Any, vertices: Any, fields: Any) -> Any:
+            self.vertices, self.fields = vertices, fields
+            return tuple(real(value) for value in kernel.edge_sum(ops, tables, *inner))
 
         def forward(self) -> None:
-            of_inner, *of_shared = (self.grad_in(name) for name in ("inner", "vertices", "fields"))
+            names = ("components", "vertices", "fields")
+            of_components, *of_shared = (self.grad_in(name) for name in names)
             sink = _Forward(ops, *of_shared)
-            first, second = slopes.order
-            found = slopes.slopes(ops, tables, self._wanted(), sink, *self.inner)
+            found = slopes.slopes(ops, tables, self._wanted(), sink, *summed)
             total = Pair(found.shared[0], found.shared[1])
-            for group, slot in ((found.frequency, first), (found.place, second)):
-                if slot is None:
-                    continue
-                for k, slope in enumerate(group):
-                    total = total + slope.scaled(of_inner[slot + k])
+            changes = slopes.entered(ops, frame, of_components)
+            for slope, change in zip((*found.frequency, *found.place), changes, strict=False):
+                total = total + slope.scaled(change)
             self.set_grad_out(tuple(map(real, slopes.parts(total))))
 
         def backward(self) -> None:
             out = self.grad_out()
             cotangent = slopes.cotangent(out)
             sink = _reverse_of(ops, cotangent, self.vertices, self.fields)
-            found = slopes.slopes(ops, tables, self._wanted(), sink, *self.inner)
+            found = slopes.slopes(ops, tables, self._wanted(), sink, *summed)
             sink.flush()
-            gradients = [real(0.0)] * len(self.inner)
-            for group, slot in zip((found.frequency, found.place), slopes.order, strict=True):
-                if slot is not None:
-                    for k, slope in enumerate(group):
-                        gradients[slot + k] = real(_contracted(cotangent, slope))
-            if not dr.flag(dr.JitFlag.SymbolicScope):
+            contracted = (
+                [_contracted(cotangent, slope) for slope in group]
+                for group in (found.frequency, found.place)
+            )
+            gradients = [real(value) for value in slopes.left(ScalarOperations(), frame, *contracted)]
+            if not dr.flag(dr.JitFlag.SymbolicScope) and (self._wanted() != Wanted()):
                 # Together with what is added up, or a second kernel would do all of it again.
                 dr.schedule(
                     [g for g, is_needed in zip(gradients, needed, strict=True) if is_needed]
                 )
-            self.set_grad_in("inner", tuple(gradients))
+            self.set_grad_in("components", tuple(gradients))
             if self.vertices is not None:
                 self.set_grad_in("vertices", tuple(sink.vertices))
             if self.fields is not None:
