@@ -47,6 +47,7 @@ def _tasks(source: pw.Aperture, double: bool, as_data: bool) -> list[Callable[[]
     reach = CYCLES / source.diameter / np.sqrt(2)
     x = kind(rng.uniform(low, high, (SAMPLES, 2)).T.copy())
     nu = kind(rng.uniform(-reach, reach, (SAMPLES, 2)).T.copy())
+    dr.eval(x, nu)  # not to be unpacked again by each task
     corners = np.concatenate(source.rings).T.tolist()
 
     def value() -> None:

@@ -40,6 +40,12 @@ class Pair:
     def scaled(self, factor: Any) -> Pair:
         return Pair(self.real * factor, self.imag * factor)
 
+    def plus(self, ops: Any, other: Pair, factor: Any) -> Pair:
+        """self + other factor, rounded once where the engine can."""
+        return Pair(
+            ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag)
+        )
+
     def norm(self) -> Any:
         """Squared modulus."""
         return self.real * self.real + self.imag * self.imag

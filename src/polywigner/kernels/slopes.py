@@ -74,18 +74,19 @@ class Segment:
     dq: Any
     means: tuple[Pair, Pair, Pair]
 
-    def area(self) -> Pair:
-        """Its term of M00, the integral of the wave over the polygon: (T3)."""
+    def area(self, ops: Any) -> Pair:
+        """Its term of M00, the integral of the wave over the polygon, over -dp: (T3)."""
         e0, e1, _ = self.means
-        return (e0.scaled(self.q) + e1.scaled(self.dq)).scaled(-self.dp)
+        return e1.scaled(self.dq).plus(ops, e0, self.q)
 
-    def moments(self) -> tuple[Pair, Pair]:
-        """Its terms of M10 and M01, of p and q times the wave: (T3)."""
-        e0, e1, e2 = self.means
-        p, q, dp, dq = self.p, self.q, self.dp, self.dq
-        along = e0.scaled(p * q) + e1.scaled(p * dq + q * dp) + e2.scaled(dp * dq)
-        across = e0.scaled(0.5 * q * q) + e1.scaled(q * dq) + e2.scaled(0.5 * dq * dq)
-        return along.scaled(-dp), across.scaled(-dp)
+    def moments(self, ops: Any) -> tuple[Pair, Pair]:
+        """Its terms of M10 and 2 M01, of p and 2 q times the wave, over -dp: (T3)."""
+        _, e1, e2 = self.means
+        first = self.area(ops)
+        second = e2.scaled(self.dq).plus(ops, e1, self.q)  # of q t times the wave
+        along = second.scaled(self.dp).plus(ops, first, self.p)
+        across = second.scaled(self.dq).plus(ops, first, self.q)
+        return along, across
 
 
 class Axes:
@@ -95,22 +96,22 @@ class Axes:
         self.ops = ops
         x, y = moved_off_zero(ops, *nu)
         self.norm = ops.sqrt(ops.fma(x, x, y * y))
-        self.along = x / self.norm, y / self.norm
-        self.nu = x, y
+        self.half = 0.5 * self.norm
+        inverse = 1.0 / self.norm
+        self.along = x * inverse, y * inverse
 
-    def segment(self, x: Any, y: Any, dx: Any, dy: Any) -> Segment:
-        """That with the middle (x, y) and the extent (dx, dy)."""
-        ops, (c, s) = self.ops, self.along
-        cosine, sine = cos_sin_turns(ops, self._turns(x, y))
-        e0, e1, e2 = _means(ops, self._turns(dx, dy))
+    def of(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """A vector along the frequency and across, (p, q)."""
+        c, s = self.along
+        return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
+
+    def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> Segment:
+        """That with the middle (p, q) and the extent (dp, dq)."""
+        cosine, sine = cos_sin_turns(self.ops, self.norm * p)
+        e0, e1, e2 = _means(self.ops, self.half * dp)
         wave = Pair(cosine, -sine)
         means = wave.scaled(e0), Pair(sine * e1, cosine * e1), wave.scaled(e2)
-        p, dp = ops.fma(c, x, s * y), ops.fma(c, dx, s * dy)
-        q, dq = ops.fma(c, y, -s * x), ops.fma(c, dy, -s * dx)
         return Segment(p, q, dp, dq, means)
-
-    def _turns(self, x: Any, y: Any) -> Any:
-        return self.ops.fma(self.nu[0], x, self.nu[1] * y)
 
     def gradient(self, along: Pair, across: Pair) -> tuple[Pair, Pair]:
         """The derivative in nu, -2 pi i M, from the moments M in these coordinates."""
@@ -126,21 +127,20 @@ _SERIES_BELOW = 1.0
 _TERMS_DOUBLE, _TERMS_SINGLE = 9, 4
 
 
-def _means(ops: Any, turns: Any) -> tuple[Any, Any, Any]:
-    """Integrals of 1, t and t^2 times exp(-2 pi i turns t) over -1/2 < t < 1/2.
+def _means(ops: Any, half: Any) -> tuple[Any, Any, Any]:
+    """Integrals of 1, t and t^2 times exp(-4 pi i half t) over -1/2 < t < 1/2.
 
-    The second without its factor i. ``j0, -j1/2, (j0 - 2 j2)/12`` of pi turns; what
+    The second without its factor i. ``j0, -j1/2, (j0 - 2 j2)/12`` of 2 pi half; what
     :func:`polywigner.kernels.moments.segment_moments` has up to the fourth power, for less.
     """
-    x = math.pi * turns
+    x = 2 * math.pi * half
     square = x * x
     small = square < _SERIES_BELOW**2
-    near = ops.select(small, square, 0.0)
     inverse = 1.0 / ops.select(small, 1.0, x)
-    cosine, sine, ratio = cos_sin_over_turns(ops, 0.5 * turns)
+    cosine, sine, ratio = cos_sin_over_turns(ops, half)
     j0 = ops.select(small, ratio * (0.5 / math.pi), sine * inverse)
     # Downwards the recurrence loses nothing: one series does for j1 and j2.
-    second = _second_over_square(ops, near) * near
+    second = _second_over_square(ops, square) * square
     j1 = ops.select(small, (x * (1 / 3)) * (j0 + second), (j0 - cosine) * inverse)
     j2 = ops.select(small, second, ops.fma(3.0 * inverse, j1, -j0))
     return j0, -0.5 * j1, ops.fma(j2, -1 / 6, j0 * (1 / 12))

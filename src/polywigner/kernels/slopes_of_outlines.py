@@ -23,8 +23,8 @@ def fourier_slopes(
 
     def term(ax: Any, ay: Any, bx: Any, by: Any, begin: Any, end: Any) -> tuple[Any, ...]:
         ex, ey = bx - ax, by - ay
-        segment = axes.segment(0.5 * (ax + bx), 0.5 * (ay + by), ex, ey)
-        along, across = segment.moments()
+        segment = axes.segment(*axes.of(0.5 * (ax + bx), 0.5 * (ay + by)), *axes.of(ex, ey))
+        along, across = (pair.scaled(-segment.dp) for pair in segment.moments(ops))
         e0, e1, _ = segment.means
         shared: Any = (0.0,) * sink.values
         if wanted.vertices:
@@ -34,5 +34,5 @@ def fourier_slopes(
 
     sums = ops.sum_over(rows, term, 4 + sink.values, like=nu_x)
     zero = Pair(0.0, 0.0)
-    frequency = axes.gradient(Pair(*sums[:2]), Pair(*sums[2:4]))
+    frequency = axes.gradient(Pair(*sums[:2]), Pair(*sums[2:4]).scaled(0.5))
     return Slopes(list(frequency), [zero, zero], list(sums[4:]))

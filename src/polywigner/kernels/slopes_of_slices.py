@@ -141,39 +141,47 @@ class _Beat:
         ops, scale = self.ops, self.slices.scale
         area, push, along, across, begin, end = [_ZERO] * 6
         shared: list[Any] = [0.0] * self.sink.values
+        long = scale * edge.length
+        along_unit, across_unit = self.clipper.shared(
+            edge, lambda: self.axes.of(edge.ux, edge.uy), self.beat.shift
+        )
         for view, side in self.views:
-            start = (
+            start = self.axes.of(
                 ops.fma(self.clipper.tx, side, scale * edge.ax),
                 ops.fma(self.clipper.ty, side, scale * edge.ay),
             )
             for piece, middle, extent, real, imag in self._cuts(edge, view, cuts):
                 # What is left of an edge may be nothing in the far distance, whose powers overflow.
                 middle = ops.select(extent == 0.0, 1.0, middle)
-                half = 0.5 * scale * middle
-                x, y = ops.fma(half, edge.ex, start[0]), ops.fma(half, edge.ey, start[1])
-                long = scale * extent
-                segment = self.axes.segment(x, y, long * edge.ex, long * edge.ey)
-                own = segment.area()
-                area = area + _weighted(own, real, imag)
-                first, second = segment.moments()
-                along = along + _weighted(first, real, imag)
-                across = across + _weighted(second, real, imag)
+                half, whole = (0.5 * long) * middle, long * extent
+                segment = self.axes.segment(
+                    ops.fma(half, along_unit, start[0]),
+                    ops.fma(half, across_unit, start[1]),
+                    whole * along_unit,
+                    whole * across_unit,
+                )
+                base = -segment.dp
+                own = segment.area(ops)
+                area = area.plus(ops, _weighted(own, real, imag), base)
+                first, second = segment.moments(ops)
+                along = along.plus(ops, _weighted(first, real, imag), base)
+                across = across.plus(ops, _weighted(second, real, imag), base)
                 e0, e1, _ = segment.means
-                e0 = _weighted(e0, real, imag).scaled(long)
-                e1 = _weighted(e1, real, imag).scaled(long * extent)
+                e0 = _weighted(e0, real, imag).scaled(extent)
+                e1 = _weighted(e1, real, imag).scaled(extent * extent)
                 push = push + e0.scaled(side)
-                to_end = e0.scaled(0.5 * middle) + e1
+                to_end = e1.plus(ops, e0, 0.5 * middle)
                 begin, end = begin + (e0 - to_end), end + to_end
                 if self.wanted.weights:
-                    found = self._fields(edge, piece, view, own)
+                    found = self._fields(edge, piece, view, own.scaled(base))
                     shared = [a + b for a, b in zip(shared, found, strict=True)]
         if self.wanted.vertices:
-            factor = self.amplitude.scaled(self.slices.factor * scale)
+            factor = self.amplitude.scaled(self.slices.factor * scale**2)
             found = self.sink.edge(
                 edge.begin, edge.end, (edge.ey, -edge.ex), (begin * factor, end * factor)
             )
             shared = [a + b for a, b in zip(shared, found, strict=True)]
-        pushes = push.scaled(edge.ey), push.scaled(-edge.ex)
+        pushes = push.scaled(scale * edge.ey), push.scaled(-scale * edge.ex)
         pairs = (area, *pushes, along, across)
         return [part for pair in pairs for part in (pair.real, pair.imag)], shared
 
@@ -221,7 +229,7 @@ class _Beat:
             moved = (moved * self.amplitude).scaled(slices.per_place)
             moved = moved + area * self.rates[k]
             result.place[k] = result.place[k] + moved.scaled(factor)
-        for k, slope in enumerate(self.axes.gradient(along, across)):
+        for k, slope in enumerate(self.axes.gradient(along, across.scaled(0.5))):
             result.frequency[k] = result.frequency[k] + (slope * self.amplitude).scaled(factor)
         return area.scaled(factor)
 
