@@ -3,7 +3,8 @@
 To let Dr.Jit differentiate through the cuts would cost some thirty times the kernel itself, and be
 wrong where a cut is the last of several. Here a kernel's sum over edges is one operation: forward
 and in reverse it runs another kernel with the closed form of the derivative. The way into the frame
-belongs to it, lest gradients be stored in the frame first; the way out is Dr.Jit's to differentiate.
+belongs to it, or gradients would be stored in the frame first; that out of it is Dr.Jit's to
+differentiate.
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ def _operation(
                 sink.flush()
                 if wanted != Wanted() and not dr.flag(dr.JitFlag.SymbolicScope):
                     # With what is added up, or a second kernel would do all of it again.
-                    dr.schedule([g for g, is_needed in zip(gradients, needed) if is_needed])
+                    pairs = zip(gradients, needed, strict=True)
+                    dr.schedule([gradient for gradient, is_needed in pairs if is_needed])
             self.set_grad_in("components", tuple(gradients))
             if of_vertices:
                 self.set_grad_in("vertices", tuple(sink.vertices))

@@ -42,9 +42,7 @@ class Pair:
 
     def plus(self, ops: Any, other: Pair, factor: Any) -> Pair:
         """self + other factor, rounded once where the engine can."""
-        return Pair(
-            ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag)
-        )
+        return Pair(ops.fma(other.real, factor, self.real), ops.fma(other.imag, factor, self.imag))
 
     def norm(self) -> Any:
         """Squared modulus."""
