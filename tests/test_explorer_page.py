@@ -295,7 +295,8 @@ def test_a_link_restores_the_page_and_a_damaged_one_says_so(browser: Any, addres
     state = State(taper="cosine", x=(1.0, 2.0), nu=(0.03, 0.0), defocus=0.5, unit="cm")
     page = Page(browser, f"{address}?{to_query(state)}")
     assert page.state() == state
-    assert from_query(browser.current_url.split("?")[1]) == state  # the address follows
+    page.wait_until(lambda: "?" in browser.current_url)  # the address follows
+    assert from_query(browser.current_url.split("?")[1]) == state
     page = Page(browser, f"{address}?unit=furlong")
     assert "furlong" in page.text("message") and page.state() == State()
 
@@ -324,8 +325,8 @@ def pixels(page: Page, figure: str) -> Any:
     script = (
         FIND
         + """
-const image = model.renderers.find((r) => r.glyph.type === "Image")
-const values = image.data_source.data.image[0]
+const image = model.renderers.find((r) => r.glyph.type === "ImageRGBA")
+const values = image.data_source.data.value[0]
 return [Array.from(values), values.shape]
 """
     )

@@ -78,6 +78,8 @@ def _connect_outline(session: Session) -> None:
     )
     session.doc.js_on_event(DocumentReady, CustomJS(args={"keys": session.keys}, code=script.KEYS))
     on_change(session, session.keys, "data", lambda data: _pressed(session, data["key"][0]))
+    texts = [controls.busy, controls.message, controls.values, controls.note]
+    session.doc.js_on_event(DocumentReady, CustomJS(args={"texts": texts}, code=script.TEXTS))
 
 
 def _selected(session: Session) -> int | None:

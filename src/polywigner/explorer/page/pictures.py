@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
 import numpy as np
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMapper, Range1d
 from bokeh.plotting import figure
+from numpy.typing import NDArray
 
 from polywigner.explorer.shown import Shown
 from polywigner.explorer.state import State
 from polywigner.explorer.views import Picture
 from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
 
-__all__ = ["ImageFigure", "palette", "plain_figure"]
+__all__ = ["ImageFigure", "coloured", "painted_once", "palette", "plain_figure", "replaced"]
 
 _SIDE = 235
 """Of the square that is drawn into, in pixels: three columns beside the controls."""
 _MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight", "difference": SIGNED_MAP}
 _SIDES = {"level": "dB", "phase": "°", "difference": "dB"}
+_NO_COLOUR = "#dddddd"  # of what is not a number
 
 
 @cache
@@ -33,6 +37,41 @@ def palette(scale: str) -> list[str]:
         t = np.sign(t) * np.sqrt(np.abs(t))
     colours = mpl.colormaps[_MAPS.get(scale, SIGNED_MAP)]((t + 1) / 2)
     return [to_hex(colour) for colour in colours]
+
+
+@cache
+def _table(scale: str) -> NDArray[np.uint32]:
+    """The palette as red, green, blue and opaque bytes, and at its end the colour of NaN."""
+    colours = [*palette(scale), _NO_COLOUR]
+    rows = [[*bytes.fromhex(colour[1:]), 255] for colour in colours]
+    return np.array(rows, np.uint8).view(np.uint32)[:, 0]
+
+
+def coloured(what: Shown) -> NDArray[np.uint32]:
+    """The pixels of values, as Bokeh's mapper would colour them: in the browser that takes 5 ms."""
+    table = _table(what.scale)
+    last = len(table) - 2
+    with np.errstate(invalid="ignore"):
+        place = (what.values - what.low) * ((last + 1) / (what.high - what.low))
+        number = np.clip(place, 0, last)
+    number[np.isnan(number)] = last + 1
+    return table[number.astype(np.intp)]
+
+
+@contextmanager
+def painted_once(made: Any) -> Iterator[None]:
+    """Changes of a figure that the browser paints together, not one by one as they come."""
+    made.hold_render = True
+    try:
+        yield
+    finally:
+        made.hold_render = False
+
+
+def replaced(source: ColumnDataSource, data: dict[str, Any]) -> None:
+    """New data of a source; the same once more is not sent."""
+    if source.data != data:
+        source.data = data
 
 
 def plain_figure(title: str, name: str, **how: Any) -> Any:
@@ -62,14 +101,14 @@ class ImageFigure:
     def __init__(self, name: str, title: str, symbol: str) -> None:
         self.symbol = symbol
         self.figure = plain_figure(title, name)
-        self.source = ColumnDataSource({"image": [], "x": [], "y": [], "dw": [], "dh": []})
+        columns = ("image", "value", "x", "y", "dw", "dh")
+        self.source = ColumnDataSource({name: [] for name in columns})
         self.cross = ColumnDataSource({"x": [], "y": []})
         self.circle = ColumnDataSource({"x": [], "y": []})
-        self.mapper = LinearColorMapper(palette=palette("level"), nan_color="#dddddd")
-        drawn = self.figure.image(
-            image="image", x="x", y="y", dw="dw", dh="dh", source=self.source,
-            color_mapper=self.mapper,
-        )  # fmt: skip
+        self.mapper = LinearColorMapper(palette=palette("level"))  # of the colour bar alone
+        drawn = self.figure.image_rgba(
+            image="image", x="x", y="y", dw="dw", dh="dh", source=self.source
+        )
         self.figure.line(
             "x", "y", source=self.circle, color="#808080", line_dash="dotted", line_width=1.5
         )
@@ -80,13 +119,17 @@ class ImageFigure:
             )  # fmt: skip
         self.bar = ColorBar(color_mapper=self.mapper, width=10, padding=3, label_standoff=4)
         self.figure.add_layout(self.bar, "right")
-        self.hover = HoverTool(renderers=[drawn], tooltips=[("value", "@image{0.0000e+0}")])
+        self.hover = HoverTool(renderers=[drawn], tooltips=[("value", "@value{0.0000e+0}")])
         self.figure.add_tools(self.hover)
         self._window: tuple[Any, ...] = ()
         self._scale = "level"
 
     def update(self, picture: Picture, what: Shown, state: State, cross: Any) -> None:
         """Show new values, and the cross at a point (x, y) in the axes' unit, None for none."""
+        with painted_once(self.figure):
+            self._update(picture, what, state, cross)
+
+    def _update(self, picture: Picture, what: Shown, state: State, cross: Any) -> None:
         per = state.per_metre
         scale = 1 / per if picture.axis_unit == "1/m" else per
         half = picture.half * picture.samples / (picture.samples - 1)  # pixels lie on samples
@@ -95,7 +138,7 @@ class ImageFigure:
         signed = what.scale == "signed"
         # squares of the page's unit: numbers without long exponents
         peak = what.peak * per**2 if signed else 1.0
-        image = np.asarray(what.values * peak, dtype=np.float32)
+        values = np.asarray(what.values * peak, dtype=np.float32)
         self._frame((left, bottom, width, state.unit))
         self.mapper.update(low=what.low * peak, high=what.high * peak)
         if what.scale != self._scale:  # so many colours take 5 ms to check
@@ -105,17 +148,19 @@ class ImageFigure:
         self.figure.title.text = _title(what, side)
         self.hover.tooltips = self._tooltips(picture, state.unit, side)
         self.source.data = {
-            "image": [image], "x": [left], "y": [bottom], "dw": [width], "dh": [width],
+            "image": [coloured(what)], "value": [values],
+            "x": [left], "y": [bottom], "dw": [width], "dh": [width],
         }  # fmt: skip
         self.mark(cross)
         if picture.axis_unit == "1/m":
             turn, radius = np.linspace(0, 2 * np.pi, 181), scale / state.wavelength
-            self.circle.data = {"x": radius * np.cos(turn), "y": radius * np.sin(turn)}
+            around = {"x": radius * np.cos(turn), "y": radius * np.sin(turn)}
+            replaced(self.circle, {name: v.tolist() for name, v in around.items()})
 
     def mark(self, cross: Any) -> None:
         """Move the cross."""
         x, y = ([], []) if cross is None else ([cross[0]], [cross[1]])
-        self.cross.data = {"x": x, "y": y}
+        replaced(self.cross, {"x": x, "y": y})
 
     def _tooltips(self, picture: Picture, unit: str, side: str) -> list[tuple[str, str]]:
         unit = f"1/{unit}" if picture.axis_unit == "1/m" else unit
@@ -124,7 +169,7 @@ class ImageFigure:
             (self.figure.yaxis, "ᵧ", "y"),
         ):
             axis.axis_label = f"{plain if self.symbol == 'x' else self.symbol + mark} ({unit})"
-        return [("at", f"$x{{0.0000}}, $y{{0.0000}} {unit}"), ("value", f"@image{{0.0000}} {side}")]
+        return [("at", f"$x{{0.0000}}, $y{{0.0000}} {unit}"), ("value", f"@value{{0.0000}} {side}")]
 
     def _frame(self, window: tuple[Any, ...]) -> None:
         """Ranges only where the window has changed: a visitor's zoom stays."""

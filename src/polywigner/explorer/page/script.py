@@ -3,7 +3,7 @@ the address, keys."""
 
 from __future__ import annotations
 
-__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "KEYS", "REBUILD"]
+__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "KEYS", "REBUILD", "TEXTS"]
 
 _REBUILD = """
 const {x, y, ring} = vertices.data
@@ -44,8 +44,12 @@ link.click()
 setTimeout(() => URL.revokeObjectURL(link.href), 10000)
 """
 
+# Once at rest: browsers take some milliseconds for it, and refuse it when asked too often.
 ADDRESS = """
-history.replaceState(null, "", location.pathname + "?" + link.value)
+clearTimeout(window.polywigner_address)
+window.polywigner_address = setTimeout(() => {
+  history.replaceState(null, "", location.pathname + "?" + link.value)
+}, 200)
 """
 
 # Of a figure's width, 110 pixels are labels and its colour bar.
@@ -66,6 +70,14 @@ document.addEventListener("wheel", (event) => {
 }, {capture: true})
 """
 """The size of figures, and what the wheel does over them."""
+
+TEXTS = """
+for (const model of texts) {
+  const view = Bokeh.index.find_one(model)
+  if (view?.markup_el) { view.rerender = () => { view.markup_el.innerHTML = model.text } }
+}
+"""
+"""Texts in places of their own: Bokeh lays out the whole page anew for a word, in 40 ms."""
 
 KEYS = """
 if (window.polywigner_keys) { return }

@@ -13,7 +13,7 @@ from polywigner.explorer.history import History
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.drawings import ApertureFigure, LagFigure, PolarFigure
 from polywigner.explorer.page.layout import figure_grid
-from polywigner.explorer.page.pictures import ImageFigure
+from polywigner.explorer.page.pictures import ImageFigure, replaced
 from polywigner.explorer.results import Result
 from polywigner.explorer.shown import shown
 from polywigner.explorer.snippets import snippet
@@ -117,7 +117,7 @@ class Figures:
 
     def mark(self, state: State) -> None:
         """The crosses at the chosen point."""
-        self.aperture.cross.data = {"x": [state.x[0]], "y": [state.x[1]]}
+        replaced(self.aperture.cross, {"x": [state.x[0]], "y": [state.x[1]]})
         self.images["wigner_x"].mark(state.x)
         for name in ("fourier", "wigner_nu"):
             self.images[name].mark(state.nu)
