@@ -13,11 +13,11 @@ import numpy.typing as npt
 
 from polywigner.engines.by_cell import order_of
 from polywigner.engines.choice import resolved
-from polywigner.engines.grids import evaluate_on_grid
+from polywigner.engines.grids import evaluate_on_grid, may_be_on_grid
 from polywigner.engines.on_drjit import OnDrjit
 from polywigner.engines.on_numpy import CHUNK, OnNumpy
 from polywigner.engines.operations import NumpyOperations
-from polywigner.engines.pairs import Pairs, pairs_of
+from polywigner.engines.pairs import Pairs, one_row_of, pairs_of
 from polywigner.kernels import Kernel, SharedSlice, shared_slice
 
 __all__ = ["evaluate"]
@@ -44,13 +44,16 @@ def evaluate(
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
     tables = kernel.tables(source, double)
-    if kernel.on_grid:
-        components = [c.astype(np.float64, copy=False) for c in components]
-        by_points = OnNumpy(kernel, tables, double).values
+    if may_be_on_grid(kernel, components):
         found = evaluate_on_grid(
-            kernel, source, components, by_points, double=double, engine=engine
+            kernel,
+            source,
+            components,
+            _by_points(kernel, tables, components[:-2], double),
+            double=double,
+            engine=engine,
         )
-        if found:
+        if found is not None and found[0].shape == shape:
             return found
     dtype = np.float64 if double else np.float32
     results = tuple(np.empty(shape, dtype) for _ in range(outputs))
@@ -62,6 +65,9 @@ def evaluate(
     if engine == "numpy":
         compute, chunk = OnNumpy(kernel, tables, double), CHUNK
         compute.ops.samples = int(np.prod(shape))
+        shared = shared_slice(kernel)
+        if pairs is None and shared and all(c.size == 1 for c in components[shared.arguments]):
+            pairs = one_row_of(components, shape)
     else:
         compute, chunk = OnDrjit(kernel, tables, double, engine), _DRJIT_CHUNK
     launched = _shared(compute, source, pairs, results) if pairs is not None else None
@@ -69,6 +75,16 @@ def evaluate(
         launched = _paired(compute, pairs, results)
     _store(launched or _chunked(compute, components, results, chunk))
     return results
+
+
+def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool) -> Any:
+    """The kernel at one place, if it has any, for some frequencies."""
+    compute = OnNumpy(kernel, tables, double)
+
+    def values(nu: Sequence[Array]) -> Sequence[Array]:
+        return compute.values([*(np.full(len(nu[0]), c.item()) for c in place), *nu])
+
+    return values
 
 
 Launched = Iterator[tuple[Sequence[Array], Any, Callable[[], Sequence[Array]]]]

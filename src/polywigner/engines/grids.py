@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from polywigner.engines.choice import resolved
 from polywigner.engines.operations import NumpyOperations
-from polywigner.kernels import GridTables, Kernel, fourier_on_grid
+from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
 
-__all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
+__all__ = ["GridPlan", "evaluate_on_grid", "may_be_on_grid", "plan_for_grid"]
 
 # Shorter sides are not worth the axes' tables.
 _LEAST_SIDE = 8
@@ -34,7 +34,7 @@ _NOT_WORTH_COMPILING = 1 << 20
 
 Array = npt.NDArray[Any]
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
-"""(nu_x, nu_y) of some points -> real and imaginary part there."""
+"""(nu_x, nu_y) of some points -> real and imaginary part there, or the one value of W."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,15 @@ def _grid_of(x: Array, y: Array) -> _Grid | None:
     if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
         return None
     if _is_grid(x, y):
-        return _Grid(x[:, 0].copy(), y[0].copy(), transposed=False)
+        return _Grid(_axis(x[:, 0]), _axis(y[0]), transposed=False)
     if _is_grid(x.T, y.T):
-        return _Grid(x[0].copy(), y[:, 0].copy(), transposed=True)
+        return _Grid(_axis(x[0]), _axis(y[:, 0]), transposed=True)
     return None
+
+
+def _axis(values: Array) -> Array:
+    """An axis by itself, in the precision in which arguments enter a frame."""
+    return np.array(values, np.float64)
 
 
 def _is_grid(x: Array, y: Array) -> bool:
@@ -65,7 +70,7 @@ def _is_grid(x: Array, y: Array) -> bool:
 
 @dataclass(frozen=True)
 class GridPlan:
-    """A Fourier transform on a grid, to be computed from its axes."""
+    """A Fourier transform on a grid, or W at one place, to be computed from its axes."""
 
     tables: GridTables
     grid: _Grid
@@ -88,7 +93,7 @@ class GridPlan:
         return below < _MOST_BELOW
 
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
-        """Write real and imaginary part to two arrays.
+        """Write real and imaginary part to two arrays, or W to one.
 
         The few points near the origin that the grid's formula is not for go to ``point_by_point``.
         """
@@ -99,28 +104,51 @@ class GridPlan:
                 for target, part in zip(targets, self._tile(nu, point_by_point), strict=True):
                     target[i : i + _TILE, j : j + _TILE] = part
 
-    def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, Array]:
+    def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, ...]:
         ops = NumpyOperations(double=True)
         with np.errstate(invalid="ignore", divide="ignore"):  # of points that are then replaced
-            real, imag, below = fourier_on_grid(ops, self.tables, *nu, self.double)
+            parts, below = fourier_on_grid(ops, self.tables, *nu, self.double)
         if below.any():
             i, j = np.nonzero(below)
-            real[i, j], imag[i, j] = point_by_point((nu[0][i], nu[1][j]))
-        return real, imag
+            for part, values in zip(parts, point_by_point((nu[0][i], nu[1][j])), strict=True):
+                part[i, j] = values
+        return parts
 
 
 def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], double: bool
 ) -> GridPlan | None:
     """How to compute a kernel from the axes of a grid; None where that cannot be done."""
-    if kernel.on_grid is None:
+    *place, x, y = components
+    grid = _grid_of(x, y)
+    if grid is None or any(c.size != 1 for c in place):
         return None
-    grid = _grid_of(*components)
-    tables = kernel.on_grid(source) if grid else None
-    if grid is None or tables is None:
+    tables = _tables_for_grid(kernel, source, [_axis(c).ravel() for c in place])
+    if tables is None:
         return None
     plan = GridPlan(tables, grid, double)
     return plan if plan.keeps_digits() else None
+
+
+def _tables_for_grid(kernel: Kernel, source: Any, place: Sequence[Array]) -> GridTables | None:
+    """Of a source, or of its slice at a place, from whose cut edges what is far off is missing."""
+    if kernel.on_grid is not None:
+        return kernel.on_grid(source)
+    shared = shared_slice(kernel)
+    if shared is None or not np.isfinite(place).all():
+        return None
+    host, exact = NumpyOperations(double=True), kernel.tables(source, True)
+    with np.errstate(invalid="ignore", over="ignore"):
+        inner = kernel.enter(host, exact.frame, *place, *np.zeros((2, 1)))
+    return shared.on_grid(host, exact, *inner[shared.place])
+
+
+def may_be_on_grid(kernel: Kernel, components: Sequence[Array]) -> bool:
+    """Whether a kernel can be computed from axes at all, of a grid or not."""
+    if kernel.on_grid is not None:
+        return True
+    shared = shared_slice(kernel)
+    return shared is not None and shared.is_even and components[0].size == 1
 
 
 def evaluate_on_grid(
@@ -131,17 +159,18 @@ def evaluate_on_grid(
     *,
     double: bool,
     engine: str,
-) -> tuple[Array, Array] | None:
-    """Real and imaginary part on a grid, or None where that is no grid, or not the best way."""
+) -> tuple[Array, ...] | None:
+    """The results on a grid, or None where that is no grid, or not the best way."""
     if engine not in ("auto", "numpy"):
         return None
     plan = plan_for_grid(kernel, source, components, double)
     if plan is None:
         return None
-    samples = components[0].size
+    samples = components[-1].size
     if not plan.cheap and resolved(engine, samples, plan.tables.edges) != "numpy":
         return None
     dtype = np.float64 if double else np.float32
-    results = (np.empty(components[0].shape, dtype), np.empty(components[0].shape, dtype))
+    shape = components[-1].shape
+    results = tuple(np.empty(shape, dtype) for _ in range(1 if plan.tables.half else 2))
     plan.fill(results, point_by_point)
     return results

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Pairs", "pairs_of"]
+__all__ = ["Pairs", "one_row_of", "pairs_of"]
 
 # In shorter rows little is shared.
 _LEAST_COLUMNS = 64
@@ -41,12 +41,24 @@ class Pairs:
 
     def block(self, rows: slice, columns: slice) -> tuple[Array, ...]:
         """The components of a block, in float64."""
-        chosen = (c[rows] if len(c) > 1 else c[:, columns] for c in self.components)
+        chosen = (
+            c[rows] if len(c) > 1 else c[:, columns] if self.columns == c.shape[1] else c
+            for c in self.components
+        )
         return tuple(c.astype(np.float64, copy=False) for c in chosen)
 
     def transposed(self) -> Pairs:
         """Rows as columns, and columns as rows."""
         return Pairs(tuple(c.T for c in self.components), self.columns, self.rows)
+
+
+def one_row_of(components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
+    """Components of which some are one number each, in one row; None for a short one."""
+    columns = math.prod(shape)
+    if columns < _LEAST_COLUMNS:
+        return None
+    whole = (c if c.size == 1 else np.broadcast_to(c, shape) for c in components)
+    return Pairs(tuple(c.reshape(1, -1) for c in whole), 1, columns)
 
 
 def pairs_of(components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.kernels.grids import GridTables, slice_grid_tables
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.plane import AMBIGUITY, WIGNER
 from polywigner.kernels.slice_parts import (
@@ -46,6 +47,18 @@ class SharedSlice:
     """(ops of NumPy in double precision, tables, *place) -> whose, (k, 8) rows."""
     summed: Callable[..., PartSum]
     """(ops, columns of a row, is_real, *frequency) -> how to sum rows up."""
+    is_even: bool
+    """Whether it is even in the frequency where rows are of four numbers."""
+
+    def on_grid(self, ops: Any, tables: Tables, *place: Any) -> GridTables | None:
+        """Constants for grids of frequencies at one place (1,); None where there are none."""
+        if not self.is_even or tables.phased or any(tables.frame.carrier):
+            return None
+        (_, rows), _ = self.parts(ops, tables, *place)
+        if rows.shape[1] > 4:
+            return None
+        area = sum(edge.area for edge in tables.edges) / 2
+        return slice_grid_tables(tables.frame, rows.tolist(), area)
 
     def parts(self, ops: Any, tables: Tables, *place: Any) -> tuple[Listed, bool]:
         """Whose the parts of places (n,) are and their rows; whether all weights are real.
@@ -138,8 +151,10 @@ def _detuned(row: Sequence[Any], nu: Values) -> Values:
     return nu[0] - row[6], nu[1] - row[7]
 
 
-_WIGNER = SharedSlice(slice(0, 2), slice(0, 2), slice(2, 4), slice_parts, _WignerSum)
-_AMBIGUITY = SharedSlice(slice(2, 4), slice(3, 5), slice(1, 3), position_slice_parts, _AmbiguitySum)
+_WIGNER = SharedSlice(slice(0, 2), slice(0, 2), slice(2, 4), slice_parts, _WignerSum, True)
+_AMBIGUITY = SharedSlice(
+    slice(2, 4), slice(3, 5), slice(1, 3), position_slice_parts, _AmbiguitySum, False
+)
 
 
 def shared_slice(kernel: Kernel) -> SharedSlice | None:
