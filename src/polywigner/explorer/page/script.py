@@ -5,31 +5,49 @@ from __future__ import annotations
 
 __all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "KEYS", "REBUILD", "TEXTS"]
 
-_REBUILD = """
-const {x, y, ring} = vertices.data
-const xs = [], ys = [], found = new Map()
-for (let k = 0; k < x.length; k++) {
-  if (!found.has(ring[k])) { found.set(ring[k], xs.length); xs.push([]); ys.push([]) }
-  xs[found.get(ring[k])].push(x[k]); ys[found.get(ring[k])].push(y[k])
+_OUTLINE = """
+const drawn = () => {
+  const {x, y, ring} = vertices.data
+  const xs = [], ys = [], found = new Map()
+  for (let k = 0; k < x.length; k++) {
+    if (!found.has(ring[k])) { found.set(ring[k], xs.length); xs.push([]); ys.push([]) }
+    xs[found.get(ring[k])].push(x[k]); ys[found.get(ring[k])].push(y[k])
+  }
+  const before = JSON.stringify([outline.data.xs, outline.data.ys])
+  return JSON.stringify([xs, ys]) === before ? null : {xs, ys}
 }
-const before = JSON.stringify([outline.data.xs, outline.data.ys])
-if (JSON.stringify([xs, ys]) !== before) { outline.data = {xs, ys} }
 """
 
-REBUILD = _REBUILD
+REBUILD = (
+    _OUTLINE
+    + """
+const data = drawn()
+if (data !== null) { outline.data = data }
+"""
+)
 """When vertices have changed: a drag has ended, one was deleted."""
 
-# The next edit is sent when the last one has been answered, or after a third of a second.
+# The next edit is sent when the last one has been answered, or after a third of a second; the
+# place where a hand comes to rest is sent as well, though no event tells that it does.
 DRAG = (
     """
 if (vertices.selected.indices.length === 0) { return }
-const now = Date.now(), last = window.polywigner_sent ?? 0
-const waiting = signals.data.busy[0] === 1
-if (now - last < (waiting ? 333 : 40)) { return }
-window.polywigner_sent = now
-signals.data = {busy: [1]}
 """
-    + _REBUILD
+    + _OUTLINE
+    + """
+const send = () => {
+  const sent = window.polywigner_sent ?? 0
+  const rest = sent + (signals.data.busy[0] === 1 ? 333 : 40) - Date.now()
+  if (rest > 0) { window.polywigner_drag = setTimeout(send, Math.min(rest, 20)); return }
+  window.polywigner_drag = null
+  const data = drawn()
+  if (data === null) { return }
+  window.polywigner_sent = Date.now()
+  signals.data = {busy: [1]}
+  outline.data = data
+}
+if ((window.polywigner_drag ?? null) === null) { send() }
+"""
 )
 """While a vertex is dragged."""
 
