@@ -156,6 +156,13 @@ class Page:
         self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
         button.click()
 
+    def press(self, *keys: str) -> None:
+        """Keys one after the other, by their letters or Selenium's names."""
+        from selenium.webdriver.common.keys import Keys
+
+        for key in keys:
+            self.chain(self.browser).send_keys(getattr(Keys, key, key)).perform()
+
     def at(self, figure: str, x: float, y: float) -> Any:
         """A mouse at a place of a figure, in its units."""
         across, down = self.browser.execute_script(PLACE, figure, x, y)
@@ -220,8 +227,7 @@ def test_an_outline_drawn_with_the_mouse_is_computed_and_its_numbers_are_the_fun
 ) -> None:
     page.set("snap", "value", 0.5)
     page.set("shape", "value", "blank sheet")
-    page.wait_until(lambda: "blank" in page.text("message"))
-    page.click("draw")
+    page.wait_until(lambda: "blank" in page.text("message") and page.get("draw", "active"))
     corners = [(-3.0, -2.0), (3.0, -2.0), (0.0, 3.0)]
     for corner in [*corners, corners[0]]:
         page.tap("aperture", *corner)
@@ -267,6 +273,72 @@ def test_a_crossing_outline_says_so_and_the_last_good_result_stays(page: Page) -
     assert np.array_equal(pixels(page, "wigner_nu"), image)
     page.click("undo")
     page.wait_until(lambda: page.text("message") == "")
+
+
+def test_a_coordinate_can_be_typed_into_the_table(page: Page) -> None:
+    focus(page, "table", "[tabindex='0']")
+    page.press("ARROW_DOWN", "ENTER")
+    page.press("7", "ENTER")  # an editor's text is selected
+    page.wait_until(lambda: page.state().rings[0][1] == (7, -5))
+    page.wait_until(lambda: np.isclose(number_of(page, "∫|u|² dx"), 1.1e-4, rtol=DIGITS))
+
+
+def focus(page: Page, name: str, selector: str) -> None:
+    """The keyboard at a part of a widget."""
+    page.browser.execute_script("arguments[0].focus()", page.element(name, selector))
+
+
+FOCUSED = """
+let at = document.activeElement
+while (at?.shadowRoot?.activeElement) { at = at.shadowRoot.activeElement }
+return [at.tagName, at.ariaLabel ?? "", getComputedStyle(at).outlineStyle]
+"""
+
+
+def test_the_tabulator_reaches_every_control_and_comes_to_an_end(page: Page) -> None:
+    page.browser.execute_script("document.activeElement?.blur()")
+    stops = []
+    for _ in range(60):
+        page.press("TAB")
+        stops.append(tuple(page.browser.execute_script(FOCUSED)))
+        if stops[-1][0] == "BODY":
+            break
+    tags = [tag for tag, _, _ in stops]
+    labels = " ".join(label for _, label, _ in stops)
+    assert tags[-1] == "BODY"  # nobody is kept in the table
+    assert tags.count("INPUT") > 15 and tags.count("BUTTON") > 10
+    for name in ("Vertices", "Defocus", "Near field at z", "Aperture", "|F(ν)|²", "W(x, ν) over x"):
+        assert name in labels
+    for tag, label, outline in stops[:-1]:  # where one is can be seen; the table has a frame
+        assert outline != "none" or "Vertices" in label, (tag, label)
+
+
+def test_everything_that_is_typed_or_pressed_has_a_name(page: Page) -> None:
+    tree = page.browser.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
+    acting = {"button", "textbox", "combobox", "slider", "checkbox", "application"}
+    found = [
+        (node["role"]["value"], node.get("name", {}).get("value", ""))
+        for node in tree
+        if node.get("role", {}).get("value") in acting
+    ]
+    assert len(found) > 40
+    assert [role for role, name in found if not name] == []
+
+
+def test_a_vertex_is_chosen_moved_added_and_deleted_by_keys(page: Page) -> None:
+    before = page.state().rings
+    page.browser.execute_script(FIND + "view.canvas_view.events_el.focus()", "aperture")
+    page.press("n", "ARROW_UP")
+    page.press("ARROW_UP")
+    page.wait_until(lambda: "Vertex 1 of 4: (-5, -4.8) mm" in page.text("message"))
+    assert page.settled().rings[0][0] == (-5, -4.8)
+    page.press("INSERT")
+    page.wait_until(lambda: page.settled().rings[0][1] == (0, -4.9))
+    page.press("DELETE")
+    page.wait_until(lambda: len(page.settled().rings[0]) == 4)
+    for _ in range(3):  # moves of one vertex that follow each other are one step
+        page.click("undo")
+    page.wait_until(lambda: page.settled().rings == before)
 
 
 def test_a_slider_moves_its_view_and_no_other_number(page: Page) -> None:

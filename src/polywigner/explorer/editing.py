@@ -11,9 +11,12 @@ from polywigner.geometry import Aperture
 __all__ = [
     "rings_of_aperture",
     "rings_of_rows",
+    "rounded",
+    "rounded_where_new",
     "rows_of_rings",
     "snapped",
     "with_vertex_after",
+    "with_vertex_at",
     "with_vertex_near",
     "without_vertex",
 ]
@@ -48,6 +51,18 @@ def snapped(rings: Sequence[Sequence[Point]], step: float) -> Rings:
 
 def _round(value: float, digits: int) -> float:
     return round(value, digits) + 0.0  # no -0.0
+
+
+def rounded(point: Point, step: float) -> Point:
+    """To the digits of a step, as one would type it."""
+    digits = max(0, -math.floor(math.log10(step)))
+    return _round(point[0], digits), _round(point[1], digits)
+
+
+def rounded_where_new(rings: Rings, before: Rings, step: float) -> Rings:
+    """Vertices to the digits of a step that a mouse has moved; those from before stay exact."""
+    known = {point for ring in before for point in ring}
+    return tuple(tuple(p if p in known else rounded(p, step) for p in ring) for ring in rings)
 
 
 def rows_of_rings(rings: Rings) -> list[tuple[int, float, float]]:
@@ -91,12 +106,25 @@ def _distance(point: Point, a: Point, b: Point) -> float:
     return math.hypot(px - t * dx, py - t * dy)
 
 
+def with_vertex_at(rings: Rings, row: int, point: Point) -> Rings:
+    """With the vertex of one row of the table at a point."""
+    starts = [sum(map(len, rings[:number])) for number in range(len(rings))]
+    return tuple(
+        tuple(point if start + k == row else p for k, p in enumerate(ring))
+        for start, ring in zip(starts, rings, strict=True)
+    )
+
+
+def _plain(value: float) -> float:
+    return float(f"{value:.12g}") + 0.0  # 0.1, not 0.10000000000000009
+
+
 def with_vertex_after(rings: Rings, row: int) -> Rings:
     """With a new vertex in the middle of the edge that begins at one row of the table."""
     for number, ring in enumerate(rings):
         if row < len(ring):
             (ax, ay), (bx, by) = ring[row], ring[(row + 1) % len(ring)]
-            middle = ((ax + bx) / 2, (ay + by) / 2)
+            middle = (_plain((ax + bx) / 2), _plain((ay + by) / 2))
             changed = (*ring[: row + 1], middle, *ring[row + 1 :])
             return (*rings[:number], changed, *rings[number + 1 :])
         row -= len(ring)

@@ -7,6 +7,7 @@ from typing import Any
 from bokeh.layouts import column, row
 from bokeh.models import (
     Button,
+    CellEditor,
     CheckboxGroup,
     ColumnDataSource,
     DataTable,
@@ -69,7 +70,7 @@ class Controls:
             source=self.rows, editable=True, width=_WIDTH, height=170, name="table",
             index_position=None, autosize_mode="fit_columns", sortable=False, reorderable=False,
             columns=[
-                TableColumn(field="ring", title="outline", width=60),
+                TableColumn(field="ring", title="outline", editor=CellEditor(), width=60),
                 TableColumn(field="x", title="x", editor=NumberEditor(), width=115),
                 TableColumn(field="y", title="y", editor=NumberEditor(), width=115),
             ],

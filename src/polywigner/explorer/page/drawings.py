@@ -6,7 +6,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, PointDrawTool
+from bokeh.models import ColumnDataSource, PointDrawTool, Scatter
 
 from polywigner.explorer.page.pictures import plain_figure
 from polywigner.explorer.state import State
@@ -54,6 +54,9 @@ class ApertureFigure:
             line_width=2,
         )  # fmt: skip
         handles.nonselection_glyph = None
+        handles.selection_glyph = Scatter(
+            x="x", y="y", size=13, fill_color=_ACCENT, line_color="white", line_width=2
+        )
         made.scatter(
             "x", "y", source=self.cross, marker="cross", size=14, line_width=2, color="#ffb000"
         )
@@ -75,6 +78,20 @@ class ApertureFigure:
         numbers = [k for k, ring in enumerate(state.rings) for _ in ring]
         self.vertices.data = {"x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers}
         self.vertices.selected.indices = []
+
+    @property
+    def chosen(self) -> int | None:
+        """The number of the selected vertex, all outlines counted through."""
+        indices = self.vertices.selected.indices
+        return int(indices[0]) if indices and indices[0] < len(self.vertices.data["x"]) else None
+
+    def choose(self, vertex: int | None) -> None:
+        """Select a vertex, or none."""
+        self.vertices.selected.indices = [] if vertex is None else [vertex]
+
+    def clear(self) -> None:
+        """A blank sheet."""
+        self.support.data, self.filled.data = {"xs": [], "ys": []}, {"xs": [], "ys": []}
 
     def frame(self, low: tuple[float, float], high: tuple[float, float], unit: str) -> None:
         """The window around what is drawn."""
@@ -150,8 +167,9 @@ class PolarFigure:
         text = [f"{d:.3g}°" for d in degrees]
         text += [f"{top - _SPAN * (1 - r):g}" for r in (0.25, 0.5, 0.75)]
         self.labels.data = {
-            "x": [*(1.12 * np.sin(angles)), 0.3, 0.55, 0.8],
-            "y": [*(1.1 * np.cos(angles)), -0.09, -0.09, -0.09],
+            # those of the horizon below its ends: beside them they are cut off
+            "x": [-1.0, *(1.12 * np.sin(angles[1:-1])), 1.0, 0.25, 0.5, 0.75],
+            "y": [-0.26, *(1.1 * np.cos(angles[1:-1])), -0.26, -0.13, -0.13, -0.13],
             "text": text,
         }
         for source, levels in zip(self.cuts, cuts.directivity.T, strict=True):

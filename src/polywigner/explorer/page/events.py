@@ -14,6 +14,7 @@ from polywigner.explorer import editing, views, windows
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.page import script
 from polywigner.explorer.page.guards import guarded, on_change, on_click, on_event
+from polywigner.explorer.page.keyboard import Keyboard
 from polywigner.explorer.page.show import ORDERS, PARTS
 from polywigner.explorer.page.take_away import connect_take_away
 from polywigner.explorer.page.tour import connect_tour
@@ -54,6 +55,7 @@ def _connect_outline(session: Session) -> None:
             for xs, ys in zip(data["xs"], data["ys"], strict=True)
             if len(xs) >= 3
         )
+        rings = editing.rounded_where_new(rings, session.state.rings, _tolerance_of(session))
         if rings == session.state.rings:
             session.signals.data = {"busy": [0]}
             return
@@ -69,26 +71,28 @@ def _connect_outline(session: Session) -> None:
     on_click(session, controls.redo, lambda: session.go(session.history.redone()))
     on_click(session, controls.delete, lambda: _delete(session))
     on_click(session, controls.insert, lambda: _insert(session))
-    on_change(session, controls.rows, "data", lambda data: _from_table(session, data))
+    typed = guarded(session, partial(_from_table, session))
+    # a cell: Bokeh is still at it, and must not find other data
+    on_change(session, controls.rows, "data", lambda _: session.doc.add_next_tick_callback(typed))
     on_change(session, controls.shape, "value", lambda name: _start_from(session, name))
     arrived = guarded(session, partial(_upload, session))
     # the name of a file comes after its content
     on_change(
         session, controls.upload, "value", lambda _: session.doc.add_next_tick_callback(arrived)
     )
-    session.doc.js_on_event(DocumentReady, CustomJS(args={"keys": session.keys}, code=script.KEYS))
-    on_change(session, session.keys, "data", lambda data: _pressed(session, data["key"][0]))
+    keyboard = Keyboard(session)
+    on_change(session, session.keys, "data", partial(_pressed, session, keyboard))
+    on_change(session, controls.rows.selected, "indices", partial(_row_selected, session))
     texts = [controls.busy, controls.message, controls.values, controls.note]
     session.doc.js_on_event(DocumentReady, CustomJS(args={"texts": texts}, code=script.TEXTS))
 
 
 def _selected(session: Session) -> int | None:
     """The row of the vertex that is selected, in the figure or in the table."""
-    for source in (session.figures.aperture.vertices, session.controls.rows):
-        if source.selected.indices:
-            return int(source.selected.indices[0])
-    session.say("Select a vertex first: click it, or its row in the table.")
-    return None
+    chosen = session.figures.aperture.chosen
+    if chosen is None:
+        session.say("Select a vertex first: click it, or its row in the table.")
+    return chosen
 
 
 def _delete(session: Session) -> None:
@@ -103,7 +107,8 @@ def _insert(session: Session) -> None:
         session.edit(rings=editing.with_vertex_after(session.state.rings, row))
 
 
-def _from_table(session: Session, data: Any) -> None:
+def _from_table(session: Session) -> None:
+    data = session.controls.rows.data
     rows = list(zip(data["ring"], map(float, data["x"]), map(float, data["y"]), strict=True))
     session.edit(rings=editing.rings_of_rows(rows))
 
@@ -114,6 +119,7 @@ def _start_from(session: Session, name: str) -> None:
         rings = editing.rings_of_aperture(shape()) if shape else ()
         session.edit(rings=rings, x=(0.0, 0.0))
         session.controls.shape.value = ""  # so that it can be chosen again
+        session.controls.draw.active = shape is None
 
 
 def _upload(session: Session) -> None:
@@ -130,15 +136,23 @@ def _upload(session: Session) -> None:
     session.edit(rings=state.rings, x=(0.0, 0.0))
 
 
-def _pressed(session: Session, key: str) -> None:
-    if key == "undo":
-        session.go(session.history.undone())
-    elif key == "redo":
-        session.go(session.history.redone())
-    elif key == "finish":
+def _pressed(session: Session, keyboard: Keyboard, data: Any) -> None:
+    key, figure, shift = data["key"][0], data["figure"][0], bool(data["shift"][0])
+    drawing = session.controls.draw.active
+    if key == "finish":
         _finish(session)
-    elif key == "cancel":
+    elif drawing and key == "Escape":
         session.controls.draw.active = False
+    elif drawing and key == " " and figure == "aperture":
+        _corner(session, session.state.x)
+    else:
+        keyboard.pressed(key, figure, shift)
+
+
+def _row_selected(session: Session, rows: list[int]) -> None:
+    """A row of the table is a vertex of the figure."""
+    if rows:
+        session.figures.aperture.choose(rows[0])
 
 
 def _connect_drawing(session: Session) -> None:
@@ -150,8 +164,8 @@ def _connect_drawing(session: Session) -> None:
         controls.finish.disabled = not active
         controls.draw.button_type = "primary" if active else "default"
         session.say(
-            "Click the corners one after the other; click the first one again, or press Enter, to "
-            "close the outline. Esc gives up."
+            "Click the corners one after the other (or go there by arrows, and press the space "
+            "bar); click the first one again, or press Enter, to close the outline. Esc gives up."
             if active
             else "",
             hint=True,
@@ -186,26 +200,29 @@ def _tapped(session: Session, event: Any) -> None:
     """A click into the aperture: a corner of a new outline, a vertex, or a position."""
     point = (float(event.x), float(event.y))
     if session.controls.draw.active:
-        if len(session.pending) >= 3 and _near(session, point, session.pending[0]):
-            _finish(session)
-            return
-        ((corner,),) = editing.snapped(((point,),), session.state.snap)
-        session.pending.append(corner)
-        x, y = zip(*session.pending, strict=True)
-        session.figures.aperture.pending.data = {"x": list(x), "y": list(y)}
+        _corner(session, editing.rounded(point, _tolerance_of(session)))
     elif not any(_near(session, point, v) for ring in session.state.rings for v in ring):
-        session.edit(step=False, edges=False, x=_rounded(point, _tolerance_of(session)))
+        session.edit(step=False, edges=False, x=editing.rounded(point, _tolerance_of(session)))
+
+
+def _placed(session: Session, point: tuple[float, float]) -> tuple[float, float]:
+    """On the raster, if there is one."""
+    ((placed,),) = editing.snapped(((point,),), session.state.snap)
+    return placed
+
+
+def _corner(session: Session, point: tuple[float, float]) -> None:
+    """Another corner of the outline that is being drawn, or its first once more."""
+    if len(session.pending) >= 3 and _near(session, point, session.pending[0]):
+        _finish(session)
+        return
+    session.pending.append(_placed(session, point))
+    x, y = zip(*session.pending, strict=True)
+    session.figures.aperture.pending.data = {"x": list(x), "y": list(y)}
 
 
 def _tolerance_of(session: Session) -> float:
     return _tolerance(session.figures.aperture.figure) / 20
-
-
-def _rounded(point: tuple[float, float], step: float) -> tuple[float, float]:
-    """To digits that a mouse can tell apart, as one would type it."""
-    ((there,),) = editing.snapped(((point,),), 0.0)
-    digits = max(0, -int(f"{step:e}".split("e")[1]))
-    return round(there[0], digits) + 0.0, round(there[1], digits) + 0.0
 
 
 def _connect_points(session: Session) -> None:
@@ -219,7 +236,7 @@ def _connect_points(session: Session) -> None:
 
     def choose(name: str, event: Any) -> None:
         figure = figures.by_name(event_figures[name])
-        point = _rounded((float(event.x), float(event.y)), _tolerance(figure) / 20)
+        point = editing.rounded((float(event.x), float(event.y)), _tolerance(figure) / 20)
         session.edit(step=False, edges=False, **{"x" if name == "wigner_x" else "nu": point})
 
     event_figures = {name: name for name in ("fourier", "wigner_nu", "wigner_x")}
@@ -237,8 +254,7 @@ def _connect_points(session: Session) -> None:
 
 def _doubled(session: Session, event: Any) -> None:
     if not session.controls.draw.active:
-        ((point,),) = editing.snapped(((_rounded((event.x, event.y), _tolerance_of(session)),),),
-                                      session.state.snap)  # fmt: skip
+        point = _placed(session, editing.rounded((event.x, event.y), _tolerance_of(session)))
         if not any(_near(session, point, v) for ring in session.state.rings for v in ring):
             session.edit(rings=editing.with_vertex_near(session.state.rings, point))
 

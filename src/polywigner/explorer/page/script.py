@@ -1,9 +1,9 @@
 """The little that runs in the browser: vertices to outlines while they are dragged, downloads,
-the address, keys."""
+the address, the size of figures."""
 
 from __future__ import annotations
 
-__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "KEYS", "REBUILD", "TEXTS"]
+__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "REBUILD", "TEXTS"]
 
 _OUTLINE = """
 const drawn = () => {
@@ -96,24 +96,3 @@ for (const model of texts) {
 }
 """
 """Texts in places of their own: Bokeh lays out the whole page anew for a word, in 40 ms."""
-
-KEYS = """
-if (window.polywigner_keys) { return }
-window.polywigner_keys = true
-document.addEventListener("keydown", (event) => {
-  const from = event.composedPath()[0]
-  const typing = ["INPUT", "TEXTAREA", "SELECT"].includes(from.tagName)
-  let key = null
-  if ((event.ctrlKey || event.metaKey) && !typing) {
-    const letter = event.key.toLowerCase()
-    if (letter === "z") { key = event.shiftKey ? "redo" : "undo" }
-    if (letter === "y") { key = "redo" }
-  }
-  if (event.key === "Enter" && !typing && from.tagName !== "BUTTON") { key = "finish" }
-  if (event.key === "Escape") { key = "cancel" }
-  if (key !== null) {
-    if (key === "undo" || key === "redo") { event.preventDefault() }
-    keys.data = {key: [key], time: [Date.now()]}
-  }
-})
-"""

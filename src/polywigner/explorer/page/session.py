@@ -15,6 +15,7 @@ from bokeh.models import ColumnDataSource
 
 from polywigner.errors import PolywignerError
 from polywigner.explorer.history import History
+from polywigner.explorer.page.access import connect_access
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
 from polywigner.explorer.page.layout import arranged, connect_layout
@@ -55,7 +56,7 @@ class Session:
         self.controls, self.figures = Controls(), Figures()
         self.signals = ColumnDataSource({"busy": [0]}, name="signals")
         self.downloads = ColumnDataSource({"name": [], "kind": [], "content": []})
-        self.keys = ColumnDataSource({"key": [], "time": []})
+        self.keys = ColumnDataSource({"key": [], "figure": [], "shift": [], "time": []})
         self.pending: list[tuple[float, float]] = []
         self.filling = False
         self.trouble = self.notice = ""
@@ -66,8 +67,10 @@ class Session:
         connect(self)
         self.fill()
         top = [self.controls.busy, self.controls.message]
-        doc.add_root(arranged(self.controls.side(), top, self.figures.grid))
+        self.page = arranged(self.controls.side(), top, self.figures.grid)
+        doc.add_root(self.page)
         connect_layout(doc, self.figures.all)
+        connect_access(self)
         doc.on_session_destroyed(self._leave)
 
     @property
@@ -111,6 +114,8 @@ class Session:
         try:
             fill(self.controls, self.history)
             self.controls.link.value = to_query(self.state)
+            if not self.state.rings:
+                self.figures.aperture.clear()
             if edges:
                 self.figures.aperture.show_edges(self.state)
                 self.figures.frame(self.state)  # not under a vertex that is being dragged
@@ -124,7 +129,7 @@ class Session:
         self._show_message()
 
     def _show_message(self) -> None:
-        lines = [(self.notice, self.is_hint), (self.trouble, False)]
+        lines = [(self.notice, self.is_hint), (self.trouble, not self.state.rings)]
         self.controls.message.text = "".join(
             f'<div role="{"status" if hint else "alert"}" style="color:'
             f'{"#1f3b57" if hint else "#b00020"}">{escape(text)}</div>'
