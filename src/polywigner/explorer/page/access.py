@@ -85,7 +85,8 @@ document.documentElement.lang = "en"
 # one stop before them, where the first cell becomes the current one.
 _TABLE = """
 const view = Bokeh.index.find_one(table), {shadow_el} = view
-const stops = [...shadow_el.querySelectorAll("[tabindex='0']")], [first] = stops, last = stops.at(-1)
+const stops = [...shadow_el.querySelectorAll("[tabindex='0']")]
+const first = stops[0], last = stops.at(-1)
 for (const stop of stops) { if (stop !== first) { stop.tabIndex = -1 } }
 for (const stop of [first, last]) {  // the last is where the grid puts the focus itself
   stop.setAttribute("role", "application")
