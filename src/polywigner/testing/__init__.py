@@ -4,6 +4,7 @@
 assertion                        what it checks
 ===============================  ==================================================================
 ``assert_wigner_identities``     W, A, F and the marginals of an aperture or slits: all of the below
+``assert_array_identities``      the same for an array: sums over its elements and pairs of them
 ``assert_marginals``             only that W and A integrate, and reduce at zero, to the marginals
 ``assert_fourier_stable``        F of any source at all sizes of nu, 1e-15 to 1e3 over the diameter
 ``assert_otf_properties``        the OTF of a pupil, defocused or not
@@ -18,11 +19,13 @@ nothing. They need nothing but the package itself and take about a second (more 
         polywigner.testing.assert_wigner_identities(polywigner.read_aperture("antenna.geojson"))
 """
 
+from polywigner.testing.arrays import assert_array_identities
 from polywigner.testing.pupil import assert_otf_properties
 from polywigner.testing.stability import assert_fourier_stable
 from polywigner.testing.wigner import assert_marginals, assert_wigner_identities
 
 __all__ = [
+    "assert_array_identities",
     "assert_fourier_stable",
     "assert_marginals",
     "assert_otf_properties",

@@ -17,14 +17,14 @@ from polywigner.geometry import Aperture, Slits
 from polywigner.testing.simplices import corners_of
 from polywigner.testing.waves import Waves, waves_of
 
-__all__ = ["Case", "Precision", "box_of", "case_of", "require"]
+__all__ = ["TOLERANCE", "Case", "Precision", "box_of", "case_of", "require"]
 
 Array = NDArray[Any]
 Precision = Literal["double", "single"] | None
 
 # Relative to the content: what the package promises. Shapely's clipping may move a corner by an
 # ulp of the diameter, which is why the tolerance grows with perimeter * diameter for slivers.
-_TOLERANCE = {"double": 1e-12, "single": 5e-6}
+TOLERANCE = {"double": 1e-12, "single": 5e-6}
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ def case_of(
     """Random places in and around a source; raises ArgumentError for what has no phase space."""
     if not isinstance(source, Aperture | Slits):
         raise ArgumentError(
-            f"expected an Aperture or Slits, got {type(source).__name__}; check the elements of an "
-            "array, and the .aperture of a placed one, by themselves"
+            f"expected an Aperture or Slits, got {type(source).__name__}; check an array with "
+            "assert_array_identities, and the .aperture of a placed one by itself"
         )
     waves = waves_of(source)
     rng = np.random.default_rng(seed)
@@ -120,7 +120,7 @@ def case_of(
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     size = 10 ** rng.uniform(-2, 1.5, points) / source.diameter
     if tolerance is None:
-        tolerance = _TOLERANCE[precision or "double"] * max(1.0, _thinness(source) / 10)
+        tolerance = TOLERANCE[precision or "double"] * max(1.0, _thinness(source) / 10)
     return Case(
         source,
         x=corner + unit @ sides,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,14 @@ from numpy.typing import NDArray
 from polywigner.geometry import Aperture, Slits, lag_slice, position_slice, triangulate
 from polywigner.testing.waves import waves_of
 
-__all__ = ["lag_slices", "moved", "position_slices", "split_in_three"]
+__all__ = [
+    "lag_slices",
+    "lag_slices_of_pairs",
+    "moved",
+    "position_slices",
+    "position_slices_of_pairs",
+    "split_in_three",
+]
 
 Array = NDArray[Any]
 
@@ -30,6 +38,29 @@ def position_slices(source: Aperture | Slits, xi: Array) -> list[list[Any]]:
     if isinstance(source, Aperture):
         return [_apertures(position_slice(source, lag)) for lag in xi]
     return [_overlaps(source.intervals - lag / 2, source.intervals + lag / 2) for (lag,) in xi]
+
+
+def lag_slices_of_pairs(sources: Sequence[Any], x: Array) -> list[tuple[int, int, list[Any]]]:
+    """2(G_j - x) & 2(x - G_k) for all pairs (j, k) for which there is one, x (d,)."""
+    return _pairs(sources, lambda points: 2 * (points - x), lambda points: 2 * (x - points))
+
+
+def position_slices_of_pairs(sources: Sequence[Any], xi: Array) -> list[tuple[int, int, list[Any]]]:
+    """(G_j - xi/2) & (G_k + xi/2) for all pairs (j, k) for which there is one, xi (d,)."""
+    return _pairs(sources, lambda points: points - xi / 2, lambda points: points + xi / 2)
+
+
+def _pairs(sources: Sequence[Any], to_first: Any, to_second: Any) -> Any:
+    if isinstance(sources[0], Slits):
+        first = [to_first(source.intervals) for source in sources]
+        second = [np.sort(to_second(source.intervals), axis=1) for source in sources]
+        found = ((j, k, _overlaps(a, b)) for j, a in enumerate(first) for k, b in enumerate(second))
+    else:
+        outlines = np.array([source.polygons for source in sources])
+        first, second = (shapely.transform(outlines, to) for to in (to_first, to_second))
+        meeting = shapely.STRtree(second).query(first).T.tolist()
+        found = ((j, k, _apertures(shapely.intersection(first[j], second[k]))) for j, k in meeting)
+    return [(j, k, parts) for j, k, parts in found if parts]
 
 
 def _apertures(region: Any) -> list[Any]:

@@ -100,7 +100,7 @@ def assert_fourier_stable(
     if not isinstance(source, Slits | Aperture | PlacedAperture | Polyhedron):
         raise ArgumentError(
             "expected Slits, an Aperture, a placed aperture or a Polyhedron, got "
-            f"{type(source).__name__}; check the elements of an array by themselves"
+            f"{type(source).__name__}; check an array with assert_array_identities"
         )
     outline = _without_field(source)
     simplices = simplices_of(outline)
