@@ -25,6 +25,8 @@ __all__ = ["evaluate"]
 # Samples at a time. Dr.Jit: launching costs little against computing, and the arguments of a chunk
 # take some 10 MB.
 _DRJIT_CHUNK = 1 << 18
+# NumPy: of fewer samples it is not worth finding those for which there is nothing to do.
+_LEAST_APART = 256
 
 Array = npt.NDArray[Any]
 
@@ -151,18 +153,29 @@ def _by_parts(
         yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
 
 
-def _order(compute: OnNumpy, arguments: Sequence[Array]) -> Any:
-    """The order in which to take the samples: all, or by the cell in which each has its edges."""
+def _order(compute: OnNumpy, arguments: Sequence[Array], count: int) -> Any:
+    """The order in which to take the samples: all, or by the cell in which each has its edges.
+
+    Without those that lie too far off to have a value other than 0.
+    """
     kernel, tables = compute.kernel, compute.tables
-    if kernel.order is None:  # and its tables cut nothing
-        return ...
-    if not compute.ops.prefers_cells(tables.clips_for_cells, arguments[0]):
+    by_cells = kernel.order is not None and compute.ops.prefers_cells(
+        tables.clips_for_cells, arguments[0]
+    )
+    if not by_cells and (kernel.within is None or count < _LEAST_APART):
         return ...
     host = NumpyOperations(double=True)
     with np.errstate(invalid="ignore", over="ignore"):
         inner = kernel.enter(host, tables.frame, *arguments)
-        cell = kernel.order(host, tables, *inner)
-        return order_of(cell)
+        if by_cells:
+            assert kernel.order is not None
+            return order_of(kernel.order(host, tables, *inner))
+        assert kernel.within is not None
+        within = kernel.within(tables, *inner)
+        for argument in inner:  # 0 times what is not finite is not 0
+            within |= ~np.isfinite(argument)
+    (order,) = np.nonzero(within)
+    return ... if len(order) == len(within) else order
 
 
 def _chunked(
@@ -173,17 +186,37 @@ def _chunked(
 ) -> Launched:
     flat = [result.reshape(-1) for result in results]
     start = 0
+    one_frequency = _is_one_frequency(compute, components)
     for arguments in _chunks(components, results[0].shape, size):
-        order = _order(compute, arguments) if isinstance(compute, OnNumpy) else ...
-        end = start + len(arguments[0])
-        targets = [result[start:end] for result in flat]
-        yield targets, order, compute([argument[order] for argument in arguments])
-        start = end
+        if one_frequency is not None:  # one number in all: so is what depends on it alone
+            arguments[one_frequency] = [f[:1] for f in arguments[one_frequency]]
+        count = max(map(len, arguments))
+        order = _order(compute, arguments, count) if isinstance(compute, OnNumpy) else ...
+        targets = [result[start : start + count] for result in flat]
+        if order is not ... and len(order) < count:
+            for target in targets:
+                target[:] = 0.0
+        if order is ... or len(order):
+            some = [a if len(a) < count else a[order] for a in arguments]
+            yield targets, order, compute(some)
+        start += count
+
+
+def _is_one_frequency(compute: OnNumpy | OnDrjit, components: Sequence[Array]) -> slice | None:
+    """Where components are a frequency that NumPy need not repeat for each place; None if none."""
+    shared = shared_slice(compute.kernel)
+    if shared is None or not isinstance(compute, OnNumpy):
+        return None
+    if compute.ops.prefers_cells(compute.tables.clips_for_cells, None):
+        return None
+    half = len(components) // 2
+    frequency = slice(half, None) if shared.arguments.start == 0 else slice(0, half)
+    return frequency if all(c.size == 1 for c in components[frequency]) else None
 
 
 def _chunks(
     components: Sequence[Array], shape: tuple[int, ...], size: int
-) -> Iterator[Sequence[Array]]:
+) -> Iterator[list[Array]]:
     """The components in float64, broadcast to a shape, chunk by chunk in C order."""
     whole = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
     arguments: list[Any]

@@ -13,6 +13,7 @@ module               what is in it
 ``interpolation``    band-limited functions from a few samples around a place
 ``stokes``           the plane-wave integral over one triangle, stable for all arguments
 ``clipping``         the parts of edges inside a mirrored or shifted copy; coincident edges
+``outer_bounds``     what lies too far off to have a slice
 ``wigner``           Wigner function and lag-slice area
 ``moments``          moments of lag slices, W's derivatives; ``polynomials`` along edges
 ``segment_moments``  powers times a wave, over a segment

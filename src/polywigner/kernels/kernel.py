@@ -49,6 +49,8 @@ class Kernel:
     order: Callable[..., Any] | None = None
     """(ops, tables, *arguments in the frame) -> numbers by which samples are best sorted where
     edges are looked up in cells."""
+    within: Callable[..., Any] | None = None
+    """(tables, *arguments in the frame) -> where, on NumPy arrays, the sums may differ from 0."""
     on_grid: Callable[[Any], Any] | None = None
     """source -> constants for grids of arguments, or None where it has none; cached."""
 

@@ -28,6 +28,7 @@ from polywigner.kernels.kernel import (
     leave_wave,
 )
 from polywigner.kernels.membership import field
+from polywigner.kernels.outer_bounds import may_hold_lags, may_overlap
 from polywigner.kernels.tables import Element, Tables, build_tables
 
 __all__ = [
@@ -181,6 +182,14 @@ def _shifted_order(ops: Any, tables: Tables, *inner: Any) -> Any:
     return cells.order(ops, tables, xi_x, xi_y, BEHIND)
 
 
+def _within_support(tables: Tables, x: Any, y: Any, *nu: Any) -> Any:
+    return may_hold_lags(tables, x, y)
+
+
+def _within_lags(tables: Tables, *inner: Any) -> Any:
+    return may_overlap(tables, *inner[-2:])
+
+
 def _fourier_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
     return fourier.fourier(ops, tables, *nu)
 
@@ -220,6 +229,7 @@ WIGNER = Kernel(
     copies=1,
     clips_per_term=4,
     order=_mirrored_order,
+    within=_within_support,
 )
 POSITION_MARGINAL = Kernel(
     "position marginal",
@@ -230,6 +240,7 @@ POSITION_MARGINAL = Kernel(
     leave_real,
     copies=1,
     order=_mirrored_order,
+    within=_within_support,
 )
 FOURIER = Kernel(
     "fourier", 2, _outline_of, enter_frequency, _fourier_sum, leave_wave, on_grid=_grid_tables_of
@@ -258,6 +269,7 @@ AMBIGUITY = Kernel(
     copies=2,
     clips_per_term=16,
     order=_shifted_order,
+    within=_within_lags,
 )
 LAG_MARGINAL = Kernel(
     "lag marginal",
@@ -268,6 +280,7 @@ LAG_MARGINAL = Kernel(
     leave_real,
     copies=2,
     order=_shifted_order,
+    within=_within_lags,
 )
 LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)
 POSITION_MARGINAL_OF_WAVES = at_zero_frequency(WIGNER, "position marginal of waves", leads=False)

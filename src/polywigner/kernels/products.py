@@ -31,6 +31,7 @@ WIGNER = replace(
     edge_sum=lambda ops, tables, *inner: (separable.wigner(ops, tables, *inner),),
     copies=0,
     order=None,
+    within=None,
 )
 AMBIGUITY = replace(
     plane.AMBIGUITY,
@@ -39,6 +40,7 @@ AMBIGUITY = replace(
     edge_sum=lambda ops, tables, turns, *inner: separable.ambiguity(ops, tables, *inner),
     copies=0,
     order=None,
+    within=None,
 )
 FOURIER = Kernel(
     "fourier of a product",
