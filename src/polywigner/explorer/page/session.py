@@ -68,9 +68,9 @@ class Session:
         self.fill()
         top = [self.controls.busy, self.controls.message]
         self.page = arranged(self.controls.side(), top, self.figures.grid)
-        doc.add_root(self.page)
         connect_layout(doc, self.figures.all)
         connect_access(self)
+        doc.add_root(self.page)  # last: a document looks through its models after each change
         doc.on_session_destroyed(self._leave)
 
     @property
