@@ -14,6 +14,11 @@ from oracles.references import ENGINES
 MIB = 1 << 20
 # Beside the result: two chunks, of which one is computed and one on its way. Copies took 64 more.
 CHUNK = 40 * MIB
+# Sums over elements or waves hold some arrays of a block of 2^19 samples. Of all samples they
+# would be 200 to 450 MiB.
+BLOCK = 100 * MIB
+# Of sums in single precision, whose largest value is 3.
+ROUNDING = 1e-5
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -38,3 +43,41 @@ def test_no_copy_of_all_samples_is_made(form: str, engine: str) -> None:
         tracemalloc.stop()
     assert found.size == count
     assert peak < found.nbytes + CHUNK
+
+
+def peak_of(transform: Any, *arguments: Any, **how: Any) -> tuple[Any, int]:
+    tracemalloc.start()
+    try:
+        found = transform(*arguments, **how)
+        return found, tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.llvm
+def test_both_parts_of_a_complex_result_are_computed_where_it_is() -> None:
+    count = 1 << 23  # a copy of the result would be 64 MiB
+    nu: Any = np.random.default_rng(3).random((count, 2), dtype=np.float32)
+    square, how = pw.shapes.square(1.0), {"engine": "llvm", "precision": "single"}
+    for transform, arguments in ((pw.fourier, ()), (pw.ambiguity, ((0.1, 0.2),))):
+        transform(square, nu[:512], *arguments, **how)  # what is made once
+        found, peak = peak_of(transform, square, nu, *arguments, **how)
+        assert found.shape == (count,)
+        assert peak < found.nbytes + CHUNK
+
+
+@pytest.mark.parametrize("source", ["array", "waves"])
+def test_sums_of_transforms_hold_some_samples_at_a_time(source: str) -> None:
+    count = 1 << 22
+    nu: Any = np.random.default_rng(3).random((count, 2), dtype=np.float32)
+    square = pw.shapes.square(1.0)
+    waves = pw.Illumination([1.0, 0.5], [[0.0, 0.0], [0.3, 0.2]])
+    summed: Any = {
+        "array": pw.phased_array(square, [[0.0, 0.0], [1.5, 0.2], [0.1, 2.0]]),
+        "waves": pw.shapes.triangle(1.0, 1.0).with_illumination(waves),
+    }[source]
+    some = slice(count - 1000, None)
+    found, peak = peak_of(pw.fourier, summed, nu, precision="single")
+    assert peak < found.nbytes + BLOCK
+    expected = pw.fourier(summed, nu[some], engine="numpy")
+    assert np.abs(found[some] - expected).max() < ROUNDING

@@ -39,14 +39,16 @@ def evaluate(
     double: bool,
     engine: str,
     outputs: int,
+    into: Sequence[Array] | None = None,
 ) -> tuple[Array, ...]:
     """Results of a kernel for float64 or float32 components that broadcast to one shape.
 
-    Arguments enter the frame in float64 whatever the precision of the sums.
+    Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of
+    that shape and precision for the results, such as both parts of a complex one.
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
     tables = kernel.tables(source, double)
-    if may_be_on_grid(kernel, components):
+    if components[-1].shape == shape and may_be_on_grid(kernel, components):
         found = evaluate_on_grid(
             kernel,
             source,
@@ -54,11 +56,12 @@ def evaluate(
             _by_points(kernel, tables, components[:-2], double),
             double=double,
             engine=engine,
+            into=into,
         )
-        if found is not None and found[0].shape == shape:
+        if found is not None:
             return found
     dtype = np.float64 if double else np.float32
-    results = tuple(np.empty(shape, dtype) for _ in range(outputs))
+    results = tuple(into or (np.empty(shape, dtype) for _ in range(outputs)))
     # pieces that are cut are code, terms of a plain sum are data
     terms = tables.terms if kernel.copies else len(tables.edges)
     engine = resolved(engine, int(np.prod(shape)), terms)

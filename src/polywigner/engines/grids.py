@@ -159,8 +159,12 @@ def evaluate_on_grid(
     *,
     double: bool,
     engine: str,
+    into: Sequence[Array] | None = None,
 ) -> tuple[Array, ...] | None:
-    """The results on a grid, or None where that is no grid, or not the best way."""
+    """The results on a grid, or None where that is no grid, or not the best way.
+
+    ``into``: arrays for them.
+    """
     if engine not in ("auto", "numpy"):
         return None
     plan = plan_for_grid(kernel, source, components, double)
@@ -171,6 +175,7 @@ def evaluate_on_grid(
         return None
     dtype = np.float64 if double else np.float32
     shape = components[-1].shape
-    results = tuple(np.empty(shape, dtype) for _ in range(1 if plan.tables.half else 2))
+    count = 1 if plan.tables.half else 2
+    results = tuple(into or (np.empty(shape, dtype) for _ in range(count)))
     plan.fill(results, point_by_point)
     return results

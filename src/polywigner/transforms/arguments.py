@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ __all__ = [
     "Source",
     "array_on_grid",
     "checked_points",
+    "in_blocks",
     "in_plane",
     "is_uniform",
     "transform",
@@ -27,6 +29,10 @@ __all__ = [
 PhaseSpaceSource = Aperture | Slits | Array
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu
+
+# Frequencies at a time where several arrays of their number are held: some 60 MiB.
+_BLOCK = 1 << 19
+_LEAST_ROWS = 8
 
 
 def is_uniform(source: Any) -> bool:
@@ -78,22 +84,23 @@ def transform(
         kernel = kernels.kernel_for(f"complex {name}", source)
         components = [part for c in components for part in (c.real, c.imag)]
     try:
-        np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+        shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     except ValueError:
         shapes = " and ".join(str(a.shape) for a in arrays)
         raise ArgumentError(
             f"expected shapes that broadcast before the last axis, got {shapes}; "
             "insert axes of length 1, as in x[:, None, :]"
         ) from None
-    results = engines.evaluate(
+    value, parts = _empty(shape, precision, outputs)
+    engines.evaluate(
         kernel,
         source,
         components,
         double=precision != "single",
         engine=engine,
         outputs=outputs,
+        into=parts,
     )
-    value = results[0] if outputs == 1 else _complex(*results)
     if not isinstance(source, Sites) and not any(np.iscomplexobj(a) for a in arrays):
         named = [(label, array) for (label, _), array in zip(points, arrays, strict=True)]
         value = _near_the_largest_float(kernel, source, named, value)
@@ -109,13 +116,13 @@ def _near_the_largest_float(
         return values
     missing, nearer = again
     components = [a[..., k] for a in nearer for k in range(kernel.dimension)]
-    outputs = 2 if np.iscomplexobj(values) else 1
-    found = engines.evaluate(
-        kernel, source, components, double=True, engine="numpy", outputs=outputs
+    shape = np.broadcast_shapes(*(c.shape for c in components))
+    found, parts = _empty(shape, None, 2 if np.iscomplexobj(values) else 1)
+    engines.evaluate(
+        kernel, source, components, double=True, engine="numpy", outputs=len(parts), into=parts
     )
-    values = np.array(values)
     with np.errstate(over="ignore"):  # too large for single precision: infinite, as elsewhere
-        values[missing] = found[0] if outputs == 1 else _complex(*found)
+        values[missing] = found
     return values
 
 
@@ -133,7 +140,7 @@ def array_on_grid(
     if engines.is_drjit(nu) or array.dimension != 2 or is_wide(array):
         return None
     engines.checked_precision(precision)
-    points = checked_points("nu", in_plane(nu), 2, complex_allowed=True)
+    points = checked_points("nu", in_plane(nu), 2, complex_allowed=True, keep_single=True)
     if np.iscomplexobj(points):
         return None
 
@@ -141,6 +148,7 @@ def array_on_grid(
         values = point_by_point(np.stack(components, axis=-1))
         return values.real, values.imag
 
+    value, into = _empty(points.shape[:-1], precision, 2)
     found = engines.evaluate_on_grid(
         kernels.kernel_for("fourier", array),
         array,
@@ -148,14 +156,37 @@ def array_on_grid(
         parts,
         double=precision != "single",
         engine=engines.checked_engine(engine),
+        into=into,
     )
-    return None if found is None else _complex(*found)
+    return None if found is None else value
 
 
-def _complex(real: Any, imag: Any) -> Any:
-    result = np.empty(real.shape, np.complex64 if real.dtype == np.float32 else np.complex128)
-    result.real, result.imag = real, imag
-    return result
+def _empty(shape: tuple[int, ...], precision: str | None, outputs: int) -> tuple[Any, list[Any]]:
+    """An array for a real or complex result, and its parts to write into."""
+    single = precision == "single"
+    if outputs == 1:
+        value = np.empty(shape, np.float32 if single else np.float64)
+        return value, [value]
+    value = np.empty(shape, np.complex64 if single else np.complex128)
+    return value, [value.real, value.imag]
+
+
+def in_blocks(evaluate: Callable[[Any], Any], nu: Any) -> Any:
+    """``evaluate(nu)``, of many frequencies some rows at a time.
+
+    For sums of transforms, which hold several arrays as large as what they are given.
+    """
+    if not isinstance(nu, np.ndarray) or nu.ndim < 2 or nu.size <= nu.shape[-1] * _BLOCK:
+        return evaluate(nu)
+    # of grids not fewer rows than a grid has
+    rows = max(_LEAST_ROWS, _BLOCK // math.prod(nu.shape[1:-1]))
+    values: Any = None
+    for start in range(0, len(nu), rows):
+        found = evaluate(nu[start : start + rows])
+        if values is None:
+            values = np.empty(nu.shape[:-1], found.dtype)
+        values[start : start + rows] = found
+    return values
 
 
 def checked_points(

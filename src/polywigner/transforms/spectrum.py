@@ -20,6 +20,7 @@ from polywigner.transforms.arguments import (
     Source,
     array_on_grid,
     checked_points,
+    in_blocks,
     in_plane,
     transform,
 )
@@ -118,7 +119,7 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Any:
     """F, NaN where parts of it leave the floats."""
     obliquity, precision, engine = how["obliquity"], how["precision"], how["engine"]
     if isinstance(source, Array):
-        by_elements = partial(_coherent_sum, source, how=how)
+        by_elements = partial(in_blocks, partial(_coherent_sum, source, how=how))
         found = None
         if obliquity is None and source.repeated is None and not _has_fields(source):
             found = array_on_grid(source, nu, precision, engine, by_elements)
@@ -130,7 +131,7 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Any:
         if is_separable(source) and not _is_complex(nu):
             return transform("fourier of waves", source, [("nu", nu)], precision, engine, outputs=2)
     if not isinstance(source, Polyhedron) and _field_of(source) is not None:
-        return _sum_of_waves(source, nu, how)
+        return in_blocks(lambda some: _sum_of_waves(source, some, how), nu)
     return transform("fourier", source, [("nu", nu)], precision, engine, outputs=2)
 
 
@@ -265,13 +266,16 @@ def array_factor(
     sites = Sites(*checked_sites(positions, weights))
     # phases of sites far apart are worth float64 also where the result is not
     rounded = precision == "single" and not engines.is_drjit(nu)
+    inner = None if rounded else precision
+
+    def factor(nu: Any) -> Any:
+        found = transform("array factor", sites, [("nu", nu)], inner, engine, outputs=2)
+        if not engines.is_drjit(nu):
+            found = _with_large_waves(sites, nu, found, array_factor_apart)
+        return found.astype(np.complex64) if rounded else found
 
     with np.errstate(invalid="ignore", over="ignore"):
-        inner = None if rounded else precision
-        factor = transform("array factor", sites, [("nu", nu)], inner, engine, outputs=2)
-        if not engines.is_drjit(nu):
-            factor = _with_large_waves(sites, nu, factor, array_factor_apart)
-        return factor.astype(np.complex64) if rounded else factor
+        return in_blocks(factor, nu)
 
 
 def _towards_normal(source: Any, nu: Any) -> Any:
