@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 import threading
@@ -149,6 +150,25 @@ def test_a_process_that_remembers_kernels_ends_in_silence() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Dr.Jit makes a RuntimeError of it, which would go the way of faults."""
+    from polywigner.engines.operations import DrjitOperations
+
+    def interrupted(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    source, (x, nu) = pw.shapes.triangle(1.0, 0.61), points(10)
+    with monkeypatch.context() as patched:
+        patched.setattr(DrjitOperations, "select", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            pw.wigner(source, x, nu, engine="llvm")
+    assert gc.isenabled()
+    expected = pw.wigner(source, x, nu, engine="numpy")
+    assert largest(pw.wigner(source, x, nu, engine="llvm") - expected) < ROUNDING
 
 
 GARBAGE = """

@@ -52,7 +52,11 @@ class _Frozen:
 
     def __call__(self, *arguments: Any) -> Values:
         with self.lock, _without_collection():
-            found: Values = self.replayed(self.state, *arguments)
+            try:
+                found: Values = self.replayed(self.state, *arguments)
+            except RuntimeError as error:
+                # Dr.Jit's own, in place of what stopped the function: an interrupt, for one
+                raise error.__cause__ or error from None
             return found
 
 
