@@ -360,6 +360,13 @@ def test_good_and_bad_files_can_be_sent(page: Page, tmp_path: Path) -> None:
     page.wait_until(lambda: "broken.geojson" in page.text("message"))
     assert "Traceback" not in page.text("message") and str(tmp_path) not in page.text("message")
     assert page.state().rings[0][0] == (4, 0)
+    huge = tmp_path / "huge.wkt"
+    with huge.open("wb") as file:
+        file.truncate(40 << 20)  # more than the connection takes
+    page.element("upload", "input").send_keys(str(huge))
+    page.wait_until(lambda: "40.0 MiB" in page.text("message"))
+    page.element("upload", "input").send_keys(str(good))  # the page is still there
+    page.wait_until(lambda: page.text("message") == "" and page.is_ready())
 
 
 def test_a_link_restores_the_page_and_a_damaged_one_says_so(browser: Any, address: str) -> None:

@@ -22,6 +22,7 @@ __all__ = [
     "LARGEST_UPLOAD",
     "MOST_ELEMENTS",
     "aperture_of",
+    "check_size",
     "polygons_of",
     "source_of",
     "state_of_file",
@@ -121,6 +122,19 @@ def state_of_file(path: str, unit: str, state: State) -> State:
     return state.moved(rings=rings_of_aperture(aperture, state.per_metre))
 
 
+def _shown(name: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in name[-60:]) or "the file"
+
+
+def check_size(name: str, size: int) -> None:
+    """Raises FileFormatError for a file of more than 1 MiB."""
+    if size > LARGEST_UPLOAD:
+        raise FileFormatError(
+            f"{_shown(name)}: expected at most {LARGEST_UPLOAD >> 20} MiB, got "
+            f"{size / 2**20:.1f} MiB; simplify what it describes"
+        )
+
+
 def state_of_upload(name: str, content: bytes, state: State) -> State:
     """The same of a file that a visitor sent, in the state's unit.
 
@@ -130,12 +144,8 @@ def state_of_upload(name: str, content: bytes, state: State) -> State:
     ------
     PolywignerError, as :func:`state_of_file`; FileFormatError for more than 1 MiB.
     """
-    shown = "".join(c if c.isprintable() else "?" for c in name[-60:]) or "the file"
-    if len(content) > LARGEST_UPLOAD:
-        raise FileFormatError(
-            f"{shown}: expected at most {LARGEST_UPLOAD >> 20} MiB, got "
-            f"{len(content) / 2**20:.1f} MiB; simplify what it describes"
-        )
+    shown = _shown(name)
+    check_size(name, len(content))
     suffix = Path(shown).suffix.lower()
     if suffix not in _SUFFIXES:
         raise FileFormatError(

@@ -18,7 +18,7 @@ from polywigner.explorer.page.keyboard import Keyboard
 from polywigner.explorer.page.show import ORDERS, PARTS
 from polywigner.explorer.page.take_away import connect_take_away
 from polywigner.explorer.page.tour import connect_tour
-from polywigner.explorer.sources import state_of_upload
+from polywigner.explorer.sources import LARGEST_UPLOAD, check_size, state_of_upload
 
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
@@ -80,6 +80,10 @@ def _connect_outline(session: Session) -> None:
     on_change(
         session, controls.upload, "value", lambda _: session.doc.add_next_tick_callback(arrived)
     )
+    refused = session.refused
+    on_change(session, refused, "data", lambda data: check_size(data["name"][0], data["size"][0]))
+    known = {"upload": controls.upload, "refused": refused, "largest": LARGEST_UPLOAD}
+    session.doc.js_on_event(DocumentReady, CustomJS(args=known, code=script.UPLOAD))
     keyboard = Keyboard(session)
     on_change(session, session.keys, "data", partial(_pressed, session, keyboard))
     on_change(session, controls.rows.selected, "indices", partial(_row_selected, session))

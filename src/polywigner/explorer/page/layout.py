@@ -62,7 +62,7 @@ def arranged(side: Any, top: list[Any], grid: Any) -> Any:
     return row(side, main, stylesheets=_styled(_PAGE), name="page")
 
 
-def connect_layout(doc: Any, figures: list[Any]) -> None:
+def connect_layout(doc: Any, page: Any, figures: list[Any]) -> None:
     """Figures as large as the window lets them be."""
-    known = {"figures": figures, "beside": SIDE_WIDTH, "narrow": _NARROW}
+    known = {"page": page, "figures": figures, "beside": SIDE_WIDTH, "narrow": _NARROW}
     doc.js_on_event(DocumentReady, CustomJS(args=known, code=script.ARRANGE))

@@ -3,7 +3,7 @@ the address, the size of figures."""
 
 from __future__ import annotations
 
-__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "REBUILD", "TEXTS"]
+__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "REBUILD", "TEXTS", "UPLOAD"]
 
 _OUTLINE = """
 const drawn = () => {
@@ -70,7 +70,8 @@ window.polywigner_address = setTimeout(() => {
 }, 200)
 """
 
-# Of a figure's width, 110 pixels are labels and its colour bar.
+# Of a figure's width, 110 pixels are labels and its colour bar. The page is laid out once for all
+# figures: Bokeh would do it for each of their sizes, in seconds.
 ARRANGE = """
 const arrange = () => {
   const {clientWidth} = document.documentElement
@@ -78,7 +79,11 @@ const arrange = () => {
   const columns = Math.max(1, Math.min(4, Math.floor(room / 310)))
   const side = Math.max(190, Math.min(420, Math.floor(room / columns) - 110))
   document.documentElement.style.setProperty("--polywigner-columns", columns)
-  for (const figure of figures) { figure.setv({frame_width: side, frame_height: side}) }
+  if (figures[0].frame_width === side) { return }
+  for (const figure of figures) {
+    figure.setv({frame_width: side, frame_height: side}, {silent: true})
+  }
+  Bokeh.index.find_one(page).invalidate_layout()
 }
 arrange()
 window.addEventListener("resize", arrange)
@@ -88,6 +93,19 @@ document.addEventListener("wheel", (event) => {
 }, {capture: true})
 """
 """The size of figures, and what the wheel does over them."""
+
+# A message beyond the server's limit ends the connection, and the page with it.
+UPLOAD = """
+const view = Bokeh.index.find_one(upload)
+view.shadow_el.addEventListener("change", (event) => {
+  const {files} = event.target
+  if (!files || files.length === 0 || files[0].size <= largest) { return }
+  event.stopImmediatePropagation()
+  refused.data = {name: [files[0].name], size: [files[0].size], time: [Date.now()]}
+  event.target.value = ""
+}, {capture: true})
+"""
+"""Files that are too large are not sent, only their names and sizes."""
 
 TEXTS = """
 for (const model of texts) {

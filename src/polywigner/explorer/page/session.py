@@ -57,6 +57,7 @@ class Session:
         self.signals = ColumnDataSource({"busy": [0]}, name="signals")
         self.downloads = ColumnDataSource({"name": [], "kind": [], "content": []})
         self.keys = ColumnDataSource({"key": [], "figure": [], "shift": [], "time": []})
+        self.refused = ColumnDataSource({"name": [], "size": [], "time": []})
         self.pending: list[tuple[float, float]] = []
         self.filling = False
         self.trouble = self.notice = ""
@@ -68,7 +69,7 @@ class Session:
         self.fill()
         top = [self.controls.busy, self.controls.message]
         self.page = arranged(self.controls.side(), top, self.figures.grid)
-        connect_layout(doc, self.figures.all)
+        connect_layout(doc, self.page, self.figures.all)
         connect_access(self)
         doc.add_root(self.page)  # last: a document looks through its models after each change
         doc.on_session_destroyed(self._leave)

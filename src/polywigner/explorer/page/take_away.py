@@ -43,7 +43,10 @@ def connect_take_away(session: Session) -> None:
         "data", CustomJS(args={"files": session.downloads}, code=script.DOWNLOAD)
     )
     # what nothing in the page refers to is not sent to it
-    known = {"link": controls.link, "files": session.downloads, "keys": session.keys}
+    known = {
+        "link": controls.link, "files": session.downloads, "keys": session.keys,
+        "refused": session.refused,
+    }  # fmt: skip
     controls.link.js_on_change("value", CustomJS(args=known, code=script.ADDRESS))
     on_change(session, controls.take, "value", lambda _: show_code(controls, session.state))
 
