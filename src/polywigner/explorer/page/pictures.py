@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
@@ -17,7 +15,7 @@ from polywigner.explorer.state import State
 from polywigner.explorer.views import Picture
 from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
 
-__all__ = ["ImageFigure", "coloured", "painted_once", "palette", "plain_figure", "replaced"]
+__all__ = ["ImageFigure", "coloured", "palette", "plain_figure", "replaced"]
 
 _SIDE = 235
 """Of the square that is drawn into, in pixels: three columns beside the controls."""
@@ -56,16 +54,6 @@ def coloured(what: Shown) -> NDArray[np.uint32]:
         number = np.clip(place, 0, last)
     number[np.isnan(number)] = last + 1
     return table[number.astype(np.intp)]
-
-
-@contextmanager
-def painted_once(made: Any) -> Iterator[None]:
-    """Changes of a figure that the browser paints together, not one by one as they come."""
-    made.hold_render = True
-    try:
-        yield
-    finally:
-        made.hold_render = False
 
 
 def replaced(source: ColumnDataSource, data: dict[str, Any]) -> None:
@@ -126,10 +114,6 @@ class ImageFigure:
 
     def update(self, picture: Picture, what: Shown, state: State, cross: Any) -> None:
         """Show new values, and the cross at a point (x, y) in the axes' unit, None for none."""
-        with painted_once(self.figure):
-            self._update(picture, what, state, cross)
-
-    def _update(self, picture: Picture, what: Shown, state: State, cross: Any) -> None:
         per = state.per_metre
         scale = 1 / per if picture.axis_unit == "1/m" else per
         half = picture.half * picture.samples / (picture.samples - 1)  # pixels lie on samples

@@ -5,13 +5,14 @@ from __future__ import annotations
 import gc
 import logging
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from html import escape
 from typing import Any
 from urllib.parse import urlencode
 
 from bokeh.models import ColumnDataSource
+from tornado.ioloop import IOLoop
 
 from polywigner.errors import PolywignerError
 from polywigner.explorer.history import History
@@ -19,6 +20,7 @@ from polywigner.explorer.page.access import connect_access
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
 from polywigner.explorer.page.layout import arranged, connect_layout
+from polywigner.explorer.page.messages import together
 from polywigner.explorer.page.show import Figures, fill
 from polywigner.explorer.results import Result, results
 from polywigner.explorer.scheduler import Scheduler
@@ -64,6 +66,7 @@ class Session:
         self.is_hint = False
         self.wanted = 0  # the number of the newest request
         self.closed = False
+        self.loop = IOLoop.current()
         doc.title = "polywigner explore"
         connect(self)
         self.fill()
@@ -102,17 +105,27 @@ class Session:
     def go(self, history: History, edges: bool = True) -> None:
         """Another history: an edit, undo or redo."""
         before, self.history = self.state, history
-        self.say("")
-        if history.present != before:
-            self.request()
-        else:
-            self.signals.data = {"busy": [0]}
-        self.fill(edges)
+        with self.filled():
+            self.say("")
+            if history.present != before:
+                self.request()
+            else:
+                self.signals.data = {"busy": [0]}
+            self.fill(edges)
+
+    @contextmanager
+    def filled(self) -> Iterator[None]:
+        """Changes of widgets and figures that go out together, without their telling them back."""
+        before, self.filling = self.filling, True
+        try:
+            with together(self.doc):
+                yield
+        finally:
+            self.filling = before
 
     def fill(self, edges: bool = True) -> None:
-        """Put the state into widgets and handles, without their telling it back."""
-        self.filling = True
-        try:
+        """Put the state into widgets and handles."""
+        with self.filled():
             fill(self.controls, self.history)
             self.controls.link.value = to_query(self.state)
             if not self.state.rings:
@@ -121,8 +134,6 @@ class Session:
                 self.figures.aperture.show_edges(self.state)
                 self.figures.frame(self.state)  # not under a vertex that is being dragged
             self.figures.mark(self.state)
-        finally:
-            self.filling = False
 
     def say(self, text: str, hint: bool = False) -> None:
         """A notice for the visitor, besides what is wrong with the source; or a hint."""
@@ -172,11 +183,18 @@ class Session:
         if self.closed:
             return
         with suppress(Exception):  # a visitor leaves in this moment: Bokeh takes the page apart
-            self.doc.add_next_tick_callback(callback)
+            session = self.doc.session_context.session
+            if session is None:  # the page is still being made
+                self.doc.add_next_tick_callback(callback)
+            else:
+                self.loop.add_callback(session.with_document_locked, callback)
 
     def _show(self, state: State, result: Result, number: int) -> None:
-        if number != self.wanted or self.closed:
-            return
+        if number == self.wanted and not self.closed:
+            with self.filled():
+                self._show_newest(state, result)
+
+    def _show_newest(self, state: State, result: Result) -> None:
         if result.name == "source":
             self.trouble = result.error
             if result.error:
@@ -194,8 +212,9 @@ class Session:
 
     def _finish(self, number: int) -> None:
         if number == self.wanted:
-            self.controls.busy.text = '<span role="status">ready</span>'
-            self.signals.data = {"busy": [0]}
+            with self.filled():
+                self.controls.busy.text = '<span role="status">ready</span>'
+                self.signals.data = {"busy": [0]}
 
     def _leave(self, context: Any) -> None:
         self.closed = True
