@@ -66,3 +66,4 @@ def connect_layout(doc: Any, page: Any, figures: list[Any]) -> None:
     """Figures as large as the window lets them be."""
     known = {"page": page, "figures": figures, "beside": SIDE_WIDTH, "narrow": _NARROW}
     doc.js_on_event(DocumentReady, CustomJS(args=known, code=script.ARRANGE))
+    doc.js_on_event(DocumentReady, CustomJS(args={"figure": figures[0]}, code=script.QUICK_PAINT))

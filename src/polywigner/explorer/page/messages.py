@@ -28,7 +28,7 @@ def together(doc: Any) -> Iterator[None]:
 
 
 def _send(doc: Any) -> None:
-    session = getattr(doc.session_context, "session", None)
+    session: Any = getattr(doc.session_context, "session", None)
     try:
         # of Bokeh's own, for which there is no public name
         events, writes = doc.callbacks._held_events, session._pending_writes

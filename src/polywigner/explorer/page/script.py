@@ -3,7 +3,9 @@ the address, the size of figures."""
 
 from __future__ import annotations
 
-__all__ = ["ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "REBUILD", "TEXTS", "UPLOAD"]
+__all__ = [
+    "ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "QUICK_PAINT", "REBUILD", "TEXTS", "UPLOAD",
+]  # fmt: skip
 
 _OUTLINE = """
 const drawn = () => {
@@ -106,6 +108,23 @@ view.shadow_el.addEventListener("change", (event) => {
 }, {capture: true})
 """
 """Files that are too large are not sent, only their names and sizes."""
+
+# At every paint Bokeh asks for a style sheet's value of each property of each label, and writes the
+# places of all parts of a figure anew, after which the browser works out all styles for the next
+# question: half of the time. Figures have no such values here, and their parts stay where they are.
+QUICK_PAINT = """
+const replaced = (object, name, by) => {
+  let owner = object ?? null
+  while (owner !== null && !Object.hasOwn(owner, name)) { owner = Object.getPrototypeOf(owner) }
+  if (owner !== null) { owner[name] = by(owner[name]) }
+}
+const view = Bokeh.index.find_one(figure)
+const [part] = view?.renderer_views?.values() ?? []
+replaced(view?.visuals?.outline_line, "_get_css_value", () => () => "")
+replaced(part?.position, "_update", (update) => function (css) {
+  if (this.el.textContent !== css) { update.call(this, css) }
+})
+"""
 
 TEXTS = """
 for (const model of texts) {
