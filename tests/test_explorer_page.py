@@ -12,8 +12,11 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any, NoReturn
+from urllib.parse import urlsplit
 from urllib.request import urlopen
 
 import numpy as np
@@ -37,9 +40,9 @@ def bokeh(leave_out: LeaveOut) -> None:
         leave_out("Bokeh. `pip install polywigner[explorer]` brings it.")
 
 
-@pytest.fixture(scope="module")
-def address(bokeh: None) -> Iterator[str]:
-    """A running server of the page."""
+@contextmanager
+def running(address: str) -> Iterator[str]:
+    """The address of a server of the page that listens there."""
     from polywigner.explorer.server import new_server
 
     started = threading.Event()
@@ -47,7 +50,7 @@ def address(bokeh: None) -> Iterator[str]:
 
     def run() -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
-        server.append(new_server(State(), port=0))
+        server.append(new_server(State(), port=0, address=address))
         server[0].start()
         started.set()
         server[0].io_loop.start()
@@ -59,6 +62,13 @@ def address(bokeh: None) -> Iterator[str]:
     server[0].io_loop.add_callback(server[0].io_loop.stop)
     thread.join(SECONDS)
     server[0].polywigner_scheduler.stop()
+
+
+@pytest.fixture(scope="module")
+def address(bokeh: None) -> Iterator[str]:
+    """A running server of the page."""
+    with running("127.0.0.1") as url:
+        yield url
 
 
 @pytest.fixture(scope="module")
@@ -433,6 +443,44 @@ def test_two_visitors_have_states_of_their_own(browser: Any, address: str, page:
     assert page.state().steering == "10 deg"
 
 
+def handshake(url: str, origin: str) -> int:
+    """What the server says to a page of another origin that wants its websocket."""
+    parts = urlsplit(url)
+    connection = HTTPConnection(str(parts.hostname), parts.port, timeout=SECONDS)
+    headers = {
+        "Connection": "Upgrade", "Upgrade": "websocket", "Origin": origin,
+        "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+        "Sec-WebSocket-Protocol": "bokeh, none",
+    }  # fmt: skip
+    connection.request("GET", "/ws", headers=headers)
+    with closing(connection), connection.getresponse() as response:
+        return response.status
+
+
+FORBIDDEN, SWITCHED = 403, 101
+
+
+def test_pages_of_other_sites_cannot_connect(address: str) -> None:
+    assert handshake(address, address.rstrip("/")) == SWITCHED
+    for origin in ("http://example.org", "http://localhost:1", "null"):
+        assert handshake(address, origin) == FORBIDDEN
+
+
+def test_nor_where_every_address_of_the_machine_is_served(bokeh: None) -> None:
+    with running("0.0.0.0") as url:
+        assert handshake(url, url.rstrip("/")) == SWITCHED
+        assert handshake(url, "http://example.org") == FORBIDDEN
+
+
+def test_a_port_in_use_is_told_in_one_line(
+    address: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = str(urlsplit(address).port)
+    assert main(["explore", "--no-browser", "--port", port]) == 2
+    errors = capsys.readouterr().err
+    assert f"{port}, which is in use" in errors and errors.count("\n") == 1
+
+
 def test_the_command_prints_its_address_and_stops_cleanly(bokeh: None) -> None:
     command = [sys.executable, "-m", "polywigner", "explore", "--no-browser", "--port", "0"]
     with subprocess.Popen(
@@ -443,10 +491,13 @@ def test_the_command_prints_its_address_and_stops_cleanly(bokeh: None) -> None:
         found = re.search(r"http://127\.0\.0\.1:\d+/", line)
         assert found, line
         assert b"polywigner explore" in urlopen(found[0], timeout=SECONDS).read()
+        handshake(found[0], found[0].rstrip("/"))  # without a token
+        handshake(found[0], "http://example.org")
+        urlopen(f"{found[0]}?rings=0,0%20nan", timeout=SECONDS).close()
         run.send_signal(signal.SIGINT)
         output, errors = run.communicate(timeout=SECONDS)
     assert run.returncode == 0
-    assert "stopped" in output and "Traceback" not in errors
+    assert "stopped" in output and "Traceback" not in errors and "File" not in errors
 
 
 def test_without_the_extra_the_command_names_it(

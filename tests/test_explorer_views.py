@@ -26,6 +26,7 @@ from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.shown import shown
 from polywigner.explorer.state import LARGEST_QUERY, State, from_query, to_query
 
+WAIT = 5.0  # seconds, for another thread on a loaded machine
 SMALL = 17  # samples along an axis: the laws do not depend on it
 EXACT = 1e-12  # relative, of values from two routes in double precision
 RAYS_DB = 0.3  # rays against the exact field at 16 wavelengths, see docs/propagation.md
@@ -343,6 +344,21 @@ def test_old_requests_are_dropped_and_the_newest_wins() -> None:
     worker.scheduler.stop()
     assert [name for name in worker.done if name.startswith("b")] == ["b40"]
     assert "a1" not in worker.done
+
+
+def test_a_computation_that_goes_on_keeps_nobody_who_stops() -> None:
+    scheduler, begun, leave = Scheduler(), threading.Event(), threading.Event()
+
+    def long() -> Iterator[None]:
+        begun.set()
+        leave.wait(WAIT)
+        yield
+
+    scheduler.submit("visitor", long)
+    assert begun.wait(WAIT)
+    assert not scheduler.stop(patience=0.01)
+    leave.set()
+    assert scheduler.stop(patience=WAIT)
 
 
 def test_visitors_take_turns_and_a_fault_of_one_does_not_stop_the_others() -> None:

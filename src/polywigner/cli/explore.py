@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from polywigner.cli.sources import check_source_file, wavelength_from
 
 __all__ = ["run_explore"]
@@ -30,7 +32,8 @@ def run_explore(
 
     check_installed()
     state = start_state(aperture, unit or "mm", frequency or wavelength)
-    serve(state, port=port, address=address, browser=browser, say=_say)
+    if not serve(state, port=port, address=address, browser=browser, say=_say):
+        os._exit(0)  # not after the seconds or minutes of a computation nobody waits for
 
 
 def _say(text: str) -> None:

@@ -9,6 +9,8 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 
+from polywigner.explorer.logs import log_fault
+
 __all__ = ["Scheduler"]
 
 Steps = Callable[[], Iterator[None]]
@@ -39,13 +41,14 @@ class Scheduler:
         with self._changed:
             self._waiting.pop(visitor, None)
 
-    def stop(self) -> None:
-        """End once the step at work is done; nothing else is begun."""
+    def stop(self, patience: float = 1.0) -> bool:
+        """Begin nothing else; whether the step at work was done within this many seconds."""
         with self._changed:
             self._stopped = True
             self._waiting.clear()
             self._changed.notify()
-        self._thread.join(timeout=10)
+        self._thread.join(timeout=patience)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         while True:
@@ -70,8 +73,6 @@ class Scheduler:
         except StopIteration:
             return True
         except Exception:  # one visitor's fault must not end the others' service
-            import logging
-
-            logging.getLogger(__name__).exception("a request failed")
+            log_fault("a request failed")
             return True
         return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import ipaddress
 import signal
 import threading
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from polywigner.errors import ArgumentError, MissingExtraError
+from polywigner.explorer.logs import keep_short
 from polywigner.explorer.state import State
 
 __all__ = ["check_installed", "new_server", "serve"]
@@ -51,8 +53,6 @@ def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> An
     MissingExtraError without Bokeh; ArgumentError for an address or a port that cannot be had.
     """
     check_installed()
-    import logging
-
     from bokeh.application import Application
     from bokeh.application.handlers.function import FunctionHandler
     from bokeh.server.server import Server
@@ -60,8 +60,7 @@ def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> An
     from polywigner.explorer.page import open_page
     from polywigner.explorer.scheduler import Scheduler
 
-    logging.getLogger("bokeh").setLevel(logging.ERROR)
-    logging.getLogger("tornado.access").setLevel(logging.CRITICAL)
+    keep_short()
     if not 0 <= port < 65536:
         raise ArgumentError(f"expected a port from 0 to 65535, got {port}")
     scheduler = Scheduler()
@@ -80,15 +79,40 @@ def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> An
         )
     except (OSError, ValueError) as error:
         scheduler.stop()
-        raise ArgumentError(
-            f"expected an address and a port that are free, got {address}, {port}: {error}; "
-            "choose others with --address and --port (0: any)"
-        ) from None
-    if not everywhere:
+        raise ArgumentError(_refusal(error, address, port)) from None
+    if everywhere:
+        _refuse_other_sites(server)
+    else:
         names = {address, *(("127.0.0.1", "localhost") if is_local(address) else ())}
         server._tornado._websocket_origins.update(f"{name}:{server.port}" for name in names)
     server.polywigner_scheduler = scheduler
     return server
+
+
+def _refusal(error: Exception, address: str, port: int) -> str:
+    number = getattr(error, "errno", None)
+    if number == errno.EADDRINUSE:
+        return (
+            f"expected a free port, got {port}, which is in use (by another `polywigner explore`?)"
+            "; choose another with --port (0: any that is free)"
+        )
+    if number == errno.EACCES:
+        return f"expected a port that you may serve at, got {port}; choose one above 1023"
+    return f"expected an address of this machine, got {address}; choose another with --address"
+
+
+def _refuse_other_sites(server: Any) -> None:
+    """Where any name of the machine will do, a page must come from the host it connects to."""
+    from bokeh.server.views.ws import WSHandler
+    from tornado.websocket import WebSocketHandler
+
+    class SameSite(WSHandler):
+        def check_origin(self, origin: str) -> bool:
+            return bool(WebSocketHandler.check_origin(self, origin))
+
+    for rule in server._tornado.wildcard_router.rules:
+        if rule.target is WSHandler:
+            rule.target = SameSite
 
 
 def serve(
@@ -97,8 +121,12 @@ def serve(
     address: str = "127.0.0.1",
     browser: bool = True,
     say: Callable[[str], None] = print,
-) -> None:
+) -> bool:
     """Serve the page until Ctrl-C, or SIGTERM.
+
+    Returns
+    -------
+    Whether nothing is left behind: a computation may go on for a while in a thread of its own.
 
     Raises
     ------
@@ -116,8 +144,9 @@ def serve(
     server.start()
     if browser:
         server.io_loop.add_callback(lambda: threading.Thread(target=_open, args=(url,)).start())
-    _until_stopped(server)
+    done = _until_stopped(server)
     say("polywigner explore: stopped")
+    return done
 
 
 def _open(url: str) -> None:
@@ -128,7 +157,7 @@ def _open(url: str) -> None:
         webbrowser.open(url)
 
 
-def _until_stopped(server: Any) -> None:
+def _until_stopped(server: Any) -> bool:
     loop = server.io_loop
     previous = {
         number: signal.signal(number, lambda *_: loop.add_callback_from_signal(loop.stop))
@@ -139,5 +168,6 @@ def _until_stopped(server: Any) -> None:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
-        server.polywigner_scheduler.stop()
+        done = bool(server.polywigner_scheduler.stop())
         server.stop()
+    return done

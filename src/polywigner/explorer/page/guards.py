@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from polywigner.errors import PolywignerError
+from polywigner.explorer.logs import log_fault
 
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
@@ -25,7 +25,7 @@ def guarded(session: Session, work: Callable[..., None]) -> Callable[..., None]:
         except PolywignerError as error:
             session.say(str(error))
         except Exception:  # no traceback reaches the page
-            logging.getLogger(__name__).exception("a request failed")
+            log_fault("a request failed")
             session.say("This could not be done; it is a fault of polywigner.")
 
     return run

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -16,6 +15,7 @@ from tornado.ioloop import IOLoop
 
 from polywigner.errors import PolywignerError
 from polywigner.explorer.history import History
+from polywigner.explorer.logs import log_fault
 from polywigner.explorer.page.access import connect_access
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
@@ -207,7 +207,7 @@ class Session:
             try:
                 self.figures.show(state, result, self.controls)
             except Exception:  # no traceback reaches the page
-                logging.getLogger(__name__).exception("a view could not be shown")
+                log_fault("a view could not be shown")
                 self.say(f"{result.name} could not be shown; this is a fault of polywigner")
 
     def _finish(self, number: int) -> None:

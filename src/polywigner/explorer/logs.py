@@ -1,0 +1,39 @@
+"""What the server says in the terminal: little, and no traceback that nobody asked for."""
+
+from __future__ import annotations
+
+import logging
+import os
+
+__all__ = ["keep_short", "log_fault"]
+
+_FAULTS = "polywigner.explorer"
+# requests that are damaged, and faults of callbacks: a line each
+_ONE_LINE = (_FAULTS, "tornado.application", "bokeh.server.protocol_handler")
+# what strangers ask for and do not get
+_SILENT = ("tornado.access", "tornado.general", "bokeh.server.views.ws")
+
+
+def log_fault(what: str) -> None:
+    """Log the exception that is being handled."""
+    logging.getLogger(_FAULTS).exception(what)
+
+
+def _shortened(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    if error is not None and not os.environ.get("POLYWIGNER_DEBUG"):
+        what = str(record.msg).split("%", 1)[0].split("\n", 1)[0].strip()
+        record.msg = f"{what}: {type(error).__name__} (POLYWIGNER_DEBUG=1 shows more)"
+        record.args, record.exc_info, record.exc_text = (), None, None
+    return True
+
+
+def keep_short() -> None:
+    """Set up the loggers of the server."""
+    logging.getLogger("bokeh").setLevel(logging.ERROR)
+    for name in _SILENT:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    for name in _ONE_LINE:
+        logger = logging.getLogger(name)
+        if _shortened not in logger.filters:
+            logger.addFilter(_shortened)
