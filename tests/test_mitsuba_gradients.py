@@ -21,14 +21,16 @@ DIRECT = {"type": "direct", "bsdf_samples": 0, "emitter_samples": 1}
 PRB = {"type": "prb", "max_depth": 2}
 # Of renders with the same samples: steps of 1e-2 in float32, of curved functions.
 DIFFERENCES = 5e-3
+# Of two ways to add up the same closed forms, in float32.
+ROUNDING = 1e-5
 # Standard deviations of the mean of as many renders.
 DEVIATIONS = 4.5
 
 
-def _scene(source: Any, integrator: Any) -> tuple[Any, Any]:
+def _scene(source: Any, integrator: Any, **how: Any) -> tuple[Any, Any]:
     import mitsuba as mi
 
-    scene = floor_scene({"aperture": light(source)}, integrator, columns=5)
+    scene = floor_scene({"aperture": light(source, **how)}, integrator, columns=5)
     return scene, mi.traverse(scene)
 
 
@@ -48,12 +50,18 @@ def _in_the_middle(image: Any) -> Any:
     return dr.gather(type(image.array), image.array, dr.uint32_array_t(image.array)(count // 2))
 
 
-@pytest.mark.parametrize("integrator", [DIRECT, PRB], ids=["direct", "prb"])
-def test_gradients_in_weights_are_those_of_differences(integrator: Any, llvm: object) -> None:
+@pytest.mark.parametrize(
+    ("integrator", "control_variate"),
+    [(DIRECT, False), (PRB, False), (DIRECT, True)],
+    ids=["direct", "prb", "control variate"],
+)
+def test_gradients_in_weights_are_those_of_differences(
+    integrator: Any, control_variate: bool, llvm: object
+) -> None:
     mi = use("llvm_ad_mono")
     import drjit as dr
 
-    scene, params = _scene(PAIR, integrator)
+    scene, params = _scene(PAIR, integrator, control_variate=control_variate)
     key = "aperture.emitter.weights"
     values = np.array(params[key])
 
@@ -124,6 +132,37 @@ def test_gradients_in_vertices_are_those_of_differences(llvm: object) -> None:
     error = np.hypot(*(np.std(v, ddof=1) / np.sqrt(8) for v in (gradients, differences)))
     assert abs(np.mean(gradients) - np.mean(differences)) < DEVIATIONS * error
     assert abs(np.mean(gradients)) > DEVIATIONS * error  # it does not drown in noise
+
+
+@pytest.mark.parametrize("source", [CHEVRON, pw.shapes.regular_polygon(13, 5e-3), PAIR])
+def test_the_mean_of_a_control_variate_has_the_derivatives_of_the_far_field(
+    source: Any, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    import drjit as dr
+
+    from polywigner.engines import ops_for
+    from polywigner.mitsuba.radiator import radiator_of
+    from polywigner.mitsuba.traced import TracedSource
+
+    radiator = radiator_of(source, "rayleigh-sommerfeld-1")
+    traced = TracedSource(mi, radiator)
+    nu = mi.Point2f([30.0, -80.0, 0.0], [50.0, 10.0, 0.0])
+    dr.enable_grad(traced.vertices, traced.weights)
+    intensity = traced.intensity(ops_for(mi.Float), nu.x, nu.y)
+    dr.backward(dr.dot(intensity, mi.Float(1.0, -2.0, 0.5)))
+
+    corners = np.array(dr.detach(traced.vertices)).reshape(-1, 2) - radiator.centre
+    numbers = {"vertices": mi.TensorXf(corners.astype(np.float32))}
+    if isinstance(source, pw.Array):
+        numbers["weights"] = mi.TensorXf(np.array(dr.detach(traced.weights)).reshape(-1, 2))
+    dr.enable_grad(numbers)
+    far = pw.fourier(pw.differentiable(radiator.centred, **numbers), nu)
+    dr.backward(dr.dot(dr.squared_norm(far), mi.Float(1.0, -2.0, 0.5)))
+    for name, value in numbers.items():
+        expected = np.array(value.grad).ravel()
+        found = np.array(getattr(traced, name).grad)
+        assert np.abs(found - expected).max() < ROUNDING * np.abs(expected).max()
 
 
 def test_new_vertices_give_the_picture_and_the_mesh_of_a_new_scene(llvm: object) -> None:

@@ -49,6 +49,7 @@ from polywigner.engines.parameters import (
 from polywigner.engines.ray_sums import float_of, has_gradient, ray_sum, values_of
 from polywigner.engines.site_sums import site_sum
 from polywigner.engines.sums import evaluate_sums
+from polywigner.engines.table_data import UnrolledOperations
 from polywigner.engines.threads import kernel_threads
 
 __all__ = [
@@ -61,6 +62,7 @@ __all__ = [
     "ScalarOperations",
     "Traced",
     "TracedField",
+    "UnrolledOperations",
     "checked_engine",
     "checked_precision",
     "complex_numbers",

@@ -51,7 +51,7 @@ class Forward:
         import drjit as dr
 
         if isinstance(pair[0], tuple):
-            return pair[0][number], pair[1][number]
+            return pair[0][int(number)], pair[1][int(number)]
         index = _index(self.ops, number)
         x, y = (dr.gather(self.ops.float_type, values, index) for values in pair)
         return x, y

@@ -15,7 +15,7 @@ from polywigner.kernels import phases
 from polywigner.kernels.fourier import OutlineTables
 from polywigner.kernels.frame import Frame
 
-__all__ = ["TracedOperations", "as_data"]
+__all__ = ["TracedOperations", "UnrolledOperations", "as_data"]
 
 
 class TracedOperations(DrjitOperations):
@@ -28,6 +28,15 @@ class TracedOperations(DrjitOperations):
         return False
 
     def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
+        return super().sum_over(rows, term, values, like, unroll=False)
+
+
+class UnrolledOperations(DrjitOperations):
+    """Terms of a sum are code, however many: where each has arrays of its own."""
+
+    def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
+        if unroll:
+            return self.sum_of_long(rows, term, 0)
         return super().sum_over(rows, term, values, like, unroll=False)
 
 

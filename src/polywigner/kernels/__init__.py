@@ -70,7 +70,14 @@ from typing import Any
 from polywigner.kernels.catalogue import kernel_for
 from polywigner.kernels.grids import GridTables, fourier_on_grid
 from polywigner.kernels.kernel import Kernel, parts_of
-from polywigner.kernels.plane import AMBIGUITY, FOURIER, WIGNER, new_tables_of, tables_of
+from polywigner.kernels.plane import (
+    AMBIGUITY,
+    FOURIER,
+    WIGNER,
+    new_outline_of,
+    new_tables_of,
+    tables_of,
+)
 from polywigner.kernels.separable import is_separable
 from polywigner.kernels.shared_slices import PartSum, SharedSlice, shared_slice
 from polywigner.kernels.tables import Tables
@@ -87,6 +94,7 @@ __all__ = [
     "fourier_on_grid",
     "is_separable",
     "kernel_for",
+    "new_outline_of",
     "new_tables_of",
     "parts_of",
     "shared_slice",

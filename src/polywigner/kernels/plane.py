@@ -44,6 +44,7 @@ __all__ = [
     "POSITION_MARGINAL",
     "POSITION_MARGINAL_OF_WAVES",
     "WIGNER",
+    "new_outline_of",
     "new_tables_of",
     "placed_frame",
     "tables_of",
@@ -71,6 +72,11 @@ def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 @lru_cache(maxsize=256)
 def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
+    return new_outline_of(aperture)
+
+
+def new_outline_of(aperture: Aperture) -> OutlineTables:
+    """The kernel tables of its Fourier transform, with vertices numbered as they are in it."""
     return outline_tables(aperture.rings)
 
 

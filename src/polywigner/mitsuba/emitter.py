@@ -184,7 +184,7 @@ def emitter_class(variant: str) -> Any:
         def _wigner(self, kernel: Any, tables: Any, point: Any) -> Any:
             if not jit:
                 return kernel(self._ops, tables, *point)[0]
-            if self._traced.is_followed() and len(self._terms) == 1:
+            if self._follows():
                 return self._traced.wigner(self._ops, *point)
             return differentiable(kernel, self._ops, tables, point, Traced())[0]
 
@@ -196,11 +196,21 @@ def emitter_class(variant: str) -> Any:
             frequency = m.Vector2f(direction.x * inverse, direction.y * inverse)
             total = 0.0
             for source, coefficients in self._fields:
-                amplitude = fourier(source, frequency if jit else [frequency.x, frequency.y])
-                square = amplitude.real * amplitude.real + amplitude.imag * amplitude.imag
+                square = self._square(source, frequency)
                 total = total + square * emission_factor(coefficients, cosine)
             in_scene = self._scale(inverse) / self._unit**2
             return dr.select(front, in_scene * total, 0.0)
+
+        def _square(self, source: Any, frequency: Any) -> Any:
+            """|F|^2."""
+            if self._follows():
+                return self._traced.intensity(self._ops, frequency.x, frequency.y)
+            amplitude = fourier(source, frequency if jit else [frequency.x, frequency.y])
+            return amplitude.real * amplitude.real + amplitude.imag * amplitude.imag
+
+        def _follows(self) -> bool:
+            """Whether derivatives in vertices or weights are asked of the radiance."""
+            return jit and self._traced.is_followed() and len(self._terms) == 1
 
         def _scale(self, inverse: Any) -> Any:
             energy = self.spec.radiator.energy

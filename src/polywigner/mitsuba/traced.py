@@ -9,11 +9,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.engines import Traced, differentiable
+from polywigner.engines import Traced, UnrolledOperations, differentiable
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.kernels import WIGNER, new_tables_of
+from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
+from polywigner.kernels.complex_pairs import Pair
 from polywigner.mitsuba.radiator import Radiator
 from polywigner.transforms import differentiable as differentiable_source
 
@@ -92,6 +93,21 @@ class TracedSource:
         traced = Traced((x, y), fields)
         (value,) = differentiable(WIGNER, ops, self._tables, point, traced)
         return value
+
+    def intensity(self, ops: Any, *nu: Any) -> Any:
+        """|F|^2 of the source, with derivatives in all numbers."""
+        code = UnrolledOperations(ops.float_type)
+        corners = iter(self._centred())
+        total = Pair(0.0, 0.0)
+        for number, element in enumerate(_elements(self._radiator.centred)):
+            outline = new_outline_of(element)
+            own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
+            x, y = zip(*own, strict=True)
+            value = Pair(*differentiable(FOURIER, code, outline, nu, Traced((x, y))))
+            if self.weights is not None:
+                value = value * Pair(*self._pair(self.weights, number))
+            total = total + value
+        return total.real * total.real + total.imag * total.imag
 
     def energy(self) -> Any:
         """int |u|^2, with derivatives."""
