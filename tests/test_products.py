@@ -107,6 +107,26 @@ def test_products_agree_with_the_sum_over_all_pairs_of_waves(
         assert np.abs(got - wanted).max() < TOLERANCE[precision] * size
 
 
+@precisions
+@sources
+@pytest.mark.parametrize("positions_lead", [True, False])
+def test_products_of_every_place_with_every_frequency_are_those_of_each_with_each(
+    name: str, precision: str, positions_lead: bool
+) -> None:
+    """Frequencies include those of the waves, where the sum over shifts divides by nothing."""
+    source = SOURCES[name]
+    x, nu, xi = (p[:n] for p, n in zip(_points(source), (20, 90, 20), strict=True))
+    nu = np.concatenate([nu, [[np.nan, 0.0]]])
+    for transform, first, second in ((pw.wigner, x, nu), (pw.ambiguity, nu, xi)):
+        leads = positions_lead == (transform is pw.wigner)
+        pair = (first[:, None], second) if leads else (first, second[:, None])
+        found = transform(source, *pair, engine="numpy", precision=precision)
+        flat = [np.broadcast_to(p, (*found.shape, 2)).reshape(-1, 2) for p in pair]
+        each = transform(source, *flat, engine="numpy", precision=precision).reshape(found.shape)
+        limit = TOLERANCE[precision] * _energy(source)
+        np.testing.assert_allclose(found, each, rtol=0, atol=limit)
+
+
 @sources
 def test_marginals_of_products_are_the_field_squared_and_its_correlation(name: str) -> None:
     source = SOURCES[name]

@@ -14,11 +14,15 @@ multiples of one frequency, as tapers have them, take 2m - 1 of the one and m of
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.line_pairs import are_pairs, sum_of_pairs
 from polywigner.kernels.trigonometry import cos_sin_turns, sinc
 from polywigner.kernels.waves import Beat, Waves, difference_beats, field_of, mean_beats
 
@@ -44,11 +48,11 @@ class LineField:
     def wigner(self, ops: Any, x: Any, nu: Any) -> Any:
         """W, which is real."""
         length = _length(ops, self.half - abs(x), 4.0)
-        return self.means.total(ops, x, nu, length).real * length
+        return self.means.whole(ops, x, nu, length).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
         length = _length(ops, 2.0 * self.half - abs(xi), 1.0)
-        return self.differences.total(ops, xi, upsilon, length).scaled(length)
+        return self.differences.whole(ops, xi, upsilon, length)
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
         length = 2.0 * self.half
@@ -94,6 +98,26 @@ class _Beats:
             real = real + share * amplitude.real
             imag = imag if self.is_real else imag + share * amplitude.imag
         return Pair(real, imag)
+
+    def whole(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
+        """The same times the length."""
+        if not are_pairs(place, frequency):
+            return self.total(ops, place, frequency, length).scaled(length)
+        if place.shape[0] == 1:
+            turned = self.whole(ops, place.T, frequency.T, length.T)
+            return Pair(np.transpose(turned.real), np.transpose(turned.imag))
+        return sum_of_pairs(ops, self.shifts, self._amplitudes(place), frequency, length)
+
+    def _amplitudes(self, place: Any) -> Any:
+        """Of the shifts, at places (n, 1) of NumPy."""
+        rates = 2j * math.pi * np.array(self.rates)
+        waves = np.exp(np.asarray(place, np.float64) * rates)
+        ahead, behind = np.zeros((2, len(self.rates), len(self.shifts)), np.complex128)
+        for k, terms in enumerate(self.terms):
+            for amplitude, number, sign in terms:
+                (ahead if sign > 0 else behind)[number, k] += amplitude
+        found = waves @ ahead + waves.conj() @ behind
+        return found.real if self.is_real else found
 
 
 def _amplitude(
