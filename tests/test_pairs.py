@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.engines import on_drjit
+from polywigner.engines import evaluation, on_drjit
 from polywigner.engines.pairs import pairs_of
 
 # Of areas of about 1. Sums are the same; arguments enter the frame in NumPy or in Dr.Jit, which
@@ -107,3 +107,65 @@ def test_rows_and_columns_are_told_by_the_shapes(
             np.testing.assert_array_equal(
                 np.broadcast_to(component, split), expected.reshape(split)
             )
+
+
+LATTICE = [[1.0 * i + 0.2 * j, 0.9 * j] for i in range(5) for j in range(3)]
+ARRAYS: dict[str, Callable[[], Any]] = {
+    "equal": lambda: pw.phased_array(pw.shapes.square(0.8), LATTICE),
+    "steered": lambda: pw.phased_array(
+        pw.shapes.chevron(0.8, 0.7, 0.3).with_illumination(pw.Illumination([1.0], [[3.5, -1.25]])),
+        LATTICE,
+        np.exp(2j * np.pi * 0.13 * np.arange(15)),
+    ),
+    "no product": lambda: pw.phased_array(
+        pw.shapes.square(0.8), LATTICE, np.random.default_rng(1).normal(size=15) + 0.5j
+    ),
+    "overlapping tapers": lambda: pw.phased_array(
+        pw.shapes.square(1.5).with_illumination(pw.cosine_taper(1.5, 1.5)), LATTICE
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+@pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("positions_lead", [True, False])
+@pytest.mark.parametrize("engine", ["numpy", "llvm"])
+def test_copies_listed_for_a_place_have_the_values_of_single_points(
+    request: pytest.FixtureRequest,
+    engine: str,
+    positions_lead: bool,
+    precision: str,
+    transform: Callable[..., Any],
+    name: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """More places than midpoints of sites, some of them outside; one is not a number."""
+    if engine == "llvm":
+        request.getfixturevalue("llvm")
+    source, rng = ARRAYS[name](), np.random.default_rng(3)
+    low, high = (-0.5, -0.5), (5.0, 2.5)
+    if transform is pw.ambiguity:
+        low, high = (-5.0, -2.5), (5.0, 2.5)
+    places, frequencies = rng.uniform(low, high, (300, 2)), rng.uniform(-3, 3, (70, 2))
+    places[7, 1] = np.nan
+    pair = (places[:, None], frequencies)
+    if not positions_lead:
+        pair = (places[:70], rng.uniform(-3, 3, (300, 1, 2)))
+    points = pair if transform is pw.wigner else pair[::-1]
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
+    listed: list[int] = []
+    by_copies = evaluation._by_copies
+
+    def watched(*arguments: Any) -> Any:
+        found = by_copies(*arguments)
+        listed.append(found is not None)
+        return found
+
+    monkeypatch.setattr(evaluation, "_by_copies", watched)
+    found = transform(source, *points, **how)
+    assert listed == [True] or not positions_lead
+    flat = [np.broadcast_to(p, (*found.shape, 2)).reshape(-1, 2) for p in points]
+    each = transform(source, *flat, **how).reshape(found.shape)
+    energy = abs(pw.lag_marginal(source, (0.0, 0.0)))
+    np.testing.assert_allclose(found, each, rtol=0, atol=ROUNDING[precision] * energy)

@@ -19,6 +19,7 @@ from polywigner.engines.on_numpy import CHUNK, OnNumpy
 from polywigner.engines.operations import NumpyOperations
 from polywigner.engines.pairs import Pairs, one_row_of, pairs_of
 from polywigner.kernels import Kernel, SharedSlice, shared_slice
+from polywigner.kernels.lattice_pairs import SharedCopies, shared_copies
 
 __all__ = ["evaluate"]
 
@@ -27,6 +28,11 @@ __all__ = ["evaluate"]
 _DRJIT_CHUNK = 1 << 18
 # NumPy: of fewer samples it is not worth finding those for which there is nothing to do.
 _LEAST_APART = 256
+
+# To list the copies of an element takes NumPy some microseconds a row.
+_LEAST_FOR_COPIES = 64
+# So many rows' copies are listed at a time: some arrays of a few MB.
+_ROWS_OF_COPIES = 1 << 15
 
 Array = npt.NDArray[Any]
 
@@ -75,7 +81,9 @@ def evaluate(
             pairs = one_row_of(components, shape)
     else:
         compute, chunk = OnDrjit(kernel, tables, double, engine), _DRJIT_CHUNK
-    launched = _shared(compute, source, pairs, results) if pairs is not None else None
+    launched = None
+    if pairs is not None:
+        launched = _shared(compute, source, pairs, results) or _by_copies(compute, pairs, results)
     if launched is None and pairs is not None and compute.takes(pairs):
         launched = _paired(compute, pairs, results)
     _store(launched or _chunked(compute, components, results, chunk))
@@ -136,6 +144,38 @@ def _shared(
     if by_cells or not compute.shares(pairs.columns):
         return None
     return _by_parts(compute, shared, source, pairs, targets)
+
+
+def _by_copies(
+    compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]
+) -> Launched | None:
+    """Arrays on a lattice, with the copies that count listed once for each row or column."""
+    shared = shared_copies(compute.kernel)
+    if shared is None or pairs.columns < _LEAST_FOR_COPIES or not compute.lists_copies():
+        return None
+    targets = [result.reshape(pairs.rows, pairs.columns) for result in results]
+    if all(c.shape == (1, pairs.columns) for c in pairs.components[shared.arguments]):
+        pairs, targets = pairs.transposed(), [target.T for target in targets]
+    if any(c.shape[1] > 1 for c in pairs.components[shared.arguments]):
+        return None
+    some = pairs.block(slice(0, _ROWS_OF_COPIES), slice(0, pairs.columns))
+    if not shared.gains(compute.tables, compute.entered(some)):
+        return None
+    return _launched_copies(compute, shared, pairs, targets)
+
+
+def _launched_copies(
+    compute: OnNumpy | OnDrjit, shared: SharedCopies, pairs: Pairs, targets: Sequence[Array]
+) -> Launched:
+    host = NumpyOperations(compute.ops.double)
+    for start in range(0, pairs.rows, _ROWS_OF_COPIES):
+        rows = slice(start, min(start + _ROWS_OF_COPIES, pairs.rows))
+        entered = compute.entered(pairs.block(rows, slice(0, pairs.columns)))
+        copies = shared.copies(host, compute.tables, entered)
+        own = Pairs(tuple(entered), rows.stop - start, pairs.columns)
+        mine = [target[rows] for target in targets]
+        for block in own.blocks(compute.copies_block):
+            yield mine, block, compute.of_copies(shared, copies, entered, block)
 
 
 def _by_parts(

@@ -14,9 +14,11 @@ from polywigner.engines.aligned import aligned
 from polywigner.engines.by_cell import ByCell
 from polywigner.engines.choice import drjit_float
 from polywigner.engines.frozen import frozen, is_code, is_recording
+from polywigner.engines.on_drjit_shared import of_copies, of_parts, split
 from polywigner.engines.operations import DrjitOperations, NumpyOperations
 from polywigner.engines.pairs import Pairs
 from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
+from polywigner.kernels.lattice_pairs import Copies, SharedCopies
 from polywigner.kernels.run_sums import RunSums, edge_columns, edge_waves, has_run_sums
 
 __all__ = ["OnDrjit"]
@@ -28,11 +30,10 @@ _LEAST_SHARED = 256
 _ROWS_FOR_SUMS = 64
 # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
 _FEW_CLIPS = 16
-# Samples of one slice that a lane of a compiled kernel computes together.
-_TOGETHER = 4
 # Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
 # than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
 _CLIPS_PER_KERNEL = 1000
+_CLIPS_IN_A_LOOP = 256
 
 Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
@@ -41,7 +42,7 @@ Fetch = Callable[[], tuple[Array, ...]]
 class OnDrjit:
     """A kernel of a source, traced with Dr.Jit."""
 
-    block = shared_block = _PAIRS_CHUNK
+    block = shared_block = copies_block = _PAIRS_CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
@@ -103,7 +104,7 @@ class OnDrjit:
         self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
-        inner = self._looked_up(entered, shape, *_split(self.ops.float_type, *shape))
+        inner = self.looked_up(entered, shape, *split(self.ops.float_type, *shape))
         return _fetching(self._of_inner(inner), shape)
 
     def sums_whole_edges(self, pairs: Pairs) -> bool:
@@ -135,10 +136,10 @@ class OnDrjit:
         """Sums of the edges' vectors, (n + 1, 2), and of their waves, ((n + 1) columns, 1)."""
         ops, kind = self.ops, self.ops.float_type
         count, columns = len(edges), max(np.size(f) for f in nu)
-        row, column = _split(kind, count, columns)
+        row, column = split(kind, count, columns)
         self.turn ^= 1  # the last chunk may still be on its way
         held = [ops.held(values[:, None]) for values in edges.T]
-        frequency = self._looked_up(nu, (count, columns), row, column)
+        frequency = self.looked_up(nu, (count, columns), row, column)
         edge = tuple(ops.gather(table, row)[0] for table in held)
         found = edge_waves(ops, self.kernel.copies == 1, edge, frequency)
         self.turn ^= 1  # done with its memory when this returns
@@ -156,8 +157,8 @@ class OnDrjit:
         self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
-        row, column = _split(self.ops.float_type, *shape)
-        inner = self._looked_up(entered, shape, row, column)
+        row, column = split(self.ops.float_type, *shape)
+        inner = self.looked_up(entered, shape, row, column)
         width = drjit.opaque(type(column), shape[1])
         self.ops.run_sums = RunSums(self.ops, inner[shared.frequency], *prefixes, column, width)
         try:
@@ -165,58 +166,29 @@ class OnDrjit:
         finally:
             self.ops.run_sums = None
 
+    def lists_copies(self) -> bool:
+        """Whether an element is little enough code for a loop over its copies."""
+        return self.kernel.copies * self.tables.clips <= _CLIPS_IN_A_LOOP
+
+    def of_copies(
+        self,
+        shared: SharedCopies,
+        copies: Copies,
+        entered: tuple[Any, ...],
+        block: tuple[slice, slice],
+    ) -> Fetch:
+        """Results for a block of rows and columns, which are ``entered`` into the frame."""
+        self.turn ^= 1
+        return of_copies(self, shared, copies, entered, block)
+
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
     ) -> Fetch:
-        """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``.
-
-        A part is looked up once for several columns, since that takes as long as to compute its
-        term: the columns are taken in a few runs of one length, the last of which may overlap the
-        one before.
-        """
-        import drjit
-
+        """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``."""
         self.turn ^= 1
-        ops, kind = self.ops, self.ops.float_type
-        rows, columns = np.broadcast_shapes(*(np.shape(a) for a in inner))
-        length = -(-columns // _TOGETHER)
-        row, column = _split(kind, rows, length)
-        limits = ops.held(ends[:, None].astype(np.uint32))
-        (first,), (end,) = (ops.gather(limits, row + k) for k in (0, 1))
-        held = ops.held(table if len(table) else np.zeros((1, table.shape[1])))
-        starts = [min(k * length, columns - length) for k in range(_TOGETHER)]
-        runs, arguments, lost = [], [], []
-        for start in starts:
-            at = column + drjit.opaque(type(column), start)
-            mine = self._looked_up(inner, (rows, columns), row, at)
-            frequency = mine[shared.frequency]
-            runs.append(shared.summed(ops, table.shape[1], is_real, *frequency))
-            arguments.append(mine)
-            # what lies at infinity or is not a number is so in the result
-            lost.append(sum(a - a for a in (*mine[shared.place], *frequency)))
+        return of_parts(self, shared, inner, ends, table, is_real)
 
-        def terms(number: Any) -> tuple[Any, ...]:
-            part = ops.gather(held, number)
-            return tuple(value for run in runs for value in run.term(*part))
-
-        count = runs[0].values
-        sums = ops.plain_sum(first, end, terms, _TOGETHER * count)
-        results: list[tuple[Any, ...]] = []
-        for k, run in enumerate(runs):
-            own = run.total(tuple(value + lost[k] for value in sums[k * count : (k + 1) * count]))
-            results.append(self.kernel.leave(ops, self.tables.frame, arguments[k], own))
-        drjit.eval(results)
-
-        def fetch() -> tuple[Array, ...]:
-            found = tuple(np.empty((rows, columns), self.dtype) for _ in results[0])
-            for start, values in zip(starts, results, strict=True):
-                for whole, value in zip(found, values, strict=True):
-                    whole[:, start : start + length] = value.numpy().reshape(rows, length)
-            return found
-
-        return fetch
-
-    def _looked_up(
+    def looked_up(
         self, inner: Sequence[Any], shape: tuple[int, int], row: Any, column: Any
     ) -> tuple[Any, ...]:
         """Arguments in the frame, of one shape or another, at each sample's row and column."""
@@ -301,14 +273,3 @@ def _running_sum(values: Array) -> Array:
     for k, row in enumerate(values):
         np.add(found[k], row, out=found[k + 1])
     return found
-
-
-def _split(kind: Any, rows: int, columns: int) -> tuple[Any, Any]:
-    """Row and column of each of rows x columns samples."""
-    import drjit
-
-    index = drjit.arange(drjit.uint32_array_t(kind), rows * columns)
-    # Opaque, or there would be a kernel for each number of columns. A division of fewer than
-    # 2^21 samples: half a sample is more than two roundings, to float32, of the quotient.
-    row = type(index)((kind(index) + 0.5) * drjit.opaque(kind, 1 / columns))
-    return row, index - row * drjit.opaque(type(index), columns)

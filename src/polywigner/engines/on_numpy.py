@@ -12,8 +12,9 @@ import numpy.typing as npt
 from polywigner.engines.operations import NumpyOperations
 from polywigner.engines.pairs import Pairs
 from polywigner.kernels import Kernel, PartSum, SharedSlice
+from polywigner.kernels.lattice_pairs import Copies, SharedCopies
 
-__all__ = ["CHUNK", "OnNumpy"]
+__all__ = ["CHUNK", "OnNumpy", "block_of"]
 
 CHUNK = 1 << 13
 """Samples at a time: a temporary array stays in the cache of one core."""
@@ -31,6 +32,7 @@ class OnNumpy:
 
     block = CHUNK
     shared_block = _SHARED_CHUNK
+    copies_block = 2 * CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
         self.kernel, self.tables = kernel, tables
@@ -76,6 +78,35 @@ class OnNumpy:
         with np.errstate(invalid="ignore", over="ignore"):
             return self.kernel.enter(self.host, self.tables.frame, *arguments)
 
+    def lists_copies(self) -> bool:
+        """Whether copies of an element are worth listing for each place."""
+        return True
+
+    def of_copies(
+        self,
+        shared: SharedCopies,
+        copies: Copies,
+        entered: tuple[Any, ...],
+        block: tuple[slice, slice],
+    ) -> Fetch:
+        """Results for a block of rows and columns, which are ``entered`` into the frame."""
+        rows, columns = block
+        inner = tuple(np.asarray(a, self.ops.dtype) for a in block_of(entered, block))
+        nu, place = inner[shared.frequency], inner[shared.place]
+        ends = copies.ends[rows.start : rows.stop + 1]
+        mine = slice(ends[0], ends[-1])
+        own = tuple(c[mine, None].astype(self.ops.dtype) for c in (copies.x, copies.y))
+        factors = tuple(f[:, columns][copies.number[mine]] for f in copies.factors)
+        with np.errstate(invalid="ignore", over="ignore"):
+            self.ops.at_once = factors[0].size
+            terms = shared.term(self.ops, self.tables.part, own, nu, factors)
+            self.ops.at_once = 0
+            # what lies at infinity or is not a number is so in the result
+            lost = sum(a - a for a in (*place, *nu))
+            sums = [_summed(np.broadcast_to(t, factors[0].shape), ends) + lost for t in terms]
+            values = self.kernel.leave(self.ops, self.tables.frame, inner, tuple(sums))
+        return lambda: values
+
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
     ) -> Fetch:
@@ -101,6 +132,25 @@ class OnNumpy:
 
 def _slices(length: int, step: int) -> Iterator[slice]:
     return (slice(k, k + step) for k in range(0, length, step))
+
+
+def block_of(entered: Sequence[Any], block: tuple[slice, slice]) -> Iterator[Any]:
+    """Rows and columns of arrays of shape (rows, 1), (1, columns) or both."""
+    for whole in entered:
+        own = [
+            part if n > 1 else slice(None) for part, n in zip(block, np.shape(whole), strict=True)
+        ]
+        yield whole[tuple(own)]
+
+
+def _summed(terms: Array, ends: Array) -> Array:
+    """The sums of rows ``ends[k]`` to ``ends[k + 1]``."""
+    counts, first = np.diff(ends), ends[:-1] - ends[0]
+    found = np.zeros((len(counts), terms.shape[1]), terms.dtype)
+    for k in range(int(counts.max(initial=0))):
+        (rows,) = np.nonzero(counts > k)
+        found[rows] += terms[first[rows] + k]
+    return found
 
 
 def _sum_parts(run: PartSum, ends: Array, table: Array, sums: Sequence[Array]) -> None:
