@@ -96,6 +96,21 @@ def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any
     return whole and not recording and not any(map(drjit.grad_enabled, components))
 
 
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """Samples of which the cells are known."""
+
+    cell: Numbers
+    rows: Any
+    """Their arguments in the frame, rows of a table of so many entries, of which so many count."""
+    width: int
+    arguments: int
+
+    def groups(self, size: int) -> Groups:
+        """In the order of the cells."""
+        return grouped(self.cell, size)
+
+
 class ByCell:
     """A kernel of a source that takes samples by their cells."""
 
@@ -113,6 +128,11 @@ class ByCell:
 
     def __call__(self, arguments: Sequence[Any]) -> tuple[Any, ...]:
         """Results for a chunk of samples; not yet evaluated."""
+        begun = self.begun(arguments)
+        return self.finished(begun, begun.groups(self.size))
+
+    def begun(self, arguments: Sequence[Any]) -> Begun:
+        """A chunk of samples and their cells; waits for whatever is being computed."""
         import drjit
 
         kernel, frame, ops = self.kernel, self.tables.frame, self.ops
@@ -122,17 +142,24 @@ class ByCell:
         cell = kernel.order(ops, self.tables, *inner)
         width, rows = ops.packed(inner, count)
         drjit.eval(rows, cell)
-        groups = grouped(np.broadcast_to(cell.numpy(), count), self.size)
+        return Begun(np.broadcast_to(cell.numpy(), count), rows, width, len(inner))
+
+    def finished(self, begun: Begun, groups: Groups) -> tuple[Any, ...]:
+        """The results of a chunk; not yet evaluated."""
+        import drjit
+
+        kernel, ops = self.kernel, self.ops
         cells, where = self._samples(groups)
-        traced: Callable[..., tuple[Any, ...]] = partial(self._summed, width, len(inner))
+        traced: Callable[..., tuple[Any, ...]]
+        traced = partial(self._summed, begun.width, begun.arguments)
         summed = traced
         if self.size > 1 and not is_recording(ops.float_type):
             memory = partial(arrays_of, ops, self.tables, MIRRORED)
             owners = (kernel, self.tables)
             summed = frozen(lambda: (traced, memory()), owners, ops.float_type, "by cell")
-        found = summed(rows, cells, *where)
+        found = summed(begun.rows, cells, *where)
         drjit.eval(found)
-        results = tuple(drjit.empty(ops.float_type, count) for _ in found)
+        results = tuple(drjit.empty(ops.float_type, len(begun.cell)) for _ in found)
         for result, values in zip(results, found, strict=True):
             for k, one in enumerate(where):
                 drjit.scatter(result, values[k] if self.size > 1 else values, one)
@@ -182,15 +209,23 @@ def traced_by_cell(
     if width <= _CHUNK:
         return run(components)
     results: tuple[Any, ...] = ()
-    for start in range(0, width, _CHUNK):
+
+    def begun(start: int) -> tuple[Any, Begun]:
         first = drjit.opaque(number, start)  # else there would be a kernel for each chunk
         where = first + drjit.arange(number, min(_CHUNK, width - start))
-        found = run(
-            [
-                drjit.gather(float_type, c, where) if drjit.width(c) == width else c
-                for c in components
-            ]
-        )
+        chunk = [
+            drjit.gather(float_type, c, where) if drjit.width(c) == width else c for c in components
+        ]
+        return where, run.begun(chunk)
+
+    last = begun(0)
+    for start in range(_CHUNK, width + _CHUNK, _CHUNK):
+        where, chunk = last
+        # Sorted by one thread while others compute what was launched before;
+        groups = chunk.groups(run.size)
+        if start < width:
+            last = begun(start)  # which waits for that.
+        found = run.finished(chunk, groups)
         results = results or tuple(drjit.empty(float_type, width) for _ in found)
         for result, values in zip(results, found, strict=True):
             drjit.scatter(result, values, where)
