@@ -140,8 +140,9 @@ def _shared(
         return None
     if isinstance(compute, OnDrjit) and compute.sums_whole_edges(pairs):
         return ((targets, (a, b), fetch) for a, b, fetch in compute.of_blocks(pairs))
-    by_cells = compute.ops.prefers_cells(compute.tables.clips_for_cells, None)
-    if by_cells or not compute.shares(pairs.columns):
+    # Waves count where all is done for each sample; here slices are cut without them.
+    cuts = min(compute.tables.cuts, compute.tables.clips_for_cells)
+    if compute.ops.prefers_cells(cuts, None) or not compute.shares(pairs.columns):
         return None
     return _by_parts(compute, shared, source, pairs, targets)
 

@@ -26,7 +26,7 @@ from polywigner.kernels.slice_parts import (
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
 from polywigner.kernels.tables import Tables
 from polywigner.kernels.trigonometry import sin_turns
-from polywigner.kernels.wigner import floored, ratio_along
+from polywigner.kernels.wigner import floored, kept_off_zero, ratio_along
 
 __all__ = ["PartSum", "SharedSlice", "shared_slice"]
 
@@ -106,11 +106,23 @@ class _WignerSum(PartSum):
     def term(self, *row: Any) -> Values:
         ops, (nu_x, nu_y) = self.ops, self.nu
         if not self.plain:
-            return (wigner_of_part(ops, self.is_real, row[:6], _detuned(row, self.nu)),)
+            return (self._of_waves(row[:6], _detuned(row, self.nu)),)
         x, y, dx, dy = row
         along, ratio = ratio_along(ops, nu_x, nu_y, dx, dy)
         middle = ops.fma(nu_x, x, nu_y * y)
         return (ratio * (sin_turns(ops, 0.5 * along) * sin_turns(ops, middle)),)
+
+    def _of_waves(self, part: Values, nu: Values) -> Any:
+        """A part with a frequency of its own."""
+        if not self.is_real:
+            return wigner_of_part(self.ops, False, part, nu)
+        ops, (x, y, dx, dy, weight, _) = self.ops, part
+        nu_x, nu_y = floored(ops, *nu)
+        along, across = kept_off_zero(ops, nu_x, nu_y, dx, dy)
+        wave = sin_turns(ops, 0.5 * along) * sin_turns(ops, ops.fma(nu_x, x, nu_y * y))
+        # one division for both denominators: it costs as much as a sine
+        square = math.pi**2 * ops.fma(nu_x, nu_x, nu_y * nu_y)
+        return weight * across * wave / (along * square)
 
     def total(self, sums: Values) -> Values:
         if not self.plain:

@@ -116,7 +116,12 @@ class Tables:
         More than one wave counts as further sides: it is integrated over what is left of each edge.
         """
         more = _CLIPS_PER_WAVE * (self.waves_per_cut - 1)
-        return len(self.edges) * sum(len(piece.sides) + more for piece in self.pieces)
+        return self.cuts + more * len(self.edges) * len(self.pieces)
+
+    @property
+    def cuts(self) -> int:
+        """The same without waves."""
+        return len(self.edges) * sum(len(piece.sides) for piece in self.pieces)
 
     @cached_property
     def waves_per_cut(self) -> int:

@@ -21,7 +21,7 @@ from polywigner.kernels.tables import Edge, Tables
 from polywigner.kernels.trigonometry import sin_turns
 from polywigner.kernels.waves import Beat, RowBeat, mean_beats, rows_of
 
-__all__ = ["floored", "lag_slice_area", "ratio_along", "wigner"]
+__all__ = ["floored", "kept_off_zero", "lag_slice_area", "ratio_along", "wigner"]
 
 Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
@@ -170,12 +170,18 @@ def floored(ops: Any, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
 
 def ratio_along(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
     """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
+    along, across = kept_off_zero(ops, nu_x, nu_y, ux, uy)
+    return along, across / along
+
+
+def kept_off_zero(ops: Any, nu_x: Any, nu_y: Any, ux: Any, uy: Any) -> tuple[Any, Any]:
+    """nu.u, kept off 0, and cross(nu, u)."""
     # Its square is a normal number: lanes that wait for others in a loop have q = 0, and processors
     # take a hundred times as long for subnormal ones.
     floor = 1e-30 if ops.double else 1e-18
     along = ops.fma(nu_x, ux, nu_y * uy)
     along = ops.select(abs(along) < floor, floor, along)
-    return along, ops.fma(nu_x, uy, nu_y * -ux) / along
+    return along, ops.fma(nu_x, uy, nu_y * -ux)
 
 
 def lag_slice_area(ops: Any, tables: Tables, x: Any, y: Any) -> Any:
