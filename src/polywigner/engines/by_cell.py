@@ -150,9 +150,8 @@ class ByCell:
 
         kernel, ops = self.kernel, self.ops
         cells, where = self._samples(groups)
-        traced: Callable[..., tuple[Any, ...]]
         traced = partial(self._summed, begun.width, begun.arguments)
-        summed = traced
+        summed: Callable[..., tuple[Any, ...]] = traced
         if self.size > 1 and not is_recording(ops.float_type):
             memory = partial(arrays_of, ops, self.tables, MIRRORED)
             owners = (kernel, self.tables)
