@@ -422,10 +422,21 @@ return [Array.from(values), values.shape]
     return np.array(flat).reshape(shape)
 
 
-def test_the_tour_has_five_steps(page: Page) -> None:
+def count(page: Page, figure: str) -> int:
+    """The images that a figure shows: one, or none."""
+    script = 'model.renderers.find((r) => r.glyph.type === "ImageRGBA").data_source.data.value'
+    return int(page.browser.execute_script(f"{FIND}return {script}.length", figure))
+
+
+def test_the_tour_shows_what_it_speaks_of_and_no_picture_of_another_source(page: Page) -> None:
     for step in range(1, 6):
         page.click("tour_next")
         page.wait_until(lambda step=step: f"{step} of 5" in page.text("tour"))  # type: ignore[misc]
+    page.wait_until(lambda: page.get("rays_near", "visible") and page.is_ready())
+    assert count(page, "rays_near") == 1
+    page.set("array", "value", "4 x 4, 12 mm")  # has too many edges for rays
+    page.wait_until(lambda: "near field: expected" in page.text("message") and page.is_ready())
+    assert count(page, "rays_near") == 0  # not the picture of the last source
     page.click("tour_next")
     page.wait_until(lambda: page.text("tour") == "")
 

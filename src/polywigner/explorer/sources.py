@@ -70,9 +70,14 @@ def _in_units(built: Callable[[int], object], error: GeometryError) -> str:
 
 
 def _for_page(text: str) -> str:
-    """With outlines counted from 1, as the table does, and without advice on Python functions."""
+    """With outlines counted from 1, as the table does."""
     counted = re.sub(r"outline (\d+)", lambda found: f"outline {int(found[1]) + 1}", text)
-    return counted.split("; split it with")[0]
+    return _without_advice(counted)
+
+
+def _without_advice(text: str) -> str:
+    """Without what only those can do who write Python."""
+    return text.split("; split it with")[0]
 
 
 @lru_cache(maxsize=64)
@@ -157,4 +162,5 @@ def state_of_upload(name: str, content: bytes, state: State) -> State:
         try:
             return state_of_file(str(path), state.unit, state)
         except PolywignerError as error:
-            raise type(error)(str(error).replace(str(path), shown)) from None
+            text = str(error).replace(str(path), shown)
+            raise type(error)(_without_advice(text)) from None

@@ -87,7 +87,7 @@ class Controls:
                                   name="reach", width=half)  # fmt: skip
         self.x, self.y, self.nu_x, self.nu_y = (
             NumericInput(title=title, mode="float", name=name, width=half)
-            for title, name in (("x", "x"), ("y", "y"), ("νₓ", "nu_x"), ("νᵧ", "nu_y"))
+            for title, name in (("x", "x"), ("y", "y"), ("ν_x", "nu_x"), ("ν_y", "nu_y"))
         )
         self.part = RadioButtonGroup(labels=["dB", "real part", "phase"], name="part",
                                      width=_WIDTH)  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import chain
 from typing import Any
 
@@ -15,6 +16,7 @@ from polywigner.explorer.views import Cuts, Outlines
 __all__ = ["ApertureFigure", "LagFigure", "PolarFigure"]
 
 _INK, _TINT, _ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"
+_HANDLES = ((60, 10), (150, 7), (math.inf, 4))  # vertices, and the pixels of each
 _SPAN = 40.0  # dB, of the polar plot
 
 
@@ -49,7 +51,7 @@ class ApertureFigure:
         edges.nonselection_glyph = None
         made.line("x", "y", source=self.pending, color=_ACCENT, line_width=2, line_dash="dashed")
         made.scatter("x", "y", source=self.pending, color=_ACCENT, size=7)
-        handles = made.scatter(
+        self.handles = handles = made.scatter(
             "x", "y", source=self.vertices, size=10, color="white", line_color=_ACCENT,
             line_width=2,
         )  # fmt: skip
@@ -78,6 +80,7 @@ class ApertureFigure:
         numbers = [k for k, ring in enumerate(state.rings) for _ in ring]
         self.vertices.data = {"x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers}
         self.vertices.selected.indices = []
+        self.handles.glyph.size = next(s for most, s in _HANDLES if len(numbers) <= most)
 
     @property
     def chosen(self) -> int | None:
@@ -124,8 +127,8 @@ class LagFigure:
         self.figure.x_range.update(start=-end, end=end)
         self.figure.y_range.update(start=-end, end=end)
         self.figure.title.text = f"Lag slice at x = ({at[0]:.4g}, {at[1]:.4g}) {state.unit}"
-        self.figure.xaxis.axis_label = f"ξₓ ({state.unit})"
-        self.figure.yaxis.axis_label = f"ξᵧ ({state.unit})"
+        self.figure.xaxis.axis_label = f"ξ_x ({state.unit})"
+        self.figure.yaxis.axis_label = f"ξ_y ({state.unit})"
 
 
 class PolarFigure:
@@ -150,6 +153,11 @@ class PolarFigure:
         made.legend.border_line_color = None
         made.x_range.update(start=-1.25, end=1.25)
         made.y_range.update(start=-1.0, end=1.5)
+
+    def clear(self) -> None:
+        """No cuts: what was shown is of another source."""
+        for source in self.cuts:
+            source.data = {"x": [], "y": []}
 
     def show(self, cuts: Cuts) -> None:
         """New cuts; the outermost ring is the next multiple of 5 dB."""

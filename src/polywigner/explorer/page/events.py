@@ -89,6 +89,8 @@ def _connect_outline(session: Session) -> None:
     on_change(session, controls.rows.selected, "indices", partial(_row_selected, session))
     texts = [controls.busy, controls.message, controls.values, controls.note]
     session.doc.js_on_event(DocumentReady, CustomJS(args={"texts": texts}, code=script.TEXTS))
+    said = {"busy": controls.busy, "message": controls.message}
+    session.doc.js_on_event("connection_lost", CustomJS(args=said, code=script.LOST))
 
 
 def _selected(session: Session) -> int | None:

@@ -80,7 +80,9 @@ def _title(what: Shown, side: str) -> str:
     """What is shown, and the unit of the colour bar."""
     if what.scale in ("signed", "phase"):
         return f"{what.title} ({side})"
-    return what.title if what.scale == "unit" else f"{what.title}: {what.bar}"
+    if what.scale == "unit":
+        return what.title
+    return f"{what.title}: {what.bar.replace('dB relative to', 'dB re')}"
 
 
 class ImageFigure:
@@ -141,6 +143,10 @@ class ImageFigure:
             around = {"x": radius * np.cos(turn), "y": radius * np.sin(turn)}
             replaced(self.circle, {name: v.tolist() for name, v in around.items()})
 
+    def clear(self) -> None:
+        """No picture: what was shown is of another source."""
+        self.source.data = {name: [] for name in self.source.data}
+
     def mark(self, cross: Any) -> None:
         """Move the cross."""
         x, y = ([], []) if cross is None else ([cross[0]], [cross[1]])
@@ -149,8 +155,8 @@ class ImageFigure:
     def _tooltips(self, picture: Picture, unit: str, side: str) -> list[tuple[str, str]]:
         unit = f"1/{unit}" if picture.axis_unit == "1/m" else unit
         for axis, mark, plain in (
-            (self.figure.xaxis, "ₓ", "x"),
-            (self.figure.yaxis, "ᵧ", "y"),
+            (self.figure.xaxis, "_x", "x"),
+            (self.figure.yaxis, "_y", "y"),
         ):
             axis.axis_label = f"{plain if self.symbol == 'x' else self.symbol + mark} ({unit})"
         return [("at", f"$x{{0.0000}}, $y{{0.0000}} {unit}"), ("value", f"@value{{0.0000}} {side}")]

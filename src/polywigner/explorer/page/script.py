@@ -4,7 +4,8 @@ the address, the size of figures."""
 from __future__ import annotations
 
 __all__ = [
-    "ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "QUICK_PAINT", "REBUILD", "TEXTS", "UPLOAD",
+    "ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "LOST", "QUICK_PAINT", "REBUILD", "SCROLL",
+    "TEXTS", "UPLOAD",
 ]  # fmt: skip
 
 _OUTLINE = """
@@ -72,14 +73,14 @@ window.polywigner_address = setTimeout(() => {
 }, 200)
 """
 
-# Of a figure's width, 110 pixels are labels and its colour bar. The page is laid out once for all
+# Of a figure's width, 118 pixels are labels and its colour bar. The page is laid out once for all
 # figures: Bokeh would do it for each of their sizes, in seconds.
 ARRANGE = """
 const arrange = () => {
   const {clientWidth} = document.documentElement
   const room = clientWidth - (clientWidth > narrow ? beside : 0) - 12
   const columns = Math.max(1, Math.min(4, Math.floor(room / 310)))
-  const side = Math.max(190, Math.min(420, Math.floor(room / columns) - 110))
+  const side = Math.max(190, Math.min(420, Math.floor(room / columns) - 118))
   document.documentElement.style.setProperty("--polywigner-columns", columns)
   if (figures[0].frame_width === side) { return }
   for (const figure of figures) {
@@ -95,6 +96,21 @@ document.addEventListener("wheel", (event) => {
 }, {capture: true})
 """
 """The size of figures, and what the wheel does over them."""
+
+SCROLL = """
+const [name] = pointed.data.figure
+const figure = figures.find((figure) => figure.name === name)
+// once it is there: it may have been hidden
+setTimeout(() => Bokeh.index.find_one(figure)?.el.scrollIntoView({block: "nearest"}), 300)
+"""
+"""The figure that the tour is at comes into view."""
+
+LOST = """
+busy.text = "not connected"
+message.text = '<div style="color:#b00020">The connection to the server is lost. Reload this ' +
+  'page once polywigner explore runs again: its address has all that you drew.</div>'
+"""
+"""Said by the page itself: nobody else can."""
 
 # A message beyond the server's limit ends the connection, and the page with it.
 UPLOAD = """

@@ -59,6 +59,7 @@ class Session:
         self.signals = ColumnDataSource({"busy": [0]}, name="signals")
         self.downloads = ColumnDataSource({"name": [], "kind": [], "content": []})
         self.keys = ColumnDataSource({"key": [], "figure": [], "shift": [], "time": []})
+        self.pointed = ColumnDataSource({"figure": []})
         self.refused = ColumnDataSource({"name": [], "size": [], "time": []})
         self.pending: list[tuple[float, float]] = []
         self.filling = False
@@ -202,6 +203,7 @@ class Session:
             self._show_message()
         elif result.error:
             self.trouble = f"{VIEWS.get(result.name, result.name)}: {result.error}"
+            self.figures.clear(result.name, self.controls)
             self._show_message()
         if not result.error:
             try:

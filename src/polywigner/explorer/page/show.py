@@ -34,7 +34,7 @@ def fill(controls: Controls, history: History) -> None:
     controls.x.value, controls.y.value = state.x
     controls.nu_x.value, controls.nu_y.value = state.nu
     controls.x.title, controls.y.title = (f"{name} ({state.unit})" for name in "xy")
-    controls.nu_x.title, controls.nu_y.title = (f"{n} (1/{state.unit})" for n in ("νₓ", "νᵧ"))
+    controls.nu_x.title, controls.nu_y.title = (f"{n} (1/{state.unit})" for n in ("ν_x", "ν_y"))
     controls.part.active = PARTS.index(state.part)
     controls.order.active = ORDERS.index(state.order)
     _slide(controls.defocus, state.defocus)
@@ -89,6 +89,17 @@ class Figures:
         if name == "near":
             return [self.images[f"{key}_near"].figure for key in _NEAR]
         return [self.polar.figure if name == "far" else self.images[name].figure]
+
+    def clear(self, name: str, controls: Controls) -> None:
+        """A view that cannot be computed of this source is empty, not that of the last one."""
+        if name == "values":
+            controls.values.text = ""
+        elif name == "far":
+            self.polar.clear()
+        else:
+            controls.note.text = "" if name == "near" else controls.note.text
+            for key in [f"{key}_near" for key in _NEAR] if name == "near" else [name]:
+                self.images[key].clear()
 
     def by_name(self, name: str) -> Any:
         """A Bokeh figure by its own name."""

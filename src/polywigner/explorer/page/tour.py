@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from bokeh.models import CustomJS
+
+from polywigner.explorer.page import script
+from polywigner.explorer.page.controls import VIEWS
 from polywigner.explorer.page.guards import on_click
 
 if TYPE_CHECKING:
@@ -44,10 +48,10 @@ STEPS: tuple[tuple[str, str, str], ...] = (
     (
         "rays_near",
         "Near field: rays with negative light",
-        "W travels along straight rays, so their sum is a near field. Switch on the near field: "
-        "left by Wigner rays, beside it Kirchhoff's exact integral, then their difference in dB. "
-        "Move the plane: nearer than a few wavelengths rays fail. Take away the picture, the "
-        "numbers, or the Python code from the box at the left.",
+        "W travels along straight rays, so their sum is a near field: here by Wigner rays, beside "
+        "it by Kirchhoff's exact integral, then the difference in dB. Move the plane with the "
+        "slider below: nearer than a few wavelengths rays fail. The last box of this column has "
+        "the pictures, the numbers and the Python code to take away.",
     ),
 )
 """Name of the figure, heading and text of each step."""
@@ -56,6 +60,7 @@ STEPS: tuple[tuple[str, str, str], ...] = (
 def connect_tour(session: Session) -> None:
     """The two buttons of the tour."""
     controls, at = session.controls, {"step": -1}
+    before: list[int] = []  # the views of before the tour
 
     def go(by: int) -> None:
         if at["step"] >= 0:
@@ -64,12 +69,21 @@ def connect_tour(session: Session) -> None:
         step = at["step"] = at["step"] + by if at["step"] + by < len(STEPS) else -1
         controls.tour_back.visible = step > 0
         if step < 0:
+            controls.views.active = list(before)
             controls.tour_text.text, controls.tour.label = "", "What am I looking at?"
             return
         figure, heading, text = STEPS[step]
+        if step == 0 and by > 0:
+            before[:] = controls.views.active
+        view = figure.removeprefix("rays_")
+        if view in VIEWS:  # what is spoken of can be seen
+            controls.views.active = sorted({*before, list(VIEWS).index(view)})
+        session.pointed.data = {"figure": [figure]}
         session.figures.by_name(figure).update(outline_line_color="#ffb000", outline_line_width=4)
         controls.tour_text.text = f"<b>{step + 1} of {len(STEPS)}: {heading}</b><br>{text}"
         controls.tour.label = "Next" if step + 1 < len(STEPS) else "End of the tour"
 
+    known = {"pointed": session.pointed, "figures": session.figures.all}
+    session.pointed.js_on_change("data", CustomJS(args=known, code=script.SCROLL))
     on_click(session, controls.tour, lambda: go(1))
     on_click(session, controls.tour_back, lambda: go(-1))
