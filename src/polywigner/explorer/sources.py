@@ -41,6 +41,7 @@ MOST_ELEMENTS = 256
 _SUFFIXES = (".geojson", ".json", ".wkt", ".csv", ".svg", ".dxf", ".txt")
 
 
+@lru_cache(maxsize=64)
 def polygons_of(rings: tuple[Ring, ...], per_metre: int) -> list[list[np.ndarray]]:
     """Polygons in metres, exteriors first, of outlines in units: those inside others are holes.
 

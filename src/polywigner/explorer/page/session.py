@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -21,12 +22,14 @@ from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
 from polywigner.explorer.page.layout import arranged, connect_layout
 from polywigner.explorer.page.messages import together
-from polywigner.explorer.page.show import Figures, fill
+from polywigner.explorer.page.show import Figures, fill, show_code
 from polywigner.explorer.results import Result, results
 from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.state import State, from_query, to_query
 
 __all__ = ["Session", "open_page"]
+
+_GATHERED = 0.03  # seconds for which results wait for each other
 
 
 def open_page(doc: Any, start: State, scheduler: Scheduler) -> None:
@@ -160,11 +163,19 @@ class Session:
         )
 
     def _compute(self, state: State, names: tuple[str, ...], number: int) -> Iterator[None]:
-        """In the scheduler's thread: results go to the page's own, one by one."""
+        """In the scheduler's thread: results go to the page's own, those that come soon together.
+
+        Each message costs the browser a frame, of all figures that there are.
+        """
+        found: list[Result] = []
+        since = time.monotonic()
         for result in results(state, names):
-            self._later(partial(self._show, state, result, number))
+            found.append(result)
+            if time.monotonic() - since > _GATHERED:
+                self._later(partial(self._show, state, found, number))
+                found, since = [], time.monotonic()
             yield
-        self._later(partial(self._finish, number))
+        self._later(partial(self._show, state, found, number, is_last=True))
 
     def aside(self, compute: Callable[[], bytes], send: Callable[[bytes], None]) -> None:
         """Compute a file in the scheduler's thread, apart from the views, and send it."""
@@ -190,17 +201,23 @@ class Session:
             else:
                 self.loop.add_callback(session.with_document_locked, callback)
 
-    def _show(self, state: State, result: Result, number: int) -> None:
-        if number == self.wanted and not self.closed:
-            with self.filled():
-                self._show_newest(state, result)
+    def _show(self, state: State, found: list[Result], number: int, is_last: bool = False) -> None:
+        if number != self.wanted or self.closed:
+            return
+        with self.filled():
+            for result in found:
+                self._show_one(state, result)
+            if is_last:
+                self.controls.busy.text = '<span role="status">ready</span>'
+                self.signals.data = {"busy": [0]}
 
-    def _show_newest(self, state: State, result: Result) -> None:
+    def _show_one(self, state: State, result: Result) -> None:
         if result.name == "source":
             self.trouble = result.error
             if result.error:
                 self.trouble += ". What is shown is the last that could be computed."
             self._show_message()
+            show_code(self.controls, state)
         elif result.error:
             self.trouble = f"{VIEWS.get(result.name, result.name)}: {result.error}"
             self.figures.clear(result.name, self.controls)
@@ -211,12 +228,6 @@ class Session:
             except Exception:  # no traceback reaches the page
                 log_fault("a view could not be shown")
                 self.say(f"{result.name} could not be shown; this is a fault of polywigner")
-
-    def _finish(self, number: int) -> None:
-        if number == self.wanted:
-            with self.filled():
-                self.controls.busy.text = '<span role="status">ready</span>'
-                self.signals.data = {"busy": [0]}
 
     def _leave(self, context: Any) -> None:
         self.closed = True

@@ -19,7 +19,7 @@ from polywigner.explorer.shown import shown
 from polywigner.explorer.snippets import snippet
 from polywigner.explorer.state import State
 
-__all__ = ["PARTS", "Figures", "fill"]
+__all__ = ["PARTS", "Figures", "fill", "show_code"]
 
 PARTS = ("level", "real", "phase")
 ORDERS = (1, 3)
@@ -47,7 +47,6 @@ def fill(controls: Controls, history: History) -> None:
     controls.undo.disabled, controls.redo.disabled = not history.past, not history.future
     controls.table.columns[1].title = f"x ({state.unit})"
     controls.table.columns[2].title = f"y ({state.unit})"
-    show_code(controls, state)
 
 
 def _slide(slider: Any, value: float) -> None:
