@@ -428,6 +428,24 @@ def count(page: Page, figure: str) -> int:
     return int(page.browser.execute_script(f"{FIND}return {script}.length", figure))
 
 
+def test_a_near_field_comes_coarse_first_and_keeps_nobody_waiting(page: Page) -> None:
+    views = page.get("views", "active")
+    page.set("shape", "value", "star")
+    page.set("order", "active", 1)
+    page.wait_until(lambda: len(page.state().rings[0]) == 10 and page.is_ready())
+    page.set("views", "active", [*views, 5])
+    page.wait_until(lambda: len(pixels(page, "rays_near")) == 16)
+    assert "computing" in page.text("busy")  # what is finer takes seconds
+    before = page.text("values")
+    page.set("x", "value", 0.5)
+    page.wait_until(lambda: page.text("values") != before)
+    source = pw.Aperture(np.array(page.state().rings[0]) / 1000)
+    assert np.isclose(number_of(page, "W(x, ν)"), pw.wigner(source, (5e-4, 0), (0, 0)), rtol=DIGITS)
+    assert "computing" in page.text("busy")
+    page.set("views", "active", views)
+    page.wait_until(page.is_ready)  # and what was still to be computed is dropped
+
+
 def test_the_tour_shows_what_it_speaks_of_and_no_picture_of_another_source(page: Page) -> None:
     for step in range(1, 6):
         page.click("tour_next")

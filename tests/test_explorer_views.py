@@ -8,6 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from polywigner.errors import ArgumentError, GeometryError, PolywignerError
 from polywigner.explorer import editing, exports, snippets, sources, views, windows
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.history import History
+from polywigner.explorer.needs import needed
 from polywigner.explorer.results import results, stages
 from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.shown import shown
@@ -288,7 +290,7 @@ def test_what_is_shown_fills_its_scale(part: Any, low: float) -> None:
 
 
 def test_results_come_coarse_first_and_the_source_before_all() -> None:
-    found = list(results(State(), ("fourier", "near", "far", "values")))
+    found = [r for r in results(State(), ("fourier", "near", "far", "values")) if r is not None]
     assert [r.error for r in found] == [""] * len(found)
     names = [r.name for r in found]
     assert names[0] == "source" and names[-1] == "near"
@@ -297,19 +299,58 @@ def test_results_come_coarse_first_and_the_source_before_all() -> None:
     assert names.index("values") < len(names) - 2  # before the fine pictures
 
 
+def test_between_strips_of_the_near_field_others_have_their_turn() -> None:
+    coarsest = stages("near", views.edges_of(HOLED))[0]
+    strips = views.near_strips(HOLED, coarsest)
+    first, *pauses, picture = islice(results(HOLED, ("near",)), strips + 1)
+    assert first is not None and first.name == "source"
+    assert pauses == [None] * (strips - 1) and len(pauses) > 2
+    assert picture is not None and picture.value.samples == coarsest
+
+
+def test_the_near_field_is_summed_once_for_the_page_its_files_and_other_places(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    state = State(distance=77.0)
+    first = views.near_field(state, 9)
+
+    def summed_again(*of: Any, **how: Any) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(pw, "irradiance", summed_again)
+    again = views.near_field(state.moved(x=(1.0, 2.0), nu=(0.1, 0.0), defocus=1.0), 9)
+    assert np.array_equal(first.arrays["rays"], again.arrays["rays"])
+    with pytest.raises(AssertionError):
+        views.near_field(state.moved(distance=78.0), 9)
+
+
+@pytest.mark.parametrize("name", ["fourier", "wigner_nu", "wigner_x", "otf"])
+def test_a_view_changes_with_what_it_needs_and_with_nothing_else(name: str) -> None:
+    other = HOLED.moved(x=(2.0, -1.0), nu=(-0.02, 0.01), defocus=-0.4, distance=9.0, snap=1.0)
+    alone = needed(other, name)
+    for state in (HOLED, other):
+        pictures = (
+            views.PICTURES[name](state, SMALL),
+            views.PICTURES[name](needed(state, name), SMALL),
+        )
+        (key,) = pictures[0].arrays
+        assert np.array_equal(pictures[0].arrays[key], pictures[1].arrays[key])
+    assert (needed(HOLED, name) != alone) == (name != "fourier")
+
+
 def test_results_of_no_polygon_are_one_error_and_nothing_else() -> None:
     (found,) = results(State(rings=()), ("fourier", "far"))
-    assert "blank" in found.error
+    assert found is not None and "blank" in found.error
 
 
 def test_an_array_that_would_keep_others_waiting_is_refused() -> None:
     (found,) = results(State(array="1000 x 1000, 12 mm"), ("wigner_x",))
-    assert "256 elements" in found.error
+    assert found is not None and "256 elements" in found.error
 
 
 def test_results_say_what_cannot_be_computed_of_a_polygon() -> None:
     found = list(results(State(taper="gaussian"), ("fourier",)))
-    assert len(found) == 1 and "taper" in found[0].error
+    assert len(found) == 1 and found[0] is not None and "taper" in found[0].error
 
 
 class _Worker:

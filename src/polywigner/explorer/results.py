@@ -18,6 +18,7 @@ _EDGES_AT_ONCE = 40
 """Up to so many edges the pictures of transforms are exact at once: 0.1 s in all."""
 _EDGES_OF_FINE_RAYS = 12
 _COARSE = 64
+_NO_MEMORY = "expected a source that fits into memory; make it smaller"
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +28,12 @@ class Result:
     name: str
     value: Any = None
     error: str = ""
+
+    def is_final(self, state: State) -> bool:
+        """Whether nothing finer follows."""
+        if not isinstance(self.value, views.Picture):
+            return not self.error
+        return self.value.samples == final_samples(state, self.name)
 
 
 def stages(name: str, edges: int) -> tuple[int, ...]:
@@ -41,10 +48,11 @@ def final_samples(state: State, name: str) -> int:
     return stages(name, views.edges_of(state))[-1]
 
 
-def results(state: State, names: tuple[str, ...]) -> Iterator[Result]:
+def results(state: State, names: tuple[str, ...]) -> Iterator[Result | None]:
     """Views of a state, one after the other, first all coarse ones: ("source" for outlines).
 
     What cannot be computed says so in its result; after a source that is none nothing follows.
+    None between parts of what takes long, where a newer request may come first.
     """
     try:
         source_of(state)
@@ -60,7 +68,20 @@ def results(state: State, names: tuple[str, ...]) -> Iterator[Result]:
         else:
             todo.append((0, name, 0))
     for _, name, samples in sorted(todo, key=lambda entry: entry[0]):
-        yield _result(state, name, samples)
+        if name == "near":
+            yield from _near_results(state, samples)
+        else:
+            yield _result(state, name, samples)
+
+
+def _near_results(state: State, samples: int) -> Iterator[Result | None]:
+    try:
+        for picture in views.near_field_in_steps(state, samples):
+            yield None if picture is None else Result("near", picture)
+    except PolywignerError as error:
+        yield Result("near", error=str(error))
+    except MemoryError:
+        yield Result("near", error=_NO_MEMORY)
 
 
 def _result(state: State, name: str, samples: int) -> Result:
@@ -74,4 +95,4 @@ def _result(state: State, name: str, samples: int) -> Result:
     except PolywignerError as error:
         return Result(name, error=str(error))
     except MemoryError:
-        return Result(name, error="expected a source that fits into memory; make it smaller")
+        return Result(name, error=_NO_MEMORY)

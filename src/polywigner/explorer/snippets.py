@@ -92,11 +92,19 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
             *_axis_lines(windows.plane_half(state), count, *centre[:2]),
             f"z = np.full((*grid.shape[:2], 1), {state.metres(state.distance)!r})",
             "points = np.concatenate([grid, z], axis=-1)",
-            "rays = pw.irradiance(",
-            '    source, points, wavelength, obliquity="kirchhoff",',
-            f"    order={state.order}, tolerance={views.NEAR_TOLERANCE!r},",
+            f"parts = np.array_split(points, {views.near_strips(state, count)})",
+            "rays = np.concatenate(",
+            "    [",
+            "        pw.irradiance(",
+            '            source, part, wavelength, obliquity="kirchhoff",',
+            f"            order={state.order}, tolerance={views.NEAR_TOLERANCE!r},",
+            "        )",
+            "        for part in parts",
+            "    ]",
             ")",
-            'exact = pw.irradiance(source, points, wavelength, "kirchhoff")',
+            "exact = np.concatenate(",
+            '    [pw.irradiance(source, part, wavelength, "kirchhoff") for part in parts]',
+            ")",
         ]
     theta = windows.angles(state)
     return [

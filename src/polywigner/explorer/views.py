@@ -6,9 +6,11 @@ from one call of the public API, which :mod:`~polywigner.explorer.snippets` writ
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ import polywigner as pw
 from polywigner.engines import Engine
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.explorer import windows
+from polywigner.explorer.needs import needed
 from polywigner.explorer.sources import source_of
 from polywigner.explorer.state import State
 from polywigner.figures.differences import difference_db
@@ -37,6 +40,8 @@ __all__ = [
     "fourier",
     "lag_rings",
     "near_field",
+    "near_field_in_steps",
+    "near_strips",
     "outlines",
     "transfer",
     "values_at",
@@ -181,6 +186,11 @@ def edges_of(state: State) -> int:
     return sum(map(len, state.rings)) * (len(source) if isinstance(source, pw.Array) else 1)
 
 
+def near_strips(state: State, samples: int) -> int:
+    """In how many strips of rows the near field is computed: of a tenth to half a second each."""
+    return math.ceil(samples / (8 if edges_of(state) <= 8 else 4))
+
+
 def near_field(state: State, samples: int = 128) -> Picture:
     """Irradiance on the plane at the chosen distance: by Wigner rays, exact, and how they differ.
 
@@ -191,32 +201,49 @@ def near_field(state: State, samples: int = 128) -> Picture:
     ------
     ArgumentError for sources of more than 36 edges, of which sums of rays take minutes.
     """
+    *_, picture = near_field_in_steps(state, samples)
+    assert picture is not None
+    return picture
+
+
+def near_field_in_steps(state: State, samples: int) -> Iterator[Picture | None]:
+    """The same, after None as often as there is time for something else."""
     edges = edges_of(state)
     if edges > MOST_NEAR_EDGES:
         raise ArgumentError(
             f"expected at most {MOST_NEAR_EDGES} edges of a source whose near field is summed over "
             f"rays, got {edges}; use `polywigner propagate`"
         )
-    half = windows.plane_half(state)
+    key, strips = needed(state, "near"), []
+    for number in range(near_strips(state, samples)):
+        if number > 0:
+            yield None
+        strips.append(_near_strip(key, samples, number))
+    rays, exact = (np.concatenate([strip[k] for strip in strips]) for k in (0, 1))
+    arrays = {"rays": rays, "exact": exact, "difference": difference_db(rays, exact)}
+    note = "; ".join(sorted({text for _, _, notes in strips for text in notes}))
     x, y, _ = windows.position_window(state)
+    yield Picture("near", (x, y), windows.plane_half(state), "m", arrays, "W/m²", note)
+
+
+@lru_cache(maxsize=512)  # 4 MB: a file of a view, and the same view once more, are there at once
+def _near_strip(state: State, samples: int, number: int) -> tuple[Values, Values, tuple[str, ...]]:
+    x, y, _ = windows.position_window(state)
+    plane = windows.square(windows.plane_half(state), samples, x, y)
     points = np.concatenate(
-        [
-            windows.square(half, samples, x, y),
-            np.full((samples, samples, 1), state.metres(state.distance)),
-        ],
-        axis=-1,
+        [plane, np.full((samples, samples, 1), state.metres(state.distance))], axis=-1
     )
+    part = np.array_split(points, near_strips(state, samples))[number]
     source, wavelength = source_of(state), state.wavelength
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", PolywignerWarning)
         rays = pw.irradiance(
-            source, points, wavelength, obliquity="kirchhoff", order=state.order,
+            source, part, wavelength, obliquity="kirchhoff", order=state.order,
             tolerance=NEAR_TOLERANCE,
         )  # fmt: skip
-        exact = pw.irradiance(source, points, wavelength, "kirchhoff")
-    arrays = {"rays": rays, "exact": exact, "difference": difference_db(rays, exact)}
-    notes = {str(w.message) for w in caught if issubclass(w.category, PolywignerWarning)}
-    return Picture("near", (x, y), half, "m", arrays, "W/m²", "; ".join(sorted(notes)))
+        exact = pw.irradiance(source, part, wavelength, "kirchhoff")
+    notes = (str(w.message) for w in caught if issubclass(w.category, PolywignerWarning))
+    return rays, exact, tuple(notes)
 
 
 def far_field(state: State) -> Cuts:

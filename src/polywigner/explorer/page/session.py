@@ -17,6 +17,7 @@ from tornado.ioloop import IOLoop
 from polywigner.errors import PolywignerError
 from polywigner.explorer.history import History
 from polywigner.explorer.logs import log_fault
+from polywigner.explorer.needs import needed
 from polywigner.explorer.page.access import connect_access
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
@@ -69,6 +70,7 @@ class Session:
         self.trouble = self.notice = ""
         self.is_hint = False
         self.wanted = 0  # the number of the newest request
+        self.shown: dict[str, State] = {}  # what each view shows in full
         self.closed = False
         self.loop = IOLoop.current()
         doc.title = "polywigner explore"
@@ -154,13 +156,15 @@ class Session:
         )
 
     def request(self) -> None:
-        """Compute the visible views of the state; whatever was being computed is dropped."""
+        """Compute the visible views of the state; whatever was being computed is dropped.
+
+        Those that are shown as they would be computed stay.
+        """
         self.wanted += 1
+        names = tuple(n for n in self.visible if self.shown.get(n) != needed(self.state, n))
         self.signals.data = {"busy": [1]}
         self.controls.busy.text = '<span role="status">computing …</span>'
-        self.scheduler.submit(
-            id(self), partial(self._compute, self.state, self.visible, self.wanted)
-        )
+        self.scheduler.submit(id(self), partial(self._compute, self.state, names, self.wanted))
 
     def _compute(self, state: State, names: tuple[str, ...], number: int) -> Iterator[None]:
         """In the scheduler's thread: results go to the page's own, those that come soon together.
@@ -170,8 +174,9 @@ class Session:
         found: list[Result] = []
         since = time.monotonic()
         for result in results(state, names):
-            found.append(result)
-            if time.monotonic() - since > _GATHERED:
+            if result is not None:
+                found.append(result)
+            if found and (result is None or time.monotonic() - since > _GATHERED):
                 self._later(partial(self._show, state, found, number))
                 found, since = [], time.monotonic()
             yield
@@ -223,6 +228,9 @@ class Session:
             self.figures.clear(result.name, self.controls)
             self._show_message()
         if not result.error:
+            self.shown.pop(result.name, None)
+            if result.name != "source" and result.is_final(state):
+                self.shown[result.name] = needed(state, result.name)
             try:
                 self.figures.show(state, result, self.controls)
             except Exception:  # no traceback reaches the page
