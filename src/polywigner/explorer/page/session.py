@@ -217,6 +217,7 @@ class Session:
                 self.signals.data = {"busy": [0]}
 
     def _show_one(self, state: State, result: Result) -> None:
+        self.shown.pop(result.name, None)
         if result.name == "source":
             self.trouble = result.error
             if result.error:
@@ -228,7 +229,6 @@ class Session:
             self.figures.clear(result.name, self.controls)
             self._show_message()
         if not result.error:
-            self.shown.pop(result.name, None)
             if result.name != "source" and result.is_final(state):
                 self.shown[result.name] = needed(state, result.name)
             try:
