@@ -410,8 +410,9 @@ def test_what_is_no_differentiable_source_is_refused(make: Callable[[], Any]) ->
         [[0, 0], [1, 0], [1, 0], [1, 1]],
         [[0, 0], [1, 0], [np.nan, 1]],
         [[0, 0], [1, 0]],
+        [[0, 0], [1, 0], [2, 0]],
     ],
-    ids=["crosses itself", "repeats a vertex", "not a number", "two vertices"],
+    ids=["crosses itself", "repeats a vertex", "not a number", "two vertices", "no area"],
 )
 def test_vertices_that_make_no_outline_are_refused(ring: Any) -> None:
     with pytest.raises(GeometryError, match="expected"):
@@ -422,3 +423,28 @@ def test_a_part_that_is_turned_over_is_refused() -> None:
     flipped = pw.shapes.square(1.0).rings[0] * [1, -1]
     with pytest.raises(GeometryError, match="turned over"):
         pw.differentiable(pw.shapes.square(1.0), vertices=_points(flipped))
+
+
+@pytest.mark.parametrize("traced", [False, True], ids=["points are Dr.Jit's", "vertices are"])
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.full((2, 2), 1 + 2j),
+        [[1.0, 2.0], [3.0]],
+        "text",
+        np.ma.masked_array(np.zeros((2, 2)), [[True, False]] * 2),
+    ],
+    ids=["complex", "ragged", "text", "masked"],
+)
+def test_points_of_numpy_beside_arrays_of_the_engine_are_checked_as_others_are(
+    points: Any, traced: bool
+) -> None:
+    """A complex frequency would lose its imaginary part."""
+    source: Any = pw.Aperture(CHEVRON)
+    nu: Any = (0.1, 0.2) if traced else _points(CHEVRON)
+    if traced:
+        source = pw.differentiable(source, vertices=_points(CHEVRON))
+        with pytest.raises(ArgumentError, match="expected nu as real numbers"):
+            pw.fourier(source, points)
+    with pytest.raises(ArgumentError, match="expected x as real numbers"):
+        pw.wigner(source, points, nu)

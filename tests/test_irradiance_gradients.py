@@ -93,3 +93,22 @@ def test_what_has_no_derivatives_says_so(more: Any) -> None:
     dr.enable_grad(points)
     with pytest.raises(ArgumentError, match="with derivatives"):
         pw.irradiance(CHEVRON, points, WAVELENGTH, **more)
+
+
+@pytest.mark.parametrize("shape", [(0, 3), (2, 0, 3)])
+def test_no_points_have_no_irradiance_and_no_derivatives(shape: Any) -> None:
+    import drjit.llvm.ad as backend
+
+    vertices = backend.Array2f64(np.concatenate(CHEVRON.rings).T.copy())
+    source = pw.differentiable(CHEVRON, vertices=vertices)
+    assert pw.irradiance(source, np.zeros(shape), WAVELENGTH).shape == shape[:-1]
+
+
+def test_rays_of_several_wavelengths_at_once_are_refused() -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    wavelengths = backend.Float64([3e-3, 4e-3])
+    dr.enable_grad(wavelengths)
+    with pytest.raises(ArgumentError, match="one wavelength, got 2"):
+        pw.irradiance(CHEVRON, POINTS, wavelengths)

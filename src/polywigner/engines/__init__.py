@@ -26,7 +26,7 @@ module               what is in it
 from polywigner.engines.choice import Engine, Precision, checked_engine, checked_precision
 from polywigner.engines.drjit_arrays import evaluate_traced
 from polywigner.engines.drjit_hosted import evaluate_hosted
-from polywigner.engines.drjit_points import in_plane, is_drjit, shifted_points
+from polywigner.engines.drjit_points import host_points, in_plane, is_drjit, shifted_points
 from polywigner.engines.drjit_results import product_of_complex, times_complex
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.gradients import differentiable
@@ -74,6 +74,7 @@ __all__ = [
     "evaluate_traced",
     "float_of",
     "has_gradient",
+    "host_points",
     "hosted_field",
     "in_plane",
     "is_drjit",

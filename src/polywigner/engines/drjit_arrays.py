@@ -16,6 +16,7 @@ from polywigner.engines import llvm
 from polywigner.engines.by_cell import sorts, traced_by_cell
 from polywigner.engines.drjit_points import (
     common_width,
+    host_points,
     is_drjit,
     is_tensor,
     nothing,
@@ -67,7 +68,7 @@ def evaluate_traced(
     """
     float_type = common_float(points, parameters)
     if not any(is_drjit(value) for _, value in points):
-        points = [(name, tensor_of(float_type, value)) for name, value in points]
+        points = [(name, tensor_of(float_type, host_points(name, value))) for name, value in points]
     ops = DrjitOperations(float_type)
     check_request(float_type, ops.double, precision, engine)
     tensors = any(is_tensor(value) for _, value in points)

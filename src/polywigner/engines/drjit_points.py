@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.engines.aligned import aligned
 from polywigner.engines.parameters import tensor_of
 from polywigner.errors import ArgumentError
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
     "common_width",
     "components_of",
+    "host_points",
     "in_plane",
     "is_drjit",
     "is_tensor",
@@ -57,6 +60,18 @@ def own_float(name: str, value: Any) -> Any:
     return found
 
 
+def host_points(name: str, value: Any) -> NDArray[np.float64]:
+    """Points that are no Dr.Jit array. Raises ArgumentError for other than real numbers."""
+    try:
+        return real_numbers(value)
+    except ValueError as error:
+        numbers = isinstance(value, np.ndarray) and not np.ma.is_masked(value)
+        got = f"an array of {value.dtype}" if numbers else error
+        raise ArgumentError(
+            f"expected {name} as real numbers, components last, got {got}"
+        ) from None
+
+
 def nothing(float_type: Any) -> Any:
     """An array without entries."""
     import drjit
@@ -81,7 +96,7 @@ def common_width(components: Sequence[Any]) -> int:
 def point_components(name: str, value: Any, float_type: Any, dimension: int) -> tuple[Any, ...]:
     """The components of an array with components first, or of NumPy points (d,) or (n, d)."""
     if not is_drjit(value):
-        array = np.asarray(value, dtype=np.float64)
+        array = host_points(name, value)
         if array.ndim not in (1, 2) or array.shape[-1] != dimension:
             hint = f"an array of shape {array.shape}; use ({dimension},) or (n, {dimension})"
             raise _wrong_components(name, dimension, hint)
@@ -113,7 +128,7 @@ def tensor_components(
                 f"{type(value).__name__}; use one kind of array for all points"
             )
         else:
-            array = np.asarray(value, dtype=np.float64)
+            array = host_points(name, value)
             shape, flat = array.shape, float_type(np.array(array.ravel()))
         if not shape or shape[-1] != dimension:
             hint = f"a tensor of shape {shape}; use (..., {dimension})"
@@ -143,7 +158,7 @@ def components_of(
 ) -> tuple[list[Any], tuple[int, ...] | None]:
     """Components of points of any kind, and the shape without the last axis of what is a tensor."""
     if not is_drjit(value):
-        value = tensor_of(float_type, value)
+        value = tensor_of(float_type, host_points(name, value))
     if is_tensor(value):
         shape, found = tensor_components([(name, value)], float_type, dimension)
         return found, shape

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.engines.aligned import aligned
-from polywigner.engines.drjit_points import components_of, is_drjit, own_float
+from polywigner.engines.drjit_points import components_of, is_drjit, nothing, own_float
 from polywigner.engines.drjit_results import as_result
 
 __all__ = ["float_of", "has_gradient", "ray_sum", "values_of"]
@@ -28,12 +28,12 @@ def has_gradient(value: Any) -> bool:
     return bool(dr.grad_enabled(value))
 
 
-def values_of(value: Any, dimension: int) -> NDArray[np.float64]:
-    """The numbers of points of any kind now, (..., d), without derivatives."""
+def values_of(value: Any, dimension: int) -> Any:
+    """The numbers of Dr.Jit points now, (..., d), without derivatives; others as they are."""
     import drjit as dr
 
     if not is_drjit(value):
-        return np.asarray(value, np.float64)
+        return value
     array = np.array(dr.detach(value), np.float64)
     return array if dr.is_tensor_v(value) or dimension == 1 else array.T
 
@@ -57,6 +57,8 @@ def ray_sum(
     module = sys.modules[float_type.__module__]
     pair = module.Array2f64 if dr.itemsize_v(float_type) == 8 else module.Array2f
     components, shape = components_of("points", points, float_type, 3)
+    if not dr.width(components):
+        return as_result(nothing(float_type), shape, points, float_type)
     nodes, weights = rule
     count = len(weights)
     ray = dr.arange(number, count * dr.width(components))

@@ -42,7 +42,7 @@ def traced_irradiance(
     name = checked_obliquity(obliquity, 1)
     float_type = engines.float_of(("points", points), ("wavelength", wavelength), *_arrays(traced))
     places = checked_points(engines.values_of(points, 3)).reshape(-1, 3)
-    length = checked_wavelength(float(np.ravel(engines.values_of(wavelength, 1))[0]))
+    length = _checked_length(engines.values_of(wavelength, 1))
     terms = weighted_sources(traced.source, name, length, 1)
     if len(terms) > 1 or terms[0][0] is not traced.source:
         raise ArgumentError(
@@ -66,6 +66,14 @@ def traced_irradiance(
     )
 
 
+def _checked_length(wavelength: Any) -> float:
+    if isinstance(wavelength, np.ndarray):
+        if wavelength.size != 1:
+            raise ArgumentError(f"expected one wavelength, got {wavelength.size}")
+        wavelength = wavelength.item()
+    return checked_wavelength(wavelength)
+
+
 def _arrays(traced: Differentiable) -> list[tuple[str, Any]]:
     names = ("vertices", "weights", "amplitudes")
     found = [(name, getattr(traced, name)) for name in names]
@@ -75,6 +83,8 @@ def _arrays(traced: Differentiable) -> list[tuple[str, Any]]:
 def _rule(rays: Rays, source: Any, points: Any, tolerance: float) -> Rule:
     """A rule whose irradiance differs from that of the one before by no more than that."""
     cells = smooth_triangles(source)
+    if not len(points):
+        return gauss_rule(cells, 0.0, _LEVELS[0])
     rate = float(phase_rates(source, rays.wavelength, points).max())
     before = rays.irradiance(gauss_rule(cells, rate, _LEVELS[0]), points)
     for level in _LEVELS[1:]:

@@ -167,6 +167,8 @@ def _of_rings(parts: list[list[NDArray[np.float64]]], illumination: Any) -> Aper
                     "expected vertices that differ from their neighbours, got a repeated one; "
                     "leave it out"
                 )
+            if signed_area(ring) == 0:
+                raise GeometryError("expected vertices around an area, got a ring without one")
             if (signed_area(ring) > 0) == bool(number):
                 raise GeometryError(
                     "expected vertices that leave the outline's orientation as it is, got a ring "

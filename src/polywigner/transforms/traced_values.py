@@ -41,7 +41,7 @@ def fourier_of(source: Differentiable, nu: Any, precision: str | None, engine: s
     """F: the sum of those of all waves on all elements, (C1) and (I1)."""
     float_type = next(iter(parameters_of(source).types))
     if not engines.is_drjit(nu):
-        nu = engines.tensor_of(float_type, in_plane(nu))
+        nu = engines.tensor_of(float_type, engines.host_points("nu", in_plane(nu)))
     nu = in_plane(nu)
     how = {
         "precision": engines.checked_precision(precision),
