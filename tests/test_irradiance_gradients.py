@@ -82,8 +82,81 @@ def test_points_alone_may_have_derivatives_and_weights_may() -> None:
     assert abs((imag * [1, 0.5]).sum() - (real * [0, 0.3]).sum()) < 1e-9 * total
 
 
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff"])
+def test_rays_of_the_third_order_have_derivatives_in_points_and_wavelength(obliquity: Any) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    points, wavelength = backend.Array3f64(POINTS.T.copy()), backend.Float64(WAVELENGTH)
+    dr.enable_grad(points, wavelength)
+    how: dict[str, Any] = {"order": 3, "obliquity": obliquity}
+    found = pw.irradiance(CHEVRON, points, wavelength, tolerance=1e-9, **how)
+    dr.backward(dr.dot(backend.Float64(FACTOR), found))
+    gradients = [np.array(dr.grad(points)).T, np.array(dr.grad(wavelength))]
+    rng = np.random.default_rng(1)
+    corners, now = np.concatenate(CHEVRON.rings), [POINTS, np.array([WAVELENGTH])]
+    for k, (gradient, size) in enumerate(zip(gradients, (1e-6, 1e-9), strict=True)):
+        change = rng.normal(size=gradient.shape)
+        ends = []
+        for sign in (1, -1):
+            moved = [own + (sign * size * change if j == k else 0.0) for j, own in enumerate(now)]
+            ends.append(_plain(corners, moved[0], float(moved[1][0]), **how))
+        scale = np.abs(gradient).max() * np.abs(change).max()
+        assert (
+            abs((gradient * change).sum() - (ends[0] - ends[1]) / (2 * size)) < DIFFERENCES * scale
+        )
+
+
+@pytest.mark.parametrize("of", ["weights", "amplitudes"])
+def test_rays_of_the_third_order_have_derivatives_in_fields(of: str) -> None:
+    """Of a quadratic form: differences over large steps are exact."""
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    elements = [pw.shapes.square(3e-3).moved((shift, 0)) for shift in (-3e-3, 2e-3)]
+    frequencies = [[0.0, 0.0], [60.0, -20.0]]
+    numbers, change = np.array([1.0, 0.5 + 0.3j]), np.array([0.3 + 0.2j, 0.1 - 0.5j])
+
+    def source(numbers: Any) -> Any:
+        if of == "weights":
+            return pw.Array(elements, numbers)
+        return elements[0].with_illumination(pw.Illumination(numbers, frequencies))
+
+    above, below = (
+        pw.irradiance(source(numbers + s * change), POINTS, WAVELENGTH, order=3, tolerance=1e-9)
+        for s in (0.5, -0.5)
+    )
+    own = backend.Complex2f64(numbers.real.copy(), numbers.imag.copy())
+    points = backend.TensorXf64(POINTS)
+    for reverse in (False, True):
+        dr.clear_grad(own)
+        dr.enable_grad(own)
+        traced = pw.differentiable(source(numbers), **{of: own})
+        if not reverse:
+            dr.set_grad(own, backend.Complex2f64(change.real.copy(), change.imag.copy()))
+        found = pw.irradiance(traced, points, WAVELENGTH, order=3, tolerance=1e-9)
+        if not reverse:
+            dr.forward_to(found)
+            got = np.array(dr.grad(found))
+            assert np.abs(got - (above - below)).max() < 1e-7 * np.abs(above).max()
+            continue
+        dr.backward(dr.dot(backend.Float64(FACTOR), found.array))
+        gradient = dr.grad(own)
+        along = np.array(gradient.real) @ change.real + np.array(gradient.imag) @ change.imag
+        assert abs(along - FACTOR @ (above - below)) < 1e-7 * np.abs(above).max()
+
+
+def test_rays_of_the_third_order_have_no_derivatives_in_vertices() -> None:
+    import drjit.llvm.ad as backend
+
+    vertices = backend.Array2f64(np.concatenate(CHEVRON.rings).T.copy())
+    source = pw.differentiable(CHEVRON, vertices=vertices)
+    with pytest.raises(ArgumentError, match="expected order=1 with differentiable vertices"):
+        pw.irradiance(source, POINTS, WAVELENGTH, order=3)
+
+
 @pytest.mark.parametrize(
-    "more", [{"order": 3}, {"method": "fraunhofer"}, {"return_error": True}, {"sampling": "sobol"}]
+    "more", [{"method": "fraunhofer"}, {"return_error": True}, {"sampling": "sobol"}]
 )
 def test_what_has_no_derivatives_says_so(more: Any) -> None:
     import drjit as dr

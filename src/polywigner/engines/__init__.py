@@ -15,6 +15,7 @@ module               what is in it
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``hosted_slopes``    the same with derivatives that the host computes as well
 ``gradients``        kernels as custom operations, with derivatives in closed form
+``sinks``            what derivatives in vertices and fields are added up in, and ``strides`` how
 ``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
 ``ray_sums``         sums over rays, with derivatives
 ``site_sums``        array factors with differentiable weights
@@ -46,7 +47,14 @@ from polywigner.engines.parameters import (
     plane_points,
     tensor_of,
 )
-from polywigner.engines.ray_sums import float_of, has_gradient, ray_sum, values_of
+from polywigner.engines.ray_sums import (
+    float_of,
+    has_gradient,
+    ray_sum,
+    traced_sums,
+    values_of,
+    with_slopes,
+)
 from polywigner.engines.site_sums import site_sum
 from polywigner.engines.sums import evaluate_sums
 from polywigner.engines.table_data import UnrolledOperations
@@ -87,5 +95,7 @@ __all__ = [
     "site_sum",
     "tensor_of",
     "times_complex",
+    "traced_sums",
     "values_of",
+    "with_slopes",
 ]

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from polywigner.engines.aligned import aligned
 from polywigner.engines.drjit_points import components_of, is_drjit, nothing, own_float
 from polywigner.engines.drjit_results import as_result
+from polywigner.engines.table_data import TracedOperations
+from polywigner.kernels import Kernel
 
-__all__ = ["float_of", "has_gradient", "ray_sum", "values_of"]
+__all__ = ["float_of", "has_gradient", "ray_sum", "traced_sums", "values_of", "with_slopes"]
 
 
 def float_of(*named: tuple[str, Any]) -> Any:
@@ -39,17 +41,18 @@ def values_of(value: Any, dimension: int) -> Any:
 
 
 def ray_sum(
-    wigner: Callable[[Any, Any], Any],
+    functions: Callable[[Any, Any], Sequence[Any]],
     rule: tuple[NDArray[np.float64], NDArray[np.float64]],
     points: Any,
     wavelength: Any,
-    factor: Callable[[Any, Any, Any], Any],
+    factors: Callable[[Any, Any, Any], Sequence[Any]],
     float_type: Any,
 ) -> Any:
-    """sum_j w_j W(x_j, nu_j) factor(c_j, 1/|r_j|, wavelength) at each point, (T2) to leading order.
+    """sum_j w_j functions(x_j, nu_j).factors(c_j, 1/|r_j|, wavelength) at each point, (T2).
 
-    ``wigner``: of ``Array2f`` positions and frequencies. ``rule``: places (m, 2) and weights (m,).
-    points: (..., 3) of any kind. Memory: some arrays of as many entries as there are rays.
+    ``functions``: W, or the moments (T1), of ``Array2f`` positions and frequencies. ``rule``:
+    places (m, 2) and weights (m,). points: (..., 3) of any kind. Memory: some arrays of as many
+    entries as there are rays.
     """
     import drjit as dr
 
@@ -71,9 +74,60 @@ def ray_sum(
     inverse = 1.0 / dr.sqrt(dx * dx + dy * dy + dz * dz)
     length = float_type(wavelength)
     scale = inverse / length
-    value = wigner(pair(x, y), pair(dx * scale, dy * scale))
-    value = value * (weight * factor(dz * inverse, inverse, length))
-    return as_result(dr.block_sum(value, count), shape, points, float_type)
+    found = functions(pair(x, y), pair(dx * scale, dy * scale))
+    value = sum(a * b for a, b in zip(found, factors(dz * inverse, inverse, length), strict=True))
+    return as_result(dr.block_sum(value * weight, count), shape, points, float_type)
+
+
+def traced_sums(kernel: Kernel, source: Any, *points: Any) -> tuple[Any, ...]:
+    """All results of a kernel for ``Array2f`` points; its derivatives are Dr.Jit's to find.
+
+    Right where points that are cut by have none: elsewhere the operations are smooth.
+    """
+    kind = type(points[0][0])
+    ops = TracedOperations(kind)  # as code they would take ten times as long to compile
+    components = [part for point in points for part in point]
+    return kernel(ops, kernel.tables(source, ops.double), *components)
+
+
+def with_slopes(
+    values: Any,
+    fields: tuple[Any, Any],
+    slopes: Callable[[], tuple[NDArray[np.float64], NDArray[np.float64]]],
+) -> Any:
+    """Real values (n,), or a tensor of them, with derivatives in numbers (k,) that they lack.
+
+    ``slopes``: with respect to their real and imaginary parts, (n, k) each.
+    """
+    import drjit as dr
+
+    flat = values.array if dr.is_tensor_v(values) else values
+    real = type(flat)
+    width = dr.width(flat)
+
+    def sent(column: NDArray[np.float64]) -> Any:
+        return _sent(real, np.ascontiguousarray(column))
+
+    class Slopes(dr.CustomOp):
+        """Nothing, with the derivatives that the host computes."""
+
+        def eval(self, fields: Any) -> Any:
+            return dr.zeros(real, width)
+
+        def forward(self) -> None:
+            change = [np.array(part, np.float64) for part in self.grad_in("fields")]
+            real, imag = slopes()
+            self.set_grad_out(sent(real @ change[0] + imag @ change[1]))
+
+        def backward(self) -> None:
+            out = np.broadcast_to(np.array(self.grad_out(), np.float64), width)
+            self.set_grad_in("fields", tuple(sent(out @ s) for s in slopes()))
+
+        def name(self) -> str:
+            return "polywigner fields"
+
+    total = flat + dr.custom(Slopes, fields)
+    return type(values)(total, values.shape) if dr.is_tensor_v(values) else total
 
 
 def _sent(kind: Any, values: NDArray[np.float64]) -> Any:

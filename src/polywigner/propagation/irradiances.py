@@ -85,9 +85,9 @@ def irradiance(
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
         illuminations.
     points : (..., 3) in m, z > 0; or a Dr.Jit array for values in one.
-    wavelength : in m. By rays of the first order with derivatives in it (a Dr.Jit ``Float``), in
-        ``points``, and in the numbers of a :func:`differentiable` source; by the other methods
-        in points and numbers alone, and by "fraunhofer" in none.
+    wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
+        the numbers of a :func:`differentiable` source, but for vertices with order 3; by the other
+        methods in points and numbers alone, and by "fraunhofer" in none.
     method : "wigner", "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel" or
         "fraunhofer".
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
@@ -129,15 +129,16 @@ def irradiance(
     """
     how: dict[str, Any]
     if has_derivatives(source, points, wavelength):
-        if order != 1 or sampling != "gauss" or return_error:
+        if sampling != "gauss" or return_error:
             raise ArgumentError(
-                "expected order=1 (rays of the third order have no derivatives), Gauss rules, "
-                "and no return_error with derivatives; pass drjit.detach(...) of what needs none"
+                "expected Gauss rules and no return_error with derivatives; pass "
+                "drjit.detach(...) of what needs none"
             )
         allowed = checked_tolerance(tolerance)
         if method == "wigner":
-            return traced_irradiance(source, points, wavelength, obliquity, allowed)
-        _check_rays_only(method, obliquity=obliquity, samples=samples)
+            own = checked_order(order)
+            return traced_irradiance(source, points, wavelength, obliquity, allowed, own)
+        _check_rays_only(method, order=order != 1, obliquity=obliquity, samples=samples)
         finer = allowed if allowed < DEFAULT_TOLERANCE[True] else None
         return traced_field(
             amplitude,

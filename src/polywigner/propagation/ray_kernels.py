@@ -7,6 +7,7 @@ factors that depend on the ray's geometry alone. Those are computed in float64, 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -16,7 +17,7 @@ from polywigner.kernels import Kernel
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
 
-__all__ = ["leading_factor", "part_kernel", "ray_kernel"]
+__all__ = ["part_kernel", "ray_factors", "ray_kernel"]
 
 
 def ray_kernel(source: Any, order: int) -> Kernel:
@@ -40,7 +41,7 @@ def part_kernel(order: int) -> Kernel:
 @lru_cache(maxsize=64)
 def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
     """``columns``: arguments of the base besides place and frequency, between the two."""
-    factors = _leading if order == 1 else _third_order
+    factors = ray_factors(order)
     count = 1 if order == 1 else 6
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
@@ -75,15 +76,16 @@ def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
     )
 
 
-def leading_factor(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Any:
+def ray_factors(order: int) -> Callable[[Any, Any, Any, Values], Values]:
+    """(cosine, 1/|r|, wavelength, forms) -> the factors of W, or of the moments (T1)."""
+    return _leading if order == 1 else _third_order
+
+
+def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
     """The factor of W: g/(wavelength |r|)^2, for 1/|r| ``inverse``."""
     first, mixed, both, _ = forms
     density = inverse / wavelength
-    return (first * c * c + mixed * c + both) * density * density
-
-
-def _leading(*ray: Any) -> Values:
-    return (leading_factor(*ray),)
+    return ((first * c * c + mixed * c + both) * density * density,)
 
 
 def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:

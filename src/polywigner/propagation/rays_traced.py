@@ -1,5 +1,8 @@
 """Irradiance by Wigner rays with derivatives in points, wavelength, and numbers of the source.
 
+To third order Dr.Jit differentiates the moments (T1), along frequencies alone, in which they are
+smooth.
+
 The places that rays come from are a rule's for the source and the points as they are now. They need
 no derivatives: W vanishes on the rim of the region in which the rule's nodes lie, and is continuous
 in it, so that the integral of its derivative is the derivative of its integral.
@@ -7,22 +10,28 @@ in it, so that the integral of its derivative is the derivative of its integral.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner import engines
 from polywigner.errors import ArgumentError
+from polywigner.kernels import kernel_for
 from polywigner.propagation.arrangement import smooth_triangles
 from polywigner.propagation.obliquities import checked_obliquity, weighted_sources
 from polywigner.propagation.places import checked_points, checked_wavelength
-from polywigner.propagation.ray_kernels import leading_factor
+from polywigner.propagation.ray_kernels import ray_factors
 from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import phase_rates
 from polywigner.propagation.rays_rules import Rule, gauss_rule
 from polywigner.transforms import Differentiable, wigner
+from polywigner.transforms.traced_sources import fields_of, with_fields
 
 __all__ = ["traced_irradiance"]
+
+Values = NDArray[np.float64]
 
 # Nodes beyond those that the phase needs, rule after rule.
 _LEVELS = (4.0, 8.0, 15.0, 28.0)
@@ -31,38 +40,52 @@ _MOST_RAYS = 50_000_000
 
 
 def traced_irradiance(
-    source: Any, points: Any, wavelength: Any, obliquity: Any, tolerance: float
+    source: Any, points: Any, wavelength: Any, obliquity: Any, tolerance: float, order: int
 ) -> Any:
-    """As :func:`polywigner.irradiance` by rays of the first order, by Dr.Jit.
+    """As :func:`polywigner.irradiance` by rays, by Dr.Jit.
 
     Raises ArgumentError for fields whose waves leave at different angles with an obliquity that
-    tells, and for more rays than fit into memory.
+    tells, for vertices in rays of the third order, and for more rays than fit into memory.
     """
     traced = source if isinstance(source, Differentiable) else Differentiable(source)
-    name = checked_obliquity(obliquity, 1)
+    if order == 3 and traced.vertices is not None:
+        raise ArgumentError(
+            "expected order=1 with differentiable vertices, got order=3, whose rays have "
+            "derivatives in points, wavelength, weights and amplitudes; leave vertices out"
+        )
+    name = checked_obliquity(obliquity, order)
     float_type = engines.float_of(("points", points), ("wavelength", wavelength), *_arrays(traced))
     places = checked_points(engines.values_of(points, 3)).reshape(-1, 3)
     length = _checked_length(engines.values_of(wavelength, 1))
-    terms = weighted_sources(traced.source, name, length, 1)
+    terms = weighted_sources(traced.source, name, length, order)
     if len(terms) > 1 or terms[0][0] is not traced.source:
         raise ArgumentError(
             f"expected a field whose waves leave at one angle for obliquity={name!r} with "
             'derivatives; use "rayleigh-sommerfeld-1"'
         )
     forms = terms[0][1]
-    rule = _rule(Rays(terms, length, 1, "auto", True), traced.source, places, tolerance)
+    rule = _rule(Rays(terms, length, order, "auto", True), traced.source, places, tolerance)
     if len(rule[1]) * len(places) > _MOST_RAYS:
         raise ArgumentError(
             f"expected at most {_MOST_RAYS} rays at a time, got {len(rule[1])} from each of "
             f"{len(places)} points; take fewer points"
         )
-    return engines.ray_sum(
-        lambda x, nu: wigner(traced, x, nu),
-        rule,
-        points,
-        wavelength,
-        lambda c, inverse, length: leading_factor(c, inverse, length, forms),
-        float_type,
+
+    def functions(x: Any, nu: Any) -> tuple[Any, ...]:
+        if order == 1:
+            return (wigner(traced, x, nu),)
+        return engines.traced_sums(kernel_for("lag moments", traced.source), traced.source, x, nu)
+
+    def factors(c: Any, inverse: Any, length: Any) -> tuple[Any, ...]:
+        return ray_factors(order)(c, inverse, length, forms)
+
+    values = engines.ray_sum(functions, rule, points, wavelength, factors, float_type)
+    fields = traced.weights or traced.amplitudes
+    if order == 1 or fields is None:
+        return values
+    rays = Rays(terms, length, order, "auto", True)
+    return engines.with_slopes(
+        values, (fields.first, fields.second), lambda: _field_slopes(rays, traced, rule, places)
     )
 
 
@@ -72,6 +95,27 @@ def _checked_length(wavelength: Any) -> float:
             raise ArgumentError(f"expected one wavelength, got {wavelength.size}")
         wavelength = wavelength.item()
     return checked_wavelength(wavelength)
+
+
+def _field_slopes(rays: Rays, traced: Differentiable, rule: Rule, points: Values) -> Any:
+    """Derivatives in real and imaginary parts of all weights or amplitudes, (n, k) each.
+
+    The irradiance is a quadratic form in them: differences over any step are exact.
+    """
+    numbers = fields_of(traced)
+    step = float(np.abs(numbers).max()) or 1.0
+    (_, forms), *_ = rays.sources
+
+    def along(change: Any) -> Values:
+        ends = (
+            replace(rays, sources=[(with_fields(traced, numbers + c), forms)])
+            for c in (change, -change)
+        )
+        above, below = (own.irradiance(rule, points) for own in ends)
+        return (above - below) / (2 * step)
+
+    units = step * np.eye(len(numbers))
+    return tuple(np.stack([along(f * unit) for unit in units], axis=1) for f in (1.0, 1j))
 
 
 def _arrays(traced: Differentiable) -> list[tuple[str, Any]]:

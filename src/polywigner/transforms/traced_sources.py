@@ -100,6 +100,19 @@ def parameters_of(source: Differentiable) -> engines.Parameters:
     return engines.Parameters(source.vertices, fields, by_waves, factors)
 
 
+def fields_of(source: Differentiable) -> NDArray[np.complex128]:
+    """The weights or amplitudes that are differentiable, as they are now."""
+    numbers = source.weights or source.amplitudes
+    assert numbers is not None
+    return _complex(numbers)
+
+
+def with_fields(source: Differentiable, numbers: NDArray[np.complex128]) -> Aperture | Array:
+    """The source with other ones."""
+    change = _with_weights if source.weights is not None else _with_amplitudes
+    return change(source.source, numbers)
+
+
 def _weight_factors(tables: Any) -> NDArray[np.complex128]:
     return np.array(tables.factors, np.complex128)
 
