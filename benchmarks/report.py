@@ -81,13 +81,14 @@ def introduction(facts: dict[str, Any]) -> str:
         for name, value in machine.items()
         if name in facts["libraries"] and value is not None
     ]
-    load = machine.get("load before")
+    load, quick = machine.get("load before"), bool(facts.get("quick"))
     busy = f", load before {load:g}" if load is not None else ""
     return (
         f"{facts['date']}, {machine['processor']} ({', '.join(named)}{busy}); "
         f"{', '.join(libraries)}.\n\n"
         "Figures are best (median) of the rounds, in which all take turns; on one core in CPU "
         "time, on more by the clock. A ratio above 1 says how many times better polywigner is.\n"
+        + ("A quick run: of less than the headings say, too short to judge by.\n" * quick)
     )
 
 

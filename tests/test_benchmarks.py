@@ -54,6 +54,20 @@ def test_threads_of_the_kernel_in_cpp_share_the_samples() -> None:
     assert np.array_equal(one, two)
 
 
+@pytest.mark.parametrize("command", ["no-such-compiler", "false", "'"])
+def test_a_compiler_that_does_not_work_is_none(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CXX", command)
+    cpp.compiler.cache_clear()
+    try:
+        assert cpp.compiler() is None and cpp.compiler_version() is None
+        peers = wigner._peers(wigner.SOURCES["square"](), "single", 1)
+        assert "CXX" in str(peers[wigner.CPP]) and callable(peers[wigner.SHAPELY])
+    finally:
+        cpp.compiler.cache_clear()
+
+
 @pytest.mark.skipif(not jax_kernel.available(), reason="JAX is not installed")
 def test_the_kernel_traced_by_jax_gives_the_wigner_function() -> None:
     source = wigner.SOURCES["chevron"]()
@@ -179,7 +193,8 @@ def test_a_report_has_a_row_for_each_line_and_pictures(tmp_path: Path) -> None:
     }  # fmt: skip
     text = (tmp_path / "comparison.md").read_text()
     assert text.count("| C++ |") == 3 and "| / C++ |" in text and "no C++ compiler found" in text
-    assert "missed" in text and "0 of 1 targets" in text
+    assert "missed" in text and "0 of 1 targets" in text and "quick run" not in text
+    assert "A quick run" in report.markdown(lines, facts | {"quick": True})
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(p.name for p in paths)
 
 

@@ -40,10 +40,24 @@ FLAGS = ["-std=c++20", "-O3", "-ffp-contract=fast", "-shared", "-fPIC"]
 
 @lru_cache(maxsize=1)
 def compiler() -> list[str] | None:
-    """The command of a C++ compiler: $CXX, or the first that is found; None without."""
-    named = shlex.split(os.environ.get("CXX", ""))
+    """The command of a C++ compiler that works: $CXX, or the first that is found; None without."""
+    try:
+        named = shlex.split(os.environ.get("CXX", ""))
+    except ValueError:  # a quotation without an end
+        return None
     names = [named] if named else [["c++"], ["g++"], ["clang++"]]
-    return next((name for name in names if shutil.which(name[0])), None)
+    return next((name for name in names if shutil.which(name[0]) and _works(name)), None)
+
+
+def _works(command: Sequence[str]) -> bool:
+    """Whether it compiles anything, in the C++ that the kernels are written in."""
+    with tempfile.TemporaryDirectory() as folder:
+        source, library = Path(folder, "any.cpp"), Path(folder, "any.so")
+        source.write_text('extern "C" int any() { return 0; }\n')
+        done = subprocess.run(
+            [*command, *FLAGS, str(source), "-o", str(library)], capture_output=True
+        )
+        return done.returncode == 0 and library.exists()
 
 
 def compiler_version() -> str | None:
@@ -71,7 +85,8 @@ def _compiled(source: str, precision: str, *options: str, header: str = "") -> c
             )
             if done.returncode == 0:
                 return ctypes.CDLL(str(library))
-    raise RuntimeError(f"the C++ compiler failed: {done.stderr.strip().splitlines()[-1:]}")
+    reason = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
+    raise RuntimeError(f"the C++ compiler failed: {reason}")
 
 
 def _array(name: str, kind: str, values: Any) -> str:

@@ -175,13 +175,21 @@ def in_jax(source: pw.Aperture, precision: str) -> Method:
     return method
 
 
+def _in_cpp_if_possible(source: pw.Aperture, precision: str, threads: int) -> Method | str:
+    if not cpp.compiler():
+        return "no C++ compiler that works (set CXX)"
+    try:
+        return in_cpp(source, precision, threads)
+    except RuntimeError as error:
+        return str(error)
+
+
 def _peers(source: Any, precision: str, threads: int) -> dict[str, Method | str]:
     """Peers by name, or why they are not there."""
     found: dict[str, Method | str] = {}
     clips = cpp.header_of(source)[1] if isinstance(source, pw.Aperture) else None
     if clips is not None:
-        missing = "no C++ compiler found (set CXX)"
-        found[CPP] = in_cpp(source, precision, threads) if cpp.compiler() else missing
+        found[CPP] = _in_cpp_if_possible(source, precision, threads)
     if clips is not None and clips <= cpp.UNROLLED_CLIPS:
         missing = "not installed (pip install jax)"
         found[JAX] = in_jax(source, precision) if jax_kernel.available() else missing
