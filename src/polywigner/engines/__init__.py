@@ -16,6 +16,7 @@ module               what is in it
 ``hosted_slopes``    the same with derivatives that the host computes as well
 ``gradients``        kernels as custom operations, with derivatives in closed form
 ``sinks``            what derivatives in vertices and fields are added up in, and ``strides`` how
+``end_slopes``       derivatives in the ends of slits
 ``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
 ``ray_sums``         sums over rays, with derivatives
 ``site_sums``        array factors with differentiable weights
@@ -29,6 +30,7 @@ from polywigner.engines.drjit_arrays import evaluate_traced
 from polywigner.engines.drjit_hosted import evaluate_hosted
 from polywigner.engines.drjit_points import host_points, in_plane, is_drjit, shifted_points
 from polywigner.engines.drjit_results import product_of_complex, times_complex
+from polywigner.engines.end_slopes import with_end_slopes
 from polywigner.engines.evaluation import evaluate
 from polywigner.engines.gradients import differentiable
 from polywigner.engines.grids import evaluate_on_grid
@@ -97,5 +99,6 @@ __all__ = [
     "times_complex",
     "traced_sums",
     "values_of",
+    "with_end_slopes",
     "with_slopes",
 ]

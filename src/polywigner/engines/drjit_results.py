@@ -95,7 +95,8 @@ def times_complex(value: Any, factor: Any) -> Any:
     flat = value.array
     index = drjit.arange(drjit.uint32_array_t(type(flat)), len(flat))
     other = drjit.gather(type(flat), flat, index ^ 1)  # the imaginary part's place is odd
-    signed = drjit.select(index & 1 == 1, factor.imag, -factor.imag) * other
+    imag = type(flat)(factor.imag)  # a choice between Python's floats is one of float32
+    signed = drjit.select(index & 1 == 1, imag, -imag) * other
     return type(value)(flat * factor.real + signed, value.shape)
 
 

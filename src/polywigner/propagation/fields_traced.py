@@ -9,6 +9,7 @@ from polywigner import engines
 from polywigner.errors import ArgumentError
 from polywigner.propagation.field_slopes import FieldSlopes
 from polywigner.propagation.places import checked_method, checked_wavelength
+from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable
 from polywigner.transforms.traced_sources import parameters_of
 
@@ -52,6 +53,7 @@ def traced_field(
             f"{type(wavelength).__name__}; pass a float"
         )
     traced = source if isinstance(source, Differentiable) else Differentiable(source)
+    checked_source(traced.source)
     length = checked_wavelength(wavelength)
     by_waves = traced.amplitudes is not None
     own = _TOLERANCE if tolerance is None else tolerance

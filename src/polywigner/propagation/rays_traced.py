@@ -26,6 +26,7 @@ from polywigner.propagation.ray_kernels import ray_factors
 from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import phase_rates
 from polywigner.propagation.rays_rules import Rule, gauss_rule
+from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable, wigner
 from polywigner.transforms.traced_sources import fields_of, with_fields
 
@@ -48,6 +49,7 @@ def traced_irradiance(
     tells, for vertices in rays of the third order, and for more rays than fit into memory.
     """
     traced = source if isinstance(source, Differentiable) else Differentiable(source)
+    checked_source(traced.source)
     if order == 3 and traced.vertices is not None:
         raise ArgumentError(
             "expected order=1 with differentiable vertices, got order=3, whose rays have "

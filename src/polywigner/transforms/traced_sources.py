@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner import engines
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.exact import signed_area
 from polywigner.illumination import Array, Illumination
 from polywigner.kernels.waves import waves_in_frame
@@ -26,29 +26,33 @@ class Differentiable:
     Made by :func:`differentiable`.
     """
 
-    source: Aperture | Array
+    source: Any
+    """An Aperture or an Array, or Slits with ``intervals``."""
     vertices: engines.Parameter | None = None
     weights: engines.Parameter | None = None
     amplitudes: engines.Parameter | None = None
+    intervals: engines.Parameter | None = None
 
 
 def differentiable(
-    source: Aperture | Array | None = None,
+    source: Aperture | Array | Slits | None = None,
     *,
     vertices: Any = None,
     weights: Any = None,
     amplitudes: Any = None,
+    intervals: Any = None,
 ) -> Differentiable:
     """A source of which some numbers are Dr.Jit arrays, to differentiate with respect to them.
 
-    `fourier`, `wigner`, `ambiguity`, `amplitude` and `irradiance` take it in place of the source;
-    they return Dr.Jit arrays, which ``dr.backward`` and ``dr.forward`` differentiate in closed form
-    (docs/gradients). The source itself has the other numbers, and how vertices form rings.
+    `fourier`, `wigner` and `ambiguity`, and of apertures `amplitude` and `irradiance`, take it in
+    place of the source; they return Dr.Jit arrays, which ``dr.backward`` and ``dr.forward``
+    differentiate in closed form (docs/gradients). The source itself has the other numbers, and how
+    vertices form rings.
 
     Parameters
     ----------
-    source : an Aperture, or an Array of apertures in the plane z = 0; None for the aperture with
-        the ring ``vertices``.
+    source : an Aperture, or an Array of apertures in the plane z = 0; or Slits; None for the
+        aperture with the ring ``vertices``, or the slits ``intervals``.
     vertices : (n,) points in m, ``Array2f`` or a tensor (n, 2), that take the place of the
         source's: of all rings (``Aperture.rings``) of all elements, one after the other. Unlike
         those of an Aperture, vertices on the line between their neighbours are kept.
@@ -56,6 +60,8 @@ def differentiable(
         (k, 2) of real and imaginary parts.
     amplitudes : (m,) of the waves of an Aperture's illumination, in the order of its frequencies;
         like weights.
+    intervals : (m,) begins and ends in m, ``Array2f`` or a tensor (m, 2), that take the place of
+        those of Slits; ascending, and apart from each other.
 
     Returns
     -------
@@ -64,8 +70,12 @@ def differentiable(
     Raises
     ------
     ArgumentError for arrays of the wrong kind or number; GeometryError for vertices that make no
-    valid outline or turn it over; IlluminationError as `Array` and `Illumination` do.
+    valid outline or turn it over, and for intervals that do not ascend or that touch;
+    IlluminationError as `Array` and `Illumination` do.
     """
+    if intervals is not None or isinstance(source, Slits):
+        others = {"vertices": vertices, "weights": weights, "amplitudes": amplitudes}
+        return _of_slits(source, intervals, others)
     if source is None and vertices is None:
         raise ArgumentError("expected a source or the vertices of a ring, got neither")
     if source is not None and not isinstance(source, Aperture | Array):
@@ -98,6 +108,30 @@ def parameters_of(source: Differentiable) -> engines.Parameters:
     by_waves = source.amplitudes is not None
     factors = _wave_factors(source.source) if by_waves else _weight_factors
     return engines.Parameters(source.vertices, fields, by_waves, factors)
+
+
+def _of_slits(source: Any, intervals: Any, others: dict[str, Any]) -> Differentiable:
+    wrong = [name for name, value in others.items() if value is not None]
+    if wrong or intervals is None or not (source is None or isinstance(source, Slits)):
+        got = f"{type(source).__name__} with {' and '.join([*wrong, 'intervals'])}"
+        if intervals is None:
+            got = f"Slits with {' and '.join(wrong) or 'nothing'}"
+        raise ArgumentError(f"expected Slits with intervals as a Dr.Jit array alone, got {got}")
+    ends = engines.plane_points("intervals", intervals)
+    values = ends.values
+    if source is not None and len(values) != len(source.intervals):
+        raise ArgumentError(
+            f"expected {len(source.intervals)} intervals, as many as the source has, got "
+            f"{len(values)}"
+        )
+    plain = Slits(values)
+    if plain.intervals.shape != values.shape or (plain.intervals != values).any():
+        raise GeometryError(
+            "expected intervals in ascending order that do not touch, got "
+            f"{values.tolist()}; sort them, or take shorter steps"
+        )
+    field = None if source is None else source.illumination
+    return Differentiable(plain.with_illumination(field), intervals=ends)
 
 
 def fields_of(source: Differentiable) -> NDArray[np.complex128]:

@@ -12,7 +12,8 @@ from polywigner.engines import Parameter, Parameters
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.kernels.complex_pairs import Pair
-from polywigner.transforms.arguments import in_plane
+from polywigner.kernels.slopes_of_slits import slopes_in_ends
+from polywigner.transforms.arguments import in_plane, transform
 from polywigner.transforms.traced_sources import Differentiable, parameters_of
 
 __all__ = ["fourier_of", "phase_space_of"]
@@ -26,6 +27,8 @@ def phase_space_of(
     engine: str,
 ) -> Any:
     """W or A, by the kernel of all outlines: short cuts of arrays have no derivatives."""
+    if source.intervals is not None:
+        return _of_slits(name, source, points, precision, engine)
     return engines.evaluate_traced(
         kernels.WIGNER if name == "wigner" else kernels.AMBIGUITY,
         source.source,
@@ -39,6 +42,8 @@ def phase_space_of(
 
 def fourier_of(source: Differentiable, nu: Any, precision: str | None, engine: str) -> Any:
     """F: the sum of those of all waves on all elements, (C1) and (I1)."""
+    if source.intervals is not None:
+        return _of_slits("fourier", source, [("nu", nu)], precision, engine)
     float_type = next(iter(parameters_of(source).types))
     if not engines.is_drjit(nu):
         nu = engines.tensor_of(float_type, engines.host_points("nu", in_plane(nu)))
@@ -62,6 +67,33 @@ def fourier_of(source: Differentiable, nu: Any, precision: str | None, engine: s
             value = engines.times_complex(value, _number(source.weights, number, weight))
         total = value if total is None else total + value
     return total
+
+
+def _of_slits(
+    name: str,
+    source: Differentiable,
+    points: Sequence[tuple[str, Any]],
+    precision: str | None,
+    engine: str,
+) -> Any:
+    """Values as of plain slits, and derivatives in their ends."""
+    from polywigner.transforms.spectrum import fourier  # which knows this module
+
+    assert source.intervals is not None
+    if not any(engines.is_drjit(value) for _, value in points):
+        kind = source.intervals.float_type
+        points = [(n, engines.tensor_of(kind, engines.host_points(n, p))) for n, p in points]
+    plain, is_complex = source.source, name != "wigner"
+    if name == "fourier":
+        how: Any = {"precision": precision, "engine": engine}
+        values = fourier(plain, points[0][1], **how)
+    else:
+        values = transform(name, plain, points, precision, engine, outputs=1 + is_complex)
+
+    def slopes(ops: Any, *places: Any) -> Any:
+        return slopes_in_ends(ops, name, plain, *places)
+
+    return engines.with_end_slopes(values, points, source.intervals, slopes, is_complex)
 
 
 def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:

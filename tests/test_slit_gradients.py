@@ -1,0 +1,158 @@
+"""Derivatives in the ends of slits, against differences and closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, GeometryError
+
+pytestmark = pytest.mark.llvm
+
+INTERVALS = np.array([[-1.0, -0.3], [0.2, 0.9], [1.1, 1.6]])
+WAVES = pw.Illumination([1.0, 0.4j], [[0.3], [-1.1]])
+# Differences with steps h and h/2, extrapolated, of values that err by 1e-15: rounding over the
+# step; positions lie farther than that from where ends meet.
+STEP, DIFFERENCES = 2.0**-12, 1e-10
+# Of the largest: slopes are computed in float64 and rounded once, sums of few terms.
+ROUNDING = {"double": 1e-13, "single": 1e-6}
+
+
+def _ends(values: np.ndarray, double: bool = True) -> Any:
+    import drjit.llvm.ad as backend
+
+    return (backend.Array2f64 if double else backend.Array2f)(values.T.copy())
+
+
+def _slits(values: np.ndarray, field: Any) -> pw.Slits:
+    return pw.Slits(values).with_illumination(field)
+
+
+def _points(name: str) -> list[np.ndarray]:
+    rng = np.random.default_rng(0)
+    place, frequency = rng.uniform(-0.8, 1.2, (7, 1)), rng.uniform(-3, 3, (7, 1))
+    pair = [frequency, place] if name == "ambiguity" else [place, frequency]
+    return [frequency] if name == "fourier" else pair
+
+
+def _parts(value: Any) -> np.ndarray:
+    value = np.asarray(value)
+    return np.stack([value.real, value.imag], axis=-1) if np.iscomplexobj(value) else value
+
+
+@pytest.mark.parametrize("field", [None, WAVES], ids=["uniform", "waves"])
+@pytest.mark.parametrize("name", ["fourier", "wigner", "ambiguity"])
+def test_derivatives_in_ends_are_those_of_differences(name: str, field: Any) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    source, points = _slits(INTERVALS, field), _points(name)
+    transform: Callable[..., Any] = getattr(pw, name)
+    ends, traced = _ends(INTERVALS), [backend.TensorXf64(p) for p in points]
+    dr.enable_grad(ends, traced)
+    found = transform(pw.differentiable(source, intervals=ends), *traced)
+    plain = _parts(transform(source, *points))
+    assert np.abs(np.array(found) - plain).max() < ROUNDING["double"]
+    weights = np.random.default_rng(1).normal(size=plain.shape)
+    dr.backward(dr.sum(found.array * backend.Float64(weights.ravel())))
+
+    def total(values: np.ndarray, *moved: np.ndarray) -> float:
+        return float((_parts(transform(_slits(values, field), *moved)) * weights).sum())
+
+    expected = np.zeros((3, 2))
+    for place in np.ndindex(3, 2):
+        change = np.zeros((3, 2))
+        change[place] = STEP
+        wide, narrow = (
+            total(INTERVALS + h * change, *points) - total(INTERVALS - h * change, *points)
+            for h in (1.0, 0.5)
+        )
+        expected[place] = (8 * narrow - wide) / (6 * STEP)
+    gradient = np.array(dr.grad(ends)).T
+    assert np.abs(gradient - expected).max() < DIFFERENCES * np.abs(expected).max()
+    # all moved alike: the ends, and places by as much (a phase of F and A counts as well)
+    if name == "wigner" and field is None:
+        shifted = gradient.sum() + np.array(dr.grad(traced[0])).sum()
+        assert abs(shifted) < ROUNDING["double"] * np.abs(gradient).max()
+
+
+@pytest.mark.parametrize("precision", ROUNDING)
+def test_a_slit_grows_by_the_wave_at_its_end(precision: str) -> None:
+    """dF/db = exp(-2 pi i nu b), dF/da = -exp(-2 pi i nu a)."""
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    double = precision == "double"
+    ends = _ends(np.array([[-0.25, 0.75]]), double)
+    nu = (backend.Float64 if double else backend.Float)([0.3, 4.0, -2.5])
+    for part in ("real", "imag"):
+        for sample in range(3):
+            dr.clear_grad(ends)
+            dr.enable_grad(ends)
+            value = getattr(pw.fourier(pw.differentiable(intervals=ends), nu), part)
+            seed = np.zeros(3)
+            seed[sample] = 1.0
+            dr.backward(dr.sum(value * type(nu)(seed)))
+            waves = np.exp(-2j * np.pi * np.array(nu)[sample] * np.array([-0.25, 0.75]))
+            expected = getattr(waves * [-1, 1], part)
+            got = np.array(dr.grad(ends)).ravel()
+            assert np.abs(got - expected).max() < ROUNDING[precision]
+
+
+@pytest.mark.parametrize("name", ["fourier", "wigner", "ambiguity"])
+def test_forward_and_reverse_mode_in_ends_are_adjoint(name: str) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    rng, ends = np.random.default_rng(2), _ends(INTERVALS)
+    points = [backend.Float64(p[:, 0]) for p in _points(name)]
+    change = rng.normal(size=(2, 3))
+
+    def parts() -> list[Any]:
+        value = getattr(pw, name)(
+            pw.differentiable(_slits(INTERVALS, WAVES), intervals=ends), *points
+        )
+        return [value] if name == "wigner" else [value.real, value.imag]
+
+    dr.enable_grad(ends)
+    dr.set_grad(ends, backend.Array2f64(change))
+    found = parts()
+    dr.forward_to(*found)
+    forward = [np.array(dr.grad(part)) for part in found]
+    weights = [rng.normal(size=len(f)) for f in forward]
+    dr.clear_grad(ends)
+    dr.backward(sum(dr.dot(p, backend.Float64(w)) for p, w in zip(parts(), weights, strict=True)))
+    along = (np.array(dr.grad(ends)) * change).sum()
+    expected = sum((f * w).sum() for f, w in zip(forward, weights, strict=True))
+    assert abs(along - expected) < ROUNDING["double"] * np.abs(forward).max() * 10
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda ends: pw.differentiable(pw.shapes.square(1.0), intervals=ends),
+        lambda ends: pw.differentiable(pw.Slits([0, 1]), weights=ends),
+        lambda ends: pw.differentiable(pw.Slits(INTERVALS[:2]), intervals=ends),
+        lambda ends: pw.differentiable(pw.Slits(INTERVALS), intervals=INTERVALS),
+        lambda ends: pw.amplitude(
+            pw.differentiable(intervals=ends), np.array([[0.0, 0.0, 1.0]]), 0.1
+        ),
+        lambda ends: pw.irradiance(
+            pw.differentiable(intervals=ends), np.array([[0.0, 0.0, 1.0]]), 0.1
+        ),
+    ],
+    ids=["aperture", "weights", "too many", "numpy", "amplitude", "irradiance"],
+)
+def test_what_has_no_ends_to_move_is_refused(make: Callable[[Any], Any]) -> None:
+    with pytest.raises(ArgumentError, match="expected"):
+        make(_ends(INTERVALS))
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2], [0, 0, 2]])
+def test_intervals_that_do_not_ascend_are_refused(order: list[int]) -> None:
+    with pytest.raises(GeometryError, match="expected"):
+        pw.differentiable(intervals=_ends(INTERVALS[order]))
