@@ -253,7 +253,7 @@ def test_results_and_derivatives_are_the_kind_of_array_that_points_are() -> None
     [
         (pw.amplitude, {"method": "fraunhofer"}, "fraunhofer"),
         (pw.amplitude, {"return_error": True}, "return_error"),
-        (pw.irradiance, {"method": "kirchhoff", "order": 3}, "third order"),
+        (pw.irradiance, {"method": "kirchhoff", "order": 3}, "expected order with method"),
         (pw.irradiance, {"method": "fresnel", "obliquity": "paper"}, "obliquity"),
         (pw.amplitude, {"method": "wigner"}, "wigner"),
     ],
