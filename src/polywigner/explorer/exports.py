@@ -11,7 +11,7 @@ import numpy as np
 from polywigner.explorer import views
 from polywigner.explorer.results import final_samples
 from polywigner.explorer.shown import FLOOR_DB, Shown, shown
-from polywigner.explorer.sources import aperture_of
+from polywigner.explorer.sources import aperture_of, feeding_of
 from polywigner.explorer.state import State, to_query
 
 if TYPE_CHECKING:
@@ -121,7 +121,8 @@ def draw_view(state: State, name: str) -> Figure:
             panels = figure.subplots(1, len(picture.arrays), squeeze=False)[0]
             for axes, key in zip(panels, picture.arrays, strict=True):
                 _draw(axes, picture, shown(picture, key, state.part), state)
-        figure.suptitle(f"{state.wave}; {_chosen(state, name)}", fontsize=9)
+        lit = [state.wave, *(f"{key} {text}" for key, text in feeding_of(state))]
+        figure.suptitle("; ".join([*lit, _chosen(state, name)]), fontsize=9, wrap=True)
     return figure
 
 
@@ -178,5 +179,6 @@ def _draw_cuts(axes: Any, cuts: views.Cuts) -> None:
     axes.set_thetamin(-90)
     axes.set_thetamax(90)
     axes.set_ylim(floor, cuts.largest + 2)
-    axes.set_ylabel("directivity (dBi)")
+    axes.set_yticks(np.arange(10 * np.ceil(floor / 10), cuts.largest, 10))
+    axes.set_ylabel("directivity (dBi)", labelpad=28)
     axes.legend(loc="lower center", ncols=2, frameon=False)
