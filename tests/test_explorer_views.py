@@ -19,7 +19,15 @@ from hypothesis import strategies as st
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, GeometryError, PolywignerError
-from polywigner.explorer import editing, exports, snippets, sources, views, windows
+from polywigner.explorer import (
+    editing,
+    exports,
+    snippets,
+    sources,
+    start_state,
+    views,
+    windows,
+)
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.history import History
 from polywigner.explorer.needs import needed
@@ -137,6 +145,15 @@ def test_a_new_vertex_goes_into_the_nearest_edge_and_can_be_taken_out_again() ->
 def test_an_outline_of_two_vertices_is_gone() -> None:
     assert editing.without_vertex(HOLED.rings, 9) == HOLED.rings[:2]
     assert editing.rings_of_rows(editing.rows_of_rings(HOLED.rings)) == HOLED.rings
+
+
+def test_the_page_begins_in_the_unit_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "mirror.wkt"
+    path.write_text("POLYGON((0 0, 6.5 0, 6.5 6.5, 0 6.5, 0 0))")
+    state = start_state(str(path), unit="m", wave="2 um")
+    assert state.unit == "m" and state.rings[0][2] == (0.0, 6.5)
+    assert math.isclose(sources.source_of(state).area, 6.5**2, rel_tol=EXACT)
+    assert start_state(str(path), unit="in").unit == "mm"
 
 
 def test_an_upload_is_read_in_the_units_of_the_page() -> None:

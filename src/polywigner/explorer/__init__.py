@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from polywigner.explorer.choices import UNITS
 from polywigner.explorer.server import check_installed, serve
 from polywigner.explorer.state import State
 
@@ -22,6 +23,8 @@ __all__ = ["State", "check_installed", "serve", "start_state"]
 def start_state(path: str | None, unit: str = "mm", wave: str | None = None) -> State:
     """What the page opens with: an aperture file, or else the first shape of the catalogue.
 
+    Lengths are shown in the unit, where the page has it, otherwise in mm.
+
     Raises
     ------
     PolywignerError for a file that cannot be read, or has more vertices than the page edits.
@@ -29,4 +32,7 @@ def start_state(path: str | None, unit: str = "mm", wave: str | None = None) -> 
     from polywigner.explorer.sources import state_of_file
 
     chosen: dict[str, Any] = {} if wave is None else {"wave": wave}
+    same = {"um": "µm"}.get(unit, unit)
+    if same in UNITS:
+        chosen["unit"] = same
     return State(**chosen) if path is None else state_of_file(path, unit, State(**chosen))
