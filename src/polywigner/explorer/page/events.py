@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["connect"]
 
+_REST = 1.0  # seconds
 _NEAR_VERTEX = 0.02  # of the window: a click there means the vertex
 
 
@@ -42,10 +44,11 @@ def _connect_outline(session: Session) -> None:
     known = {"vertices": drawn.vertices, "outline": drawn.outline, "signals": session.signals}
     drawn.vertices.js_on_change("data", CustomJS(args=known, code=script.REBUILD))
     drawn.figure.js_on_event("pan", CustomJS(args=known, code=script.DRAG))
-    drag = {"on": False, "started": False}
+    drag = {"on": False, "started": False, "until": 0.0}
 
     def dragging(on: bool) -> None:
-        drag.update(on=on, started=False)
+        # where a hand comes to rest may arrive after its end: it is the same step of undo
+        drag.update(on=on, started=drag["started"] and not on, until=time.monotonic() + _REST)
         if not on and session.state.snap > 0:
             session.edit(step=False, rings=editing.snapped(session.state.rings, session.state.snap))
 
@@ -59,8 +62,10 @@ def _connect_outline(session: Session) -> None:
         if rings == session.state.rings:
             session.signals.data = {"busy": [0]}
             return
-        step = not drag["started"]
-        drag["started"] = drag["on"]
+        moved = [*map(len, rings)] == [*map(len, session.state.rings)]
+        same = moved and (drag["on"] or time.monotonic() < drag["until"])
+        step = not (drag["started"] and same)
+        drag["started"] = bool(drag["on"] or not step)
         session.edit(step=step, edges=False, rings=rings)
 
     on_event(session, drawn.figure, PanStart, lambda _: dragging(True))
