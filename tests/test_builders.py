@@ -221,6 +221,7 @@ def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(
     builders["volume"]()
     assert capfd.readouterr() == ("", "")
     monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    monkeypatch.setenv("TERM", "xterm")
     _builders(method="fraunhofer", progress=True)["volume"]()
     assert "fraunhofer" in capfd.readouterr().err
 

@@ -129,6 +129,7 @@ def test_what_takes_long_shows_on_a_terminal_how_far_it_is(
     places: int, is_shown: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
     nodes = list(directions_and_weights(10.0, 1.0, places))
     assert sum(map(len, (w for _, w in nodes))) > 1000
     assert ("directions" in capsys.readouterr().err) == is_shown
