@@ -68,6 +68,18 @@ def test_shapely_takes_an_aperture_out_and_in_unchanged(aperture):
     assert hash(again) == hash(aperture)
 
 
+def test_vertices_that_come_to_lie_on_a_line_once_others_are_dropped_are_dropped_too():
+    ring = [
+        [0.03299999999999993, -0.018999999999999788], [0.03399999999999986, -0.017999999999999714],
+        [0.03499999999999979, -0.01699999999999964], [0.03499999999999972, -0.015999999999999643],
+        [0.03499999999999964, -0.014999999999999642], [0.03199999999999986, -0.01799999999999986],
+        [0.03099999999999993, -0.01899999999999993], [0.03, -0.02], [0.032, -0.019999999999999858],
+    ]  # fmt: skip
+    aperture = Aperture(ring)
+    assert Aperture(aperture.polygons) == aperture
+    assert len(aperture.rings[0]) == 5
+
+
 @relaxed
 @given(apertures())
 def test_copies_and_pickles_are_equal_and_stay_frozen(aperture):

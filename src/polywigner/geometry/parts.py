@@ -65,10 +65,17 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
 
 
 def _straightened(part: Part) -> Part:
-    """Drop vertices on straight lines up to rounding, as densely sampled outlines have them."""
-    polygon = polygon_of_part(part)
-    simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
-    return part if simple is polygon else part_of_polygon(simple)
+    """Drop vertices on straight lines up to rounding, as densely sampled outlines have them.
+
+    Without them others may be seen to lie on one: until none does, so that it is the same aperture
+    however often its outline is taken out and in.
+    """
+    while True:
+        polygon = polygon_of_part(part)
+        simple = straightened(polygon, _STRAIGHT * polygon.area / extent(part[0]))
+        if simple is polygon:
+            return part
+        part = part_of_polygon(simple)
 
 
 def part_of_rings(rings: Sequence[object], name: str = "the polygon") -> Part:
