@@ -71,9 +71,10 @@ def _in_units(built: Callable[[int], object], error: GeometryError) -> str:
 
 
 def _for_page(text: str) -> str:
-    """With outlines counted from 1, as the table does."""
+    """With outlines counted from 1, as the table does, and places with six digits."""
     counted = re.sub(r"outline (\d+)", lambda found: f"outline {int(found[1]) + 1}", text)
-    return _without_advice(counted)
+    short = re.sub(r"-?\d+\.\d{6,}", lambda found: f"{float(found[0]):.6g}", counted)
+    return _without_advice(short)
 
 
 def _without_advice(text: str) -> str:

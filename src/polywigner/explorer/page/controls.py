@@ -89,6 +89,7 @@ class Controls:
             NumericInput(title=title, mode="float", name=name, width=half)
             for title, name in (("x", "x"), ("y", "y"), ("ν_x", "nu_x"), ("ν_y", "nu_y"))
         )
+        self.whole = Button(label="Undo zoom", name="whole", width=half)
         self.part = RadioButtonGroup(labels=["dB", "real part", "phase"], name="part",
                                      width=_WIDTH)  # fmt: skip
         self.defocus = Slider(title="Defocus W20 (waves)", start=-4, end=4, step=0.05, value=0,
@@ -152,6 +153,7 @@ class Controls:
             self.values,
             _heading("Views"),
             self.views,
+            self.whole,
             self.part,
             self.defocus,
             self.distance,

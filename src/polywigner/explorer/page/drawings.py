@@ -98,10 +98,14 @@ class ApertureFigure:
 
     def frame(self, low: tuple[float, float], high: tuple[float, float], unit: str) -> None:
         """The window around what is drawn."""
-        window = (*low, *high, unit)
-        if window == self._window:
-            return
-        self._window = window
+        window = (low, high, unit)
+        if window != self._window:
+            self._window = window
+            self.reset()
+
+    def reset(self) -> None:
+        """All that is drawn, after a visitor has zoomed or moved the figure."""
+        low, high, unit = self._window
         half = 0.7 * max(high[0] - low[0], high[1] - low[1], 1e-9)
         for axis, k in ((self.figure.x_range, 0), (self.figure.y_range, 1)):
             middle = (low[k] + high[k]) / 2
@@ -151,8 +155,12 @@ class PolarFigure:
         made.legend.location = "bottom_center"
         made.legend.orientation = "horizontal"
         made.legend.border_line_color = None
-        made.x_range.update(start=-1.25, end=1.25)
-        made.y_range.update(start=-1.0, end=1.5)
+        self.reset()
+
+    def reset(self) -> None:
+        """The whole half circle."""
+        self.figure.x_range.update(start=-1.25, end=1.25)
+        self.figure.y_range.update(start=-1.0, end=1.5)
 
     def clear(self) -> None:
         """No cuts: what was shown is of another source."""

@@ -305,5 +305,6 @@ def _connect_fields(session: Session) -> None:
         session.figures.set_visible(session.visible)
         session.request()
 
+    on_click(session, controls.whole, session.figures.reset)
     session.figures.set_visible(session.visible)
     on_change(session, controls.views, "active", chosen)

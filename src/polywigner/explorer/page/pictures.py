@@ -166,6 +166,12 @@ class ImageFigure:
         if window == self._window:
             return
         self._window = window
-        left, bottom, width, _ = window
+        self.reset()
+
+    def reset(self) -> None:
+        """The whole picture, after a visitor has zoomed or moved it."""
+        if not self._window:
+            return
+        left, bottom, width, _ = self._window
         self.figure.x_range.update(start=left, end=left + width)
         self.figure.y_range.update(start=bottom, end=bottom + width)

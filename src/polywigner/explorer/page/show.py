@@ -100,6 +100,13 @@ class Figures:
             for key in [f"{key}_near" for key in _NEAR] if name == "near" else [name]:
                 self.images[key].clear()
 
+    def reset(self) -> None:
+        """All figures as they are before anybody zooms."""
+        self.aperture.reset()
+        self.polar.reset()
+        for image in self.images.values():
+            image.reset()
+
     def by_name(self, name: str) -> Any:
         """A Bokeh figure by its own name."""
         drawn: dict[str, Any] = {
