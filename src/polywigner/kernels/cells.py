@@ -137,11 +137,12 @@ class _Pass:
             if ops.run_sums is None:
                 yield ops.sum_over_runs(first, end, held.runs, self._whole, self.values)
             else:
-                yield ops.sum_over_range(first, end, self._run, self.values)
+                yield ops.plain_sum(first, end, self._run, self.values)
         for kind, cuts in enumerate((self.lists.plain, self.lists.special)):
             if len(cuts.records):
                 first, end = self._range(held.cuts[kind][0])
-                yield ops.sum_over_range(first, end, self._part(kind, cuts), self.values)
+                total = ops.sum_over_range if ops.run_sums is None else ops.plain_sum
+                yield total(first, end, self._part(kind, cuts), self.values)
 
     def _range(self, table: Any) -> tuple[Any, Any]:
         (first,), (end,) = (self.ops.gather(table, self.cell + k) for k in (0, 1))
