@@ -81,7 +81,7 @@ def values_file(state: State, name: str) -> bytes:
     if name == "far":
         cuts = views.far_field(state)
         np.savez(
-            buffer, theta_rad=cuts.theta, phi_rad=[0, np.pi / 2], directivity_dbi=cuts.directivity,
+            buffer, theta_rad=cuts.theta, phi_rad=cuts.phi, directivity_dbi=cuts.directivity,
             link=to_query(state),
         )  # fmt: skip
         return buffer.getvalue()
@@ -174,7 +174,8 @@ def _draw_cuts(axes: Any, cuts: views.Cuts) -> None:
     floor = cuts.largest + FLOOR_DB
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
-    for k, (name, style) in enumerate((("φ = 0°", "-"), ("φ = 90°", "--"))):
+    for k, (phi, style) in enumerate(zip(cuts.phi, ("-", "--"), strict=True)):
+        name = f"φ = {np.degrees(phi):.4g}°"
         axes.plot(cuts.theta, np.maximum(cuts.directivity[:, k], floor), style, label=name, lw=1)
     axes.set_thetamin(-90)
     axes.set_thetamax(90)

@@ -109,6 +109,7 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
     theta = windows.angles(state)
     return [
         f"theta = np.linspace({float(theta[0])!r}, {float(theta[-1])!r}, {len(theta)})",
-        f"pattern = pw.radiation_pattern(source, wavelength, theta, [0, np.pi / 2], {engine})",
+        f"phi = {windows.azimuths(state)!r}",
+        f"pattern = pw.radiation_pattern(source, wavelength, theta, phi, {engine})",
         'values = np.asarray(pattern["directivity"].values)  # dBi',
     ]

@@ -98,7 +98,7 @@ class Outlines:
 
 @dataclass(frozen=True, eq=False)
 class Cuts:
-    """Directivity in the planes phi = 0 and 90 degrees."""
+    """Directivity in two planes through the normal."""
 
     theta: NDArray[np.float64]
     """(n,) from the normal, in rad."""
@@ -106,6 +106,8 @@ class Cuts:
     """(n, 2) in dBi."""
     largest: float
     """On these cuts, in dBi."""
+    phi: tuple[float, float]
+    """Azimuths of the planes, in rad."""
 
 
 def outlines(state: State) -> Outlines:
@@ -247,13 +249,12 @@ def _near_strip(state: State, samples: int, number: int) -> tuple[Values, Values
 
 
 def far_field(state: State) -> Cuts:
-    """Directivity in two planes through the normal."""
-    theta = windows.angles(state)
-    pattern = pw.radiation_pattern(
-        source_of(state), state.wavelength, theta, [0, np.pi / 2], engine=ENGINE
-    )
+    """Directivity in two planes through the normal: phi = 0 and 90 degrees, or that of a steered
+    beam and the one across."""
+    theta, phi = windows.angles(state), windows.azimuths(state)
+    pattern = pw.radiation_pattern(source_of(state), state.wavelength, theta, phi, engine=ENGINE)
     directivity = np.asarray(pattern["directivity"].values)
-    return Cuts(theta, directivity, float(directivity.max()))
+    return Cuts(theta, directivity, float(directivity.max()), phi)
 
 
 def values_at(state: State) -> dict[str, tuple[complex, str]]:

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from polywigner.explorer.sources import source_of
 from polywigner.explorer.state import State
+from polywigner.illumination.texts import direction
 from polywigner.propagation.arrangement import bounds_of
 
 __all__ = [
     "angles",
+    "azimuths",
     "frequency_half",
     "lag_half",
     "plane_half",
@@ -27,6 +29,7 @@ _LOBES = 8.0  # half width of frequency axes in 1/diagonal, as `polywigner trans
 _MARGIN = 1.05
 _BEAM = 3.0  # half width of the near field's plane: the source's box and three lobes
 _ANGLES = 361
+_UPRIGHT = 1e-9  # of a direction's part in the plane: it has no azimuth
 
 
 def _box(state: State) -> tuple[float, float, float]:
@@ -63,6 +66,15 @@ def plane_half(state: State) -> float:
     _, _, half = _box(state)
     sine = min(0.7, _BEAM * state.wavelength / (2 * half))
     return half + state.metres(state.distance) * sine / math.sqrt(1 - sine * sine)
+
+
+def azimuths(state: State) -> tuple[float, float]:
+    """Of the far field's cuts, in rad: that of the steered beam, or 0, and a right angle more."""
+    first = 0.0
+    if state.steering.strip():
+        x, y, _ = direction(state.steering)
+        first = math.atan2(y, x) if math.hypot(x, y) > _UPRIGHT else 0.0
+    return first, first + math.pi / 2
 
 
 def angles(state: State) -> Values:

@@ -25,7 +25,7 @@ from polywigner.illumination.waves import Illumination
 from polywigner.illumination.weights import focusing_weights, steering_weights, window_weights
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
-__all__ = ["FEEDING", "fed"]
+__all__ = ["FEEDING", "direction", "fed"]
 
 FEEDING = ("taper", "array", "window", "steering", "focus")
 """What :func:`fed` knows."""
@@ -156,10 +156,10 @@ def _turned(source: Any, name: str, text: str, wavelength: float | None) -> Any:
         raise ArgumentError("expected an array to focus, got an aperture; give array as well")
     if name == "focus":
         return _times(source, focusing_weights(source.repeated[1], _point(text), wavelength))
-    direction = _direction(text)
+    towards = direction(text)
     if array:
-        return _times(source, steering_weights(source.repeated[1], direction, wavelength))
-    return _times(source, tapers.steering(direction, wavelength))
+        return _times(source, steering_weights(source.repeated[1], towards, wavelength))
+    return _times(source, tapers.steering(towards, wavelength))
 
 
 def _times(source: Any, factor: Any) -> Any:
@@ -171,7 +171,8 @@ def _times(source: Any, factor: Any) -> Any:
     return source.with_illumination(factor if own is None else own * factor)
 
 
-def _direction(text: str) -> NDArray[np.float64]:
+def direction(text: str) -> NDArray[np.float64]:
+    """The unit vector of "20 deg" or "20 deg, 90 deg". Raises QuantityError for other texts."""
     angles = _parts(text)
     if len(angles) not in (1, 2):
         raise QuantityError(

@@ -7,6 +7,7 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
+from bokeh.core.properties import value
 from bokeh.models import ColumnDataSource, PointDrawTool, Scatter
 
 from polywigner.explorer.page.pictures import plain_figure
@@ -152,6 +153,7 @@ class PolarFigure:
         ):
             made.line("x", "y", source=source, legend_label=name, line_dash=dash, color=colour,
                       line_width=1.5)  # fmt: skip
+        self._phi = (0.0, np.pi / 2)
         made.legend.location = "bottom_center"
         made.legend.orientation = "horizontal"
         made.legend.border_line_color = None
@@ -188,6 +190,10 @@ class PolarFigure:
             "y": [-0.26, *(1.1 * np.cos(angles[1:-1])), -0.26, -0.13, -0.13, -0.13],
             "text": text,
         }
+        if cuts.phi != self._phi:
+            self._phi = cuts.phi
+            for item, phi in zip(self.figure.legend.items, cuts.phi, strict=True):
+                item.label = value(f"φ = {np.degrees(phi):.4g}°")
         for source, levels in zip(self.cuts, cuts.directivity.T, strict=True):
             radius = np.clip(1 + (levels - top) / _SPAN, 0, 1)
             angle = stretch * cuts.theta
