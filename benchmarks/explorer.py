@@ -3,8 +3,9 @@
 Starts ``polywigner explore`` in a process of its own and visits it in Chromium (Debian: chromium
 and chromium-driver; `pip install polywigner[browser]`). An edit moves one of eight vertices; it is
 answered when all pictures, of 256 x 256, have been painted. Prints milliseconds, by the clock and
-of the server's processor time, the parts that make them, the same with three visitors at once, and
-what memory a hundred visits leave.
+of processor time of server and browser, the parts that make them, the same with three visitors at
+once, how long a near field takes and what a click waits for meanwhile, and what memory a hundred
+visits leave.
 
     python benchmarks/explorer.py [--edits 50] [--visits 100]
 """
@@ -20,8 +21,8 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from polywigner.explorer import views
@@ -77,6 +78,26 @@ READY = """
 const all = [window, ...Array.from(document.querySelectorAll("iframe"), (f) => f.contentWindow)]
 return all.every((page) =>
   page.Bokeh?.documents[0]?.get_model_by_name("busy")?.text.includes("ready") ?? false)
+"""
+NEAR = """
+const views = Bokeh.documents[0].get_model_by_name("views")
+views.active = [...views.active, 5]
+"""
+NEAR_SAMPLES = """
+const figure = Bokeh.documents[0].get_model_by_name("rays_near")
+const {image} = figure.renderers.find((r) => r.glyph.type === "ImageRGBA").data_source.data
+return image.length === 0 ? 0 : image[0].shape[0]
+"""
+# Milliseconds from another position to its numbers.
+CLICK = """
+const [done] = arguments, models = Bokeh.documents[0]
+const values = models.get_model_by_name("values"), start = performance.now(), {text} = values
+const look = setInterval(() => {
+  if (values.text === text) { return }
+  clearInterval(look)
+  done(performance.now() - start)
+}, 2)
+models.get_model_by_name("x").value = 0.7
 """
 TWO_MORE = """
 for (let k = 0; k < 2; k++) {
@@ -139,17 +160,33 @@ def processor_time(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def family(pid: int) -> list[int]:
+    """A process with all that it has started, and what those have."""
+    children: dict[int, list[int]] = {}
+    for entry in os.listdir("/proc"):  # noqa: PTH208
+        if entry.isdigit():
+            with suppress(OSError), open(f"/proc/{entry}/stat", encoding="ascii") as file:  # noqa: PTH123
+                parent = int(file.read().rpartition(")")[2].split()[1])
+                children.setdefault(parent, []).append(int(entry))
+    found = [pid]
+    for process in found:
+        found += children.get(process, [])
+    return found
+
+
 def memory(pid: int) -> float:
     """MiB that a process holds, without what it shares with files."""
     with open(f"/proc/{pid}/status", encoding="ascii") as file:  # noqa: PTH123
         return int(re.search(r"RssAnon:\s+(\d+)", file.read())[1]) / 1024  # type: ignore[index]
 
 
-def print_times(name: str, seconds: list[float], computed: float) -> None:
+def print_times(name: str, seconds: list[float], computed: Sequence[float]) -> None:
     """One line."""
+    server, browsing = (1e3 * time / len(seconds) for time in computed)
     print(
         f"{name}: median {1e3 * statistics.median(seconds):.0f} ms, worst of {len(seconds)} "
-        f"{1e3 * max(seconds):.0f} ms; processor time {1e3 * computed / len(seconds):.0f} ms each"
+        f"{1e3 * max(seconds):.0f} ms; processor time of the server {server:.0f} ms, of the "
+        f"browser {browsing:.0f} ms each"
     )
 
 
@@ -157,13 +194,37 @@ def print_edits(url: str, pid: int, edits: int) -> None:
     """One visitor, then three at once."""
     with browser(url) as driver:
         wait_until_ready(driver)
-        for name, count in (("one visitor", edits), ("three visitors at once", edits)):
+        programs = [[pid], family(driver.service.process.pid)]
+
+        def spent() -> list[float]:
+            return [sum(map(processor_time, program)) for program in programs]
+
+        for name in ("one visitor", "three visitors at once"):
             edit(driver, -1)  # a first time, of which nothing is counted
-            before = processor_time(pid)
-            times = [t for step in range(count) for t in edit(driver, step)]
-            print_times(name, times, processor_time(pid) - before)
+            before = spent()
+            times = [t for step in range(edits) for t in edit(driver, step)]
+            print_times(name, times, [b - a for a, b in zip(before, spent(), strict=True)])
             driver.execute_script(TWO_MORE)
             wait_until_ready(driver)
+
+
+def print_near(url: str) -> None:
+    """A near field of eight edges, and a click while it is computed."""
+    with browser(url) as driver:
+        wait_until_ready(driver)
+        edit(driver, 0)
+        start = time.monotonic()
+        driver.execute_script(NEAR)
+        while driver.execute_script(NEAR_SAMPLES) == 0:
+            time.sleep(0.01)
+        coarse = time.monotonic() - start
+        click = driver.execute_async_script(CLICK) / 1e3
+        while driver.execute_script(NEAR_SAMPLES) < 128:
+            time.sleep(0.05)
+        print(
+            f"near field: first picture after {1e3 * coarse:.0f} ms, 128 x 128 after "
+            f"{time.monotonic() - start:.1f} s; a click meanwhile {1e3 * click:.0f} ms"
+        )
 
 
 def print_parts(rounds: int = 15) -> None:
@@ -210,6 +271,7 @@ def main() -> None:
     print_parts()
     with server() as (url, pid):
         print_edits(url, pid, options.edits)
+        print_near(url)
         if options.visits >= 5:
             print_memory(url, pid, options.visits)
 

@@ -16,7 +16,7 @@ from polywigner.kernels.lattice_pairs import Copies, SharedCopies
 
 __all__ = ["CHUNK", "OnNumpy", "block_of"]
 
-CHUNK = 1 << 13
+CHUNK = 1 << 14
 """Samples at a time: a temporary array stays in the cache of one core."""
 # Where slices are cut once for many samples: rows enough to cut at a time.
 _SHARED_CHUNK = 1 << 18
