@@ -171,6 +171,35 @@ def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
     assert largest(pw.wigner(source, x, nu, engine="llvm") - expected) < ROUNDING
 
 
+THREADS = """
+import threading
+import numpy as np
+from drjit.llvm import Array2f64
+import polywigner as pw
+
+disc = pw.shapes.regular_polygon(40, 0.5)
+
+def work(seed):
+    x, nu = np.random.default_rng(seed).uniform(-0.4, 0.4, (2, 2, 9000))
+    for _ in range(10):
+        found = np.array(pw.ambiguity(disc, Array2f64(nu), Array2f64(x)))
+    expected = pw.ambiguity(disc, nu.T, x.T, engine="numpy")
+    assert np.abs(found - expected).max() < 1e-12, seed
+
+threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+"""
+
+
+def test_threads_may_read_what_was_sorted_by_cells() -> None:
+    """Dr.Jit ends the process where several threads have arrays yet to be scattered into."""
+    done = subprocess.run([sys.executable, "-c", THREADS], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 GARBAGE = """
 import gc
 import sys

@@ -180,6 +180,22 @@ def test_new_vertices_give_the_picture_and_the_mesh_of_a_new_scene(llvm: object)
     assert np.allclose(scene.bbox().max, fresh.bbox().max)
 
 
+def test_an_array_with_new_weights_stays_a_lattice(llvm: object) -> None:
+    """Whose samples stand for several places each."""
+    mi = use("llvm_ad_mono")
+    positions = np.arange(-2.0, 3.0)[:, None] * [1.6e-3, 0.0]
+    element, weights = pw.shapes.square(1.2e-3), np.array([0.5, 1j, 1.0, -1j, 0.25])
+    scene, params = _scene(pw.phased_array(element, positions), PRB, antithetic=True)
+    pairs = np.stack([weights.real, weights.imag], axis=-1)
+    params["aperture.emitter.weights"] = mi.Float(pairs.ravel().tolist())
+    params.update()
+    fresh, expected = _scene(pw.phased_array(element, positions, weights), PRB, antithetic=True)
+    params["aperture.emitter.power"] = expected["aperture.emitter.power"]
+    params.update()
+    images = [np.array(mi.render(s, spp=64, seed=3)) for s in (scene, fresh)]
+    assert np.abs(images[0] - images[1]).max() < 1e-4 * np.abs(images[1]).max()
+
+
 def test_vertices_that_cross_and_numbers_that_are_missing_are_refused(llvm: object) -> None:
     mi = use("llvm_ad_mono")
     _, params = _scene(CHEVRON, PRB)

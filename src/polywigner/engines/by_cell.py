@@ -205,9 +205,12 @@ def traced_by_cell(
     number = drjit.uint32_array_t(float_type)
     width = max(drjit.width(component) for component in components)
     drjit.eval(components)
-    if width <= _CHUNK:
-        return run(components)
     results: tuple[Any, ...] = ()
+    if width <= _CHUNK:
+        results = run(components)
+        # Dr.Jit ends the process when several threads have arrays yet to be scattered into
+        drjit.eval(results)
+        return results
 
     def begun(start: int) -> tuple[Any, Begun]:
         first = drjit.opaque(number, start)  # else there would be a kernel for each chunk

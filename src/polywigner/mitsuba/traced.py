@@ -70,7 +70,8 @@ class TracedSource:
             known = _pairs(source.weights).astype(np.float32)
             pairs = self._values("weights", self.weights, len(known))
             if not np.array_equal(pairs, known):
-                source, has_changed = Array(source.elements, pairs @ [1, 1j]), True
+                weights = self._m.TensorXf(pairs)  # a lattice stays one
+                source, has_changed = differentiable_source(source, weights=weights).source, True
         return source if has_changed else None
 
     def _values(self, name: str, flat: Any, count: int) -> NDArray[np.float32]:
