@@ -10,6 +10,7 @@ import pytest
 
 import polywigner as pw
 from oracles.references import ENGINES, awkward
+from polywigner.engines import on_drjit
 from polywigner.kernels import shared_slices
 
 # Of areas of about 1. The same terms with edges cut in float64; frequencies and positions are
@@ -151,3 +152,30 @@ def test_slices_are_cut_once_for_all_frequencies(
     positions, frequencies = np.zeros((20, 1, 2)), np.ones((500, 2))
     transform(SOURCES["chevron"](), *_points(transform, positions, frequencies), engine=engine)
     assert sum(cut) == 20
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("columns", [260, 261])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_sums_along_an_outline_serve_any_number_of_frequencies(
+    llvm: Any, precision: Any, columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four of them a lane, or one; for places inside, outside, and nowhere."""
+    source, rng = pw.shapes.ring(1.0, 0.6, n=24), np.random.default_rng(7)
+    taken: list[bool] = []
+    whole = on_drjit.OnDrjit.sums_whole_edges
+
+    def watched(self: Any, pairs: Any) -> bool:
+        taken.append(whole(self, pairs))
+        return taken[-1]
+
+    monkeypatch.setattr(on_drjit.OnDrjit, "sums_whole_edges", watched)
+    x, nu = rng.uniform(-1.1, 1.1, (70, 2)), rng.uniform(-4, 4, (columns, 2))
+    x[3], nu[5] = np.nan, 0.0
+    how: dict[str, Any] = {"precision": precision, "engine": "llvm"}
+    found = pw.wigner(source, x[:, None], nu, **how)
+    assert taken == [True]
+    flat = (np.broadcast_to(p, (70, columns, 2)).reshape(-1, 2) for p in (x[:, None], nu))
+    each = pw.wigner(source, *flat, **how).reshape(found.shape)
+    allowed = 1e-13 if precision == "double" else 5e-6
+    np.testing.assert_allclose(found, each, rtol=0, atol=allowed * source.area)

@@ -133,9 +133,13 @@ class OnDrjit:
                 yield rows, columns, self._of_runs(pairs.block(rows, columns), shared, prefixes)
 
     def _sums_along(self, edges: Array, nu: Sequence[Array]) -> tuple[Any, Any]:
-        """Sums of the edges' vectors, (n + 1, 2), and of their waves, ((n + 1) columns, 1)."""
+        """Sums of the edges' vectors, (n + 1, 2), and of their waves, for each frequency.
+
+        Rows of the waves are of four frequencies where a lane takes so many.
+        """
         ops, kind = self.ops, self.ops.float_type
         count, columns = len(edges), max(np.size(f) for f in nu)
+        entries = 4 if self._takes_fours(columns) else 1
         row, column = split(kind, count, columns)
         self.turn ^= 1  # the last chunk may still be on its way
         held = [ops.held(values[:, None]) for values in edges.T]
@@ -144,7 +148,7 @@ class OnDrjit:
         found = edge_waves(ops, self.kernel.copies == 1, edge, frequency)
         self.turn ^= 1  # done with its memory when this returns
         waves = tuple(
-            ops.held(_running_sum(values.numpy().reshape(count, columns)).reshape(-1, 1))
+            ops.held(_running_sum(values.numpy().reshape(count, columns)).reshape(-1, entries))
             for values in found
         )
         return ops.held(_running_sum(edges[:, 2:4] * edges[:, 4:])), waves
@@ -157,6 +161,8 @@ class OnDrjit:
         self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
+        if self._takes_fours(shape[1]):
+            return self._of_fours(entered, shape, shared, prefixes)
         row, column = split(self.ops.float_type, *shape)
         inner = self.looked_up(entered, shape, row, column)
         width = drjit.opaque(type(column), shape[1])
@@ -165,6 +171,41 @@ class OnDrjit:
             return _fetching(self._of_inner(inner), shape)
         finally:
             self.ops.run_sums = None
+
+    def _takes_fours(self, columns: int) -> bool:
+        """Whether a lane takes four frequencies of one place: W, whose copies share a cell."""
+        return self.kernel.copies == 1 and columns % 4 == 0
+
+    def _of_fours(
+        self,
+        entered: Sequence[Array],
+        shape: tuple[int, int],
+        shared: SharedSlice,
+        prefixes: tuple[Any, Any],
+    ) -> Fetch:
+        import drjit
+
+        ops = DrjitOperations(self.ops.float_type, sorted_by_cell=True, together=True)
+        kind, (rows, columns) = ops.float_type, shape
+        row, column = split(kind, rows, columns // 4)
+        count = len(entered[shared.place])
+        place = self.looked_up(entered[shared.place], (rows, 1), row, column)
+        nu = tuple(
+            drjit.gather(ops.value_type, self._sent(count + k, values.ravel(), kind), column)
+            for k, values in enumerate(entered[shared.frequency])
+        )
+        assert self.kernel.order is not None
+        ops.cell = self.kernel.order(self.ops, self.tables, *place, *nu)
+        width = drjit.opaque(type(column), columns // 4)
+        ops.run_sums = RunSums(ops, nu, *prefixes, column, width)
+        inner = (*(ops.value_type(p, p, p, p) for p in place), *nu)
+        sums = self.kernel.edge_sum(ops, self.tables, *inner)
+        found = self.kernel.leave(ops, self.tables.frame, inner, sums)
+        results = tuple(drjit.empty(kind, rows * columns) for _ in found)
+        lane = drjit.arange(type(column), rows * columns // 4)
+        for result, values in zip(results, found, strict=True):
+            drjit.scatter(result, values, lane, mode=drjit.ReduceMode.Permute)
+        return _fetching(results, shape)
 
     def lists_copies(self) -> bool:
         """Whether an element is little enough code for a loop over its copies."""

@@ -88,5 +88,9 @@ class RunSums:
 
     def _differences(self, begin: Any, end: Any) -> Values:
         last, first = (place * self.columns + self.column for place in (end, begin))
-        gather = self.ops.gather
-        return tuple(gather(wave, last)[0] - gather(wave, first)[0] for wave in self.waves)
+        return tuple(self._read(wave, last) - self._read(wave, first) for wave in self.waves)
+
+    def _read(self, wave: Any, place: Any) -> Any:
+        """The sum for the one or four frequencies of a lane."""
+        entries = self.ops.gather(wave, place)
+        return self.ops.value_type(*entries) if len(entries) > 1 else entries[0]
