@@ -385,7 +385,8 @@ def test_a_link_restores_the_page_and_a_damaged_one_says_so(browser: Any, addres
     assert page.state() == state
     page.wait_until(lambda: "?" in browser.current_url)  # the address follows
     assert from_query(browser.current_url.split("?")[1]) == state
-    page = Page(browser, f"{address}?unit=furlong")
+    long = "x" * 45_000  # as of a thousand vertices
+    page = Page(browser, f"{address}?unit=furlong&taper={long}")
     assert "furlong" in page.text("message") and page.state() == State()
 
 

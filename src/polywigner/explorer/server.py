@@ -20,6 +20,8 @@ PORT = 5006
 _IDLE_MS = 15_000  # a session whose page has gone is kept so long, for a page that is reloaded
 _LARGEST_MESSAGE = 32 << 20  # what is beyond the limit of uploads, but not by much, gets an answer
 
+_LARGEST_HEADER = 256 << 10  # a websocket is asked for with the link twice: itself, and in a token
+
 
 def check_installed() -> None:
     """Raises MissingExtraError without the libraries of the page."""
@@ -77,6 +79,7 @@ def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> An
             unused_session_lifetime_milliseconds=_IDLE_MS,
             check_unused_sessions_milliseconds=_IDLE_MS // 3,
             websocket_max_message_size=_LARGEST_MESSAGE,
+            http_server_kwargs={"max_header_size": _LARGEST_HEADER},
         )
     except (OSError, ValueError) as error:
         scheduler.stop()

@@ -28,7 +28,7 @@ MOST_VERTICES = 1000
 """What handles can be dragged of; a transform of a thousand edges takes seconds."""
 MOST_RINGS = 100
 LARGEST_QUERY = 48 * 1024
-"""Bytes of a link; Tornado takes 64 KiB of headers in all."""
+"""Bytes of a link: of a thousand vertices with all their digits."""
 
 _LONGEST_TEXT = 100
 _LARGEST = 1e12  # of any number, in units: nothing overflows in squares

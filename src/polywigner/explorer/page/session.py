@@ -41,7 +41,9 @@ def open_page(doc: Any, start: State, scheduler: Scheduler) -> None:
         try:
             pairs = [(name, value[-1].decode("utf-8")) for name, value in arguments.items()]
             start = from_query(urlencode([p for p in pairs if not p[0].startswith("bokeh-")]))
-        except (PolywignerError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError:
+            message = "The link could not be restored: expected text, got other bytes"
+        except PolywignerError as error:
             message = f"The link could not be restored: {error}"
     session = Session(doc, start, scheduler)
     session.say(message)
