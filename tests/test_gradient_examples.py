@@ -39,7 +39,7 @@ def test_the_outline_of_the_design_has_lower_sidelobes_than_a_disc() -> None:
 
 def test_the_weights_of_the_design_have_lower_sidelobes_than_equal_ones() -> None:
     example = _example("inverse_design", "inverse_design.py")
-    weights, _ = example["designed_weights"](steps=60)
+    weights, _ = example["designed_weights"](steps=120)
     angle = np.radians(np.linspace(-90, 90, 1001))
     nu = np.stack([np.sin(angle), 0 * angle], axis=-1) / example["WAVELENGTH"]
     outside = abs(np.sin(angle) - np.sin(example["STEERED"])) > 0.1
@@ -49,7 +49,7 @@ def test_the_weights_of_the_design_have_lower_sidelobes_than_equal_ones() -> Non
         steered = np.degrees(angle[power.argmax()])
         assert abs(steered - np.degrees(example["STEERED"])) < 1
         levels.append(10 * np.log10(power[outside].max() / power.max()))
-    assert levels[1] < levels[0] - 4
+    assert levels[1] < levels[0] - 10
 
 
 def test_pytorch_differentiates_through_the_transform() -> None:

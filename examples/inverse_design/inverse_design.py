@@ -140,7 +140,7 @@ def designed_weights(steps: int = 200) -> tuple[list[np.ndarray], list[float]]:
         lobes, hole = (dr.squared_norm(pw.fourier(source, nu)) / peak for nu in (outside, null))
         return soft_maximum(dr.concat([lobes, 100 * hole]))  # 20 dB below the lobes
 
-    found, history = descended(start, loss, steps, rate=0.03)
+    found, history = descended(start, loss, steps, rate=0.01)
     chosen = (start, {name: found[name] for name in start})
     weights = [steered(v["amplitude"], v["phase"]) for v in chosen]
     numbers = [np.array(w.real) + 1j * np.array(w.imag) for w in weights]

@@ -29,6 +29,7 @@ _LOBES = 8.0  # half width of frequency axes in 1/diagonal, as `polywigner trans
 _MARGIN = 1.05
 _BEAM = 3.0  # half width of the near field's plane: the source's box and three lobes
 _ANGLES = 361
+_WIDE = 0.5  # sine of the angle from which a beam is seen without spreading it
 _UPRIGHT = 1e-9  # of a direction's part in the plane: it has no azimuth
 
 
@@ -78,8 +79,9 @@ def azimuths(state: State) -> tuple[float, float]:
 
 
 def angles(state: State) -> Values:
-    """Angles from the normal of the far field's cuts, in rad."""
-    largest = math.asin(reach_of(state))
+    """Angles from the normal of the far field's cuts, in rad: all, unless the beam is narrow."""
+    reach = reach_of(state)
+    largest = math.pi / 2 if reach > _WIDE and not state.reach else math.asin(reach)
     return np.linspace(-largest, largest, _ANGLES)
 
 
