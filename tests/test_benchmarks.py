@@ -71,7 +71,7 @@ def test_a_compiler_that_does_not_work_is_none(
 @pytest.mark.skipif(not jax_kernel.available(), reason="JAX is not installed")
 def test_the_kernel_traced_by_jax_gives_the_wigner_function() -> None:
     source = wigner.SOURCES["chevron"]()
-    x, nu = wigner.points(source, 100)
+    x, nu = wigner.points(source, 1000)  # more than NumPy takes as they come
     found = np.asarray(wigner.in_jax(source, "double")(x, nu)())
     expected = pw.wigner(source, x, nu, engine="numpy")
     assert np.abs(found - expected).max() < DOUBLE * source.area

@@ -27,6 +27,9 @@ class _Operations(NumpyOperations):
     def prefers_cells(self, clips: int, like: Any) -> bool:
         return False
 
+    def where_left(self, extent: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
+        return compute(*arguments)  # which samples are left is not known while tracing
+
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         import jax.numpy as jnp
 
