@@ -84,6 +84,7 @@ def in_turns(
                 continue
             if threads > 1:
                 time.sleep(REST)
+                action()  # wakes its own threads
             start = clock()
             action()
             times[name].append(clock() - start)
@@ -104,7 +105,7 @@ def fitting(make: Callable[[int], Action], effort: Effort, threads: int = 1) -> 
         action()
         took = max(clock() - start, 1e-6)
         steady = took / count > STEADY * before
-        if count == effort.most or (took > effort.seconds / 8 and steady) or took > PATIENCE:
+        if count == effort.most or (took > effort.seconds and steady) or took > PATIENCE:
             break
         before, count = took / count, min(count << 3, effort.most)
     while took < effort.seconds / 1.5 and count < effort.most:
