@@ -47,7 +47,7 @@ pictures:
 
 test: ## run the tests
 	@$(SETUP) --group test
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile $(TESTS)
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 0 --dist loadfile $(TESTS)
 
 fuzz: ## read ten thousand damaged files; FUZZ='--seed 2 --count 1000' chooses others
 	@$(SETUP) --group test
