@@ -133,11 +133,10 @@ def _shared(
     shared = shared_slice(compute.kernel)
     if shared is None:
         return None
-    targets = [result.reshape(pairs.rows, pairs.columns) for result in results]
-    if all(c.shape == (1, pairs.columns) for c in pairs.components[shared.arguments]):
-        pairs, targets = pairs.transposed(), [target.T for target in targets]
-    if any(c.shape[1] > 1 for c in pairs.components[shared.arguments]):
+    turned = _with_places_as_rows(pairs, results, shared.arguments)
+    if turned is None:
         return None
+    pairs, targets = turned
     if isinstance(compute, OnDrjit) and compute.sums_whole_edges(pairs):
         return ((targets, (a, b), fetch) for a, b, fetch in compute.of_blocks(pairs))
     # Waves count where all is done for each sample; here slices are cut without them.
@@ -147,6 +146,18 @@ def _shared(
     return _by_parts(compute, shared, source, pairs, targets)
 
 
+def _with_places_as_rows(
+    pairs: Pairs, results: Sequence[Array], places: slice
+) -> tuple[Pairs, Sequence[Array]] | None:
+    """Pairs and results by rows, with each place a row; None where places change along both."""
+    targets = [result.reshape(pairs.rows, pairs.columns) for result in results]
+    if all(c.shape == (1, pairs.columns) for c in pairs.components[places]):
+        pairs, targets = pairs.transposed(), [target.T for target in targets]
+    if any(c.shape[1] > 1 for c in pairs.components[places]):
+        return None
+    return pairs, targets
+
+
 def _by_copies(
     compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]
 ) -> Launched | None:
@@ -154,11 +165,10 @@ def _by_copies(
     shared = shared_copies(compute.kernel)
     if shared is None or pairs.columns < _LEAST_FOR_COPIES or not compute.lists_copies():
         return None
-    targets = [result.reshape(pairs.rows, pairs.columns) for result in results]
-    if all(c.shape == (1, pairs.columns) for c in pairs.components[shared.arguments]):
-        pairs, targets = pairs.transposed(), [target.T for target in targets]
-    if any(c.shape[1] > 1 for c in pairs.components[shared.arguments]):
+    turned = _with_places_as_rows(pairs, results, shared.arguments)
+    if turned is None:
         return None
+    pairs, targets = turned
     some = pairs.block(slice(0, _ROWS_OF_COPIES), slice(0, pairs.columns))
     if not shared.gains(compute.tables, compute.entered(some)):
         return None
