@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, Slits
 from polywigner.illumination import Array as Elements
-from polywigner.testing.cases import TOLERANCE, Precision, box_of
+from polywigner.testing.cases import TOLERANCE, Precision, box_of, rim_of, thinness_of
 from polywigner.testing.simplices import corners_of
 from polywigner.testing.waves import waves_of
 
-__all__ = ["ArrayCase", "array_case_of", "content_of"]
+__all__ = ["ArrayCase", "array_case_of"]
 
 Values = NDArray[Any]
 
@@ -74,7 +73,7 @@ class ArrayCase:
         """What rounding of the elements' places and of phases there adds to W and A."""
         farthest = max(float(np.abs(corners_of(element)).max()) for element in self.elements)
         ulp = float(np.spacing(4 * farthest))
-        rims = sum(s * _rim(e) for s, e in zip(self.strengths, self.elements, strict=True))
+        rims = sum(s * rim_of(e) for s, e in zip(self.strengths, self.elements, strict=True))
         frequency = max(float(np.abs(self.nu).max()), float(np.abs(self.upsilon).max()))
         by_rims = 4 * ulp * float(self.strengths.max()) * rims
         return by_rims + 8 * np.pi * ulp * frequency * self.scale
@@ -96,16 +95,6 @@ class ArrayCase:
 def _energy(array: Elements) -> float:
     zero = np.zeros((1, len(box_of(array.coplanar[0])[0])))
     return float(transforms.ambiguity(array, zero, zero, engine="numpy")[0].real)
-
-
-def _rim(element: Aperture | Slits) -> float:
-    if isinstance(element, Slits):
-        return 2.0 * len(element.intervals)
-    return float(element.polygons.length)
-
-
-def content_of(element: Aperture | Slits) -> float:
-    return element.length if isinstance(element, Slits) else element.area
 
 
 def array_case_of(
@@ -135,8 +124,8 @@ def array_case_of(
     size = 10 ** rng.uniform(-2 - np.log10(largest), 1 - np.log10(smallest), points)
     carriers = [_wave_of(elements, chosen, rng) for chosen in (one, other)]
     if tolerance is None:
-        thin = max(_rim(e) * e.diameter / content_of(e) for e in elements)
-        tolerance = TOLERANCE[precision or "double"] * max(1.0, thin / 10)
+        thinnest = max(map(thinness_of, elements))
+        tolerance = TOLERANCE[precision or "double"] * max(1.0, thinnest / 10)
     return ArrayCase(
         array,
         x=(ends[0] + ends[1]) / 2,

@@ -10,9 +10,14 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import phased_array
-from polywigner.testing.array_cases import ArrayCase, array_case_of, content_of
+from polywigner.testing.array_cases import ArrayCase, array_case_of
 from polywigner.testing.array_pairs import ambiguity_by_pairs, wigner_by_pairs
-from polywigner.testing.cases import Precision, require
+from polywigner.testing.cases import Precision, content_of, require
+from polywigner.testing.laws import (
+    ambiguity_is_hermitian_and_bounded,
+    values_at_zero,
+    wigner_is_real_and_bounded,
+)
 from polywigner.testing.simplices import corners_of
 
 __all__ = ["assert_array_identities"]
@@ -71,32 +76,11 @@ def _fourier_is_the_weighted_sum(case: ArrayCase) -> None:
 
 
 def _wigner_is_real_and_bounded(case: ArrayCase) -> None:
-    value = case.evaluate("wigner", case.x, case.nu)
-    if np.iscomplexobj(value):
-        raise AssertionError(f"W is real: expected a real array, got {value.dtype}")
-    bound = 2**case.dimension * case.energy
-    law = f"|W| <= {2**case.dimension} times int |u|^2"
-    here = {"x": case.x, "nu": case.nu}
-    require(law, value, np.clip(value, -bound, bound), 2**case.dimension * case.allowed, here)
-
-
-def _ambiguity_is_hermitian_and_bounded(case: ArrayCase) -> None:
-    here = {"upsilon": case.upsilon, "xi": case.xi}
-    value = case.evaluate("ambiguity", case.upsilon, case.xi)
-    mirrored = case.evaluate("ambiguity", -case.upsilon, -case.xi)
-    require("A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, value.conj(), case.allowed, here)
-    size = np.abs(value)
-    require("|A| <= A(0, 0)", size, np.minimum(size, case.energy), case.allowed, here)
+    wigner_is_real_and_bounded(case, 2**case.dimension * case.allowed)
 
 
 def _marginals_are_the_values_at_zero(case: ArrayCase) -> None:
-    zero = np.zeros(case.dimension)
-    by_position = case.evaluate("position_marginal", case.x)
-    at_zero = case.evaluate("wigner", case.x, zero)
-    require("W(x, 0) = R_x(x)", at_zero, by_position, 4 * case.allowed, {"x": case.x})
-    by_lag = case.evaluate("lag_marginal", case.xi)
-    at_zero = case.evaluate("ambiguity", zero, case.xi)
-    require("A(0, xi) = R_xi(xi)", at_zero, by_lag, case.allowed, {"xi": case.xi})
+    values_at_zero(case, 4 * case.allowed)
 
 
 def _halves_obey_the_parallelogram_law(case: ArrayCase) -> None:
@@ -160,7 +144,7 @@ def _pairs_of_elements_sum_up(case: ArrayCase) -> None:
 _CHECKS = (
     _fourier_is_the_weighted_sum,
     _wigner_is_real_and_bounded,
-    _ambiguity_is_hermitian_and_bounded,
+    ambiguity_is_hermitian_and_bounded,
     _marginals_are_the_values_at_zero,
     _halves_obey_the_parallelogram_law,
     _common_phases_and_shifts_only_change_coordinates,

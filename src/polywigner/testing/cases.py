@@ -17,7 +17,17 @@ from polywigner.geometry import Aperture, Slits
 from polywigner.testing.simplices import corners_of
 from polywigner.testing.waves import Waves, waves_of
 
-__all__ = ["TOLERANCE", "Case", "Precision", "box_of", "case_of", "require"]
+__all__ = [
+    "TOLERANCE",
+    "Case",
+    "Precision",
+    "box_of",
+    "case_of",
+    "content_of",
+    "require",
+    "rim_of",
+    "thinness_of",
+]
 
 Array = NDArray[Any]
 Precision = Literal["double", "single"] | None
@@ -46,8 +56,7 @@ class Case:
 
     @property
     def content(self) -> float:
-        """Area, or length."""
-        return self.source.length if isinstance(self.source, Slits) else self.source.area
+        return content_of(self.source)
 
     @cached_property
     def outline(self) -> Aperture | Slits:
@@ -80,11 +89,8 @@ class Case:
     @property
     def rounding(self) -> float:
         """What the content changes by if coordinates are rounded once more."""
-        if isinstance(self.source, Slits):
-            largest = float(np.abs(self.source.intervals).max())
-            return 2 * len(self.source.intervals) * float(np.spacing(largest))
         largest = float(np.abs(self.source.bounds).max())
-        return float(self.source.polygons.length) * float(np.spacing(largest))
+        return rim_of(self.source) * float(np.spacing(largest))
 
     @property
     def turned(self) -> float:
@@ -120,7 +126,7 @@ def case_of(
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     size = 10 ** rng.uniform(-2, 1.5, points) / source.diameter
     if tolerance is None:
-        tolerance = TOLERANCE[precision or "double"] * max(1.0, _thinness(source) / 10)
+        tolerance = TOLERANCE[precision or "double"] * max(1.0, thinness_of(source) / 10)
     return Case(
         source,
         x=corner + unit @ sides,
@@ -133,11 +139,21 @@ def case_of(
     )
 
 
-def _thinness(source: Aperture | Slits) -> float:
-    """Boundary times diameter over content: how many ulps of it an ulp of the diameter is."""
+def content_of(source: Aperture | Slits) -> float:
+    """Area, or length."""
+    return source.length if isinstance(source, Slits) else source.area
+
+
+def rim_of(source: Aperture | Slits) -> float:
+    """Length of the boundary, or number of ends."""
     if isinstance(source, Slits):
-        return 2 * len(source.intervals) * source.diameter / source.length
-    return float(source.polygons.length) * source.diameter / source.area
+        return 2.0 * len(source.intervals)
+    return float(source.polygons.length)
+
+
+def thinness_of(source: Aperture | Slits) -> float:
+    """Boundary times diameter over content: how many ulps of it an ulp of the diameter is."""
+    return rim_of(source) * source.diameter / content_of(source)
 
 
 def box_of(source: Aperture | Slits) -> tuple[Array, Array]:

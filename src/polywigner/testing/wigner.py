@@ -11,6 +11,11 @@ import shapely
 from polywigner import transforms
 from polywigner.geometry import Aperture, Slits
 from polywigner.testing.cases import Case, Precision, box_of, case_of, require
+from polywigner.testing.laws import (
+    ambiguity_is_hermitian_and_bounded,
+    values_at_zero,
+    wigner_is_real_and_bounded,
+)
 from polywigner.testing.pieces import lag_slices, moved, position_slices, split_in_three
 
 __all__ = ["assert_marginals", "assert_wigner_identities"]
@@ -94,12 +99,7 @@ def assert_marginals(
 
 def _wigner_is_real_bounded_and_mirrored(case: Case) -> None:
     here = {"x": case.x, "nu": case.nu}
-    value = case.evaluate("wigner", case.x, case.nu)
-    if np.iscomplexobj(value):
-        raise AssertionError(f"W is real: expected a real array, got {value.dtype}")
-    bound = 2**case.dimension * case.energy
-    law = f"|W| <= {2**case.dimension} times int |u|^2"
-    require(law, value, np.clip(value, -bound, bound), case.allowed, here)
+    value = wigner_is_real_and_bounded(case, case.allowed)
     conjugate = case.source
     law = "W(x, -nu) = W(x, nu) for a real field"
     if not case.waves.uniform:
@@ -110,12 +110,7 @@ def _wigner_is_real_bounded_and_mirrored(case: Case) -> None:
 
 
 def _ambiguity_is_hermitian_and_bounded(case: Case) -> None:
-    here = {"upsilon": case.upsilon, "xi": case.xi}
-    value = case.evaluate("ambiguity", case.upsilon, case.xi)
-    mirrored = case.evaluate("ambiguity", -case.upsilon, -case.xi)
-    require("A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, value.conj(), case.allowed, here)
-    size = np.abs(value)
-    require("|A| <= A(0, 0)", size, np.minimum(size, case.energy), case.allowed, here)
+    ambiguity_is_hermitian_and_bounded(case)
     zero = np.zeros((1, case.dimension))
     at_zero = case.evaluate("ambiguity", zero, zero)
     places = {"upsilon": zero, "xi": zero}
@@ -133,14 +128,8 @@ def _fourier_is_the_sum_over_waves(case: Case) -> None:
 
 
 def _marginals_are_the_values_at_zero(case: Case) -> None:
-    zero = np.zeros(case.dimension)
-    by_position = case.evaluate("position_marginal", case.x)
-    at_zero = case.evaluate("wigner", case.x, zero)
-    require("W(x, 0) = R_x(x)", at_zero, by_position, case.allowed, {"x": case.x})
-    by_lag = case.evaluate("lag_marginal", case.xi)
-    at_zero = case.evaluate("ambiguity", zero, case.xi)
-    require("A(0, xi) = R_xi(xi)", at_zero, by_lag, case.allowed, {"xi": case.xi})
-    at_zero = case.evaluate("ambiguity", case.upsilon, zero)
+    values_at_zero(case, case.allowed)
+    at_zero = case.evaluate("ambiguity", case.upsilon, np.zeros(case.dimension))
     transform = case.intensity_spectrum(case.upsilon)
     law = "A(upsilon, 0) = F(upsilon)" + ("" if case.waves.uniform else " of |u|^2")
     require(law, at_zero, transform, case.allowed, {"upsilon": case.upsilon})
