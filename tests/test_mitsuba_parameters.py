@@ -82,6 +82,7 @@ def test_frequency_and_wavelength_are_texts_or_si_numbers(
         ('<string name="scene_unit" value="mm"/>', "scene_unit", 1e-3),
         ('<string name="scene_unit" value="0.1 m"/>', "scene_unit", 0.1),
         ('<float name="sampling_weight" value="3"/>', "sampling_weight", 3.0),
+        ('<boolean name="visible" value="false"/>', "visible", False),
     ],
 )
 def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: Any) -> None:
@@ -111,6 +112,7 @@ def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: A
         (GOOD + '<string name="obliquity" value="rs1"/>', ["obliquity", "'rs1'", "kirchhoff"]),
         (GOOD + '<float name="sampling_weight" value="-1"/>', ["sampling_weight"]),
         (GOOD + '<string name="antithetic" value="yes"/>', ['<boolean name="antithetic"', "str"]),
+        (GOOD + '<string name="visible" value="no"/>', ['<boolean name="visible"', "str"]),
         (GOOD + '<emitter type="area"/>', ["no emitter inside", "brings its own"]),
         (
             GOOD + '<transform name="to_world"><scale value="2"/></transform>',
@@ -433,6 +435,7 @@ def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
         ({"wavelength": 1.0, "control_variate": "false"}, "control_variate.*'false'"),
         ({"wavelength": 1.0, "antithetic": "false"}, "antithetic.*'false'"),
         ({"wavelength": 1.0, "antithetic": None}, "antithetic.*None"),
+        ({"wavelength": 1.0, "visible": "false"}, "visible.*'false'"),
         ({"wavelength": 1.0, "bsdf": 5}, "bsdf as a dictionary.*5"),
         ({"wavelength": 1.0, "bsdf": {}}, "bsdf as a dictionary"),
         ({"wavelength": 1.0, "power": float("inf")}, "finite"),

@@ -232,10 +232,10 @@ def _record(
 
 
 def _integrator_of(scene: Any) -> str:
-    from polywigner.mitsuba.rendering import DEFAULT_INTEGRATOR
+    from polywigner.mitsuba.rendering import default_integrator
 
     own = scene.integrator()
-    return DEFAULT_INTEGRATOR if own is None else _plugin(own, "Integrator")
+    return default_integrator(scene) if own is None else _plugin(own, "Integrator")
 
 
 def _plugin(instance: Any, kind: str) -> str:

@@ -6,7 +6,7 @@ variant.
 
 - ``parameters``: what the shape accepts; ``sources``: apertures handed over from memory
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
-- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes
+- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``shadows``
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """
 

@@ -57,7 +57,10 @@ def emitter_class(variant: str) -> Any:
             props.set_id(id)
             props["sampling_weight"] = spec.sampling_weight
             super().__init__(props)
-            self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
+            flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying
+            if not spec.visible:  # or the particle tracer would show it to the camera
+                flags |= mi.EmitterFlags.DeltaPosition
+            self.m_flags = flags
             self.wavelength = _adjustable(m, spec.wavelength)
             self.power = _adjustable(m, spec.power)
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
@@ -115,7 +118,7 @@ def emitter_class(variant: str) -> Any:
             """Take over new values; a new pose moves the mesh as well."""
             if "wavelength" in keys or "power" in keys:
                 self._check_numbers()
-            shape = self.get_shape()
+            shape = self.get_shape() if self.spec.visible else None
             if "vertices" in keys or "weights" in keys:
                 self._reshape(shape)
             if "wavelength" in keys and self._squints:

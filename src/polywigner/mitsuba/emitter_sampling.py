@@ -50,6 +50,8 @@ def sampled_emitter_class(variant: str) -> Any:
             ds.d = -self._to_scene(direction)
             ds.dist = distance
             ds.pdf = dr.select(front, density, 0.0)
+            # As for a point light: no sampled reflection meets a surface that is not there.
+            ds.delta = m.Bool(not self.spec.visible)
             ds.emitter = m.EmitterPtr(self) if jit else self
             weight = self._received(it, x, per_area) / per_area
             return ds, self._spectrum(weight, active)

@@ -54,6 +54,7 @@ PARAMETERS = (
     "control_variate",
     "scene_unit",
     "sampling_weight",
+    "visible",
 )
 
 # Decimal exponents of the normal numbers of single precision.
@@ -76,6 +77,8 @@ class EmitterSpec:
     sampling_weight: float = 1.0
     sampling: str = SAMPLINGS[0]
     control_variate: bool = False
+    visible: bool = True
+    """Whether rays meet its surface."""
 
     @property
     def source(self) -> Aperture | Array:
@@ -113,6 +116,7 @@ def read_parameters(props: Any) -> EmitterSpec:
         sampling_weight=check_sampling_weight(values.get("sampling_weight", 1.0)),
         sampling=check_sampling(_text(values, "sampling", SAMPLINGS[0])),
         control_variate=_flag(values, "control_variate", False),
+        visible=_flag(values, "visible", True),
     )
 
 

@@ -12,11 +12,11 @@ import numpy.typing as npt
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, triangulate
 
-__all__ = ["check_place", "cover", "matrix_of", "move", "world_positions"]
+__all__ = ["PLACE_ERROR", "check_place", "cover", "hide", "matrix_of", "move", "world_positions"]
 
 # The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
 # coordinate each, the positions once more.
-_PLACE_ERROR = 5e-7
+PLACE_ERROR = 5e-7
 
 
 def world_positions(
@@ -62,6 +62,13 @@ def cover(
     params.update()
 
 
+def hide(shape: Any) -> None:
+    """Leave no surface that a ray could meet: each triangle has a single corner."""
+    params = mi.traverse(shape)
+    params["faces"] = [0] * len(params["faces"])
+    params.update()
+
+
 def check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
     """Raise SceneError where somebody has moved the mesh but not the emitter."""
     params = mi.traverse(shape)
@@ -70,7 +77,7 @@ def check_place(shape: Any, pose: Any, centre: npt.NDArray[np.float64]) -> None:
         for name, count in (("vertex_texcoords", 2), ("vertex_positions", 3))
     )
     expected = world_positions(local, np.asarray(pose), centre)
-    allowed = _PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
+    allowed = PLACE_ERROR * max(np.abs(local).max(), np.abs(expected).max())
     if not np.abs(seen - expected).max() <= allowed:
         raise SceneError(
             "expected the mesh of a wigner shape to stay where its to_world puts it, got other "

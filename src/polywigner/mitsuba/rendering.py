@@ -18,11 +18,9 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.logs import silent
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
+from polywigner.mitsuba.shadows import looks_through, may_shadow
 
-__all__ = ["DEFAULT_INTEGRATOR", "check_spp", "default_spp", "render"]
-
-DEFAULT_INTEGRATOR = "path"
-"""For a scene that names none."""
+__all__ = ["check_spp", "default_integrator", "default_spp", "render"]
 
 # Noise falls with the root of the number: nobody waits for more.
 _LARGEST_SPP = 2**30
@@ -55,7 +53,8 @@ def render(
     Parameters
     ----------
     scene: a ``mi.Scene``; its sensor brings film and sampler.
-    integrator: plugin name or ``mi.Integrator``; default: the scene's own, else ``path``.
+    integrator: plugin name or ``mi.Integrator``; default: the scene's own, else
+        :func:`default_integrator`.
     spp: samples per pixel; default: the sampler's own. Samplers may round it up.
     seed: of the random numbers, zero or more; every strip and pass derives its own from it.
     sensor: index of the scene's sensor.
@@ -95,6 +94,11 @@ def render(
                 progress(own + 1, len(strips) * passes)
         images.append(image)
     return _finite(np.concatenate(images).astype(np.float32))
+
+
+def default_integrator(scene: Any) -> str:
+    """For a scene that names none: ``path``, or ``volpath`` where ``path`` would make shadows."""
+    return "volpath" if may_shadow(scene) else "path"
 
 
 def default_spp(scene: Any, sensor: int = 0) -> int:
@@ -226,7 +230,7 @@ def _set_crop(camera: Any, size: Any, offset: Any) -> None:
 
 def _integrator(scene: Any, integrator: Any) -> Any:
     if integrator is None:
-        integrator = scene.integrator() or DEFAULT_INTEGRATOR
+        integrator = scene.integrator() or default_integrator(scene)
     if not isinstance(integrator, str):
         if not hasattr(integrator, "class_name"):
             raise ArgumentError(
@@ -245,16 +249,16 @@ def _integrator(scene: Any, integrator: Any) -> Any:
 def _warn_of_limits(scene: Any, integrator: Any) -> None:
     if not has_wigner_emitter(scene):
         return
-    name = integrator.class_name()
-    surfaces = [emitter for emitter in scene.emitters() if emitter.get_shape() is not None]
-    if name == "DirectIntegrator" and len(surfaces) > 1:
+    if not looks_through(integrator) and may_shadow(scene):
         warnings.warn(
-            "the integrator 'direct' lets the surfaces of light sources cast shadows, even those "
-            "with a null BSDF; use 'volpath' where one source stands in front of another",
+            "the surface of a source stands in the light of another, and this integrator lets it "
+            "cast shadows, although its BSDF is null: 'direct' loses that light; 'path' and 'prb' "
+            "lose it at the last bounce, and find it with noise before; use 'volpath', or "
+            "visible=False for a source that nobody looks at",
             RuntimeWarning,
             stacklevel=3,
         )
-    if name == "ParticleTracerIntegrator" and _plays_roulette(integrator):
+    if integrator.class_name() == "ParticleTracerIntegrator" and _plays_roulette(integrator):
         warnings.warn(
             "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases the "
             "image: set its rr_depth above its max_depth, or use 'path'",

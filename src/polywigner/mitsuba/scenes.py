@@ -26,7 +26,7 @@ from polywigner.mitsuba.parameters import (
 )
 from polywigner.mitsuba.radiator import radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS
-from polywigner.mitsuba.shape import PLUGIN_NAME, original_error, register
+from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested, original_error, register
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
 
@@ -49,6 +49,7 @@ def aperture(
     antithetic: bool = False,
     sampling: str = SAMPLINGS[0],
     control_variate: bool = False,
+    visible: bool = True,
 ) -> dict[str, Any]:
     """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
@@ -63,7 +64,9 @@ def aperture(
         ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``.
     power: watts, the integral of |u|^2 over the source. Default: that of the field as it is, in
         W/m^2: of a uniform aperture the area in m^2.
-    bsdf: entry of the surface that radiates. Default: ``null``, which casts no shadow.
+    bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, though
+        ``direct``, ``path`` and ``prb`` do not know it when they sample a light behind:
+        docs/plugin.md.
     scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation. Use
         1e-3 and a scene in millimetres when receivers stand within centimetres of the aperture.
     sampling_weight: relative number of samples spent on this source.
@@ -74,6 +77,8 @@ def aperture(
     control_variate: of each sample, take off the radiance in the direction from the middle of the
         source, and put its exact mean back: far less noise on diffuse surfaces that see all of the
         source, bias where they see a part of it or gloss: docs/plugin.md.
+    visible: False leaves the surface out. It lights the scene as before and stands in no other
+        light, but is not seen: by no camera, in no mirror, by no irradiance meter.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it.
 
@@ -95,7 +100,9 @@ def aperture(
         "control_variate": check_flag("control_variate", control_variate),
         "scene_unit": parse_length(scene_unit),
         "sampling_weight": check_sampling_weight(sampling_weight),
+        "visible": check_flag("visible", visible),
     }
+    check_nested([] if bsdf is None else ["bsdf"], entry["visible"])
     watts = radiator.energy if power is None else parse_power(power)
     check_range(radiator, entry["wavelength"], watts, entry["scene_unit"])
     if to_world is not None:

@@ -8,9 +8,8 @@ Where it would be costly the mesh is the convex hull around it, on the rest of w
 The surface is there to be hit by rays, not to be seen: its BSDF is ``null`` unless the scene gives
 one. What Mitsuba's integrators make of that:
 
-- ``direct`` lets it cast shadows all the same; ``path`` and ``prb`` do so for the light they sample
-  and find it again by chance, without bias and with noise; ``volpath`` and ``volpathmis`` look
-  through it. It matters only where one source stands before another.
+- ``direct``, ``path`` and ``prb`` let it stand in the light of other sources: module `shadows`. A
+  source that is not ``visible`` has no surface.
 - passing through it counts as a bounce towards ``max_depth``; in scalar variants ``path`` needs a
   ``max_depth`` of 3 to show an aperture that is looked at directly.
 - ``path`` leaves a pixel black whose rays meet null surfaces and then nothing at all. To look at an
@@ -22,18 +21,19 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
 import mitsuba as mi
 
-from polywigner.errors import PolywignerError
+from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import triangulate
 from polywigner.mitsuba.emitter import emitter_class
 from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
-from polywigner.mitsuba.placement import cover
+from polywigner.mitsuba.placement import cover, hide
 
-__all__ = ["PLUGIN_NAME", "original_error", "register"]
+__all__ = ["PLUGIN_NAME", "check_nested", "original_error", "register"]
 
 PLUGIN_NAME = "wigner"
 
@@ -55,6 +55,15 @@ def original_error(error: BaseException) -> PolywignerError | None:
     """The package's own error behind one that Mitsuba raised while loading, if there is one."""
     text = str(error)
     return next((own for own in reversed(_recent_errors) if str(own) in text), None)
+
+
+def check_nested(names: Iterable[str], visible: bool) -> None:
+    """Raise SceneError for anything nested in a shape without a surface."""
+    for name in () if visible else names:
+        raise SceneError(
+            f"expected nothing nested in a wigner shape that is not visible, got {name!r}; leave "
+            "it out, or make the shape visible"
+        )
 
 
 def _on_variant_change(_old: str | None, new: str) -> None:
@@ -80,6 +89,7 @@ def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
     inner = mi.Properties(PLUGIN_NAME)
     inner.set_id(props.id())
     nested = dict(props.objects())
+    check_nested(nested, spec.visible)
     for name, value in nested.items():
         inner[name] = value
     if not any(isinstance(value, m.BSDF) for value in nested.values()):
@@ -94,4 +104,6 @@ def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
     )
     centre = spec.radiator.centre / spec.scene_unit
     cover(mesh, spec.radiator.support, spec.pose, centre, spec.scene_unit)
+    if not spec.visible:
+        hide(mesh)
     return mesh

@@ -1,0 +1,213 @@
+"""A source that stands in the light of another: who takes light away, and who does not."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import (
+    MILLIMETRE,
+    MONO,
+    SQUARE,
+    WAVELENGTH,
+    emitter_of,
+    light,
+    pose,
+    use,
+    vectors,
+)
+from polywigner.errors import SceneError
+
+pytestmark = pytest.mark.drjit
+
+HEIGHT = 10 * WAVELENGTH / MILLIMETRE
+SEEDS, SAMPLES = 8, 256
+# Mean square of 16 deviations over their errors, which come from 8 runs on either side: each about
+# the square of a Student's t of 14 degrees of freedom, whose mean is 1.2. The mean of 16 has the
+# standard deviation 0.5, of which this is four above.
+LARGEST_MEAN_SQUARE = 3.2
+
+
+def floor(lights: dict[str, Any]) -> Any:
+    """A floor at z = HEIGHT (mm) in the light of sources at z <= 0, and a camera beside them."""
+    import mitsuba as mi
+
+    transform = mi.ScalarTransform4f
+    return mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": {
+                "type": "perspective",
+                "fov": 40,
+                "to_world": transform().look_at([30, 0, 0], [0, 0, HEIGHT], [0, 1, 0]),
+                "film": {"type": "hdrfilm", "width": 4, "height": 4, "rfilter": {"type": "box"}},
+                "sampler": {"type": "independent"},
+            },
+            "floor": {
+                "type": "rectangle",
+                "to_world": transform().translate([0, 0, HEIGHT]).rotate([1, 0, 0], 180).scale(60),
+            },
+            **lights,
+        }
+    )
+
+
+def rear(**more: Any) -> dict[str, Any]:
+    return {"rear": light(to_world=pose((0.0, 0.0, -10.0)), **more)}
+
+
+def front(**more: Any) -> dict[str, Any]:
+    """Larger, and between the rear one and the floor."""
+    source = pw.shapes.square(0.012)
+    return {"front": light(source, to_world=pose((0.0, 0.0, -3.0)), **more)}
+
+
+def mean_and_variance(scene: Any, integrator: Any, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Of the pixels' means over SEEDS runs."""
+    import polywigner.mitsuba as pwm
+
+    runs = [pwm.render(scene, integrator, SAMPLES, seed + k) for k in range(SEEDS)]
+    return np.mean(runs, axis=0), np.var(runs, axis=0, ddof=1) / SEEDS
+
+
+@cache
+def alone() -> tuple[np.ndarray, np.ndarray]:
+    """The sum of the light of each source where no other is."""
+    mi = use("llvm_ad_mono")
+    direct = mi.load_dict({"type": "direct"})
+    first = mean_and_variance(floor(rear()), direct, 0)
+    second = mean_and_variance(floor(front()), direct, 100)
+    return first[0] + second[0], first[1] + second[1]
+
+
+INTEGRATORS = [("direct", None), ("path", 2), ("path", 4), ("prb", 2), ("volpath", 2)]
+
+
+@pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("ptracer", 2)])
+def test_sources_without_a_surface_light_a_floor_as_each_alone(
+    name: str, depth: int | None, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    entry: dict[str, Any] = {"type": name}
+    if depth is not None:
+        entry |= {"max_depth": depth, "rr_depth": 100}
+    both = floor(rear(visible=False) | front(visible=False))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mean, own = mean_and_variance(both, mi.load_dict(entry), 1000)
+    expected, variance = alone()
+    assert np.mean((mean - expected) ** 2 / (variance + own)) < LARGEST_MEAN_SQUARE
+
+
+@pytest.mark.parametrize(("name", "depth"), INTEGRATORS[:4])
+def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(
+    name: str, depth: int | None, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+
+    integrator = mi.load_dict({"type": name} | ({} if depth is None else {"max_depth": depth}))
+    dark = front(power=1e-15)
+    with pytest.warns(RuntimeWarning, match="cast shadows.*'volpath'.*visible=False"):
+        seen = pwm.render(floor(rear() | dark), integrator, 16 * SAMPLES)
+    expected = alone()[0].mean()
+    # Paths of four vertices have a bounce to spare for the passage through the surface.
+    assert (seen.mean() > 0.1 * expected) == (depth == 4)
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_a_scene_that_names_no_integrator_gets_one_that_makes_no_shadows(variant: str) -> None:
+    mi = use(variant)
+    from polywigner.mitsuba.rendering import default_integrator
+
+    beside = {"front": light(to_world=pose((12.0, 0.0, -10.0)))}
+    behind = {"front": light(to_world=pose((0.0, 0.0, -20.0), about_x=np.pi))}
+    lamp = {"lamp": {"type": "point", "position": [0.0, 0.0, -20.0]}}
+    sky = {"sky": {"type": "constant"}}
+    opaque = {"bsdf": {"type": "diffuse"}}
+    for lights, expected in (
+        (rear(), "path"),
+        (rear() | beside, "path"),
+        (rear() | behind, "path"),
+        (rear() | sky, "path"),
+        (rear() | front(visible=False), "path"),
+        (rear() | front(**opaque), "path"),  # these shadows are meant
+        (rear() | front(), "volpath"),
+        (rear(visible=False) | front(), "volpath"),
+        (rear() | lamp, "volpath"),
+    ):
+        assert default_integrator(mi.load_dict({"type": "scene", **lights})) == expected
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_a_source_without_a_surface_is_met_by_no_ray_and_moves(variant: str) -> None:
+    mi = use(variant)
+    import drjit as dr
+
+    scene = mi.load_dict({"type": "scene", **rear(visible=False)})
+    ray = mi.Ray3f(mi.Point3f(0.1, 0.2, 0.0), mi.Vector3f(0.0, 0.0, -1.0))
+    params = mi.traverse(scene)
+    for place in (-10.0, 40.0):
+        params["rear.emitter.to_world"] = mi.Transform4f(mi.Matrix4f(pose((0.0, 0.0, place))))
+        params.update()
+        assert not np.any(np.array(scene.ray_intersect(ray).is_valid()))
+        assert not np.any(np.array(scene.ray_test(ray)))
+        it = dr.zeros(mi.Interaction3f)
+        it.p = mi.Point3f(0.0, 0.0, place + 20.0)
+        ds, weight = scene.sample_emitter_direction(it, mi.Point2f(0.3, 0.6), True)
+        assert np.array(ds.p, dtype=float).ravel()[2] == pytest.approx(place)
+        assert np.array(weight).ravel()[0] != 0
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_a_source_without_a_surface_has_the_samples_of_one_with_it(variant: str) -> None:
+    mi = use(variant)
+    it = mi.Interaction3f()
+    it.p, it.n = mi.Point3f(3.0, 2.0, 25.0), mi.Normal3f(0.0, 0.0, -1.0)
+    for sample in np.random.default_rng(2).uniform(size=(4, 2)):
+        point = vectors(mi, "Point", sample)
+        seen, value = emitter_of(light()).sample_direction(it, point, True)
+        unseen, other = emitter_of(light(visible=False)).sample_direction(it, point, True)
+        assert np.array_equal(np.array(value), np.array(other))
+        assert np.array_equal(np.array(seen.pdf), np.array(unseen.pdf))
+        # Weighed against no sample of the surface that is lit: nothing there finds the source.
+        assert np.all(np.array(unseen.delta)) and not np.any(np.array(seen.delta))
+
+
+def test_no_tracer_of_particles_shows_a_source_without_a_surface() -> None:
+    mi = use("scalar_rgb")
+    import polywigner.mitsuba as pwm
+
+    camera = {
+        "type": "perspective",
+        "fov": 40,
+        "to_world": mi.ScalarTransform4f().look_at([0, 0, 30], [0, 0, 0], [0, 1, 0]),
+        "film": {"type": "hdrfilm", "width": 4, "height": 4},
+    }
+    tracer = mi.load_dict({"type": "ptracer", "max_depth": 2, "rr_depth": 100})
+    for visible in (True, False):
+        scene = mi.load_dict({"type": "scene", "sensor": camera, "a": light(visible=visible)})
+        assert np.any(pwm.render(scene, tracer, 4)) == visible
+
+
+def test_nothing_is_nested_in_a_source_without_a_surface(tmp_path: Path) -> None:
+    use("scalar_rgb")
+    import polywigner.mitsuba as pwm
+
+    words = "nested in a wigner shape that is not visible"
+    with pytest.raises(SceneError, match=f"{words}, got 'bsdf'"):
+        pwm.aperture(SQUARE, WAVELENGTH, bsdf={"type": "diffuse"}, visible=False)
+    (tmp_path / "patch.wkt").write_text("POLYGON ((0 0, 1 0, 1 1, 0 0))")
+    (tmp_path / "scene.xml").write_text(
+        '<scene version="3.0.0"><shape type="wigner"><string name="aperture" value="patch.wkt"/>'
+        '<string name="frequency" value="94 GHz"/><boolean name="visible" value="false"/>'
+        '<bsdf type="diffuse"/></shape></scene>'
+    )
+    with pytest.raises(SceneError, match=words):
+        pwm.load_scene(tmp_path / "scene.xml")
