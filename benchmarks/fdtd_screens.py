@@ -1,0 +1,225 @@
+"""Question: which of the three diffraction integrals suits a soft screen, and which a hard one?
+
+Run ``python benchmarks/fdtd_screens.py``; takes two minutes of CPU. A square hole in an infinitely
+thin screen, a plane wave at normal incidence: the wave equation is solved by finite differences in
+time (FDTD) behind a soft screen (u = 0 on it) and a hard one (du/dn = 0), and compared with
+``pw.amplitude``, which takes the incident wave in the hole and nothing on the screen. Prints a
+Markdown table on two grids, whose difference is what the finer one may still be wrong by: the rms
+difference of levels in dB, and the rms of what is missing from the complex field over that of the
+field. Lengths are in wavelengths.
+
+The field scattered by a soft screen is even in z, by a hard one odd. So half of the space will do:
+
+    soft: u = 0 on the screen,      du/dz = du_inc/dz in the hole
+    hard: du/dz = 0 on the screen,  u = u_inc in the hole
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+
+import polywigner as pw
+
+__all__ = ["Field", "Screen", "field_behind"]
+
+Screen = Literal["soft", "hard"]
+METHODS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
+WIDTH = 3.0
+CELLS = (12, 20)  # per wavelength: a coarse grid, and the one that counts
+DISTANCES = (2.0, 3.0, 4.0, 5.0, 6.0)
+ANGLES = (30.0, 60.0)  # degrees off the axis, seen from the middle of the hole
+FLOOR = -30.0  # dB of the largest level on the plane
+STRIDE = 0.2  # between nodes that are compared
+# A half-line of nodes of a square lattice on which u is given reaches so many cells beyond its
+# last node: sqrt((1 - s)(1 - b s)), b = 3 - sqrt(8), the Wiener-Hopf factor of the lattice's
+# Laplacian on the line, is sqrt(1 - s) shifted by so much as s -> 1.
+TIP = (2 - np.sqrt(2)) / 4
+RAMP = 4.0  # periods in which the incident wave rises
+# Off the axis, of waves that are as fast on the lattice as they should be: most are about there.
+TRUE_ANGLE = np.radians(20.0)
+# Periods after the rise has reached the farthest corner, in which waves across the hole die down.
+SETTLING = 8.0
+# Absorbing layers: thickness, and the amplitude that comes back at normal incidence.
+LAYER, REFLECTION = 1.0, 1e-4
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Field:
+    """u behind the screen, of an incident wave exp(ikz), at the nodes of a quarter of the space."""
+
+    spacing: float
+    values: Array
+    """(n, n, m) complex, from the axis x = y = 0 and the screen z = 0 on."""
+
+    def plane(self, z: float) -> tuple[Array, float, Array]:
+        """Positions x = y (n,), the height of the nodes next to z, and u (n, n) there."""
+        layer = round(z / self.spacing)
+        x = self.spacing * np.arange(len(self.values))
+        return x, self.spacing * layer, self.values[:, :, layer]
+
+
+class Lattice:
+    """Leapfrog steps of p and its gradient v, with absorbing layers at the far ends (PML).
+
+    Of p there are three parts, one for each direction, as the layers damp them differently. Units:
+    v is scaled so that it falls by the difference of p in a step.
+    """
+
+    def __init__(self, shape: tuple[int, int, int], courant: float, layer: int) -> None:
+        self.courant = courant
+        self.p = np.zeros(shape, np.float32)
+        self.parts = [np.zeros(shape, np.float32) for _ in shape]
+        self.v = [np.zeros(self._shortened(shape, axis), np.float32) for axis in range(3)]
+        self.spare = [np.empty_like(v) for v in self.v]
+        self.layers = [self._absorbing(axis, layer) for axis in range(3)]
+
+    @staticmethod
+    def _shortened(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
+        return tuple(n - (k == axis) for k, n in enumerate(shape))
+
+    def _absorbing(self, axis: int, layer: int) -> list[tuple[Any, Array, Array]]:
+        """Where v and p are damped, and by what before and after a step."""
+        last = self.v[axis].shape[axis]
+        place = _along(axis, slice(last - layer, last))
+        shape = [-1 if k == axis else 1 for k in range(3)]
+        found = []
+        for offset in (0.5, 0.0):
+            depth = (np.arange(layer) + offset) / layer
+            damping = -2 * np.log(REFLECTION) / layer * self.courant * depth**3
+            factors = 1 - damping / 2, 1 / (1 + damping / 2)
+            before, after = (f.reshape(shape).astype(np.float32) for f in factors)
+            found.append((place, before, after))
+        return found
+
+    def step(self, flow: Array | float) -> None:
+        """One step; ``flow`` is v on the plane z = 0, as far as it is given there."""
+        for axis in range(3):
+            self._step_along(axis, flow if axis == 2 else 0.0)
+        np.add(self.parts[0], self.parts[1], out=self.p)
+        self.p += self.parts[2]
+
+    def _step_along(self, axis: int, flow: Array | float) -> None:
+        v, spare, part = self.v[axis], self.spare[axis], self.parts[axis]
+        low, high, first = (_along(axis, s) for s in (slice(-1), slice(1, None), 0))
+        (in_v, before_v, after_v), (in_p, before_p, after_p) = self.layers[axis]
+        np.subtract(self.p[high], self.p[low], out=spare)
+        v[in_v] *= before_v
+        v -= spare
+        v[in_v] *= after_v
+        np.subtract(v[high], v[low], out=spare[high])
+        spare[first] = 2 * (v[first] - flow)  # what is even in p is odd in v
+        spare *= np.float32(self.courant**2)
+        part[in_p] *= before_p
+        part[low] -= spare
+        part[in_p] *= after_p
+
+
+def _along(axis: int, index: Any) -> tuple[Any, ...]:
+    return (*(slice(None) for _ in range(axis)), index)
+
+
+def field_behind(
+    screen: Screen, cells: int = CELLS[-1], width: float = WIDTH, reach: float = DISTANCES[-1]
+) -> Field:
+    """u behind a square hole, for |x|, |y| and z up to ``reach``, about ``cells`` a wavelength."""
+    tip = -TIP if screen == "soft" else TIP
+    last = round(cells * width / 2 - tip)  # the last node on the screen's, or in the hole
+    spacing = width / 2 / (last + tip)
+    layer, size = round(LAYER / spacing), round(reach / spacing) + 1
+    steps, courant = _time_steps(spacing)
+    lattice = Lattice((size + layer,) * 3, courant, layer)
+    hole = np.zeros(lattice.p.shape[:2], bool)
+    hole[: last + (screen == "hard"), : last + (screen == "hard")] = True
+    # v of the incident wave halfway between two planes of nodes, and its mean on a plane
+    half = np.arcsin(np.sin(np.pi / steps) / courant)
+    flow = hole * np.float32(np.sin(half) * np.cos(half) / np.sin(np.pi / steps))
+    periods = RAMP + SETTLING + np.sqrt(3) * reach + width
+    total = np.zeros((size,) * 3, np.complex64)
+    start = int(np.ceil(periods)) * steps
+    for n in range(start + steps):
+        lattice.step(flow * _incident((n + 0.5) / steps) if screen == "soft" else 0.0)
+        given = lattice.p[:, :, 0]
+        if screen == "soft":
+            given[~hole] = 0
+        else:
+            given[hole] = _incident((n + 1) / steps)
+        if n >= start:
+            wave = np.exp(2j * np.pi * (n + 1) / steps).astype(np.complex64)
+            total += lattice.p[:size, :size, :size] * (wave * np.float32(2 / steps))
+    return Field(spacing, total)
+
+
+def _time_steps(spacing: float) -> tuple[int, float]:
+    """Steps of a period, the fewest that are stable, and c dt/h.
+
+    Waves on a lattice are slower than others, along its axes most. So long a step makes up for it
+    in one direction: sin^2(pi/steps) = (c dt/h)^2 sum_j sin^2(k_j h/2).
+    """
+    direction = np.array([np.sin(TRUE_ANGLE), np.cos(TRUE_ANGLE)])
+    mean = (np.sin(np.pi * spacing * direction) ** 2).sum()
+    steps = 4
+    while np.sin(np.pi / steps) / np.sqrt(mean) >= 0.98 / np.sqrt(3):
+        steps += 1
+    return steps, float(np.sin(np.pi / steps) / np.sqrt(mean))
+
+
+def _incident(periods: float) -> np.float32:
+    rise = min(periods / RAMP, 1.0)
+    return np.float32(np.sin(np.pi / 2 * rise) ** 2 * np.cos(2 * np.pi * periods))
+
+
+def compared(field: Field, expected: Callable[[Array], Array], angle: float) -> tuple[float, float]:
+    """The differences on all planes, in dB and as a part of the field."""
+    levels, missing, whole = [], 0.0, 0.0
+    for distance in DISTANCES:
+        points, found = _sampled(field, distance)
+        above = 20 * np.log10(np.abs(found) / np.abs(found).max()) > FLOOR
+        chosen = above & (np.hypot(*points[:, :2].T) < np.tan(np.radians(angle)) * points[:, 2])
+        model = expected(points[chosen])
+        levels.append(20 * np.log10(np.abs(model / found[chosen])))
+        missing += (np.abs(model - found[chosen]) ** 2).sum()
+        whole += (np.abs(found[chosen]) ** 2).sum()
+    return float(np.sqrt(np.mean(np.concatenate(levels) ** 2))), float(np.sqrt(missing / whole))
+
+
+def _sampled(field: Field, distance: float) -> tuple[Array, Array]:
+    """Points (n, 3) on a plane, some nodes apart, and u there."""
+    x, z, u = field.plane(distance)
+    every = slice(None, None, max(1, round(STRIDE / field.spacing)))
+    points = np.stack(np.meshgrid(x[every], x[every], [z], indexing="ij"), axis=-1)
+    return points.reshape(-1, 3), u[every, every].ravel().astype(complex)
+
+
+def by_integral(method: Any) -> Callable[[Array], Array]:
+    """``pw.amplitude`` of the hole."""
+    source = pw.shapes.square(WIDTH)
+    return lambda points: pw.amplitude(source, points, 1.0, method=method, tolerance=1e-4)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cells", type=int, nargs="+", default=list(CELLS))
+    print(f"### Square hole, {WIDTH:g} wavelengths wide: differences from FDTD\n")
+    print("| screen | off the axis, up to | cells per wavelength |", " | ".join(METHODS), "|")
+    print("|---|--:|--:|" + "--:|" * len(METHODS))
+    screens: tuple[Screen, ...] = ("soft", "hard")
+    for screen, cells in product(screens, parser.parse_args().cells):
+        field = field_behind(screen, cells)
+        for angle in ANGLES:
+            found = [compared(field, by_integral(method), angle) for method in METHODS]
+            row = [screen, f"{angle:.0f}°", f"{1 / field.spacing:.1f}"]
+            row += [f"{level:.2f} dB, {part:.0%}" for level, part in found]
+            print("|", " | ".join(row), "|", flush=True)
+
+
+if __name__ == "__main__":
+    main()
