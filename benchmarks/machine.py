@@ -16,6 +16,7 @@ __all__ = ["LIBRARIES", "facts", "processor"]
 
 LIBRARIES = (
     "polywigner", "numpy", "shapely", "drjit", "mitsuba", "jax", "finufft", "coxeter", "diffractio",
+    "bornagain",
 )  # fmt: skip
 # From the widest on: the first that the processor has is what compilers use.
 _INSTRUCTIONS = ("avx512f", "avx2", "avx", "sse2")

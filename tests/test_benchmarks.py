@@ -17,14 +17,18 @@ import polywigner as pw
 
 sys.path.append(str(Path(__file__).parents[1]))
 
-from benchmarks import machine, plots, report, timing
+from benchmarks import fdtd_screens, machine, plots, report, timing
 from benchmarks.lines import Figure, Line
-from benchmarks.peers import cpp, jax_kernel
-from benchmarks.questions import NAMES, module_of, otf, tasks, wigner
+from benchmarks.peers import cpp, jax_kernel, libformfactor
+from benchmarks.questions import NAMES, module_of, otf, polyhedra, tasks, wigner
 
 TINY = timing.Effort(rounds=2, seconds=1e-4, most=1 << 8, checked=3, quick=True)
 # Of the area. Float32 has 6e-8, times some tens of turns of phase; float64 likewise.
 SINGLE, DOUBLE = 5e-6, 1e-13
+# Of the volume: libformfactor's series and closed forms meet there.
+PEER_OF_BODIES = 1e-10
+# Of the largest field: a lattice of ten cells a wavelength, (2 pi/10)^2/4.
+LATTICE = 0.1
 
 
 def a_line(**changes: Any) -> Line:
@@ -118,6 +122,62 @@ def test_the_otf_is_measured_against_overlaps_of_polygons() -> None:
         assert line.ours is not None and line.theirs is not None
         assert line.ours.error is not None and line.theirs.error is not None
         assert max(line.ours.error, line.theirs.error) < DOUBLE
+
+
+def test_bodies_have_the_volumes_that_books_give() -> None:
+    root = np.sqrt(2)
+    volumes = {
+        "square pyramid": 4 / 3, "cube": 1.0, "tetrahedron": root / 12, "octahedron": root / 3,
+        "hexagonal prism": 0.7 * 1.5 * np.sqrt(3), "truncated cube": 1 - 8 * 0.25**3 / 6,
+    }  # fmt: skip
+    found = {name: make().source.volume for name, make in polyhedra.BODIES.items()}
+    assert found == pytest.approx(volumes, rel=DOUBLE)
+
+
+def test_f_of_a_body_is_measured_against_exact_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(libformfactor, "available", lambda: False)
+    lines = polyhedra.measure("tetrahedron", 1, TINY)
+    assert all(line.ours and line.ours.error is not None for line in lines)
+    assert max(line.ours.error for line in lines if line.ours) < DOUBLE  # type: ignore[type-var]
+    missing = [line.note for line in lines if line.theirs is None]
+    assert missing and all("pip install bornagain" in note for note in missing)
+
+
+@pytest.mark.skipif(not libformfactor.available(), reason="BornAgain is not installed")
+@pytest.mark.parametrize("case", polyhedra.CASES)
+def test_libformfactor_has_the_same_bodies(case: str) -> None:
+    body = polyhedra.BODIES[case]()
+    source, shape = body.source, libformfactor.body(body.name, *body.sizes)
+    nu = np.random.default_rng(0).normal(size=(50, 3))
+    expected = pw.fourier(source, nu, engine="numpy")
+    found = [libformfactor.from_python(shape, nu)]
+    if cpp.compiler() is not None:
+        found.append(libformfactor.from_cpp(shape, polyhedra.centre(source))(nu))
+    assert np.abs(np.array(found) - expected).max() < PEER_OF_BODIES * source.volume
+
+
+@pytest.mark.parametrize("screen", ["soft", "hard"])
+def test_the_field_behind_a_screen_follows_from_that_in_the_hole(
+    screen: fdtd_screens.Screen,
+) -> None:
+    """By Rayleigh-Sommerfeld I from u, which is 0 on a soft screen; II from du/dz on a hard one."""
+    field = fdtd_screens.field_behind(screen, 10, width=1.0, reach=1.5)
+    k, spacing, u = 2 * np.pi, field.spacing, field.values
+    x, z, found = field.plane(1.4)
+    whole = np.abs(np.arange(1 - len(x), len(x)))  # nodes on both sides of the axis
+    places = spacing * np.arange(1 - len(x), len(x))
+    plane, next_plane = (u[:, :, n][np.ix_(whole, whole)] for n in (0, 1))
+    # what flows through the half cells between the plane and the screen
+    sides = sum(np.roll(plane, n, axis) for n in (1, -1) for axis in (0, 1)) - 4 * plane
+    slope = (next_plane - plane + (sides + (k * spacing) ** 2 * plane) / 2) / spacing
+    hole = np.maximum(*np.meshgrid(np.abs(places), np.abs(places))) < 0.5 + spacing
+    expected = []
+    for point in x:
+        r = np.hypot(np.hypot(places[:, None] - point, places), z)
+        wave = spacing**2 / k * np.exp(1j * k * r) / r
+        kernel = plane * z / r * (1 / r - 1j * k) if screen == "soft" else -slope
+        expected.append((hole * kernel * wave).sum())
+    assert np.abs(found[:, 0] - expected).max() < LATTICE * np.abs(expected).max()
 
 
 def test_a_slow_contender_sits_out_after_a_few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,7 +68,7 @@ def compiler_version() -> str | None:
     return done.stdout.splitlines()[0] if done.returncode == 0 and done.stdout else None
 
 
-def _compiled(source: str, precision: str, *options: str, header: str = "") -> ctypes.CDLL:
+def compiled(source: str, precision: str, *options: str, header: str = "") -> ctypes.CDLL:
     """A library of one source, for this processor; RuntimeError if the compiler refuses."""
     command = compiler()
     if command is None:
@@ -150,7 +150,7 @@ def wigner_kernel(source: pw.Aperture, precision: str, threads: int = 1) -> Call
     """(x, y, nu_x, nu_y, out), arrays of one length and the precision's type, for W."""
     header, clips = header_of(source)
     options = ["-DUNROLLED"] if clips <= UNROLLED_CLIPS else []
-    function = _compiled("wigner.cpp", precision, *options, header=header).wigner
+    function = compiled("wigner.cpp", precision, *options, header=header).wigner
     function.argtypes = [ctypes.c_void_p] * 5 + [ctypes.c_size_t]
     function.restype = None
     if threads == 1:
@@ -171,7 +171,7 @@ def _call(function: Any, arrays: Sequence[np.ndarray]) -> None:
 def multiply_adds(precision: str) -> Callable[[], float]:
     """A loop of fused multiply-adds in registers, on one core; returns how many it did."""
     real = ctypes.c_float if precision == "single" else ctypes.c_double
-    function = _compiled("peak.cpp", precision).multiply_add
+    function = compiled("peak.cpp", precision).multiply_add
     function.argtypes = [ctypes.c_size_t, real, real, ctypes.POINTER(real)]
     function.restype = ctypes.c_double
     out = real()

@@ -14,7 +14,9 @@ from typing import Any
 __all__ = ["NAMES", "Task", "module_of", "tasks"]
 
 # In the order of the report. The last case of a quick run is the first of a full one.
-NAMES = ("wigner", "peak", "fourier", "otf", "emitter", "near_field", "latency", "memory")
+NAMES = (
+    "wigner", "peak", "fourier", "otf", "emitter", "near_field", "latency", "memory", "polyhedra",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
