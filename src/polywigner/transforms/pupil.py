@@ -42,7 +42,10 @@ def otf(
         the axis passes through the origin.
     xi : (..., d) lags in the pupil in m; at the image distance z, the frequency xi/(lambda z).
     defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves.
-    pupil_radius : a in m; default: the largest distance of a vertex from the origin.
+    pupil_radius : a in m; default: the largest distance of a vertex from the origin. For a disc of
+        radius R give R: ``otf(shapes.disc(R), xi, defocus, R)``. The vertices of its n-gon, which
+        has the disc's area, lie farther out; for them and one wave of defocus the OTF errs by up to
+        1.3e-3 (n = 64; with R by 1e-5) and 2e-2 (n = 16; 1.4e-3).
     precision, engine : see :func:`fourier`.
 
     Returns
