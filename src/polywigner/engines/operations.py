@@ -15,7 +15,7 @@ import numpy as np
 
 from polywigner.engines.drjit_ranges import DrjitRanges
 from polywigner.engines.ranges import NumpyRanges, ScalarRanges
-from polywigner.kernels.lattice import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross
+from polywigner.kernels.lattice import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
 
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 
@@ -75,6 +75,10 @@ class _Unfused:
     def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
         """ax by - ay bx to about one ulp of the result."""
         return accurate_cross(ax, ay, bx, by, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
+
+    def lost(self, a: Any, b: Any, product: Any) -> Any:
+        """What ``product``, a b rounded, misses of it, exactly."""
+        return product_error(a, b, product, SPLIT_DOUBLE if self.double else SPLIT_SINGLE)
 
     def snapped(self, a: Any, step: float) -> Any:
         """The nearest multiple of ``step``, a power of two."""
@@ -183,6 +187,9 @@ class NumpyOperations(_Unfused, NumpyRanges):
 
     def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
         return super().cross(*map(self._typed, (ax, ay, bx, by)))
+
+    def lost(self, a: Any, b: Any, product: Any) -> Any:
+        return super().lost(self._typed(a), self._typed(b), product)
 
 
 class ScalarOperations(_Unfused, ScalarRanges):
@@ -359,6 +366,10 @@ class DrjitOperations(DrjitRanges):
         product = ay * bx
         error = self._dr.fma(-ay, bx, product)
         return self._dr.fma(ax, by, -product) + error
+
+    def lost(self, a: Any, b: Any, product: Any) -> Any:
+        """What ``product``, a b rounded, misses of it, exactly."""
+        return self.fma(a, b, -product)
 
     def _typed(self, value: Any) -> Any:
         return self.float_type(value) if isinstance(value, (int, float)) else value

@@ -15,6 +15,7 @@ from typing import Any
 
 from polywigner.kernels import phases
 from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.distances import distance_of, paraxial_distance, point_in_wavelengths
 from polywigner.kernels.edge_waves import EVANESCENT, TRAVELLING, Corner, EdgeWave
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
@@ -31,6 +32,8 @@ __all__ = [
     "leave",
     "lengthwise",
     "offset_of",
+    "rounded_turns",
+    "square_along",
     "weighted",
 ]
 
@@ -50,6 +53,10 @@ class BoundaryFrame:
 
     centre: tuple[float, float]
     wavelength: float
+    double: bool
+    """Whether fields are summed up in float64."""
+    paraxial: bool
+    """Whether phases are relative to Fresnel's distance, z + rho^2/(2 z)."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +75,11 @@ def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -
 
     ``digits``: minus the natural logarithm of the error allowed.
     """
-    scale = 1.0 / frame.wavelength
-    point = [(x - frame.centre[0]) * scale, (y - frame.centre[1]) * scale, z * scale]
-    distance = ops.sqrt(point[0] * point[0] + point[1] * point[1] + point[2] * point[2])
-    parts = [part for c in (*point, distance) for part in phases.halves(ops, (c, 0.0))]
-    return (*parts, distance - ops.round(distance), digits)
+    point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
+    distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
+    numbers = (*point, distance)
+    parts = numbers if frame.double else tuple(phases.halves(ops, n) for n in numbers)
+    return (*(part for pair in parts for part in pair), phases.reduced(ops, distance), digits)
 
 
 def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
@@ -90,20 +97,24 @@ def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
         if not rows:
             continue
 
-        def term(*row: Any, wave: EdgeWave = wave) -> Values:
-            return _panel(ops, tables, row, inner, wave)
+        oblique = wave is TRAVELLING and any(row[5] or row[7] for row in rows)
+
+        def term(*row: Any, wave: EdgeWave = wave, oblique: bool = oblique) -> Values:
+            return _panel(ops, tables, row, inner, wave, oblique)
 
         sums = ops.sum_over(rows, term, 3, like=inner[0], unroll=False)
         totals = tuple(a + b for a, b in zip(totals, sums, strict=True)) if totals else sums
     return totals
 
 
-def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave) -> Values:
+def _panel(
+    ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
+) -> Values:
     """One panel's part of the field of one wave, and its error."""
     x, y, ex, ey, length, *cosines, start, _, _ = row
     px, _, py, _, pz, _ = cosines
     # in float32 these sums are the first parts again
-    x_p, y_p, z, distance = (inner[k] + inner[k + 1] for k in range(0, 8, 2))
+    z, distance = inner[4] + inner[5], inner[6] + inner[7]
     offset = offset_of(inner, x, y)
     dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
@@ -112,12 +123,10 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: E
     ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
     corner = Corner(first, last, length, *ends, b, z, along, across, pz)
     free = Pair(*free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
-    seen, sine, depth = wave.seen(ops, corner, free)
-    # radius^2 - distance^2 at t from the beginning is constant + t (slope + t)
-    constant = x * (x - 2.0 * x_p) + y * (y - 2.0 * y_p)
-    slope = 2.0 * (ex * (x - x_p) + ey * (y - y_p))
-    phase = (constant, slope, distance, along, start)
-    pair = (first, *phase, b, z, along, across, pz, *seen)
+    moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
+    seen, sine, depth = wave.seen(ops, corner, free, moment)
+    phase = (*square_along(row, inner), distance, along, start)
+    pair = (first, *phase, b, z, across, pz, *seen)
 
     far, clear, swing, half = lengthwise(ops, corner, sine, depth)
     near_clear, near_swing, middle, span = anglewise(ops, corner, sine, depth)
@@ -131,11 +140,24 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: E
         ops.select(far, -1.0, rule), tables.rules, node, SUMS, middle, span, ops.sqrt(foot2), *pair
     )
     sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
-    error = missed(ops, sums, expected, abs(x) + abs(y) + length)
+    turns = rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
+    error = missed(ops, sums, expected, turns)
     e, mirrored, clinging = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
     closed = (wave.closed(ops, corner) * rest).scaled(clinging)
     return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+
+
+def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
+    """p x (P - Q) at a panel's beginning, by e, -n and z.
+
+    Far along p its terms are large, and their differences are not.
+    """
+    px, py, pz = zip(cosines[::2], cosines[1::2], strict=True)
+    x, y, z = offset
+    moment_x, moment_y = phases.cross(ops, py, pz, y, z), phases.cross(ops, pz, px, z, x)
+    moment_z = phases.cross(ops, px, py, x, y)
+    return ex * moment_x + ey * moment_y, ey * moment_x - ex * moment_y, moment_z
 
 
 def lengthwise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
@@ -168,10 +190,31 @@ def anglewise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
 
 
+def rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
+    """Turns whose rounding counts: of a source's size, and what the distance misses in two floats.
+
+    The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
+    but for the share ``slope`` that lies along the plane.
+    """
+    ulp = 2.0**-52 if ops.double else 2.0**-23
+    return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
+
+
 def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
     """A panel's integral times the wave's amplitude, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
+
+
+def square_along(row: Values, inner: Values) -> tuple[Any, Any]:
+    """What radius^2 - distance^2 is at a panel's beginning, and its slope there.
+
+    At t along the panel it is constant + t (slope + t).
+    """
+    x, y, ex, ey = row[:4]
+    x_p, y_p = inner[0] + inner[1], inner[2] + inner[3]
+    constant = x * (x - 2.0 * x_p) + y * (y - 2.0 * y_p)
+    return constant, 2.0 * (ex * (x - x_p) + ey * (y - y_p))
 
 
 def offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
@@ -210,7 +253,7 @@ def _far_node(
     b, z = pair[5:7]
     radius = ops.sqrt(s * s + (b * b + z * z))
     edge = _edge_wave(ops, t, radius, *pair[:5])
-    value = wave.integrand(ops, share, edge, s, radius, *pair[5:]).scaled(half / radius)
+    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(half / radius)
     return node_sums(value.real, value.imag, w, v1, v2)
 
 
@@ -223,8 +266,9 @@ def _near_node(
     grown = ops.exp(middle + span * at)
     shrunk = 1.0 / grown
     s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
-    edge = _edge_wave(ops, s - first, radius, *pair[:5])
-    value = wave.integrand(ops, share, edge, s, radius, *pair[5:]).scaled(span)
+    t = s - first
+    edge = _edge_wave(ops, t, radius, *pair[:5])
+    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(span)
     return node_sums(value.real, value.imag, w, v1, v2)
 
 

@@ -5,8 +5,9 @@ panel and a point these are the integrals of 1 and t, t the length from the pane
 
     u G and u (1/R - 2 pi i) G/R,  G = exp(2 pi i R)/R
 
-or, for Fresnel's field, of 1 and t times u exp(pi i rho^2/z). Panels are arguments here, as points
-are: one compiled kernel does for all outlines.
+or, for Fresnel's field, of 1 and t times u exp(pi i rho^2/z), all against the phase of the point's
+distance from the centre, R or rho^2/(2 z). Panels are arguments here, as points are: one compiled
+kernel does for all outlines.
 """
 
 from __future__ import annotations
@@ -59,6 +60,12 @@ def _seen(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple
     return ex * dx + ey * dy, ex * dy - ey * dx
 
 
+def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> Values:
+    """rho^2 less that of the centre at a panel's beginning, and its slope there."""
+    constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
+    return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
+
+
 def _strip(
     ops: Any, tables: _Tables, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
     length: Any, along: Any, start: Any, digits: Any,
@@ -73,13 +80,17 @@ def _strip(
     needed, _ = nodes_needed(ops, digits + _GROWN, clear, 2 * math.pi * swing)
     rule = rule_of(ops, needed)
 
-    def at_radius(t: Any, radius: Any, weight: Any, along: Any, start: Any) -> Values:
-        cosine, sine = cos_sin_turns(ops, radius + (along * t + start))
+    def at_radius(
+        t: Any, radius: Any, weight: Any,
+        constant: Any, slope: Any, distance: Any, along: Any, start: Any,
+    ) -> Values:  # fmt: skip
+        away = (constant + t * (slope + t)) / (radius + distance)
+        cosine, sine = cos_sin_turns(ops, away + (along * t + start))
         inverse = 1.0 / radius
         real, imag = cosine * weight, sine * weight
         square, wave = inverse * inverse, 2 * math.pi * inverse
-        slope = real * square + imag * wave, imag * square - real * wave
-        return (real, imag, t * real, t * imag, *slope, t * slope[0], t * slope[1])
+        rise = real * square + imag * wave, imag * square - real * wave
+        return (real, imag, t * real, t * imag, *rise, t * rise[0], t * rise[1])
 
     def far_node(
         at: Any, w: Any, _: Any, __: Any, half: Any, first: Any, foot2: Any, *wave: Any
@@ -97,12 +108,14 @@ def _strip(
         s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
         return at_radius(s - first, radius, w * span, *wave)
 
+    distance = ops.sqrt(x * x + y * y + z * z)
+    phase = (*_square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
     far_sums = ops.sum_over_rule(
-        ops.select(far, rule, -1.0), tables.rules, far_node, 8, half, first, foot2, along, start
+        ops.select(far, rule, -1.0), tables.rules, far_node, 8, half, first, foot2, *phase
     )
     near_sums = ops.sum_over_rule(
         ops.select(far, -1.0, rule), tables.rules, near_node, 8, middle, span, ops.sqrt(foot2),
-        first, along, start,
+        first, *phase,
     )  # fmt: skip
     return tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
 
@@ -111,7 +124,8 @@ def _fresnel_strip(
     ops: Any, tables: _Tables, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
     length: Any, along: Any, start: Any, digits: Any,
 ) -> Values:  # fmt: skip
-    first, b = _seen(x, y, begin_x, begin_y, ex, ey)
+    first, _ = _seen(x, y, begin_x, begin_y, ex, ey)
+    constant, slope = _square_along(x, y, begin_x, begin_y, ex, ey)
     half, inverse = 0.5 * length, 0.5 / z
     swing = ops.maximum(
         abs(2.0 * inverse * first + along), abs(2.0 * inverse * (first + length) + along)
@@ -120,18 +134,27 @@ def _fresnel_strip(
 
     def node(
         at: Any, w: Any, _: Any, __: Any,
-        half: Any, first: Any, b: Any, inverse: Any, along: Any, start: Any,
+        half: Any, constant: Any, slope: Any, inverse: Any, along: Any, start: Any,
     ) -> Values:  # fmt: skip
         t = half * (1.0 + at)
-        s = first + t
-        cosine, sine = cos_sin_turns(ops, (s * s + b * b) * inverse + (along * t + start))
+        turns = (constant + t * (slope + t)) * inverse + (along * t + start)
+        cosine, sine = cos_sin_turns(ops, turns)
         weight = w * half
         real, imag = cosine * weight, sine * weight
         return real, imag, t * real, t * imag
 
     return tuple(
         ops.sum_over_rule(
-            rule_of(ops, needed), tables.rules, node, 4, half, first, b, inverse, along, start
+            rule_of(ops, needed),
+            tables.rules,
+            node,
+            4,
+            half,
+            constant,
+            slope,
+            inverse,
+            along,
+            start,
         )
     )
 

@@ -23,7 +23,7 @@ from typing import Any
 from polywigner.kernels.complex_pairs import Pair, decaying_sinh, select
 from polywigner.kernels.trigonometry import cos_sin_turns
 
-__all__ = ["EVANESCENT", "TRAVELLING", "Corner", "EdgeWave"]
+__all__ = ["EVANESCENT", "TRAVELLING", "Corner", "EdgeWave", "wave_difference"]
 
 Values = tuple[Any, ...]
 
@@ -61,8 +61,10 @@ class _Travelling:
     directions = 3
     """Components of the direction in which the free wave turns."""
 
-    def seen(self, ops: Any, corner: Corner, free: Pair) -> tuple[Values, Any, Any]:
+    def seen(self, ops: Any, corner: Corner, free: Pair, moment: Values) -> tuple[Values, Any, Any]:
         """What is the same at all nodes, a bound on the reach of singularities, or their distance.
+
+        ``moment``: p x (P - Q) at the panel's beginning, by e, -n and z; () of waves along z.
 
         Returns ((e, e', whether it clings), sine of the angle to the mirrored ray, distance from
         it), both bounds from below.
@@ -74,7 +76,7 @@ class _Travelling:
         c, d = cos_sin_turns(ops, turn)
         mirrored = free * Pair(c, -d)
         clinging = ops.select(clings, 1.0, 0.0)
-        data = (free.real, free.imag, mirrored.real, mirrored.imag, clinging)
+        data = (free.real, free.imag, mirrored.real, mirrored.imag, clinging, *moment)
         return data, ops.select(clings, _NONE, tilt), None
 
     def closed(self, ops: Any, corner: Corner) -> Pair:
@@ -87,25 +89,28 @@ class _Travelling:
         return Pair(2.0 * sign * angle, 0.0 * angle)
 
     def integrand(
-        self, ops: Any, share: float, edge: Pair, s: Any, radius: Any,
-        b: Any, z: Any, along: Any, across: Any, pz: Any,
-        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, clinging: Any,
+        self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
+        along: Any, b: Any, z: Any, across: Any, pz: Any,
+        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, clinging: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
-        """The integrand times the radius."""
+        """The integrand times the radius, at t from the panel's beginning."""
         tiny = 1e-300 if ops.double else 1e-37
         # N = R - p.(P - Q), without cancellation where they are parallel
-        ahead = pz * z - (s * along + b * across)
-        lean = pz * b + across * z
-        e, n = pz * s + along * z, across * s - along * b
-        crossed = lean * lean + (e * e + n * n)
-        path = ops.select(ahead > 0.0, crossed / (radius + abs(ahead)), radius - ahead)
+        if moment:
+            lean, run, side = moment
+            ahead = pz * z - (s * along + b * across)
+            e, n = run + pz * t, side + across * t
+            crossed = lean * lean + (e * e + n * n)
+            path = ops.select(ahead > 0.0, crossed / (radius + abs(ahead)), radius - ahead)
+        else:
+            lean, path = b, (s * s + b * b) / (radius + z)
         mirror = path + 2.0 * (pz * z)
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
-        first = _difference(ops, edge, free, path).scaled(0.5 * lean / ops.maximum(path, tiny))
+        first = wave_difference(ops, edge, free, path).scaled(0.5 * lean / ops.maximum(path, tiny))
         rest = 0.5 - share
         second = edge.scaled(rest) - free.scaled(0.5)
         if rest:
-            smooth = _difference(ops, edge, mirrored, mirror).scaled(rest)
+            smooth = wave_difference(ops, edge, mirrored, mirror).scaled(rest)
             second = select(ops, clinging > 0.5, smooth, second)
         else:
             second = second.scaled(1.0 - clinging)
@@ -117,7 +122,7 @@ class _Evanescent:
 
     directions = 2
 
-    def seen(self, ops: Any, corner: Corner, free: Pair) -> tuple[Values, Any, Any]:
+    def seen(self, ops: Any, corner: Corner, free: Pair, moment: Values) -> tuple[Values, Any, Any]:
         """See :class:`_Travelling`."""
         height = corner.pz * corner.z
         root = ops.exp(-math.pi * height)
@@ -145,8 +150,8 @@ class _Evanescent:
         return Pair(sign * real, sign * imag)
 
     def integrand(
-        self, ops: Any, share: float, edge: Pair, s: Any, radius: Any,
-        b: Any, z: Any, along: Any, across: Any, q: Any,
+        self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
+        along: Any, b: Any, z: Any, across: Any, q: Any,
         free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, clinging: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
@@ -157,11 +162,11 @@ class _Evanescent:
         free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
         # a/N
         factor = Pair(z * across, q * b) * Pair(path, height).scaled(1.0 / norm)
-        first = _difference(ops, edge, free, path, decay, decayed)
+        first = wave_difference(ops, edge, free, path, decay, decayed)
         rest = 0.5 - share
         second = edge.scaled(rest) - free.scaled(0.5)
         if rest:
-            smooth = _difference(ops, edge, mirrored, path, growth, -decayed * growth)
+            smooth = wave_difference(ops, edge, mirrored, path, growth, -decayed * growth)
             second = select(ops, clinging > 0.5, smooth.scaled(rest), second)
         else:
             second = second.scaled(1.0 - clinging)
@@ -172,7 +177,7 @@ EdgeWave = _Travelling | _Evanescent
 TRAVELLING, EVANESCENT = _Travelling(), _Evanescent()
 
 
-def _difference(
+def wave_difference(
     ops: Any, edge: Pair, free: Pair, path: Any, factor: Any = None, lost: Any = None
 ) -> Pair:
     """E - e, where e = E exp(-2 pi i path) factor, without cancellation; ``lost``: 1 - factor."""

@@ -1,7 +1,8 @@
 """Fresnel fields of plane waves behind an aperture as integrals along its edges. Source: (B6).
 
 Panels, their axes and tables are those of :mod:`polywigner.kernels.boundary`, but the third
-component of a wave is 1 - p_par^2/2. The integrand has no singularity: nodes lie in the length.
+component of a wave is 1 - p_par^2/2, and the distance that phases are relative to is
+z + rho^2/(2 z). The integrand has no singularity: nodes lie in the length.
 """
 
 from __future__ import annotations
@@ -9,7 +10,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from polywigner.kernels.boundary import BoundaryTables, free_wave, offset_of, weighted
+from polywigner.kernels import phases
+from polywigner.kernels.boundary import (
+    BoundaryTables,
+    free_wave,
+    offset_of,
+    rounded_turns,
+    square_along,
+    weighted,
+)
+from polywigner.kernels.complex_pairs import Pair
+from polywigner.kernels.edge_waves import wave_difference
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.nodes import SUMS, missed, node_sums, nodes_needed, rule_of
 from polywigner.kernels.trigonometry import cos_sin_turns
@@ -18,7 +29,6 @@ __all__ = ["fresnel_edge_sum"]
 
 # Beyond the largest of the ellipses that rules are chosen by.
 _NO_SINGULARITY = 100.0
-_CLOSE = 0.5
 
 
 def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
@@ -35,35 +45,38 @@ def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values) -> Valu
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, digits = inner[4] + inner[5], inner[9]
     offset = offset_of(inner, x, y)
+    px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
     # from the place where the wave would go through the plane on its way to the point
-    dx = cosines[0] * z - (offset[0][0] + offset[0][1])
-    dy = cosines[2] * z - (offset[1][0] + offset[1][1])
+    dx = phases.cross(ops, px, offset[0], one, offset[2])
+    dy = phases.cross(ops, py, offset[1], one, offset[2])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
-    free_r, free_i = free_wave(ops, cosines, offset, inner, start)
+    free = free_wave(ops, cosines, offset, inner, start)
+    along = px[0] * ex + py[0] * ey
     half = 0.5 * length
     swing = ops.maximum(abs(first), abs(first + length)) / z
     needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
-    sums = ops.sum_over_rule(
-        rule_of(ops, needed), tables.rules, _node(ops), SUMS, half, first, b, z
-    )
-    real, imag = sums[0] * free_r - sums[1] * free_i, sums[0] * free_i + sums[1] * free_r
-    turns = 0.5 * swing * (abs(first) + abs(b) + length)
-    return weighted(row, real, imag, missed(ops, sums, expected, turns))
+    seen = (half, first, b, 0.5 / z, *square_along(row, inner), along, start, *free)
+    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *seen)
+    size = abs(x) + abs(y) + length
+    aside = abs(inner[0]) + abs(inner[2])
+    turns = rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
+    return weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
 
 
 def _node(ops: Any) -> Any:
     tiny = 1e-300 if ops.double else 1e-37
 
-    def node(at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, b: Any, z: Any) -> Values:
-        s = first + half * (1.0 + at)
+    def node(
+        at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, b: Any, inverse: Any,
+        constant: Any, slope: Any, along: Any, start: Any, free_r: Any, free_i: Any,
+    ) -> Values:  # fmt: skip
+        t = half * (1.0 + at)
+        s = first + t
         distance2 = s * s + b * b
-        turns = distance2 / (2.0 * z)
-        cosine, sine = cos_sin_turns(ops, turns)
-        close = turns < _CLOSE
-        c, d = cos_sin_turns(ops, 0.5 * ops.select(close, turns, 0.0))
-        real = ops.select(close, -2.0 * d * d, cosine - 1.0)
-        imag = ops.select(close, 2.0 * d * c, sine)
+        turns = (constant + t * (slope + t)) * inverse + (along * t + start)
+        edge = Pair(*cos_sin_turns(ops, turns))
+        value = wave_difference(ops, edge, Pair(free_r, free_i), distance2 * inverse)
         factor = half * b / ops.maximum(distance2, tiny)
-        return node_sums(factor * real, factor * imag, w, v1, v2)
+        return node_sums(factor * value.real, factor * value.imag, w, v1, v2)
 
     return node

@@ -23,6 +23,7 @@ __all__ = [
     "Lattice",
     "accurate_cross",
     "exact_cross",
+    "product_error",
     "signed_convex_pieces",
     "with_vertices_on_sides",
 ]
@@ -72,12 +73,12 @@ def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any, split: float = SPLIT_DOUB
     ``split``: SPLIT_DOUBLE, or for float32 SPLIT_SINGLE.
     """
     first, second = ax * by, ay * bx
-    lost = _product_error(ax, by, first, split) - _product_error(ay, bx, second, split)
+    lost = product_error(ax, by, first, split) - product_error(ay, bx, second, split)
     return (first - second) + lost
 
 
-def _product_error(a: Any, b: Any, product: Any, split: float) -> Any:
-    """a b minus its rounded value, exactly."""
+def product_error(a: Any, b: Any, product: Any, split: float = SPLIT_DOUBLE) -> Any:
+    """a b minus its rounded value, exactly (Dekker)."""
     a_high = a * split
     a_high = a_high - (a_high - a)
     b_high = b * split

@@ -15,6 +15,7 @@ from polywigner.kernels.trigonometry import cos_sin_turns
 
 __all__ = [
     "Doubled",
+    "cross",
     "difference",
     "dot",
     "doubled",
@@ -65,7 +66,7 @@ def _product(ops: Any, nu: Any, coordinate: Any) -> Doubled:
     nu_high, nu_low = nu if isinstance(nu, tuple) else (nu, 0.0)
     high, low = coordinate if isinstance(coordinate, tuple) else _fitting(ops, coordinate)
     product = nu_high * high
-    lost = ops.cross(nu_high, product, 1.0, high)
+    lost = ops.lost(nu_high, high, product)
     if isinstance(nu, tuple):
         lost = lost + nu_low * high
     return product, lost + nu_high * low
@@ -88,6 +89,12 @@ def difference(a: Any, b: Any) -> Doubled:
     rounded = a - b
     virtual = rounded - a
     return rounded, (a - (rounded - virtual)) - (b + virtual)
+
+
+def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Any:
+    """a d - b c, good to the square of an ulp of the products, however much cancels."""
+    lost = (a[0] * d[1] + a[1] * d[0]) - (b[0] * c[1] + b[1] * c[0])
+    return ops.cross(a[0], b[0], c[0], d[0]) + lost
 
 
 def halves(ops: Any, number: Doubled) -> Doubled:
@@ -123,7 +130,7 @@ def exp_turns(ops: Any, turns: Doubled) -> Any:
     total, rest = turns
     high, low = (math.pi, _PI_REST) if ops.double else (_PI_SINGLE, math.pi - _PI_SINGLE)
     exponent = total * high
-    lost = ops.cross(total, exponent, 1.0, high) + (total * low + rest * high)
+    lost = ops.lost(total, high, exponent) + (total * low + rest * high)
     return ops.exp(exponent) * (1.0 + lost)
 
 

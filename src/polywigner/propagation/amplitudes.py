@@ -17,6 +17,8 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source
+from polywigner.kernels.distances import distance_of, point_in_wavelengths
+from polywigner.kernels.phases import Doubled, reduced
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
@@ -34,6 +36,7 @@ from polywigner.transforms import Differentiable
 __all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude", "checked_amplitude_tolerance"]
 
 Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
+_OPS = engines.NumpyOperations(double=True)
 _OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
 # By default, and the least that can be asked for: some tens of roundings.
@@ -149,11 +152,12 @@ def amplitude(
     flat = places.reshape(-1, 3)
     if name == "fraunhofer":
         kind = checked_method(obliquity or "rayleigh-sommerfeld-1", _OBLIQUITIES)
-        away = flat - np.append(radiator.centre, 0.0)
-        distance = np.linalg.norm(away, axis=1)
+        x, y = radiator.centre.tolist()
+        away = point_in_wavelengths(_OPS, (x, y), length, *flat.T)
+        distance = distance_of(_OPS, away)
         centred = moved_source(source, -radiator.centre)
         values = _fraunhofer(centred, away, distance, length, kind, precision, engine)
-        errors = _FOURIER_ERROR[double] * radiator.content / (length * distance)
+        errors = _FOURIER_ERROR[double] * radiator.content / length**2 / distance[0]
     elif obliquity is not None:
         raise ArgumentError(
             f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with {name!r};'
@@ -195,18 +199,17 @@ def _warn_of(errors: NDArray[np.float64], allowed: NDArray[np.float64]) -> None:
 
 def _fraunhofer(
     source: Aperture | Array,
-    away: NDArray[np.float64],
-    distance: NDArray[np.float64],
+    away: tuple[Doubled, ...],
+    distance: Doubled,
     wavelength: float,
     obliquity: str,
     precision: Precision,
     engine: Engine,
 ) -> NDArray[np.complex128]:
-    """(B7) at ``away`` from the centre of the source."""
-    directions = away / distance[:, None]
+    """(B7) at ``away`` from the centre of the source, both lengths in wavelengths."""
+    directions = np.stack([high / distance[0] for high, _ in away], axis=-1)
     pattern = far_field(
         source, directions, wavelength, obliquity, precision=precision, engine=engine
     )
-    turns = distance / wavelength
-    wave = np.exp(2j * math.pi * (turns - np.rint(turns))) / distance
+    wave = np.exp(2j * math.pi * reduced(_OPS, distance)) / (distance[0] * wavelength)
     return np.asarray(pattern * wave, np.complex128)

@@ -50,7 +50,8 @@ class _Panels:
     rows: Floats
     amplitudes: NDArray[np.complex128]
     evanescent: NDArray[np.bool_]
-    frame: boundary.BoundaryFrame
+    centre: tuple[float, float]
+    wavelength: float
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def _kernel(method: str) -> Kernel:
     return Kernel(
         name=f"boundary integral, {method}",
         dimension=3,
-        tables=lambda panels, double: _tables(panels, double, share),
+        tables=lambda panels, double: _tables(panels, double, share, method == "fresnel"),
         enter=boundary.enter,
         edge_sum=edge_sum,
         leave=boundary.leave,
@@ -176,15 +177,14 @@ def _once(
     task: _Task, points: Floats, digits: float, longest: float
 ) -> tuple[NDArray[np.complex128], Floats]:
     """The field with errors of about exp(-digits), from panels up to ``longest`` wavelengths."""
-    centre = tuple(task.radiator.centre.tolist())
-    frame = boundary.BoundaryFrame(centre, task.wavelength)
+    x, y = task.radiator.centre.tolist()
     values = np.zeros(len(points), np.complex128)
     errors = np.zeros(len(points))
     blocks = panels_of(task.radiator, task.wavelength, longest, _ROWS, task.paraxial)
     for rows, amplitudes, evanescent in blocks:
         real, imag, error = engines.evaluate(
             task.kernel,
-            _Panels(rows, amplitudes, evanescent, frame),
+            _Panels(rows, amplitudes, evanescent, (x, y), task.wavelength),
             [*points.T, np.asarray(digits)],
             double=task.double,
             engine=task.engine,
@@ -196,12 +196,13 @@ def _once(
     return values, errors
 
 
-def _tables(panels: _Panels, double: bool, share: float) -> boundary.BoundaryTables:
+def _tables(panels: _Panels, double: bool, share: float, paraxial: bool) -> boundary.BoundaryTables:
     rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
-    cosines = rows[:, 5:8]
+    cosines, rests = rows[:, 5:8], rows[:, 8:11]
     high = cosines if double else cosines.astype(np.float32).astype(np.float64)
-    pairs = np.stack([high, cosines - high], axis=2).reshape(len(rows), 6)
+    pairs = np.stack([high, (cosines - high) + rests], axis=2).reshape(len(rows), 6)
     last = np.stack([amplitudes.real, amplitudes.imag, panels.evanescent], axis=1)
-    columns = np.concatenate([rows[:, :5], pairs, rows[:, 8:], last], axis=1)
+    columns = np.concatenate([rows[:, :5], pairs, rows[:, 11:], last], axis=1)
     edges = tuple(map(tuple, columns.tolist()))
-    return boundary.BoundaryTables(panels.frame, edges, gauss_rules(), share)
+    frame = boundary.BoundaryFrame(panels.centre, panels.wavelength, double, paraxial)
+    return boundary.BoundaryTables(frame, edges, gauss_rules(), share)

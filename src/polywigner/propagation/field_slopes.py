@@ -15,6 +15,8 @@ from polywigner import engines
 from polywigner.engines.choice import resolved
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
+from polywigner.kernels import phases
+from polywigner.kernels.distances import distance_of, paraxial_distance, point_in_wavelengths
 from polywigner.kernels.edge_strips import FRESNEL_STRIPS, STRIPS
 from polywigner.propagation.boundary import SHARES, boundary_field, strata_of
 from polywigner.propagation.panels import (
@@ -31,6 +33,7 @@ __all__ = ["FieldSlopes"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+_OPS = engines.NumpyOperations(double=True)
 # Pairs of a point and a panel at a time.
 _PAIRS = 1 << 17
 # One costs about as much as so many terms of other kernels, for the choice of an engine.
@@ -190,18 +193,27 @@ class FieldSlopes:
     def _sums(self, points: Floats) -> Iterator[_Sums]:
         """Blocks of points and all panels."""
         digits = -math.log(max(self.tolerance * _SHARE, 1e-14))
-        places = points.copy()
-        places[:, :2] -= self._radiator.centre
-        places /= self.wavelength
+        x, y = self._radiator.centre.tolist()
+        entered = point_in_wavelengths(_OPS, (x, y), self.wavelength, *points.T)
+        places = np.stack([high for high, _ in entered], axis=1)
+        turns = phases.reduced(
+            _OPS, (paraxial_distance if self._paraxial else distance_of)(_OPS, entered)
+        )
+        waves = np.exp(2j * math.pi * turns)[:, None]
         for where, longest in strata_of(self._radiator, points, self.wavelength, self._paraxial):
             strips = self._strips(longest)
             step = max(1, _PAIRS // len(strips.length))
             for k in range(0, len(where), step):
                 mine = where[k : k + step]
-                yield self._block(places[mine], mine, strips, digits)
+                yield self._block(places[mine], waves[mine], mine, strips, digits)
 
     def _block(
-        self, places: Floats, where: NDArray[np.intp], strips: _Strips, digits: float
+        self,
+        places: Floats,
+        waves: Complex,
+        where: NDArray[np.intp],
+        strips: _Strips,
+        digits: float,
     ) -> _Sums:
         along = (strips.plane * strips.along).sum(axis=1)
         rows = [column[:, None] for column in places.T]
@@ -216,7 +228,8 @@ class FieldSlopes:
             outputs=4 if self._paraxial else 8,
         )
         found = [
-            (a + 1j * b) * strips.amplitude for a, b in zip(sums[::2], sums[1::2], strict=True)
+            (a + 1j * b) * strips.amplitude * waves
+            for a, b in zip(sums[::2], sums[1::2], strict=True)
         ]
         return _Sums(where, strips, *self._combined(found, places, strips))
 
@@ -229,8 +242,7 @@ class FieldSlopes:
         across = (strips.plane * left).sum(axis=1)
         z = places[:, 2:]
         if self._paraxial:
-            wave = np.exp(2j * math.pi * (z - np.rint(z))) / (1j * z)
-            kernel, by_length = (wave * value for value in found)
+            kernel, by_length = (value / (1j * z) for value in found)
             return kernel, by_length, -0.5 * (across - away / z) * kernel
         share = SHARES[self.method]
         first, second = share * z / (2 * math.pi), -1j * (1 - share) * strips.cosine

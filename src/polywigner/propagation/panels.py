@@ -29,6 +29,8 @@ Floats = NDArray[np.float64]
 Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]
 _OPS = NumpyOperations(double=True)
 
+# Of cosines so small rounding leaves few digits; waves that graze the plane have p_z = 0.
+_GRAZING = 1e-6
 # Half a panel of so many turns of phase has the largest rule still far from full.
 _TURNS = 48.0
 
@@ -144,14 +146,16 @@ def panels_of(
 ) -> Iterator[Block]:
     """Panels times waves in blocks of at most about ``count``.
 
-    ``longest``: of a panel, in wavelengths. Each block is (m, 9) floats: beginning x, y relative to
-    the centre, direction x, y, length, p_x, p_y, |p_z|, phase at the beginning in turns, all in
-    wavelengths; amplitudes (m,); and which waves are evanescent (m,).
+    ``longest``: of a panel, in wavelengths. Each block is (m, 12) floats: beginning x, y relative
+    to the centre, direction x, y, length, p_x, p_y, |p_z|, what these miss by rounding, phase at
+    the beginning in turns, all in wavelengths; amplitudes (m,); and which waves are evanescent
+    (m,).
     ``paraxial``: with 1 - (p_x^2 + p_y^2)/2 in place of |p_z|, and none evanescent.
     """
     for element in radiator.elements:
         plane = element.frequencies * wavelength
         cosines = cosines_of(element.frequencies, wavelength, paraxial)
+        rests = _rests_of(element.frequencies, wavelength, plane, cosines, paraxial)
         reach = reaches(plane, longest)
         for wave, amplitude in enumerate(element.amplitudes):
             pieces = pieces_of(element.outline, wavelength * reach[wave])
@@ -162,16 +166,17 @@ def panels_of(
                 shifts = element.shifts[first : first + step]
                 weights = element.weights[first : first + step]
                 places = ((shifts - radiator.centre)[:, None] + begin) / wavelength
-                rows = np.empty((len(shifts), len(length), 9))
+                rows = np.empty((len(shifts), len(length), 12))
                 rows[..., :2] = places
                 rows[..., 2:4] = along
                 rows[..., 4] = length / wavelength
                 rows[..., 5:7] = plane[wave]
                 rows[..., 7] = cosines[wave].real + cosines[wave].imag  # one of them is 0
-                rows[..., 8] = start
+                rows[..., 8:11] = rests[wave]
+                rows[..., 11] = start
                 amplitudes = np.repeat(weights * amplitude, len(length))
                 evanescent = np.full(amplitudes.shape, bool(cosines[wave].imag > 0))
-                yield rows.reshape(-1, 9), amplitudes, evanescent
+                yield rows.reshape(-1, 12), amplitudes, evanescent
 
 
 def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> NDArray[np.complex128]:
@@ -179,6 +184,30 @@ def cosines_of(frequencies: Floats, wavelength: float, paraxial: bool) -> NDArra
     if not paraxial:
         return direction_cosines(frequencies, wavelength)
     return (1 - ((frequencies * wavelength) ** 2).sum(axis=1) / 2).astype(np.complex128)
+
+
+def _rests_of(
+    frequencies: Floats,
+    wavelength: float,
+    plane: Floats,
+    cosines: NDArray[np.complex128],
+    paraxial: bool,
+) -> Floats:
+    """What rounding leaves out of p_x, p_y and p_z of waves, (m, 3).
+
+    Of evanescent waves, which do not travel along z, only of the first two.
+    """
+    x, y = plane.T
+    rest = np.stack([phases.dot(_OPS, (kappa,), (wavelength,))[1] for kappa in frequencies.T])
+    lost = -2 * (x * rest[0] + y * rest[1])
+    z = cosines.real
+    if paraxial:
+        # 2 p_z = 2 - p_x^2 - p_y^2
+        total, low = phases.dot(_OPS, (1.0, x, y, z), (2.0, -x, -y, -2.0))
+        return np.stack([*rest, (total + (low + lost)) / 2], axis=1)
+    total, low = phases.dot(_OPS, (1.0, x, y, z), (1.0, -x, -y, -z))
+    upward = np.divide(total + (low + lost), 2 * z, out=np.zeros_like(z), where=z > _GRAZING)
+    return np.stack([*rest, upward], axis=1)
 
 
 def reaches(plane: Floats, longest: float) -> Floats:

@@ -1,0 +1,122 @@
+"""Phases of fields at 1e4 to 1e12 wavelengths, against fields with 40 digits."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.distant import distant_fields
+from oracles.references import ENGINES
+
+engines = pytest.mark.parametrize("engine", ENGINES)
+
+WAVELENGTH = 299792458 / 94e9
+ASKED = 1e-12
+"""Tolerance of the sum along edges, of what the field would be with all of the source in phase."""
+DOUBLE = 2e-12
+"""Of the field: that sum, of fields that are at least half as large as that. One rounding of kR at
+1e4 wavelengths makes 1e-12 as well, and at 1e8 1e-8."""
+ROUNDING = 3e-15
+"""Of the field: roundings of the phase's 40 digits to float64, and of the result."""
+SINGLE = 2e-5
+"""Of the field: twice the default tolerance. Before, beams at 1e6 wavelengths missed it by 7e-4."""
+SLOPES = 1e-8
+"""Of k |U|: some ten times the default tolerance. One rounding of kR at 1e12 wavelengths: 1e-4."""
+
+UNIFORM = pw.shapes.rectangle(1.1 * WAVELENGTH, 0.9 * WAVELENGTH).moved([2e-3, -3e-3])
+STEERED = UNIFORM.with_illumination(pw.steering((0.3, 0.1), WAVELENGTH))
+TAPERED = pw.shapes.rectangle(1.3 * WAVELENGTH, 0.7 * WAVELENGTH).with_illumination(
+    pw.cosine_taper(1.3 * WAVELENGTH)
+)
+ARRAY = pw.phased_array(STEERED, [(-4e-3, 1e-3), (4e-3, 1e-3)], [1.0, 0.6 - 0.3j])
+SOURCES: dict[str, Any] = {
+    "uniform": UNIFORM, "steered": STEERED, "tapered": TAPERED, "array": ARRAY
+}  # fmt: skip
+BEAM = np.array([0.3, 0.1, np.sqrt(0.9)])
+AXIS = np.array([0.2, 0.1, 1.0])
+DISTANCES = (1.2345e4, 1.037e8, 1.0071e12)
+
+
+def point_of(name: str, distance: float) -> np.ndarray:
+    """Where the source is bright."""
+    return (BEAM if name in ("steered", "array") else AXIS) * (distance * WAVELENGTH)
+
+
+@cache
+def expected(name: str, distance: float) -> dict[str, complex]:
+    return distant_fields(SOURCES[name], point_of(name, distance), WAVELENGTH)
+
+
+def settings(method: str, **others: Any) -> dict[str, Any]:
+    """Arguments of `amplitude` for one of the oracle's methods."""
+    name, _, obliquity = method.partition(" ")
+    return {"method": name, **({"obliquity": obliquity} if obliquity else others)}
+
+
+@engines
+@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_phases_are_right_at_any_distance(name: str, distance: float, engine: str) -> None:
+    for method, value in expected(name, distance).items():
+        how = settings(method, tolerance=ASKED)
+        got, error = pw.amplitude(
+            SOURCES[name], point_of(name, distance), WAVELENGTH,
+            return_error=True, engine=engine, **how,
+        )  # fmt: skip
+        assert abs(got - value) <= DOUBLE * abs(value)
+        assert abs(got - value) <= error + ROUNDING * abs(value)
+
+
+@engines
+@pytest.mark.parametrize("name", SOURCES)
+def test_single_precision_keeps_its_tolerance_far_away(name: str, engine: str) -> None:
+    distance = DISTANCES[1]
+    points = np.tile(point_of(name, distance), (300, 1))  # enough for float32 throughout
+    for method, value in expected(name, distance).items():
+        got = pw.amplitude(
+            SOURCES[name], points, WAVELENGTH, precision="single", engine=engine, **settings(method)
+        )
+        assert np.abs(got - value).max() <= SINGLE * abs(value)
+
+
+@engines
+def test_where_single_precision_ends_its_estimate_says_so(engine: str) -> None:
+    """Two floats of 24 bits hold a distance to 2^-48, 1e-2 of a turn at 1e12 wavelengths."""
+    point = point_of("steered", DISTANCES[2]) * [0.2, -2.0, 1.0]
+    value = distant_fields(STEERED, point, WAVELENGTH)["kirchhoff"]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        got, error = pw.amplitude(
+            STEERED, np.tile(point, (300, 1)), WAVELENGTH, "kirchhoff",
+            precision="single", engine=engine, return_error=True,
+        )  # fmt: skip
+    assert (np.abs(got - value) <= error).all()
+    assert any("miss the tolerance" in str(w.message) for w in caught)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff", "fresnel"])
+def test_derivatives_have_the_phase_of_the_field(method: str) -> None:
+    """Far along its beam a field turns with its distance: dU/dr = (ik - 1/r) U."""
+    import drjit as dr
+
+    place = point_of("steered", DISTANCES[2])
+    value = expected("steered", DISTANCES[2])[method]
+    points = dr.llvm.ad.Array3f64(*(place[:, None]))
+    dr.enable_grad(points)
+    field = pw.amplitude(STEERED, points, WAVELENGTH, method)
+    dr.backward(field.real)
+    slope = np.array(points.grad).ravel()
+    # of Fresnel's parabolas the gradient of z + rho^2/2z
+    x, y, z = place
+    away = np.array([x / z, y / z, 1 - (x * x + y * y) / (2 * z * z)])
+    if method != "fresnel":
+        away = place / np.linalg.norm(place)
+    assert np.abs(slope - (2j * np.pi / WAVELENGTH * value * away).real).max() <= (
+        SLOPES * 2 * np.pi / WAVELENGTH * abs(value)
+    )
