@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+import warnings
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 import scipy.signal.windows
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError, PolywignerWarning
 
 # Sums of up to 33 waves of amplitude below 1, each a few ulp wrong; fields are of size 1.
 ROUNDING = 1e-14
@@ -485,3 +487,83 @@ def test_turns_that_cannot_be_are_refused() -> None:
     sliver = pw.shapes.rectangle(1e-14, 1e-14).moved((1.0, 1.0))
     with pytest.raises(GeometryError, match="turned"):
         sliver.turned(ANGLE)
+
+
+AHEAD = (0.0, 0.0, 3.0)
+BY_VALUES, BY_SLOPES = 1e-5, 0.04
+"""In dB: what fields that agree on the aperture to 1e-6 are apart by."""
+
+
+def fits_of_one_field() -> list[pw.Aperture]:
+    """On a square of one wavelength, with waves of periods of two and of three wavelengths."""
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 21), np.linspace(-0.5, 0.5, 21))
+    values = np.cos(np.pi * x) * np.cos(np.pi * y) + 0.3
+    places = np.stack([x.ravel(), y.ravel()], axis=-1)
+    found = []
+    for period, order in ((2.0, 1), (3.0, 4)):
+        k = np.arange(-order, order + 1) / period
+        waves = np.stack(np.meshgrid(k, k), axis=-1).reshape(-1, 2)
+        fit = pw.fit_illumination(places, values.ravel(), waves, cut_off=1e-10)
+        assert fit.residual < 2e-6
+        found.append(pw.shapes.square(1.0).with_illumination(fit.illumination))
+    return found
+
+
+def test_two_fits_of_one_field_differ_where_slopes_count_and_that_is_told() -> None:
+    def decibels(method: Any) -> Any:
+        return [
+            20
+            * np.log10(np.abs(pw.amplitude(s, AHEAD, 1.0, method, tolerance=1e-6, engine="numpy")))
+            for s in fits
+        ]
+
+    fits = fits_of_one_field()
+    first, second = decibels("rayleigh-sommerfeld-1")
+    assert abs(first - second) < BY_VALUES
+    with pytest.warns(PolywignerWarning, match="do not fix"):
+        first, second = decibels("rayleigh-sommerfeld-2")
+    assert abs(first - second) > BY_SLOPES
+
+
+def warnings_of(source: Any) -> list[str]:
+    """By everything that takes an obliquity."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for condition in ("kirchhoff", "rayleigh-sommerfeld-2"):
+            pw.amplitude(source, AHEAD, 1.0, condition, engine="numpy")
+            pw.amplitude(source, AHEAD, 1.0, "fraunhofer", obliquity=condition)
+            pw.irradiance(source, AHEAD, 1.0, obliquity=condition, tolerance=0.1, engine="numpy")
+            pw.radiation_pattern(source, 1.0, [0.0], [0.0], obliquity=condition)
+    return [str(w.message) for w in caught]
+
+
+def test_a_fit_with_evanescent_waves_warns_once_a_call_whatever_is_made_of_it() -> None:
+    x = np.linspace(-0.5, 0.5, 9)
+    places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    waves = [(0.0, 0.0), (1.2, 0.0), (-1.2, 0.0)]
+    fit = pw.fit_illumination(places, np.cos(places[:, 0]), waves).illumination
+    changed = 2 * (fit * pw.uniform() + pw.uniform()).moved([0.1, 0.0]).turned(0.5) / 3 - fit
+    restored = pickle.loads(pickle.dumps(changed))
+    assert restored == changed == pw.Illumination(changed.amplitudes, changed.frequencies)
+    square = pw.shapes.square(1.0)
+    for source in (
+        square.with_illumination(restored),
+        pw.phased_array(square.with_illumination(fit), [(-1.0, 0.0), (1.0, 0.0)]),
+    ):
+        found = warnings_of(source)
+        assert len(found) == 8
+        assert all("do not fix" in message for message in found)
+
+
+def test_waves_that_are_given_or_travel_do_not_warn() -> None:
+    square = pw.shapes.square(1.0)
+    x = np.linspace(-0.5, 0.5, 9)
+    places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    travelling = pw.fit_illumination(places, np.cos(places[:, 0]), [(0.0, 0.0), (0.6, 0.0)])
+    for field in (
+        travelling.illumination,
+        pw.te_mode(1.0, 1.0),
+        pw.te_mode(0.4, 0.4),  # below cut-off: evanescent, but given
+        pw.Illumination([1.0], [(1.2, 0.0)]),
+    ):
+        assert not warnings_of(square.with_illumination(field))

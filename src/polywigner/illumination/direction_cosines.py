@@ -7,24 +7,30 @@ are the sesquilinear functions W and A of fields with amplitudes p_m c_m.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
 from polywigner.geometry import Aperture, PlacedAperture, Slits
 from polywigner.geometry.arguments import checked_length
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.waves import Illumination
 
 __all__ = [
+    "TAKE_SLOPES",
     "direction_cosines",
     "fields_of",
     "plus_direction_cosine",
     "times_direction_cosine",
+    "warn_of_slopes",
 ]
+
+TAKE_SLOPES = ("kirchhoff", "rayleigh-sommerfeld-2")
+"""Boundary conditions that take the normal derivative of the field on the aperture."""
 
 _Element = Aperture | PlacedAperture | Slits
 _Source = TypeVar("_Source", bound=_Element | Array)
@@ -51,6 +57,28 @@ def fields_of(source: _Element | Array) -> tuple[Illumination | None, ...]:
         return (_field_of(source),)
     elements = source.elements if source.repeated is None else (source.repeated[0],)
     return tuple(dict.fromkeys(_field_of(element) for element in elements))
+
+
+def warn_of_slopes(source: _Element | Array, wavelength: float, condition: str) -> None:
+    """A PolywignerWarning where a boundary condition takes slopes that a fit does not know.
+
+    Of a fit's evanescent waves: a field given as waves, such as a taper, has the slopes of these.
+    """
+    if condition not in TAKE_SLOPES:
+        return
+    for field in fields_of(source):
+        if field is None or not field.is_fit:
+            continue
+        evanescent = int((direction_cosines(field.frequencies, wavelength).imag > 0).sum())
+        if evanescent:
+            warnings.warn(
+                f"{evanescent} of the {len(field)} waves of a fitted field are evanescent, and "
+                f"{condition!r} takes their slopes, which values on the aperture do not fix; use "
+                '"rayleigh-sommerfeld-1", or fit frequencies below 1/wavelength alone',
+                PolywignerWarning,
+                stacklevel=3,
+            )
+            return
 
 
 def times_direction_cosine(source: _Source, wavelength: float, add_one: bool = False) -> _Source:

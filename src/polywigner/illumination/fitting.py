@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_count, checked_number, shape_of
-from polywigner.illumination.waves import Illumination
+from polywigner.illumination.waves import Illumination, restored
 
 __all__ = ["FittedIllumination", "fit_illumination"]
 
@@ -53,6 +53,13 @@ def fit_illumination(
 
     Minimises sum_j |u(x_j) - values_j|^2 over the amplitudes, by a singular value decomposition
     without the values below `cut_off`. Memory is bounded by the square of the number of waves.
+
+    The samples do not fix how the field changes away from the plane. Transforms and
+    Rayleigh-Sommerfeld I do not ask for that. Kirchhoff and Rayleigh-Sommerfeld II take it from the
+    waves found, and another fit has others, above all where some are evanescent,
+    |kappa| > 1/wavelength: two fits of one field on a square of one wavelength, with residuals of
+    1e-9 and less, were 0.12 dB apart by Rayleigh-Sommerfeld II, and 1e-4 dB by I. Using such a fit
+    with them is met with a PolywignerWarning.
 
     Parameters
     ----------
@@ -105,7 +112,7 @@ def fit_illumination(
             f"with {len(kappa)} waves; give a higher order or other frequencies"
         )
     cancellation = float(np.abs(amplitudes).sum()) / (size / np.sqrt(len(field)))
-    fitted = Illumination(amplitudes, kappa).moved(centre)
+    fitted = restored(amplitudes, kappa, True).moved(centre)
     return FittedIllumination(fitted, residual, rank, cancellation)
 
 

@@ -116,6 +116,9 @@ def te_mode(
     so that E_y of TE10 is cos(pi x/width). Together they are E = (-n/height E_x, m/width E_y) times
     a factor common to both. Two waves for each axis with a number other than 0.
 
+    Kirchhoff and Rayleigh-Sommerfeld II take the slopes of these waves in free space, which are
+    not those of the mode in its guide; the field on the mouth fixes neither.
+
     Parameters
     ----------
     width, height

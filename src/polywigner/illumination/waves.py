@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.field import checked_shift, turned_points
 
-__all__ = ["LARGEST_AMPLITUDE", "Illumination"]
+__all__ = ["LARGEST_AMPLITUDE", "Illumination", "restored"]
 
 LARGEST_AMPLITUDE = 1e100
 """Products of two amplitudes and an area must neither overflow nor vanish."""
@@ -46,12 +46,22 @@ class Illumination:
     """(m,), read-only."""
     frequencies: NDArray[np.float64]
     """(m, d), read-only, in lexicographic order."""
+    is_fit: bool
+    """Whether waves come from :func:`polywigner.fit_illumination`: others have the same values.
+
+    Products, sums and moved copies of a fit are fits. Equality leaves it out, and so do files.
+    """
 
     def __init__(self, amplitudes: Any, frequencies: Any) -> None:
         waves = _merged(*_checked(amplitudes, frequencies))
         for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "is_fit", False)
+
+    def _from(self, amplitudes: Any, frequencies: Any, is_fit: bool = False) -> Illumination:
+        """A field made of this one; ``is_fit``: or of a fit."""
+        return restored(amplitudes, frequencies, self.is_fit or is_fit)
 
     @property
     def dimension(self) -> int:
@@ -69,9 +79,7 @@ class Illumination:
         """The field carried along by a shift (d,): u(x - shift)."""
         offset = checked_shift(shift, self.dimension)
         turns = [_exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
-        return Illumination(
-            self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies
-        )
+        return self._from(self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies)
 
     def turned(self, angle: Any) -> Illumination:
         """The field carried along by a turn about the origin, by an angle in radians.
@@ -84,11 +92,11 @@ class Illumination:
         """
         if self.dimension != 2:
             raise IlluminationError("expected a field in two dimensions to turn, got one of slits")
-        return Illumination(self.amplitudes, turned_points(self.frequencies, angle))
+        return self._from(self.amplitudes, turned_points(self.frequencies, angle))
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
         if isinstance(other, Complex):
-            return Illumination(self.amplitudes * complex(other), self.frequencies)
+            return self._from(self.amplitudes * complex(other), self.frequencies)
         if not isinstance(other, Illumination):
             return NotImplemented
         if other.dimension != self.dimension:
@@ -97,7 +105,7 @@ class Illumination:
             )
         products = np.multiply.outer(self.amplitudes, other.amplitudes)
         sums = self.frequencies[:, None] + other.frequencies
-        return Illumination(products.ravel(), sums.reshape(-1, self.dimension))
+        return self._from(products.ravel(), sums.reshape(-1, self.dimension), other.is_fit)
 
     __rmul__ = __mul__
 
@@ -106,7 +114,7 @@ class Illumination:
             return NotImplemented
         if other == 0:
             raise IlluminationError("expected a number other than zero to divide a field by, got 0")
-        return Illumination(self.amplitudes / complex(other), self.frequencies)
+        return self._from(self.amplitudes / complex(other), self.frequencies)
 
     def __neg__(self) -> Illumination:
         return -1 * self
@@ -121,9 +129,10 @@ class Illumination:
             raise IlluminationError(
                 f"expected fields of one dimension, got {self.dimension} and {other.dimension}"
             )
-        return Illumination(
+        return self._from(
             np.concatenate([self.amplitudes, other.amplitudes]),
             np.concatenate([self.frequencies, other.frequencies]),
+            other.is_fit,
         )
 
     @cached_property
@@ -143,7 +152,7 @@ class Illumination:
         raise AttributeError(f"an Illumination cannot be changed ({name}); build a new one")
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Illumination, (self.amplitudes, self.frequencies)
+        return restored, (self.amplitudes, self.frequencies, self.is_fit)
 
     def __len__(self) -> int:
         """The number of waves."""
@@ -152,6 +161,13 @@ class Illumination:
     def __repr__(self) -> str:
         plural = "s" if len(self) > 1 else ""
         return f"Illumination({len(self)} plane wave{plural}, {self.dimension}D)"
+
+
+def restored(amplitudes: Any, frequencies: Any, is_fit: bool) -> Illumination:
+    """An Illumination that knows whether it is a fit."""
+    field = Illumination(amplitudes, frequencies)
+    object.__setattr__(field, "is_fit", is_fit)
+    return field
 
 
 def _exact_turns(kappa: list[float], shift: list[float]) -> float:

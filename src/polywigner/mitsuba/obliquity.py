@@ -28,6 +28,7 @@ from polywigner.illumination.direction_cosines import (
     direction_cosines,
     fields_of,
     times_direction_cosine,
+    warn_of_slopes,
 )
 
 __all__ = [
@@ -79,6 +80,7 @@ def emissions(source: Aperture | Array, wavelength: float, name: str) -> tuple[E
     check_obliquity(name)
     if name in _OF_ANY_FIELD:
         return (Emission(source, _OF_ANY_FIELD[name]),)
+    warn_of_slopes(source, wavelength, name)
     cosines = _cosines(source, wavelength)
     if len(cosines) == 1 and cosines[0] != 0:
         p = complex(cosines[0])  # not NumPy's, whose products with arrays of Dr.Jit are NumPy's

@@ -16,6 +16,7 @@ from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
+from polywigner.illumination.direction_cosines import warn_of_slopes
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.distances import distance_of, point_in_wavelengths
 from polywigner.kernels.phases import Doubled, reduced
@@ -97,7 +98,8 @@ def amplitude(
     Warns
     -----
     PolywignerWarning if the estimate for some point exceeds the tolerance, as it may for one near
-    rounding.
+    rounding; and for "kirchhoff" and "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with
+    evanescent waves, whose slopes the fit does not know.
 
     Raises
     ------
@@ -152,6 +154,7 @@ def amplitude(
     flat = places.reshape(-1, 3)
     if name == "fraunhofer":
         kind = checked_method(obliquity or "rayleigh-sommerfeld-1", _OBLIQUITIES)
+        warn_of_slopes(source, length, kind)
         x, y = radiator.centre.tolist()
         away = point_in_wavelengths(_OPS, (x, y), length, *flat.T)
         distance = distance_of(_OPS, away)
@@ -164,6 +167,7 @@ def amplitude(
             " the other methods have their own"
         )
     else:
+        warn_of_slopes(source, length, name)
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)
         values, errors = found[:2]
         _warn_of(*found[1:])

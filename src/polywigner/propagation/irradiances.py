@@ -125,7 +125,7 @@ def irradiance(
     -----
     PolywignerWarning where rays are not valid: points nearer than two wavelengths, and to third
     order points nearer than 0.9 sqrt(L^3/wavelength) to the centre, L the longer side of the
-    source's bounds; and where a tolerance cannot be met.
+    source's bounds; where a tolerance cannot be met; and where :func:`amplitude` does of fits.
     """
     how: dict[str, Any]
     if has_derivatives(source, points, wavelength):

@@ -23,6 +23,7 @@ from polywigner.illumination.direction_cosines import (
     direction_cosines,
     fields_of,
     plus_direction_cosine,
+    warn_of_slopes,
 )
 
 __all__ = ["Forms", "Obliquity", "checked_obliquity", "weighted_sources"]
@@ -52,7 +53,11 @@ def checked_obliquity(obliquity: object, order: int) -> str:
 def weighted_sources(
     source: Aperture | Array, obliquity: str, wavelength: float, order: int
 ) -> list[tuple[Aperture | Array, Forms]]:
-    """Sources and coefficients of their forms (T4) that add up to the irradiance."""
+    """Sources and coefficients of their forms (T4) that add up to the irradiance.
+
+    Warns of fits whose slopes an obliquity takes: :func:`warn_of_slopes`.
+    """
+    warn_of_slopes(source, wavelength, obliquity)
     if obliquity == "rayleigh-sommerfeld-1":
         return [(source, (1.0, 0.0, 0.0, 0.0))]
     if obliquity == "paper":

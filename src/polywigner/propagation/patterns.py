@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.engines import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.illumination.direction_cosines import warn_of_slopes
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.far_fields import far_field, radiated_power
 from polywigner.propagation.obliquities import Obliquity
@@ -65,12 +66,18 @@ def radiation_pattern(
     ArgumentError for arguments of the wrong type, shape or range; IlluminationError for a source
     that radiates nothing; GeometryError for an Array whose elements do not lie in the plane z = 0;
     EngineError without the engine.
+
+    Warns
+    -----
+    PolywignerWarning for "kirchhoff" and "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with
+    evanescent waves, whose slopes the fit does not know.
     """
     checked_precision(precision)
     checked_engine(engine)
     name = checked_name("obliquity", obliquity, get_args(Obliquity))
     radiator, length = checked_source(source), checked_wavelength(wavelength)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
+    warn_of_slopes(radiator, length, name)
     power = radiated_power(radiator, length, name)
     directions = unit_vectors(polar, azimuth)
     field = far_field(radiator, directions, length, name, precision=precision, engine=engine)
