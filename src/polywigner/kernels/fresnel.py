@@ -34,21 +34,26 @@ _NO_SINGULARITY = 100.0
 def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
     """(real part, imaginary part, error) of the field but for the phase of the distance."""
 
+    oblique = any(row[5] or row[7] for row in tables.edges)
+
     def term(*row: Any) -> Values:
-        return _panel(ops, tables, row[:-1], inner)
+        return _panel(ops, tables, row[:-1], inner, oblique)
 
     total: Values = ops.sum_over(tables.edges, term, 3, like=inner[0], unroll=False)
     return total
 
 
-def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values) -> Values:
+def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, digits = inner[4] + inner[5], inner[9]
     offset = offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
     # from the place where the wave would go through the plane on its way to the point
-    dx = phases.cross(ops, px, offset[0], one, offset[2])
-    dy = phases.cross(ops, py, offset[1], one, offset[2])
+    if oblique:
+        dx = phases.cross(ops, px, offset[0], one, offset[2])
+        dy = phases.cross(ops, py, offset[1], one, offset[2])
+    else:
+        dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
     free = free_wave(ops, cosines, offset, inner, start)
     along = px[0] * ex + py[0] * ey

@@ -19,7 +19,7 @@ from polywigner.illumination import Array
 from polywigner.illumination.direction_cosines import warn_of_slopes
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.distances import distance_of, point_in_wavelengths
-from polywigner.kernels.phases import Doubled, reduced
+from polywigner.kernels.phases import reduced
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
@@ -37,6 +37,8 @@ from polywigner.transforms import Differentiable
 __all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude", "checked_amplitude_tolerance"]
 
 Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
+# Points at a time: temporary arrays stay in the cache of one core.
+_BLOCK = 1 << 12
 _OPS = engines.NumpyOperations(double=True)
 _OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
@@ -156,11 +158,11 @@ def amplitude(
         kind = checked_method(obliquity or "rayleigh-sommerfeld-1", _OBLIQUITIES)
         warn_of_slopes(source, length, kind)
         x, y = radiator.centre.tolist()
-        away = point_in_wavelengths(_OPS, (x, y), length, *flat.T)
-        distance = distance_of(_OPS, away)
+        directions, distance, turns = _seen_from_centre((x, y), length, flat)
         centred = moved_source(source, -radiator.centre)
-        values = _fraunhofer(centred, away, distance, length, kind, precision, engine)
-        errors = _FOURIER_ERROR[double] * radiator.content / length**2 / distance[0]
+        pattern = far_field(centred, directions, length, kind, precision=precision, engine=engine)
+        values = pattern * np.exp(2j * math.pi * turns) / (distance * length)  # (B7)
+        errors = _FOURIER_ERROR[double] * radiator.content / length**2 / distance
     elif obliquity is not None:
         raise ArgumentError(
             f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with {name!r};'
@@ -201,19 +203,16 @@ def _warn_of(errors: NDArray[np.float64], allowed: NDArray[np.float64]) -> None:
         )
 
 
-def _fraunhofer(
-    source: Aperture | Array,
-    away: tuple[Doubled, ...],
-    distance: Doubled,
-    wavelength: float,
-    obliquity: str,
-    precision: Precision,
-    engine: Engine,
-) -> NDArray[np.complex128]:
-    """(B7) at ``away`` from the centre of the source, both lengths in wavelengths."""
-    directions = np.stack([high / distance[0] for high, _ in away], axis=-1)
-    pattern = far_field(
-        source, directions, wavelength, obliquity, precision=precision, engine=engine
-    )
-    wave = np.exp(2j * math.pi * reduced(_OPS, distance)) / (distance[0] * wavelength)
-    return np.asarray(pattern * wave, np.complex128)
+def _seen_from_centre(
+    centre: tuple[float, float], wavelength: float, points: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], ...]:
+    """Directions (n, 3) of points, their distances in wavelengths, and the turns of these."""
+    found = np.empty((len(points), 5))
+    for start in range(0, len(points), _BLOCK):
+        mine = slice(start, start + _BLOCK)
+        place = point_in_wavelengths(_OPS, centre, wavelength, *points[mine].T)
+        distance = distance_of(_OPS, place)
+        for column, (high, _) in enumerate(place):
+            found[mine, column] = high / distance[0]
+        found[mine, 3], found[mine, 4] = distance[0], reduced(_OPS, distance)
+    return found[:, :3], found[:, 3], found[:, 4]
