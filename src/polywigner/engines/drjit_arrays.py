@@ -80,6 +80,8 @@ def evaluate_traced(
             for name, value in points
             for component in point_components(name, value, float_type, kernel.dimension)
         ]
+    if kernel.in_one_frame is not None and (parameters is not None or _follows(components)):
+        kernel = kernel.in_one_frame
     tables = _tables(kernel, source, ops.double, parameters)
     results: tuple[Any, ...]
     if common_width(components) == 0:  # Dr.Jit has no arithmetic of no numbers with one
@@ -111,6 +113,13 @@ def checked_float(name: str, value: Any, precision: str | None, engine: str) -> 
     double = drjit.itemsize_v(found) == 8
     check_request(found, double, precision, engine)
     return found, double
+
+
+def _follows(components: Sequence[Any]) -> bool:
+    """Whether derivatives in any of the arguments may be asked for."""
+    import drjit
+
+    return any(map(drjit.grad_enabled, components))
 
 
 def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | None) -> Any:

@@ -9,6 +9,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites
 from polywigner.kernels import (
+    distant_sums,
     lattice_arrays,
     line,
     plane,
@@ -18,6 +19,7 @@ from polywigner.kernels import (
     space,
 )
 from polywigner.kernels.array_factor import array_factor_kernel
+from polywigner.kernels.distant_parts import distant_parts
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.moments import LAG_MOMENTS
 from polywigner.kernels.separable import is_separable
@@ -97,6 +99,24 @@ _SCATTERED: dict[str, Kernel] = {
 }
 
 
+_DISTANT: dict[str, Kernel] = {
+    "wigner": distant_sums.WIGNER,
+    "ambiguity": distant_sums.AMBIGUITY,
+    "position_marginal": distant_sums.POSITION_MARGINAL,
+    "lag_marginal": distant_sums.LAG_MARGINAL,
+    "lag_marginal of fields": distant_sums.LAG_MARGINAL_OF_FIELDS,
+}
+
+
+def _distant(transform: str, source: Any) -> Kernel | None:
+    """The kernel of sources that are small parts far from each other, if this is one."""
+    if transform not in _DISTANT or distant_parts(source) is None:
+        return None
+    whole = isinstance(source, Array) or source.illumination is not None
+    fields = transform == "lag_marginal" and whole
+    return _DISTANT[f"{transform} of fields" if fields else transform]
+
+
 def _is_illuminated(source: Any) -> bool:
     return getattr(source, "illumination", None) is not None
 
@@ -126,6 +146,9 @@ def kernel_for(transform: str, source: Any) -> Kernel:
         elements = source.coplanar
         kind = type(elements[0])
         name = "lag_marginal of weights" if transform == "lag_marginal" else transform
+    distant = _distant(transform, source) if kind is Aperture else None
+    if distant is not None:
+        return distant
     if "marginal" in transform and any(_is_illuminated(element) for element in elements):
         name = f"{transform} of waves"
     kernel = _tiled(transform, source) or _KERNELS.get((name, kind))

@@ -53,6 +53,9 @@ class Kernel:
     """(tables, *arguments in the frame) -> where, on NumPy arrays, the sums may differ from 0."""
     on_grid: Callable[[Any], Any] | None = None
     """source -> constants for grids of arguments, or None where it has none; cached."""
+    in_one_frame: Kernel | None = None
+    """The same transform with all of the source in one frame, where this has none of its own: it
+    is less accurate, and has derivatives."""
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
         """The whole transform with one namespace of operations."""

@@ -38,16 +38,19 @@ class PairLists:
     held: dict[Hashable, Any] = field(default_factory=dict)
 
 
-def pair_lists(centres: Floats, support: Floats, records: Floats) -> PairLists:
+def pair_lists(
+    centres: Floats, support: Floats, records: Floats, most_cells: int = _MOST_CELLS
+) -> PairLists:
     """The records sorted into the cells of a grid over the region in which anything contributes."""
     reach_low, reach_high = support.min(axis=0), support.max(axis=0)
     low, high = centres.min(axis=0) + reach_low, centres.max(axis=0) + reach_high
     size = (reach_high - reach_low) * (1 + 1e-9)  # rounding must not make a region span three cells
     while True:
-        counts = np.floor((high - low) / size).astype(np.int64) + 1
-        if int(np.prod(counts + 1)) <= _MOST_CELLS:
+        counts = np.floor((high - low) / size) + 1
+        if float(np.prod(counts + 1.0)) <= most_cells:
             break
         size = size * 1.25
+    counts = counts.astype(np.int64)
     begin = np.clip(np.floor((centres + reach_low - low) / size).astype(np.int64), 0, counts - 1)
     cells = (begin[:, 0] + 1) * (counts[1] + 1) + begin[:, 1] + 1
     order = np.argsort(cells, kind="stable")

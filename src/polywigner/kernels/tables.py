@@ -34,7 +34,7 @@ from polywigner.kernels.waves import (
     waves_in_frame,
 )
 
-__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables"]
+__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "grouped"]
 
 # Pairs of waves that are code, of some 20 ms to compile each, where edges are looked up in cells
 _WAVES_IN_CELLS = 16
@@ -171,15 +171,19 @@ def _segments_of(polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.hstack([polygon, np.roll(polygon, -1, axis=0) - polygon])
 
 
-def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
+def build_tables(
+    elements: Sequence[Element], *, double: bool, frame: Frame | None = None
+) -> Tables:
     """Tables of the elements of a coherent collection, all in one frame and with shared lines.
 
-    ``double``: for float64 kernels; else for float32 ones, whose grid is coarser.
+    ``double``: for float64 kernels; else for float32 ones, whose grid is coarser. ``frame``: by
+    default the one that all elements fill together.
     """
-    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
+    if frame is None:
+        frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
     lattice = Lattice.for_precision(double)
     frame = replace(frame, carrier=carrier_of((e.illumination for e in elements), 2))
-    groups, members = _grouped(elements, frame)
+    groups, members = grouped(elements, frame)
     plain = [_in_frame(element, frame) for element in elements]
     gridded = LineBook(_segments_of_all(plain), double).has_exact_lines
     outlines = [_on_grid(element, frame, lattice) for element in elements] if gridded else plain
@@ -213,7 +217,7 @@ def build_tables(elements: Sequence[Element], *, double: bool) -> Tables:
     )
 
 
-def _grouped(elements: Sequence[Element], frame: Frame) -> tuple[tuple[Waves, ...], list[_Member]]:
+def grouped(elements: Sequence[Element], frame: Frame) -> tuple[tuple[Waves, ...], list[_Member]]:
     """The different fields on the elements; each element's weight, number of field, and factor."""
     groups: list[Waves] = []
     members = []

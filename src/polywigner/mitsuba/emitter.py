@@ -94,6 +94,7 @@ def emitter_class(variant: str) -> Any:
             for term in emissions(self._source, wavelength, self.spec.obliquity):
                 self._fields.append((term.source, term.coefficients))
                 kernel = kernel_for("wigner", term.source)
+                kernel = kernel.in_one_frame or kernel  # with derivatives
                 tables = kernel.tables(term.source, self._ops.double)
                 terms.append((kernel, tables, term.coefficients))
             return terms
