@@ -107,6 +107,17 @@ class DrjitRanges:
         sums = self._loop(first, end, step, 2 * values)
         return [a + b for a, b in zip(sums[:values], sums[values:], strict=True)]
 
+    def sum_over_some(
+        self,
+        first: Any,
+        end: Any,
+        keep: Callable[..., Any],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        return self.sum_over_range(first, end, lambda row: term(row, *samples), values)
+
     def _lost(self, a: Any, b: Any) -> Any:
         """The rounding error of a + b, exactly (Knuth's sum)."""
         a, b = self._drjit.detach(a), self._drjit.detach(b)

@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines.listed_sums import sums_of_some
+
 __all__ = ["MOST_CUTS", "NumpyRanges", "ScalarRanges", "Table", "Values"]
 
 Values = tuple[Any, ...]
@@ -86,6 +88,23 @@ class NumpyRanges:
             terms = term(row)
             parts = [np.where(step < count, t, 0).sum(axis=0, dtype=np.float64) for t in terms]
             totals = [a + b for a, b in zip(totals, parts, strict=True)]
+        return [total.astype(self.dtype) for total in totals]
+
+    def sum_over_some(
+        self,
+        first: Any,
+        end: Any,
+        keep: Callable[..., Any],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        """The sums of ``term(row, *samples)`` for rows from ``first`` up to ``end``.
+
+        Where ``keep(row, *samples)`` is false, ``term`` is 0, and need not be computed: the others
+        are computed as a list. Of arrays (n, 1) and (1, m), ranges and what is kept are for the n.
+        """
+        totals = sums_of_some(first, end, keep, term, values, samples)
         return [total.astype(self.dtype) for total in totals]
 
     def sum_over_runs(
@@ -201,6 +220,22 @@ class ScalarRanges:
         totals = [0.0] * values
         for row in range(first, end):
             totals = [a + b for a, b in zip(totals, term(row), strict=True)]
+        return totals
+
+    def sum_over_some(
+        self,
+        first: Any,
+        end: Any,
+        keep: Callable[..., Any],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        totals = [0.0] * values
+        for row in range(first, end):
+            if keep(row, *samples):
+                terms = term(row, *samples)
+                totals = [a + b for a, b in zip(totals, terms, strict=True)]
         return totals
 
     def sum_over_runs(

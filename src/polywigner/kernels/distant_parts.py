@@ -29,15 +29,15 @@ from polywigner.kernels.waves import Waves, carrier_of, difference_beats
 __all__ = ["DistantFrame", "DistantTables", "distant_parts", "pairs_by_difference", "pairs_by_mean"]
 
 # The source is so many times larger than its largest part, or more. In one frame, the error is some
-# ulps times the square of this (docs/accuracy.md); below it, little is lost, and kernels whose edges
-# are constants are faster.
+# ulps times the square of this (docs/accuracy.md); below it, little is lost, and kernels whose
+# edges are constants are faster.
 _LEAST_RATIO = 8.0
 # Pairs of a part and a convex piece of another: their records take 128 bytes each.
 _MOST_PAIRS = 1 << 16
 # Pairs of waves are code, of some 20 ms to compile each.
 _MOST_BEATS = 16
-# What rounding to 24 bits moves a place by, in its distance from the middle, and some more: lists of
-# pairs reach that much further.
+# What rounding to 24 bits moves a place by, in its distance from the middle, and some more: lists
+# of pairs reach that much further.
 _MARGIN = 2.0**-21
 # Of the cells that list pairs; more find no fewer of them.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 18, 64
@@ -189,9 +189,7 @@ def _rows(distant: _Distant, double: bool) -> _Rows:
         for part in distant.parts
     ]
     tables = build_tables(elements, double=double, frame=distant.frame)
-    edge_rows = [
-        (e.ax, e.ay, e.ex, e.ey, e.offset, e.cluster, 0.0, 0.0) for e in tables.edges
-    ]
+    edge_rows = [(e.ax, e.ay, e.ex, e.ey, e.offset, e.cluster, 0.0, 0.0) for e in tables.edges]
     side_rows, side_ends = [], [0]
     for piece in tables.pieces:
         for number, side in piece.sides:
@@ -247,7 +245,7 @@ class _Pairs:
         self.centres = np.array([part.centre for part in parts])
         self.middle = np.array(distant.middle)
         self.weights = np.array([part.weight for part in parts])
-        self.half = max(np.ptp(part.box, axis=0).max() for part in parts) / 2 / self.unit
+        self.half = np.array([np.ptp(part.box, axis=0) / 2 for part in parts]) / self.unit
         count, pieces = len(parts), len(rows.owner)
         self.bounding = np.repeat(np.arange(count), pieces)
         self.piece = np.tile(np.arange(pieces), count)
@@ -270,13 +268,15 @@ class _Pairs:
             side_ends[self.piece],
             side_ends[self.piece + 1],
         ]
+        # the copies meet at offsets below the sum of both half-widths
+        reach = (self.half[first] + self.half[second]) * (0.5 if view is MIRRORED else 1.0)
         columns = [*self._columns(place), *self._columns(across), mutual.real, mutual.imag, *ranges]
+        columns += list((reach * (1 + _MARGIN)).T)
         records = np.zeros((len(one), _COLUMNS))
         records[:, : len(columns)] = np.stack(columns, axis=-1)
         centres = place[0] / self.unit
-        reach = (1.0 if view is MIRRORED else 2.0) * self.half
-        reach += _MARGIN * (np.abs(centres).max() + reach)
-        support = np.array([[-reach, -reach], [reach, reach]])
+        farthest = reach.max(axis=0) + _MARGIN * (np.abs(centres).max(axis=0) + reach.max(axis=0))
+        support = np.stack([-farthest, farthest])
         return pair_lists(centres, support, records, min(_MOST_CELLS, _CELLS_PER_PAIR * len(one)))
 
     def _columns(self, number: phases.Doubled) -> list[Floats]:

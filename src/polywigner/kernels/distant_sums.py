@@ -21,11 +21,11 @@ from polywigner.kernels.distant_parts import (
     pairs_by_difference,
     pairs_by_mean,
 )
+from polywigner.kernels.distant_waves import NUMBERS, DistantWave, Point, less
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
-from polywigner.kernels.pair_lists import PairLists, sum_over_pairs
-from polywigner.kernels.stokes import moved_off_zero, segment_wave
-from polywigner.kernels.trigonometry import cos_sin_turns
-from polywigner.kernels.waves import Beat, difference_beats, mean_beats
+from polywigner.kernels.pair_lists import sum_over_near_pairs
+from polywigner.kernels.stokes import segment_wave
+from polywigner.kernels.waves import difference_beats, mean_beats
 
 __all__ = [
     "AMBIGUITY",
@@ -35,20 +35,11 @@ __all__ = [
     "WIGNER",
 ]
 
-Point = tuple[phases.Doubled, phases.Doubled]
-
 # stands for infinity: far outside [0, 1], and finite when multiplied by a frequency
 _FAR = 1e9
 
 
 # ---- into the frame --------------------------------------------------------------------------
-
-
-def _less(ops: Any, value: Any, constant: float) -> phases.Doubled:
-    """value - constant, without rounding."""
-    high, low = phases.doubled(constant, ops.double)
-    total, rest = phases.difference(value, high)
-    return total, rest - low
 
 
 def _halves(ops: Any, numbers: Sequence[phases.Doubled], scale: float) -> list[Any]:
@@ -58,8 +49,8 @@ def _halves(ops: Any, numbers: Sequence[phases.Doubled], scale: float) -> list[A
 
 def _enter_wigner(ops: Any, frame: DistantFrame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
     unit = math.sqrt(frame.content)
-    place = [_less(ops, c, m) for c, m in zip((x, y), frame.middle, strict=True)]
-    nu = [_less(ops, f, c) for f, c in zip((nu_x, nu_y), frame.carrier, strict=True)]
+    place = [less(ops, c, m) for c, m in zip((x, y), frame.middle, strict=True)]
+    nu = [less(ops, f, c) for f, c in zip((nu_x, nu_y), frame.carrier, strict=True)]
     return (*_halves(ops, place, 1 / unit), *_halves(ops, nu, unit))
 
 
@@ -72,50 +63,6 @@ def _enter_ambiguity(
     upsilon = [(f, 0.0 * f) for f in (upsilon_x, upsilon_y)]
     lag = [(c, 0.0 * c) for c in (xi_x, xi_y)]
     return (turns, *_halves(ops, upsilon, unit), *_halves(ops, lag, 1 / unit))
-
-
-# ---- one frequency ---------------------------------------------------------------------------
-
-
-class _Wave:
-    """A beat of the waves on the source, at the frequency that it sees."""
-
-    def __init__(self, ops: Any, beat: Beat, nu: Point, place: Point) -> None:
-        self.ops = ops
-        self.nu = tuple(_shifted(ops, *pair) for pair in zip(nu, beat.shift, strict=True))
-        self.x, self.y = moved_off_zero(ops, *(high + low for high, low in self.nu))
-        square = ops.fma(self.x, self.x, self.y * self.y)
-        self.amplitude = _amplitude(ops, beat, place).scaled(1.0 / (2 * math.pi * square))
-
-    def across(self, apart: Point) -> Pair:
-        """exp(-2 pi i nu.apart)."""
-        cosine, sine = cos_sin_turns(self.ops, _turns(self.ops, self.nu, apart))
-        return Pair(cosine, -sine)
-
-    def along(self, x: Any, y: Any) -> Any:
-        return self.ops.fma(self.x, x, self.y * y)
-
-
-def _shifted(ops: Any, frequency: phases.Doubled, shift: float) -> phases.Doubled:
-    if not shift:
-        return frequency
-    total, rest = _less(ops, frequency[0], shift)
-    return total, rest + frequency[1]
-
-
-def _amplitude(ops: Any, beat: Beat, place: Point) -> Pair:
-    """The factor of a beat at a position or lag."""
-    total = Pair(0.0, 0.0)
-    for amplitude, rate in beat.terms:
-        term = Pair(complex(amplitude).real, complex(amplitude).imag)
-        if any(rate):
-            term = term * Pair(*cos_sin_turns(ops, _turns(ops, place, rate)))
-        total = total + term
-    return Pair(total.real, 0.0) if beat.is_real else total
-
-
-def _turns(ops: Any, one: Sequence[Any], other: Sequence[Any]) -> Any:
-    return phases.reduced(ops, phases.dot(ops, tuple(one), tuple(other)))
 
 
 # ---- one pair --------------------------------------------------------------------------------
@@ -131,8 +78,8 @@ class _Held:
 class _Sum:
     """The sums over the edges of one part inside a piece of another, for a pair at a time."""
 
-    def __init__(self, ops: Any, tables: DistantTables, view: View, waves: Sequence[_Wave]) -> None:
-        self.ops, self.tables, self.view, self.waves = ops, tables, view, waves
+    def __init__(self, ops: Any, tables: DistantTables, view: View, values: int) -> None:
+        self.ops, self.tables, self.view, self.values = ops, tables, view, values
         if ops.key not in tables.held:
             tables.held[ops.key] = _Held(ops, tables)
         self.held: _Held = tables.held[ops.key]
@@ -140,44 +87,67 @@ class _Sum:
         self.scale = 2.0 if view is MIRRORED else 1.0
         self.side = 0.5 if view.offset * view.point > 0 else -0.5
 
-    def of_pair(self, place: Point, record: Sequence[Any]) -> list[Pair]:
-        """For each wave, what the edges of the pair contribute, without the wave's amplitude."""
-        px, px_rest, py, py_rest, dx, dx_rest, dy, dy_rest, real, imag = record[:10]
-        first_edge, end_edge, first_side, end_side = map(self.ops.truncated, record[10:14])
-        (x, x_rest), (y, y_rest) = place
-        offset = [(x - px) + (x_rest - px_rest), (y - py) + (y_rest - py_rest)]
+    def near(self, record: Sequence[Any], *samples: Any) -> Any:
+        """Whether the boxes of both copies meet."""
+        (x, y), (width, height) = self._offset(record, samples), record[14:16]
+        return (abs(x) < width) & (abs(y) < height)
+
+    def of_pair(self, record: Sequence[Any], *samples: Any) -> Values:
+        """What the edges of the pair contribute."""
+        ops, waves = self.ops, self._waves(samples)
+        dx, dx_rest, dy, dy_rest, real, imag = record[4:10]
+        first_edge, end_edge, first_side, end_side = map(ops.truncated, record[10:14])
+        end_edge = ops.select_number(self.near(record, *samples), end_edge, first_edge)
+        place = self._offset(record, samples)
         if self.view is MIRRORED:
-            offset = [2.0 * value for value in offset]
+            place = [2.0 * value for value in place]
         if self.tables.grid is not None:
-            offset = [self.ops.snapped(value, self.tables.grid) for value in offset]
-        sides = first_side, end_side
-        sums = self.ops.sum_over_range(
+            place = [ops.snapped(value, self.tables.grid) for value in place]
+        sums = ops.sum_over_range(
             first_edge,
             end_edge,
-            lambda row: self._of_edge(row, sides, offset[0], offset[1]),
-            2 * len(self.waves),
+            lambda row: self._of_edge(row, (first_side, end_side), place, waves),
+            2 * len(waves),
         )
-        apart = ((dx, dx_rest), (dy, dy_rest))
+        total = Pair(0.0, 0.0)
+        for k, wave in enumerate(waves):
+            factor = wave.across(((dx, dx_rest), (dy, dy_rest))) * wave.amplitude
+            total = total + Pair(sums[2 * k], sums[2 * k + 1]) * (Pair(real, imag) * factor)
+        return (total.real, total.imag)[: self.values]
+
+    def _offset(self, record: Sequence[Any], samples: Sequence[Any]) -> list[Any]:
+        """The place relative to the pair's own midpoint or difference."""
+        px, px_rest, py, py_rest = record[:4]
+        x, x_rest, y, y_rest = samples[:4]
+        return [(x - px) + (x_rest - px_rest), (y - py) + (y_rest - py_rest)]
+
+    def _waves(self, samples: Sequence[Any]) -> list[DistantWave]:
         return [
-            Pair(sums[2 * k], sums[2 * k + 1]) * (Pair(real, imag) * wave.across(apart))
-            for k, wave in enumerate(self.waves)
+            DistantWave.from_numbers(self.ops, samples[k : k + NUMBERS])
+            for k in range(4, len(samples), NUMBERS)
         ]
 
-    def _of_edge(self, row: Any, sides: tuple[Any, Any], tx: Any, ty: Any) -> Values:
+    def _of_edge(
+        self, row: Any, sides: tuple[Any, Any], offset: Sequence[Any], waves: Sequence[DistantWave]
+    ) -> Values:
         """(sine, cosine less one) of each wave over what is left of an edge."""
-        ops = self.ops
+        ops, (tx, ty) = self.ops, offset
         edge = ops.gather(self.held.edges, row)[:6]
         ax, ay, ex, ey = edge[:4]
         low, high = self._interval(edge, sides, tx, ty)
         middle, extent = low + high, ops.maximum(high - low, 0.0)
         values: list[Any] = []
-        for wave in self.waves:
+        for wave in waves:
             q = self.scale * wave.along(ex, ey)
             start = self.scale * wave.along(ax + self.side * tx, ay + self.side * ty)
-            sine, cosine = segment_wave(ops, extent * q, ops.fma(0.5 * middle, q, start))
+            sine, cosine = ops.where_left(extent, self._wave, extent, middle, q, start)
             across = self.scale * ops.fma(wave.x, ey, wave.y * -ex) * extent
             values += [across * sine, across * cosine]
         return tuple(values)
+
+    def _wave(self, extent: Any, middle: Any, q: Any, start: Any) -> tuple[Any, Any]:
+        ops = self.ops
+        return segment_wave(ops, extent * q, ops.fma(0.5 * middle, q, start))
 
     def _interval(
         self, edge: Sequence[Any], sides: tuple[Any, Any], tx: Any, ty: Any
@@ -225,38 +195,20 @@ class _Sum:
 
 
 def _total(
-    ops: Any, tables: DistantTables, place: Point, waves: Sequence[_Wave], values: int
+    ops: Any, tables: DistantTables, place: Point, waves: Sequence[DistantWave], values: int
 ) -> list[Any]:
     """The sum over all pairs, (real, imaginary) or the first alone; with what is not a number."""
     totals = [_unknown(place, waves)] * values
+    samples = [*place[0], *place[1], *(number for wave in waves for number in wave.numbers)]
     for view, lists in tables.lists:
-        for k, part in enumerate(_of_view(ops, tables, place, waves, values, view, lists)):
-            totals[k] = totals[k] + part
+        run = _Sum(ops, tables, view, values)
+        where = place[0][0], place[1][0]
+        found = sum_over_near_pairs(ops, lists, where, run.near, run.of_pair, values, samples)
+        totals = [total + part for total, part in zip(totals, found, strict=True)]
     return totals
 
 
-def _of_view(
-    ops: Any,
-    tables: DistantTables,
-    place: Point,
-    waves: Sequence[_Wave],
-    values: int,
-    view: View,
-    lists: PairLists,
-) -> list[Any]:
-    run = _Sum(ops, tables, view, waves)
-
-    def term(*record: Any) -> Values:
-        total = Pair(0.0, 0.0)
-        for wave, found in zip(waves, run.of_pair(place, record), strict=True):
-            total = total + found * wave.amplitude
-        return (total.real, total.imag)[:values]
-
-    found: list[Any] = sum_over_pairs(ops, lists, (place[0][0], place[1][0]), term, values)
-    return found
-
-
-def _unknown(place: Point, waves: Sequence[_Wave]) -> Any:
+def _unknown(place: Point, waves: Sequence[DistantWave]) -> Any:
     """0, or not a number where an argument is infinite or none."""
     numbers = [place[0][0], place[1][0], waves[0].x, waves[0].y]
     return sum(number - number for number in numbers)
@@ -265,7 +217,7 @@ def _unknown(place: Point, waves: Sequence[_Wave]) -> Any:
 def _wigner_sum(ops: Any, tables: DistantTables, *inner: Any) -> Values:
     place, nu = _points(inner)
     beats = mean_beats(tables.waves, tables.waves)
-    waves = [_Wave(ops, beat, nu, place) for beat in beats]
+    waves = [DistantWave.of(ops, beat, nu, place) for beat in beats]
     # pairs come in both orders, of which one is the other's conjugate; so do those of waves
     return (2.0 * _total(ops, tables, place, waves, 1)[0],)
 
@@ -273,14 +225,15 @@ def _wigner_sum(ops: Any, tables: DistantTables, *inner: Any) -> Values:
 def _ambiguity_sum(ops: Any, tables: DistantTables, turns: Any, *inner: Any) -> Values:
     upsilon, lag = _points(inner)
     beats = difference_beats(tables.waves, tables.waves)
-    waves = [_Wave(ops, beat, upsilon, lag) for beat in beats]
+    waves = [DistantWave.of(ops, beat, upsilon, lag) for beat in beats]
     real, imag = _total(ops, tables, lag, waves, 2)
     return real, -imag
 
 
 def _points(inner: Sequence[Any]) -> tuple[Point, Point]:
-    first, second = ((tuple(inner[k : k + 2]), tuple(inner[k + 2 : k + 4])) for k in (0, 4))
-    return first, second  # type: ignore[return-value]
+    a, b, c, d, *rest = inner
+    e, f, g, h = rest
+    return ((a, b), (c, d)), ((e, f), (g, h))
 
 
 WIGNER = Kernel(
@@ -311,6 +264,4 @@ LAG_MARGINAL_OF_FIELDS = replace(
     at_zero_frequency(AMBIGUITY, "lag marginal of distant parts", leads=True),
     in_one_frame=plane.LAG_MARGINAL_OF_FIELDS,
 )
-LAG_MARGINAL = replace(
-    LAG_MARGINAL_OF_FIELDS, leave=leave_real, in_one_frame=plane.LAG_MARGINAL
-)
+LAG_MARGINAL = replace(LAG_MARGINAL_OF_FIELDS, leave=leave_real, in_one_frame=plane.LAG_MARGINAL)

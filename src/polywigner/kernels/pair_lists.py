@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["PairLists", "pair_lists", "sum_over_pairs"]
+__all__ = ["PairLists", "pair_lists", "sum_over_near_pairs", "sum_over_pairs"]
 
 # Cells are of the element's size, or larger where there would be more of them.
 _MOST_CELLS = 1 << 20
@@ -74,22 +74,55 @@ class _Held:
 
 def sum_over_pairs(ops: Any, lists: PairLists, place: Any, term: Any, values: int) -> Any:
     """The sums of ``term`` of the records that may contribute at a place."""
+    records = _held(ops, lists).records
+
+    def of_record(row: Any) -> Any:
+        return term(*ops.gather(records, row))
+
+    totals: list[Any] = [0.0] * values
+    for begin, end in _runs(ops, lists, place):
+        sums = ops.sum_over_range(begin, end, of_record, values)
+        totals = [total + part for total, part in zip(totals, sums, strict=True)]
+    return totals
+
+
+def sum_over_near_pairs(
+    ops: Any, lists: PairLists, place: Any, near: Any, term: Any, values: int, samples: Any
+) -> Any:
+    """The sums of ``term(record, *samples)`` of the records with ``near(record, *samples)``.
+
+    ``term`` is 0 for others; an engine may leave them out.
+    """
+    records = _held(ops, lists).records
+    totals: list[Any] = [0.0] * values
+    for begin, end in _runs(ops, lists, place):
+        sums = ops.sum_over_some(
+            begin,
+            end,
+            lambda row, *own: near(ops.gather(records, row), *own),
+            lambda row, *own: term(ops.gather(records, row), *own),
+            values,
+            *samples,
+        )
+        totals = [total + part for total, part in zip(totals, sums, strict=True)]
+    return totals
+
+
+def _held(ops: Any, lists: PairLists) -> _Held:
     if ops.key not in lists.held:
         lists.held[ops.key] = _Held(ops, lists)
-    held: _Held = lists.held[ops.key]
+    found: _Held = lists.held[ops.key]
+    return found
+
+
+def _runs(ops: Any, lists: PairLists, place: Any) -> Iterator[tuple[Any, Any]]:
+    """The two runs of records for the cell of each place."""
+    held = _held(ops, lists)
     u, v = ((p - low) * s for p, low, s in zip(place, lists.low, lists.scale, strict=True))
     rows, columns = lists.counts
     inside = (u >= 0.0) & (u < float(rows)) & (v >= 0.0) & (v < float(columns))
     i, j = (ops.truncated(ops.select(inside, value, 0.0)) for value in (u, v))
-
-    def of_record(row: Any) -> Any:
-        return term(*ops.gather(held.records, row))
-
-    totals: list[Any] = [0.0] * values
     for step in (0, 1):
         cell = (i + step) * (columns + 1) + j
         (begin,), (end,) = ops.gather(held.first, cell), ops.gather(held.first, cell + 2)
-        end = ops.select_number(inside, end, begin)
-        sums = ops.sum_over_range(begin, end, of_record, values)
-        totals = [total + part for total, part in zip(totals, sums, strict=True)]
-    return totals
+        yield begin, ops.select_number(inside, end, begin)
