@@ -51,6 +51,8 @@ module               what is in it
 ``scattered_arrays`` arrays off any lattice: pairs near a sample
 ``scattered_sites``  their elements and pairs, in cells
 ``pair_lists``       pairs of elements, sorted into cells
+``distant_parts``    sources of small parts far from each other, each in its own coordinates
+``distant_sums``     their W and A, pair by pair; ``distant_waves`` phases between parts
 ``boundary``         exact fields at points as integrals along edges; ``fresnel`` parabolic ones
 ``edge_waves``       what a wave at an edge adds to them; ``nodes`` rules to sum it up
 ``kernel``           what a transform is to an engine: enter the frame, sum, leave it
