@@ -54,9 +54,9 @@ def test_the_distance_of_small_squares_costs_no_digits(
 @pytest.mark.parametrize("layout", ["points", "outer"])
 def test_random_small_parts_agree_with_rational_clipping(layout: str, precision: str) -> None:
     for seed in range(4):
-        for case in distant.drawn(seed, most_parts=12):
+        for case in distant_parts.drawn(seed, most_parts=12):
             found = case.values(layout, engine="numpy", precision=precision)
-            errors = distant.errors(case, found, reference(seed)[case.transform])
+            errors = distant_parts.errors(case, found, reference(seed)[case.transform])
             assert errors.max() <= TOLERANCE[precision], (seed, case.transform)
 
 
@@ -64,9 +64,9 @@ def test_random_small_parts_agree_with_rational_clipping(layout: str, precision:
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_compiled_kernels_agree_with_rational_clipping(precision: str) -> None:
     for seed in (3, 5):  # an array of weights, waves on an aperture
-        for case in distant.drawn(seed, most_parts=12):
+        for case in distant_parts.drawn(seed, most_parts=12):
             found = case.values("points", engine="llvm", precision=precision)
-            errors = distant.errors(case, found, reference(seed)[case.transform])
+            errors = distant_parts.errors(case, found, reference(seed)[case.transform])
             assert errors.max() <= TOLERANCE[precision], (seed, case.transform)
 
 
@@ -75,8 +75,8 @@ _known: dict[int, dict[str, np.ndarray]] = {}
 
 def reference(seed: int) -> dict[str, np.ndarray]:
     if seed not in _known:
-        cases = distant.drawn(seed, most_parts=12)
-        _known[seed] = {case.transform: distant.reference(case) for case in cases}
+        cases = distant_parts.drawn(seed, most_parts=12)
+        _known[seed] = {case.transform: distant_parts.reference(case) for case in cases}
     return _known[seed]
 
 
