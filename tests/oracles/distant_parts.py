@@ -1,7 +1,8 @@
 """Random sources made of small distant parts, and their W and A pair by pair in exact arithmetic.
 
 Slices of pairs of parts are cut in rational numbers, and transformed at 50 digits, with all floats
-taken as they are. ``python tests/oracles/distant_parts.py --sources 1000`` looks for the worst error.
+taken as they are. ``python tests/oracles/distant_parts.py --sources 1000`` looks for the worst
+error.
 """
 
 from __future__ import annotations
