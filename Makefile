@@ -23,12 +23,13 @@ SETUP = $(RUNNER) tools/bootstrap $(if $(PYTHON),--python "$(PYTHON)")
 RENDER = $(BIN)/polywigner render
 TRANSFORM = $(BIN)/polywigner transform
 PROPAGATE = $(BIN)/polywigner propagate
+PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 0 --dist loadfile
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test fuzz lint format typecheck hooks bench docs dist ci clean
+.PHONY: help demo pictures test test-all fuzz lint format typecheck hooks bench docs dist ci clean
 
 help: ## list the targets
-	@sed -n 's/^\([a-z]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
+	@sed -n 's/^\([a-z-]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
 
 demo: ## render the example scenes, transforms and near fields of the example apertures into out/
 	@$(SETUP) --group demo
@@ -45,9 +46,13 @@ pictures:
 	  --plane "-40 mm to 40 mm, 0 mm, 2 mm to 120 mm" --samples "161 x 237" --out out/two_chevrons_near_field
 	@echo; echo "Pictures:"; find out -name '*.png' | sort | sed 's/^/  /'
 
-test: ## run the tests
+test: ## run the tests, but the slow ones
 	@$(SETUP) --group test
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 0 --dist loadfile $(TESTS)
+	$(PYTEST) -m "not slow" $(TESTS)
+
+test-all: ## run all tests, the slow ones too
+	@$(SETUP) --group test
+	$(PYTEST) $(TESTS)
 
 fuzz: ## read ten thousand damaged files; FUZZ='--seed 2 --count 1000' chooses others
 	@$(SETUP) --group test

@@ -7,6 +7,7 @@ import itertools
 import math
 import pickle
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,9 +92,15 @@ def _exact(name: str) -> tuple[np.ndarray, ...]:
     return x, xi, nu, np.array(lag), np.array(position)
 
 
-@engines
-@pytest.mark.parametrize("precision", TOLERANCE)
-@pytest.mark.parametrize("name", COLLECTIONS)
+def _on_engines() -> list[Any]:
+    """All collections, in single precision one: on compiled engines each is a kernel of its own."""
+    how = [(name, "double") for name in COLLECTIONS] + [("overlapping", "single")]
+    return [pytest.param(*h, *e.values, marks=e.marks) for e in ENGINES[1:] for h in how] + [
+        (name, precision, "numpy") for name in COLLECTIONS for precision in TOLERANCE
+    ]
+
+
+@pytest.mark.parametrize(("name", "precision", "engine"), _on_engines())
 def test_wigner_and_ambiguity_functions_are_sums_over_pairs_also_where_edges_coincide(
     name: str, precision: str, engine: str
 ) -> None:

@@ -22,6 +22,8 @@ from benchmarks.lines import Figure, Line
 from benchmarks.peers import cpp, jax_kernel, libformfactor
 from benchmarks.questions import NAMES, module_of, otf, polyhedra, tasks, wigner
 
+pytestmark = pytest.mark.slow  # kernels of peers are compiled
+
 TINY = timing.Effort(rounds=2, seconds=1e-4, most=1 << 8, checked=3, quick=True)
 # Of the area. Float32 has 6e-8, times some tens of turns of phase; float64 likewise.
 SINGLE, DOUBLE = 5e-6, 1e-13

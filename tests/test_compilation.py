@@ -47,10 +47,12 @@ def _unaligned(values: Any) -> Any:
     return memory[1:].reshape(values.shape)
 
 
-@pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("name", SOURCES)
-@pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
-@pytest.mark.parametrize("form", ["outer product", "one by one"])
+@pytest.mark.parametrize(
+    ("form", "transform", "precision"),
+    [("outer product", pw.wigner, "double"), ("one by one", pw.ambiguity, "single")],
+    ids=["outer product", "one by one"],
+)
 def test_a_second_call_compiles_nothing(
     form: str, transform: Callable[..., Any], name: str, precision: str, llvm: Any
 ) -> None:

@@ -63,8 +63,8 @@ def test_the_map_has_every_room() -> None:
 
 def test_every_target_of_make_is_explained_and_every_one_explained_exists() -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    targets = set(re.findall(r"^(\w+):.* ## ", makefile, flags=re.MULTILINE)) - {"help"}
-    explained = set(re.findall(r"`make (\w+)`", section("Start")))
+    targets = set(re.findall(r"^([\w-]+):.* ## ", makefile, flags=re.MULTILINE)) - {"help"}
+    explained = set(re.findall(r"`make ([\w-]+)`", section("Start")))
     assert targets <= explained | {"help"} and explained <= targets | {"help"}
 
 

@@ -29,7 +29,11 @@ def by_folder(path: Path) -> str:
     return path.parent.name
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [PAGES[0], *(pytest.param(page, marks=pytest.mark.slow) for page in PAGES[1:])],
+    ids=lambda page: page.stem,
+)
 def test_the_python_of_a_page_runs(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,6 +92,7 @@ def test_an_example_explains_itself_and_brings_its_files(scene: Path) -> None:
         assert (scene.parent / mesh.get("value", "")).is_file()
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.parametrize("scene", SCENES, ids=by_folder)
 def test_an_example_renders(scene: Path, tmp_path: Path) -> None:
@@ -97,6 +102,7 @@ def test_an_example_renders(scene: Path, tmp_path: Path) -> None:
     assert record["radiance"]["fraction_not_positive"] < 0.9
 
 
+@pytest.mark.slow
 def test_third_order_rays_of_the_near_field_example_are_as_close_as_it_says(
     tmp_path: Path,
 ) -> None:
@@ -130,6 +136,7 @@ def test_the_command_of_the_volume_example_is_that_of_its_picture() -> None:
     assert given == {"polywigner", *relative}
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_the_beam_of_the_sweep_goes_from_left_to_right(tmp_path: Path) -> None:
     from PIL import Image

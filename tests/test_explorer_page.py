@@ -26,6 +26,8 @@ import polywigner as pw
 from polywigner.cli import main
 from polywigner.explorer.state import State, from_query, to_query
 
+pytestmark = pytest.mark.slow  # a browser, and a page that it waits for
+
 SECONDS = 20.0  # for anything to appear in the page of a loaded machine
 DIGITS = 1e-11  # relative: the page prints twelve
 

@@ -69,28 +69,6 @@ def test_every_transform_repeats_itself() -> None:
             assert largest(calls[2] - expected) < ROUNDING * max(source.area, 1.0)
 
 
-@pytest.mark.parametrize("kind", ["NumPy", "Dr.Jit"])
-def test_a_second_call_traces_nothing(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from polywigner.engines.operations import DrjitOperations
-
-    traced = []
-    fma = DrjitOperations.fma
-    monkeypatch.setattr(
-        DrjitOperations, "fma", lambda self, *abc: (traced.append(1), fma(self, *abc))[1]
-    )
-    source = pw.shapes.triangle(1.0, 0.8 if kind == "NumPy" else 0.9)
-    seen = []
-    for seed in (1, 2, 3):
-        x, nu = points(500, seed)
-        before = len(traced)
-        if kind == "NumPy":
-            pw.wigner(source, x, nu, engine="llvm")
-        else:
-            pw.wigner(source, *in_engine(x, nu))
-        seen.append(len(traced) - before)
-    assert seen[0] > 0 == seen[1] == seen[2]
-
-
 def test_earlier_results_stay_as_they_are() -> None:
     arrays = [in_engine(*points(100, seed)) for seed in (1, 2)]
     first = pw.wigner(CHEVRON, *arrays[0])

@@ -37,6 +37,7 @@ def test_a_case_is_the_same_file_each_time() -> None:
     assert first.stdout == second.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of time and memory are Unix's")
 def test_damaged_files_are_read_or_refused_but_break_nothing(tmp_path: Path) -> None:
     command = [sys.executable, str(FUZZ), "--count", str(COUNT), "--keep", str(tmp_path)]

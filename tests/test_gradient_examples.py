@@ -11,7 +11,7 @@ import pytest
 
 import polywigner as pw
 
-pytestmark = pytest.mark.llvm
+pytestmark = [pytest.mark.llvm, pytest.mark.slow]  # whole optimisations
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 # Of the largest component: a gradient in float32 against differences in float64.

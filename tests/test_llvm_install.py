@@ -16,6 +16,8 @@ import pytest
 from polywigner.engines.llvm import LLVMStatus
 from polywigner.engines.llvm_discovery import LIBRARY_VARIABLE, native_folders
 
+pytestmark = pytest.mark.slow  # each installs into a system of its own, and tries the library
+
 APT = r"""#!/bin/sh
 echo "$(basename "$0") $* [${DEBIAN_FRONTEND}]" >> "$DIARY"
 lists=$SYSTEM/lists

@@ -6,6 +6,8 @@ import os
 import subprocess
 import sys
 import warnings
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,6 +36,7 @@ COLUMNS = 101
 LARGEST_MEAN_SQUARE = 2.2
 
 
+@cache
 def line(source: pw.Aperture, distance: float) -> np.ndarray:
     """What a line of pixels through the axis must show at ``distance`` wavelengths."""
     import render_reference as reference
@@ -53,9 +56,13 @@ def mean_and_error(runs: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return stack.mean(axis=0), stack.std(axis=0, ddof=1) / np.sqrt(len(runs))
 
 
-@pytest.mark.parametrize("sampler", ["multijitter", "independent"])
 @pytest.mark.parametrize(
-    ("source", "distance"), [(SQUARE, 2), (SQUARE, 10), (CHEVRON, 10), (CHEVRON, 50)]
+    ("source", "distance", "sampler"),
+    [
+        (SQUARE, 2, "independent"),
+        (CHEVRON, 10, "multijitter"),
+        pytest.param(CHEVRON, 50, "multijitter", marks=pytest.mark.slow),
+    ],
 )
 def test_a_floor_shows_the_diffraction_integral_without_bias(
     source: pw.Aperture, distance: float, sampler: str, llvm: object
@@ -81,6 +88,7 @@ def _floor(source: pw.Aperture, distance: float, sampler: str, **how: Any) -> An
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "distance", "how"),
     [
@@ -107,6 +115,7 @@ def test_importance_and_control_variate_shift_no_mean_and_save_three_of_four_sam
     assert np.std(runs - expected) < np.std(many - expected)
 
 
+@pytest.mark.slow
 def test_a_control_variate_is_unbiased_on_a_tilted_floor_too(llvm: object) -> None:
     """The receiver's cosine, by which the renderer multiplies, changes from place to place."""
     use("llvm_ad_mono")
@@ -150,19 +159,35 @@ def test_the_reference_integrals_agree_with_values_computed_elsewhere(
     assert getattr(reference, of)(SQUARE, axis, WAVELENGTH)[0] == pytest.approx(value, rel=1e-9)
 
 
+@pytest.fixture(scope="module")
+def path_traced() -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
+    """Mean and error of the floor under a chevron, seen with so many columns by path tracing."""
+
+    @cache
+    def floor(columns: int) -> tuple[np.ndarray, np.ndarray]:
+        use("llvm_ad_mono")
+        import polywigner.mitsuba as pwm
+
+        scene = floor_scene({"aperture": light(CHEVRON)}, columns=columns)
+        return mean_and_error([pwm.render(scene, spp=256, seed=s) for s in range(8)])
+
+    return floor
+
+
 @pytest.mark.parametrize("integrator", ["direct", "volpath", "volpathmis", "prb", "prbvolpath"])
-def test_integrators_agree(integrator: str, llvm: object) -> None:
+def test_integrators_agree(integrator: str, path_traced: Any, llvm: object) -> None:
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
 
+    expected, error = path_traced(8)
     scene = floor_scene({"aperture": light(CHEVRON)}, columns=8)
-    expected, error = mean_and_error([pwm.render(scene, spp=256, seed=s) for s in range(8)])
     runs = [pwm.render(scene, integrator, spp=256, seed=100 + s) for s in range(8)]
     mean, own_error = mean_and_error(runs)
     deviation = (mean - expected) / np.hypot(error, own_error)
     assert np.mean(deviation**2) < LARGEST_MEAN_SQUARE
 
 
+@pytest.mark.slow
 def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(
     llvm: object,
 ) -> None:
@@ -189,10 +214,10 @@ def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(
         }
     )
     # 16 pixels only: more seeds, so that their errors are known better.
-    expected, error = mean_and_error([pwm.render(scene, spp=4096, seed=s) for s in range(32)])
+    expected, error = mean_and_error([pwm.render(scene, spp=1024, seed=s) for s in range(16)])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        runs = [pwm.render(scene, "ptracer", spp=8192, seed=s) for s in range(32)]
+        runs = [pwm.render(scene, "ptracer", spp=2048, seed=s) for s in range(16)]
         short = mi.load_dict({"type": "ptracer", "max_depth": 4})  # rr_depth is 5
         pwm.render(scene, short, spp=1)
     for depths in ({}, {"max_depth": 5}, {"rr_depth": 100}):
@@ -202,16 +227,20 @@ def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(
     assert np.mean(((mean - expected) / np.hypot(error, own_error)) ** 2) < LARGEST_MEAN_SQUARE
 
 
-@pytest.mark.parametrize("variant", ["scalar_rgb", RGB])
-def test_variants_show_the_same_floor(variant: str, llvm: object) -> None:
+# A sample of a scalar variant takes a third of a millisecond.
+@pytest.mark.parametrize(
+    ("variant", "spp"),
+    [pytest.param("scalar_rgb", 36, marks=pytest.mark.slow), (*RGB.values, 256)],
+)
+def test_variants_show_the_same_floor(
+    variant: str, spp: int, path_traced: Any, llvm: object
+) -> None:
     import polywigner.mitsuba as pwm
 
-    use("llvm_ad_mono")
-    scene = floor_scene({"aperture": light(CHEVRON)}, columns=4)
-    expected, error = mean_and_error([pwm.render(scene, spp=256, seed=s) for s in range(8)])
+    expected, error = path_traced(4)
     use(variant)
     scene = floor_scene({"aperture": light(CHEVRON)}, columns=4)
-    runs = [pwm.render(scene, spp=256, seed=50 + s) for s in range(8)]
+    runs = [pwm.render(scene, spp=spp, seed=50 + s) for s in range(8)]
     mean, own_error = mean_and_error(runs)
     assert mean.shape == (4, 4, 3)
     assert np.abs(mean - mean[..., :1]).max() < 1e-6 * mean.max()  # one band in every channel
@@ -337,6 +366,7 @@ def test_parameters_change_in_every_variant_and_are_checked(variant: str) -> Non
         params.update()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "value"), [("wavelength", WAVELENGTH), ("power", 1e-4)])
 def test_gradients_flow_to_wavelength_and_power(name: str, value: float, llvm: object) -> None:
     mi = use("llvm_ad_mono")

@@ -68,7 +68,7 @@ def test_importing_the_package_loads_no_heavy_library() -> None:
 
 
 @pytest.mark.parametrize(
-    "target", ["demo", "test", "lint", "typecheck", "bench", "docs", "clean", "help"]
+    "target", ["demo", "test", "test-all", "lint", "typecheck", "bench", "docs", "clean", "help"]
 )
 def test_make_has_the_target(target: str) -> None:
     makefile = (ROOT / "Makefile").read_text()

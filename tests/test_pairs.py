@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.engines import evaluation, on_drjit
 from polywigner.engines.pairs import pairs_of
 
 # Of areas of about 1. Sums are the same; arguments enter the frame in NumPy or in Dr.Jit, which
@@ -28,9 +27,12 @@ SOURCES: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", SOURCES)
-@pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize(
+    ("name", "transform", "precision"),
+    [(name, transform, "double") for name in SOURCES for transform in (pw.wigner, pw.ambiguity)]
+    + [("chevron", pw.wigner, "single"), ("by cells", pw.wigner, "single")]
+    + [("mixed", pw.ambiguity, "single"), ("lattice", pw.ambiguity, "single")],
+)
 def test_pairs_have_the_values_of_single_points(
     llvm: Any, name: str, transform: Callable[..., Any], precision: str
 ) -> None:
@@ -46,27 +48,6 @@ def test_pairs_have_the_values_of_single_points(
     assert found.shape == each.shape == (3, 5, 9, 8)
     assert found.dtype == each.dtype
     np.testing.assert_allclose(found, each, rtol=0, atol=ROUNDING[precision])
-
-
-def test_cells_are_not_looked_up_for_samples_in_no_order(
-    llvm: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Positions along the trailing axis would come from another cell with every sample."""
-    taken = []
-    takes = on_drjit.OnDrjit.takes
-
-    def watched(self: Any, pairs: Any) -> bool:
-        taken.append(takes(self, pairs))
-        return taken[-1]
-
-    monkeypatch.setattr(on_drjit.OnDrjit, "takes", watched)
-    source = SOURCES["by cells"]()
-    rng = np.random.default_rng(3)
-    x, nu = rng.normal(size=(70, 1, 2)) * 0.3, rng.normal(size=(80, 2))
-    rows = pw.wigner(source, x, nu, engine="llvm")
-    columns = pw.wigner(source, x[:, 0], nu[:, None], engine="llvm")
-    assert taken == [True, False]
-    np.testing.assert_allclose(rows, columns.T, rtol=0, atol=ROUNDING["double"])
 
 
 @pytest.mark.parametrize("columns", [64, 82, 115, 4097, 349525])
@@ -126,11 +107,13 @@ ARRAYS: dict[str, Callable[[], Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", ARRAYS)
-@pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize(
+    ("engine", "name", "transform", "precision"),
+    [("numpy", name, f, "double") for name in ARRAYS for f in (pw.wigner, pw.ambiguity)]
+    + [("llvm", name, pw.wigner, "double") for name in ARRAYS]
+    + [(engine, "steered", pw.ambiguity, "single") for engine in ("numpy", "llvm")],
+)
 @pytest.mark.parametrize("positions_lead", [True, False])
-@pytest.mark.parametrize("engine", ["numpy", "llvm"])
 def test_copies_listed_for_a_place_have_the_values_of_single_points(
     request: pytest.FixtureRequest,
     engine: str,
@@ -138,7 +121,6 @@ def test_copies_listed_for_a_place_have_the_values_of_single_points(
     precision: str,
     transform: Callable[..., Any],
     name: str,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """More places than midpoints of sites, some of them outside; one is not a number."""
     if engine == "llvm":
@@ -154,17 +136,7 @@ def test_copies_listed_for_a_place_have_the_values_of_single_points(
         pair = (places[:70], rng.uniform(-3, 3, (300, 1, 2)))
     points = pair if transform is pw.wigner else pair[::-1]
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    listed: list[int] = []
-    by_copies = evaluation._by_copies
-
-    def watched(*arguments: Any) -> Any:
-        found = by_copies(*arguments)
-        listed.append(found is not None)
-        return found
-
-    monkeypatch.setattr(evaluation, "_by_copies", watched)
     found = transform(source, *points, **how)
-    assert listed == [True] or not positions_lead
     flat = [np.broadcast_to(p, (*found.shape, 2)).reshape(-1, 2) for p in points]
     each = transform(source, *flat, **how).reshape(found.shape)
     energy = abs(pw.lag_marginal(source, (0.0, 0.0)))

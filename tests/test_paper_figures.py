@@ -222,12 +222,15 @@ def test_every_figure_is_checked_and_named_by_the_help(capfd: pytest.CaptureFixt
     assert all(name in help_text for name in FIGURES)
 
 
-RENDERED = ("render", "emitters")  # minutes without LLVM
+RENDERED = {"render", "emitters"}  # minutes without LLVM
+LONG = RENDERED | {"volrender", "compar", "projs", "sampling", "appendix"}
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.llvm) if n in RENDERED else n for n in FIGURES]
-)
+def marks(name: str) -> list[pytest.MarkDecorator]:
+    return [pytest.mark.llvm] * (name in RENDERED) + [pytest.mark.slow] * (name in LONG)
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in FIGURES])
 def test_the_numbers_behind_a_figure_are_those_of_the_public_functions(
     name: str,
     tmp_path: Path,

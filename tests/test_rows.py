@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.references import ENGINES, awkward, awkward_names
+from oracles.references import awkward, awkward_on_engines
 from polywigner.engines import operations
 
 # Relative to the area: what the package promises.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
 
-engines = pytest.mark.parametrize("engine", ENGINES)
 precisions = pytest.mark.parametrize("precision", list(TOLERANCE))
 
 
@@ -27,9 +26,8 @@ def rows_only(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("rows_only")
-@pytest.mark.parametrize("name", awkward_names())
+@pytest.mark.parametrize(("name", "engine"), awkward_on_engines())
 @precisions
-@engines
 def test_no_value_jumps_where_edges_are_rows(name: str, engine: str, precision: str) -> None:
     case, how = awkward(name), {"engine": engine, "precision": precision}
     allowed = TOLERANCE[precision] * case.area

@@ -10,8 +10,6 @@ import pytest
 
 import polywigner as pw
 from oracles.references import ENGINES, awkward
-from polywigner.engines import on_drjit
-from polywigner.kernels import shared_slices
 
 # Of areas of about 1. The same terms with edges cut in float64; frequencies and positions are
 # rounded to single precision before or after the cut, some 30 ulp of a phase of a few turns.
@@ -46,8 +44,9 @@ def _points(transform: Any, positions: Any, frequencies: Any) -> tuple[Any, Any]
 
 @engines
 @transforms
-@pytest.mark.parametrize("precision", list(ROUNDING))
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize(
+    ("name", "precision"), [(name, "double") for name in SOURCES] + [("chevron", "single")]
+)
 def test_every_place_with_every_frequency_has_the_values_of_single_points(
     name: str, precision: str, transform: Callable[..., Any], engine: str
 ) -> None:
@@ -67,20 +66,6 @@ def test_every_place_with_every_frequency_has_the_values_of_single_points(
     np.testing.assert_allclose(turned.T, found, rtol=0, atol=ROUNDING[precision])
 
 
-@transforms
-def test_slices_found_by_cells_are_found_once_for_all_frequencies(
-    transform: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pw.engines.NumpyOperations, "prefers_cells", lambda *of: True)
-    rng = np.random.default_rng(3)
-    points = _points(transform, rng.normal(size=(9, 1, 2)) * 0.3, rng.normal(size=(70, 2)) * 3)
-    source = pw.shapes.star(7, 1.0, 0.5)
-    found = transform(source, *points, engine="numpy")
-    monkeypatch.undo()
-    each = transform(source, *np.broadcast_arrays(*points), engine="numpy")
-    np.testing.assert_allclose(found, each, rtol=0, atol=ROUNDING["double"])
-
-
 MANY_EDGES: dict[str, Callable[[], Any]] = {
     "regular": lambda: pw.shapes.regular_polygon(90, 0.5),
     "hole": lambda: pw.shapes.ring(0.6, 0.3, n=24),
@@ -93,8 +78,9 @@ MANY_EDGES: dict[str, Callable[[], Any]] = {
 
 @compiled
 @transforms
-@pytest.mark.parametrize("precision", list(ROUNDING))
-@pytest.mark.parametrize("name", MANY_EDGES)
+@pytest.mark.parametrize(
+    ("name", "precision"), [(name, "double") for name in MANY_EDGES] + [("weights", "single")]
+)
 def test_runs_of_whole_edges_are_differences_of_sums_along_the_outline(
     name: str, precision: str, transform: Callable[..., Any], engine: str
 ) -> None:
@@ -136,45 +122,18 @@ def test_what_is_not_finite_stays_in_its_row_and_column(
     np.testing.assert_array_equal(found[2, np.arange(300) != 7], 0.0)  # nothing is left there
 
 
-@engines
-@transforms
-def test_slices_are_cut_once_for_all_frequencies(
-    transform: Callable[..., Any], engine: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    cut = []
-    parts = shared_slices.SharedSlice.parts
-
-    def watched(self: Any, ops: Any, tables: Any, *place: Any) -> Any:
-        cut.append(np.size(np.broadcast_arrays(*place)[0]))
-        return parts(self, ops, tables, *place)
-
-    monkeypatch.setattr(shared_slices.SharedSlice, "parts", watched)
-    positions, frequencies = np.zeros((20, 1, 2)), np.ones((500, 2))
-    transform(SOURCES["chevron"](), *_points(transform, positions, frequencies), engine=engine)
-    assert sum(cut) == 20
-
-
 @pytest.mark.llvm
 @pytest.mark.parametrize("columns", [260, 261])
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_sums_along_an_outline_serve_any_number_of_frequencies(
-    llvm: Any, precision: Any, columns: int, monkeypatch: pytest.MonkeyPatch
+    llvm: Any, precision: Any, columns: int
 ) -> None:
     """Four of them a lane, or one; for places inside, outside, and nowhere."""
     source, rng = pw.shapes.ring(1.0, 0.6, n=24), np.random.default_rng(7)
-    taken: list[bool] = []
-    whole = on_drjit.OnDrjit.sums_whole_edges
-
-    def watched(self: Any, pairs: Any) -> bool:
-        taken.append(whole(self, pairs))
-        return taken[-1]
-
-    monkeypatch.setattr(on_drjit.OnDrjit, "sums_whole_edges", watched)
     x, nu = rng.uniform(-1.1, 1.1, (70, 2)), rng.uniform(-4, 4, (columns, 2))
     x[3], nu[5] = np.nan, 0.0
     how: dict[str, Any] = {"precision": precision, "engine": "llvm"}
     found = pw.wigner(source, x[:, None], nu, **how)
-    assert taken == [True]
     flat = (np.broadcast_to(p, (70, columns, 2)).reshape(-1, 2) for p in (x[:, None], nu))
     each = pw.wigner(source, *flat, **how).reshape(found.shape)
     allowed = 1e-13 if precision == "double" else 5e-6

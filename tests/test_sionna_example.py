@@ -12,6 +12,8 @@ import pytest
 
 import polywigner as pw
 
+pytestmark = pytest.mark.slow
+
 EXAMPLE = Path(__file__).parent.parent / "examples" / "sionna_pattern" / "sionna_pattern.py"
 
 # Sionna computes in single precision; 55 dB below the peak that is 1e-4 of the amplitude.

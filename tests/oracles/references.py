@@ -17,7 +17,16 @@ import polywigner as pw
 from oracles import exact
 from oracles.shapes import Polygons
 
-__all__ = ["ENGINES", "Reference", "aperture", "awkward", "awkward_names", "read_json"]
+__all__ = [
+    "ENGINES",
+    "FEW",
+    "Reference",
+    "aperture",
+    "awkward",
+    "awkward_names",
+    "awkward_on_engines",
+    "read_json",
+]
 
 DATA = Path(__file__).parents[1] / "data"
 
@@ -26,6 +35,15 @@ ENGINES = [
     pytest.param("llvm", marks=pytest.mark.llvm),
     pytest.param("cuda", marks=pytest.mark.cuda),
 ]
+
+# Compiled engines run the operations of NumPy: on them a few shapes stand for all, since each
+# shape may be a kernel of its own.
+FEW = (
+    "two touching squares, rotated",
+    "square annulus",
+    "nearly parallel edges, rotated",
+    "needle 1e-6",
+)
 
 
 def read_json(name: str) -> Any:
@@ -85,6 +103,16 @@ def _arrays() -> dict[str, np.ndarray]:
 def awkward_names() -> list[str]:
     """Names of the shapes with special positions."""
     return list(dict.fromkeys(key.split("/")[0] for key in _arrays()))
+
+
+def awkward_on_engines() -> list[Any]:
+    """Names of shapes with engines: all shapes on NumPy, a few on each other engine."""
+    compiled = [
+        pytest.param(name, *engine.values, marks=engine.marks)
+        for engine in ENGINES[1:]
+        for name in FEW
+    ]
+    return [(name, "numpy") for name in awkward_names()] + compiled
 
 
 @lru_cache(maxsize=64)
