@@ -133,6 +133,7 @@ def test_a_steered_array_throws_its_beam_where_theory_says(llvm: object) -> None
     assert centroid == pytest.approx(distance * np.tan(np.radians(20)), abs=0.02 * distance)
 
 
+@pytest.mark.slow
 def test_the_floor_under_a_te10_horn_shows_the_integral_of_its_wigner_function(
     llvm: object,
 ) -> None:
@@ -153,6 +154,7 @@ def test_the_floor_under_a_te10_horn_shows_the_integral_of_its_wigner_function(
     assert np.abs(mean - expected).mean() < 0.01 * expected.max()
 
 
+@pytest.mark.slow
 def test_a_focused_array_lights_what_the_waves_of_its_elements_add_up_to(llvm: object) -> None:
     """|sum of z/R exp(ikR)/(i lambda R)|^2 over the patches, which knows no Wigner function."""
     use("llvm_ad_mono")
@@ -268,6 +270,7 @@ def test_elements_of_an_array_keep_the_obliquity_of_their_own_waves(
     assert np.abs(seen / ratio - plain).max() < RADIANCE_ERROR * np.abs(plain).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("obliquity", OBLIQUE)
 def test_the_floor_under_a_steered_aperture_receives_its_obliquity(
     obliquity: str, llvm: object

@@ -1,11 +1,9 @@
-"""The package and the project around it hold together: metadata, public names, make targets, and
-the example that the README opens with."""
+"""The package and the project around it hold together: metadata, public names, make targets."""
 
 from __future__ import annotations
 
 import ast
 import importlib.metadata
-import os
 import re
 import subprocess
 import sys
@@ -15,11 +13,9 @@ from pathlib import Path
 import pytest
 
 import polywigner
-from polywigner.engines.llvm import LLVMStatus
 
 ROOT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_installed_version_is_that_of_the_sources() -> None:
@@ -92,18 +88,3 @@ def test_every_local_link_of_the_documents_leads_somewhere() -> None:
         [sys.executable, ROOT / "tools" / "check_documents.py"], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_the_readmes_first_example_runs_as_printed(llvm: LLVMStatus, tmp_path: Path) -> None:
-    match = re.search(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    assert match, "expected a ```python block in README.md"
-    environment = {**os.environ, "MPLBACKEND": "agg"}
-    done = subprocess.run(
-        [sys.executable, "-c", match.group(1)],
-        cwd=tmp_path,  # as an installed package, away from the sources
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]

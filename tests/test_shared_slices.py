@@ -33,7 +33,6 @@ SOURCES: dict[str, Callable[[], Any]] = {
     ),
 }  # fmt: skip
 
-compiled = pytest.mark.parametrize("engine", ENGINES[1:])
 engines = pytest.mark.parametrize("engine", ENGINES)
 transforms = pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
 
@@ -76,7 +75,7 @@ MANY_EDGES: dict[str, Callable[[], Any]] = {
 }
 
 
-@compiled
+@engines
 @transforms
 @pytest.mark.parametrize(
     ("name", "precision"), [(name, "double") for name in MANY_EDGES] + [("weights", "single")]
@@ -86,7 +85,8 @@ def test_runs_of_whole_edges_are_differences_of_sums_along_the_outline(
 ) -> None:
     rng = np.random.default_rng(3)
     source, how = MANY_EDGES[name](), {"engine": engine, "precision": precision}
-    positions = rng.normal(size=(70, 1, 2)) * 0.2
+    rows = 12 if engine == "numpy" else 70  # of many rows, compiled engines make sums beforehand
+    positions = rng.normal(size=(rows, 1, 2)) * 0.2
     positions[0] = 0.0
     frequencies = rng.normal(size=(300, 2)) * 4
     frequencies[:3] = [[0.0, 0.0], [1e-200, 0.0], [1e-7, 1e-7]]
