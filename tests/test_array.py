@@ -7,7 +7,6 @@ import itertools
 import math
 import pickle
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ from hypothesis import strategies as st
 import polywigner as pw
 from oracles import exact
 from oracles.quadrature import position_nodes
-from oracles.references import ENGINES
+from oracles.references import ENGINES, numpy_and_few
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError, PolywignerError
 
 # Relative to (sum |w| sqrt(content))^2, which bounds the sum over pairs in absolute values.
@@ -92,15 +91,20 @@ def _exact(name: str) -> tuple[np.ndarray, ...]:
     return x, xi, nu, np.array(lag), np.array(position)
 
 
-def _on_engines() -> list[Any]:
-    """All collections, in single precision one: on compiled engines each is a kernel of its own."""
-    how = [(name, "double") for name in COLLECTIONS] + [("overlapping", "single")]
-    return [pytest.param(*h, *e.values, marks=e.marks) for e in ENGINES[1:] for h in how] + [
-        (name, precision, "numpy") for name in COLLECTIONS for precision in TOLERANCE
-    ]
-
-
-@pytest.mark.parametrize(("name", "precision", "engine"), _on_engines())
+@pytest.mark.parametrize(
+    ("name", "precision", "engine"),
+    numpy_and_few(
+        itertools.product(COLLECTIONS, TOLERANCE),
+        # all kinds of weights, of those that compile in a second
+        [
+            ("touching", "double"),
+            ("leaning", "double"),
+            ("real weights", "double"),
+            ("overlapping", "single"),
+            ("equal weights", "single"),
+        ],
+    ),
+)
 def test_wigner_and_ambiguity_functions_are_sums_over_pairs_also_where_edges_coincide(
     name: str, precision: str, engine: str
 ) -> None:

@@ -15,7 +15,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from oracles.references import ENGINES, awkward, awkward_on_engines
+from oracles.references import ENGINES, FEW, awkward, awkward_names, numpy_and_few
 from polywigner.engines import NumpyOperations, drjit_ranges, ranges
 from polywigner.kernels import tables_of, wigner
 from polywigner.kernels.cell_finder import Segments
@@ -120,7 +120,7 @@ OUTLINES: dict[str, Callable[[], pw.Aperture]] = {
     "gear": lambda: gear(12),
 }
 # On compiled engines: coincident sides, holes, and none of these.
-FEW = ("random and rough", "holed ring", "turned comb", "touching hexagons")
+COMPILED = ("random and rough", "holed ring", "turned comb", "touching hexagons")
 
 
 def places(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +139,7 @@ def places(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.usefixtures("cells_only")
-@pytest.mark.parametrize(("name", "engine"), awkward_on_engines())
+@pytest.mark.parametrize(("name", "engine"), numpy_and_few(awkward_names(), FEW))
 @precisions
 def test_no_value_jumps_where_edges_are_looked_up(name: str, engine: str, precision: str) -> None:
     case, how = awkward(name), {"engine": engine, "precision": precision}
@@ -151,12 +151,7 @@ def test_no_value_jumps_where_edges_are_looked_up(name: str, engine: str, precis
         assert np.abs(got - case.ambiguity).max() < allowed
 
 
-def on_engines() -> list[Any]:
-    some = [pytest.param(n, *e.values, marks=e.marks) for e in ENGINES[1:] for n in FEW]
-    return [(name, "numpy") for name in OUTLINES] + some
-
-
-@pytest.mark.parametrize(("name", "engine"), on_engines())
+@pytest.mark.parametrize(("name", "engine"), numpy_and_few(OUTLINES, COMPILED))
 def test_cells_change_no_transform(name: str, engine: str) -> None:
     source = OUTLINES[name]()
     boundary = source.diameter * shapely.length(source.polygons) / source.area

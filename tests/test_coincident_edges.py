@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 import polywigner as pw
 from oracles import exact
-from oracles.references import ENGINES, FEW, Reference, awkward, awkward_names
+from oracles.references import FEW, Reference, awkward, awkward_names, numpy_and_few
 
 # Relative to the area: what the package promises.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
@@ -24,13 +25,11 @@ LIVE_POSITIONS, LIVE_LAGS = 6, 4
 shapes = pytest.mark.parametrize("name", awkward_names())
 
 
-def _on_engines(compiled: list[str]) -> Any:
+def _engines(compiled: Iterable[str]) -> Any:
     """All shapes on NumPy; on each other engine some in double, and a few in single precision."""
-    cases: list[Any] = [(name, "numpy", p) for name in awkward_names() for p in TOLERANCE]
+    everything = [(name, precision) for name in awkward_names() for precision in TOLERANCE]
     some = [(name, "double") for name in compiled] + [(name, "single") for name in FEW]
-    for engine in ENGINES[1:]:
-        cases += [pytest.param(n, *engine.values, p, marks=engine.marks) for n, p in some]
-    return pytest.mark.parametrize(("name", "engine", "precision"), cases)
+    return pytest.mark.parametrize(("name", "precision", "engine"), numpy_and_few(everything, some))
 
 
 def _worst(reference: Reference, got: np.ndarray, expected: np.ndarray) -> tuple[float, int]:
@@ -39,7 +38,7 @@ def _worst(reference: Reference, got: np.ndarray, expected: np.ndarray) -> tuple
     return float(error.max()), int(error.argmax())
 
 
-@_on_engines(awkward_names())
+@_engines(awkward_names())
 def test_wigner_does_not_jump_where_edges_coincide(name: str, engine: str, precision: str) -> None:
     case = awkward(name)
     x, nu = case.x, case.x_nu
@@ -48,7 +47,7 @@ def test_wigner_does_not_jump_where_edges_coincide(name: str, engine: str, preci
     assert error < TOLERANCE[precision], (x[worst].tolist(), nu[worst].tolist())
 
 
-@_on_engines(list(FEW))  # a kernel of A takes twice as long to compile
+@_engines(FEW)  # a kernel of A takes twice as long to compile
 def test_ambiguity_does_not_jump_where_edges_coincide(
     name: str, engine: str, precision: str
 ) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.references import ENGINES
+from oracles.references import ENGINES, numpy_and_few
 from polywigner.engines.operations import NumpyOperations
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.illumination.lattices import Profile, lattice_of, separated
@@ -85,21 +85,13 @@ SCATTERED = {
     ),
 }
 ALL = {**ARRAYS, **SCATTERED}
-# Each array and transform is a kernel of its own: on compiled engines a few stand for all.
+# Of all kinds of weights and places, for compiled engines.
 FEW = (
     "touching, steered",
     "any weights",
     "own waves, any weights",
     "scattered far off, any weights",
 )
-
-
-def _on_engines() -> list[Any]:
-    cases = [(name, "double", "numpy") for name in ALL] + [(n, "single", "numpy") for n in FEW]
-    for engine in ENGINES[1:]:
-        how = [(name, "double") for name in FEW] + [("tapered and steered", "single")]
-        cases += [pytest.param(*h, *engine.values, marks=engine.marks) for h in how]
-    return cases
 
 
 def _points(array: pw.Array, count: int, seed: int) -> tuple[np.ndarray, ...]:
@@ -120,7 +112,13 @@ def _points(array: pw.Array, count: int, seed: int) -> tuple[np.ndarray, ...]:
     return x, xi, rng.normal(size=(count, 2)) * size
 
 
-@pytest.mark.parametrize(("name", "precision", "engine"), _on_engines())
+@pytest.mark.parametrize(
+    ("name", "precision", "engine"),
+    numpy_and_few(
+        [(name, "double") for name in ALL] + [(name, "single") for name in FEW],
+        [(name, "double") for name in FEW] + [("tapered and steered", "single")],
+    ),
+)
 def test_functions_of_an_array_are_sums_over_pairs_of_elements(
     name: str, precision: str, engine: str
 ) -> None:
@@ -145,9 +143,13 @@ def test_functions_of_an_array_are_sums_over_pairs_of_elements(
         assert error < TOLERANCE[precision] * scale, transform.__name__
 
 
-@engines
-@pytest.mark.parametrize("precision", TOLERANCE)
-@pytest.mark.parametrize("shape", [(9, 8), (70, 1)])
+@pytest.mark.parametrize(
+    ("shape", "precision", "engine"),
+    numpy_and_few(
+        [((7, 5), "double"), ((7, 5), "single"), ((70, 1), "double")],
+        [((7, 5), "single"), ((70, 1), "double")],
+    ),
+)
 def test_tables_of_weights_agree_with_the_sum_over_pairs(
     shape: tuple[int, int], precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -311,8 +313,7 @@ def test_tables_of_weights_hold_for_waves_of_the_highest_rate(
     assert np.abs(got - expected).max() < share
 
 
-@engines
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize(("name", "engine"), numpy_and_few(ALL, FEW))
 def test_pattern_of_an_array_is_element_pattern_times_array_factor(name: str, engine: str) -> None:
     array = ALL[name]
     element, positions = array.repeated

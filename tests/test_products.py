@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.references import ENGINES
+from oracles.references import numpy_and_few
 from polywigner.kernels import is_separable, plane, separable
 from polywigner.kernels.catalogue import kernel_for
 
@@ -18,7 +19,6 @@ TOLERANCE = {"double": 1e-13, "single": 3e-6}
 SLOPE = 1e-7
 SIDES = (2.0, 1.25)
 
-engines = pytest.mark.parametrize("engine", ENGINES)
 precisions = pytest.mark.parametrize("precision", TOLERANCE)
 
 
@@ -80,16 +80,13 @@ def _by_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elements, "separable_tables", lambda aperture, double: None)
 
 
-def _on_engines() -> list[Any]:
-    """Each source and transform is a kernel of its own: on compiled engines a few stand for all."""
-    cases = [(name, precision, "numpy") for name in SOURCES for precision in TOLERANCE]
-    few = [("one axis", "double"), ("turned and moved", "double"), ("steered", "single")]
-    for engine in ENGINES[1:]:
-        cases += [pytest.param(*how, *engine.values, marks=engine.marks) for how in few]
-    return cases
-
-
-@pytest.mark.parametrize(("name", "precision", "engine"), _on_engines())
+@pytest.mark.parametrize(
+    ("name", "precision", "engine"),
+    numpy_and_few(
+        itertools.product(SOURCES, TOLERANCE),
+        [("one axis", "double"), ("turned and moved", "double"), ("steered", "single")],
+    ),
+)
 def test_products_agree_with_the_sum_over_all_pairs_of_waves(
     name: str, precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -302,9 +299,13 @@ POSITIONS = {
 }
 
 
-@engines
-@precisions
-@pytest.mark.parametrize("name", POSITIONS)
+@pytest.mark.parametrize(
+    ("name", "precision", "engine"),
+    numpy_and_few(
+        itertools.product(POSITIONS, TOLERANCE),
+        [("lattice", "single"), ("touching", "double"), ("scattered", "double")],
+    ),
+)
 def test_arrays_of_products_agree_with_the_sum_over_all_pairs_of_waves(
     name: str, precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

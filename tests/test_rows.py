@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.references import awkward, awkward_on_engines
+from oracles.references import FEW, awkward, awkward_names, numpy_and_few
 from polywigner.engines import operations
 
 # Relative to the area: what the package promises.
@@ -26,7 +26,7 @@ def rows_only(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("rows_only")
-@pytest.mark.parametrize(("name", "engine"), awkward_on_engines())
+@pytest.mark.parametrize(("name", "engine"), numpy_and_few(awkward_names(), FEW))
 @precisions
 def test_no_value_jumps_where_edges_are_rows(name: str, engine: str, precision: str) -> None:
     case, how = awkward(name), {"engine": engine, "precision": precision}

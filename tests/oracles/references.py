@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -24,7 +24,7 @@ __all__ = [
     "aperture",
     "awkward",
     "awkward_names",
-    "awkward_on_engines",
+    "numpy_and_few",
     "read_json",
 ]
 
@@ -36,14 +36,24 @@ ENGINES = [
     pytest.param("cuda", marks=pytest.mark.cuda),
 ]
 
-# Compiled engines run the operations of NumPy: on them a few shapes stand for all, since each
-# shape may be a kernel of its own.
+# Of the awkward shapes: coincident edges, holes, small angles, far from the unit size.
 FEW = (
     "two touching squares, rotated",
     "square annulus",
     "nearly parallel edges, rotated",
     "needle 1e-6",
 )
+
+
+def numpy_and_few(all_cases: Iterable[Any], few: Iterable[Any]) -> list[Any]:
+    """Cases with an engine at their end: all of them on NumPy, a few on each other engine.
+
+    Compiled engines run the operations of NumPy, but there each case may be a kernel of its own,
+    which takes half a second to compile.
+    """
+    every, some = ([c if isinstance(c, tuple) else (c,) for c in of] for of in (all_cases, few))
+    compiled = [pytest.param(*c, *e.values, marks=e.marks) for e in ENGINES[1:] for c in some]
+    return [(*case, "numpy") for case in every] + compiled
 
 
 def read_json(name: str) -> Any:
@@ -103,16 +113,6 @@ def _arrays() -> dict[str, np.ndarray]:
 def awkward_names() -> list[str]:
     """Names of the shapes with special positions."""
     return list(dict.fromkeys(key.split("/")[0] for key in _arrays()))
-
-
-def awkward_on_engines() -> list[Any]:
-    """Names of shapes with engines: all shapes on NumPy, a few on each other engine."""
-    compiled = [
-        pytest.param(name, *engine.values, marks=engine.marks)
-        for engine in ENGINES[1:]
-        for name in FEW
-    ]
-    return [(name, "numpy") for name in awkward_names()] + compiled
 
 
 @lru_cache(maxsize=64)
