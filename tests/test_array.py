@@ -170,6 +170,7 @@ def test_opposite_weights_on_one_element_are_dark(engine: str) -> None:
 weights = st.complex_numbers(max_magnitude=4, min_magnitude=0.25)
 
 
+@pytest.mark.slow
 @given(pair=st.tuples(weights, weights, weights), seed=st.integers(0, 2**32 - 1))
 def test_laws_of_weighted_collections(pair: tuple[complex, ...], seed: int) -> None:
     array = pw.Array([SQUARE, ACROSS, TRIANGLE], pair)
@@ -396,6 +397,7 @@ def test_drjit_arrays_in_and_out() -> None:
     assert np.abs(np.array(r.real) + 1j * np.array(r.imag) - expected[2]).max() < 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_many_elements_take_the_way_of_tables() -> None:
     """576 cuts an element pair: far beyond what is unrolled."""

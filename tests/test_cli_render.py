@@ -106,6 +106,7 @@ def variant(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+@pytest.mark.slow
 def test_looking_at_the_aperture_shows_its_wigner_function_with_its_sign(
     tmp_path: Path, variant: str
 ) -> None:
@@ -286,6 +287,7 @@ def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(
     assert "did you mean GHz" in err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pseudo-terminals are a Unix thing")
 def test_a_progress_bar_is_shown_on_a_terminal(tmp_path: Path) -> None:
     import pty

@@ -73,6 +73,7 @@ def test_units_digits_and_versions_are_kept(rectangle: Path) -> None:
     assert np.isnan(values["wavelength"])
 
 
+@pytest.mark.slow
 def test_a_drawn_circle_transforms_as_a_disc_of_its_stated_size(tmp_path: Path) -> None:
     """Its size is in the file, which rules over --unit; --tolerance says how round it is."""
     drawing = tmp_path / "disc.svg"
@@ -100,6 +101,7 @@ def test_the_files_are_named_after_the_aperture_and_told(
     assert captured.err == ""
 
 
+@pytest.mark.slow
 def test_a_wide_aperture_gets_more_samples_and_where_they_do_not_do_a_warning(
     rectangle: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -126,6 +128,7 @@ def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(
     assert "did you mean GHz" in err
 
 
+@pytest.mark.slow
 def test_a_source_file_and_options_say_the_same_array(rectangle: Path) -> None:
     weights = pw.arrays.window_weights((3, 4), "hamming")
     element = pw.read_aperture(rectangle).with_illumination(pw.cosine_taper(6e-3, 4e-3))
@@ -159,6 +162,7 @@ def test_a_steered_aperture_has_its_peak_at_the_direction(rectangle: Path) -> No
     np.testing.assert_allclose(peak, [0.0, 500.0], atol=1e-9)  # sin(30 deg)/mm is on the grid
 
 
+@pytest.mark.slow
 def test_a_source_file_is_shown_at_its_own_wavelength_unless_told_another(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -206,6 +206,7 @@ def test_forward_and_reverse_mode_are_adjoint(name: str, make: Callable[[], Any]
     _adjoint(value, arrays, rng)
 
 
+@pytest.mark.slow
 @SUMS
 def test_in_fields_transforms_are_quadratic_and_so_are_their_derivatives(
     name: str, make: Callable[[], Any]

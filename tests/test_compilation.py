@@ -92,6 +92,7 @@ print([bool(e["cache_disk"]) for e in history if not e["cache_hit"] or e["cache_
 """
 
 
+@pytest.mark.slow
 def test_another_process_finds_compiled_kernels_on_disk(tmp_path: Path, llvm: Any) -> None:
     environment = {**os.environ, "HOME": str(tmp_path)}
     seen = []

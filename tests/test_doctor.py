@@ -63,6 +63,7 @@ def test_without_llvm_all_is_well_but_slow() -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.slow
 @pytest.mark.drjit
 def test_a_refused_library_is_listed_with_the_reason(tmp_path: Path) -> None:
     old = tmp_path / "libLLVM-15.so.1"

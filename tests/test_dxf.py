@@ -327,12 +327,12 @@ PATIENCE = 20
 def test_what_is_no_outline_raises_one_error(
     read: Read, build: Build, kind: type[Exception], words: str
 ) -> None:
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(kind, match=words) as raised:
         read(build)
     assert "\n" not in str(raised.value)
     assert "drawing.dxf: expected" in str(raised.value)
-    assert time.monotonic() - start < PATIENCE
+    assert time.process_time() - start < PATIENCE
 
 
 def test_an_unknown_unit_is_refused(read: Read) -> None:

@@ -58,6 +58,7 @@ numbers = st.floats(-1e6, 1e6)
 points = st.tuples(numbers, numbers)
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.lists(points, max_size=6).map(tuple).filter(bool), max_size=4).map(tuple),
     points, points, numbers, st.sampled_from(["m", "mm", "µm"]),
@@ -318,6 +319,7 @@ def test_what_is_shown_fills_its_scale(part: Any, low: float) -> None:
     assert part == "phase" or what.values.max() == what.high
 
 
+@pytest.mark.slow
 def test_results_come_coarse_first_and_the_source_before_all() -> None:
     found = [r for r in results(State(), ("fourier", "near", "far", "values")) if r is not None]
     assert [r.error for r in found] == [""] * len(found)

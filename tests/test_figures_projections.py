@@ -21,6 +21,7 @@ def _panels(figure):  # type: ignore[no-untyped-def]
     return [a for a in figure.axes if a.get_title()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", COUNTS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_tile_is_drawn_with_unit_scale_and_meaning(kind: str, layout: str) -> None:

@@ -208,6 +208,7 @@ def test_large_volumes_are_read_in_steps(monkeypatch: pytest.MonkeyPatch) -> Non
     assert shapes == [(9, 10), (8, 10), (8, 9)]
 
 
+@pytest.mark.slow
 def test_a_graphics_library_that_dies_is_done_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -179,6 +179,7 @@ def test_the_automatic_engine_agrees_with_the_one_asked_for(engine: Any) -> None
         assert error < ACCURACY["double"] * source.area
 
 
+@pytest.mark.slow
 def test_a_grid_is_tiled_without_seams_and_without_much_memory() -> None:
     source = pw.shapes.hexagonal_segments(1.0, gap=0.05, rings=8)
     x, y = np.linspace(-3, 3, 601), np.linspace(-2, 4, 603)

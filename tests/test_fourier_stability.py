@@ -231,6 +231,7 @@ def test_collections_are_as_accurate_as_their_elements(size: float) -> None:
         assert np.abs(got - weights @ exact).max() < allowed
 
 
+@pytest.mark.slow
 @given(polygons=drawn_polygons(), seed=st.integers(0, 2**32 - 1), decade=st.integers(-15, 3))
 @settings(max_examples=100, deadline=None)
 def test_any_aperture_at_any_size_of_frequency(polygons: Polygons, seed: int, decade: int) -> None:
@@ -252,6 +253,7 @@ def _bodies(draw: st.DrawFn) -> pw.Polyhedron:
     return pw.Polyhedron((vertices * [1.0, *squeeze]) @ turn.T + shift, faces)
 
 
+@pytest.mark.slow
 @given(body=_bodies(), seed=st.integers(0, 2**32 - 1), decade=st.integers(-15, 3))
 @settings(max_examples=60, deadline=None)
 def test_any_prism_needle_or_plate_at_any_size_of_frequency(
@@ -263,6 +265,7 @@ def test_any_prism_needle_or_plate_at_any_size_of_frequency(
     assert np.abs(pw.fourier(body, nu, engine="numpy") - exact).max() < 1e-13 * body.volume
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.parametrize(
     "source",

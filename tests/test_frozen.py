@@ -109,6 +109,7 @@ def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel() -> No
     assert pw.wigner(CHEVRON, x, nu).state == dr.VarState.Evaluated
 
 
+@pytest.mark.slow
 def test_few_kernels_are_remembered() -> None:
     from polywigner.engines import frozen
 
@@ -172,6 +173,7 @@ for thread in threads:
 """
 
 
+@pytest.mark.slow
 def test_threads_may_read_what_was_sorted_by_cells() -> None:
     """Dr.Jit ends the process where several threads have arrays yet to be scattered into."""
     done = subprocess.run([sys.executable, "-c", THREADS], capture_output=True, text=True)

@@ -19,6 +19,7 @@ pytest.importorskip("ezdxf")
 pytest.importorskip("trimesh")
 
 
+@pytest.mark.slow
 def test_a_case_is_the_same_file_each_time() -> None:
     code = (
         "import hashlib, sys; sys.path.insert(0, sys.argv[1]);"

@@ -24,6 +24,7 @@ def _size(aperture: Aperture) -> float:
     return max(float(np.abs(aperture.bounds).max()), aperture.diameter)
 
 
+@pytest.mark.slow
 @relaxed
 @given(apertures())
 def test_points_are_in_the_automean_where_their_lag_slice_is_not_empty(aperture):
@@ -35,6 +36,7 @@ def test_points_are_in_the_automean_where_their_lag_slice_is_not_empty(aperture)
             assert mean.polygons.contains(shapely.Point(x)) == (lags > 0)
 
 
+@pytest.mark.slow
 @relaxed
 @given(apertures(), st.integers(0, 2**32 - 1))
 def test_midpoints_of_the_vertices_and_of_inner_points_are_in_the_automean(aperture, seed):
@@ -49,6 +51,7 @@ def test_midpoints_of_the_vertices_and_of_inner_points_are_in_the_automean(apert
     assert away.max() <= 2 * GRID * _size(aperture)
 
 
+@pytest.mark.slow
 @relaxed
 @given(apertures())
 def test_the_automean_lies_between_the_aperture_and_its_hull(aperture):
@@ -102,6 +105,7 @@ def test_the_automean_of_an_annulus_is_the_disc_that_it_encloses():
     assert len(automean(annulus).rings) == 1
 
 
+@pytest.mark.slow
 @relaxed
 @given(apertures(), poses())
 def test_slices_have_the_area_of_exact_clipping(aperture, pose):

@@ -54,6 +54,7 @@ def _places(name: str, ring: np.ndarray) -> np.ndarray:
     return np.unique([p - q for p in ring for q in ring], axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", RINGS)
 @pytest.mark.parametrize("name", ["wigner", "ambiguity"])
 def test_where_edges_coincide_the_derivative_is_that_to_the_right(name: str, shape: str) -> None:

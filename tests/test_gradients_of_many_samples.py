@@ -85,8 +85,16 @@ def _gradients(
     return [np.array([dr.grad(part) for part in a], np.float64) for a in (own, *arrays)]
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
-    ("case", "precision"), [(case, "double") for case in CASES] + [("W, vertices", "single")]
+    ("case", "precision"),
+    [
+        ("W, vertices", "double"),
+        *(pytest.param(case, "double", marks=SLOW) for case in list(CASES)[1:]),
+        pytest.param("W, vertices", "single", marks=SLOW),
+    ],
 )
 def test_gradients_of_many_samples_are_those_of_few(case: str, precision: str) -> None:
     import drjit as dr

@@ -250,6 +250,7 @@ def test_conventions_follow_the_sign_of_numpy_s_transform() -> None:
         assert there == pytest.approx(phase * _numpy(transform, source, *arguments), abs=DOUBLE)
 
 
+@pytest.mark.slow
 @given(polygons=drawn_polygons(), seed=st.integers(0, 2**32 - 1))
 @settings(
     max_examples=60,
@@ -270,6 +271,7 @@ def test_any_aperture_agrees_with_exact_clipping_at_special_positions(
     assert np.abs(_numpy(pw.fourier, source, nu) - fourier).max() < DOUBLE * area
 
 
+@pytest.mark.slow
 @given(polygons=drawn_polygons(), seed=st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_any_aperture_agrees_with_scanlines_at_generic_positions(

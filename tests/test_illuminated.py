@@ -134,7 +134,7 @@ TE10 = 3.1358703246970885  # reference value, in units of the wavelength squared
         itertools.product(SOURCES, TOLERANCE),
         [
             ("holed, three waves", "double"),
-            ("elements with fields of their own", "double"),
+            ("elements with one field", "double"),
             ("steered taper", "double"),
             ("convex, cosine", "single"),
         ],
@@ -341,6 +341,7 @@ def test_otf_of_a_tapered_pupil_is_its_autocorrelation() -> None:
     assert got[1] == pytest.approx(complex(pw.lag_marginal(pupil, xi[1]) / energy))
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_drjit_arrays_and_gradients() -> None:
     import drjit

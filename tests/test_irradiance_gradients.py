@@ -82,6 +82,7 @@ def test_points_alone_may_have_derivatives_and_weights_may() -> None:
     assert abs((imag * [1, 0.5]).sum() - (real * [0, 0.3]).sum()) < 1e-9 * total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff"])
 def test_rays_of_the_third_order_have_derivatives_in_points_and_wavelength(obliquity: Any) -> None:
     import drjit as dr

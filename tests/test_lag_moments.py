@@ -10,6 +10,7 @@ import pytest
 
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
+from oracles.references import numpy_and_few
 from polywigner import engines, kernels
 from polywigner.engines import NumpyOperations
 from polywigner.geometry.aperture import triangulate
@@ -73,14 +74,7 @@ def scale(source: Any, nu: Any) -> Any:
     return 4 * power * source.area * np.stack(columns, axis=-1)
 
 
-EVERYWHERE = [(name, "numpy") for name in SOURCES] + [
-    pytest.param(name, engine, marks=getattr(pytest.mark, engine))
-    for engine in ("llvm", "cuda")
-    for name in ("L", "three waves", "needle with waves")
-]
-
-
-@pytest.mark.parametrize(("name", "engine"), EVERYWHERE)
+@pytest.mark.parametrize(("name", "engine"), numpy_and_few(SOURCES, ("L", "needle with waves")))
 def test_moments_are_integrals_over_the_lag_slice(name: str, engine: str) -> None:
     source = SOURCES[name]
     x, nu = places(source, 12)
@@ -134,6 +128,7 @@ def test_complex_weights_turn_moments_as_steering_does() -> None:
     assert abs(one - other).max() < 1e-3 * abs(one).max()
 
 
+@pytest.mark.slow
 def test_segment_moments_keep_all_digits_where_series_and_recurrence_meet() -> None:
     turns = np.concatenate([[0.0, 1e-200, 1e-9], np.linspace(0.05, 2.3, 10), [2 / np.pi, 17.3]])
     found = np.array(segment_moments(NumpyOperations(double=True), turns))

@@ -307,15 +307,18 @@ def test_a_bad_library_that_the_variable_names_is_passed_over(
     assert two == 2
 
 
+@pytest.mark.slow
 def test_choosing_costs_little_once_the_verdict_is_remembered(llvm: LLVMStatus) -> None:
-    code = "import json, time\nfrom polywigner.engines.llvm import prepare\nstart = time.time()\n"
-    code += "usable = prepare().usable\nprint(json.dumps([usable, time.time() - start]))"
+    code = "import json, time\nfrom polywigner.engines.llvm import prepare\n"
+    code += "start = time.process_time()\nusable = prepare().usable\n"
+    code += "print(json.dumps([usable, time.process_time() - start]))"
     results = [python(code, DRJIT_LIBLLVM_PATH=llvm.path or "") for _ in range(4)]
     assert all(usable for usable, _ in results)
     # The best of three: other work on the machine is not the cost that is meant.
     assert min(seconds for _, seconds in results[1:]) < QUICK
 
 
+@pytest.mark.slow
 def test_processes_that_start_together_agree(llvm: LLVMStatus, own_cache: Path) -> None:
     code = CHOOSE + "print(json.dumps(asdict(status)))"
     with ThreadPoolExecutor(3) as pool:

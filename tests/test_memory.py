@@ -54,6 +54,7 @@ def peak_of(transform: Any, *arguments: Any, **how: Any) -> tuple[Any, int]:
         tracemalloc.stop()
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_both_parts_of_a_complex_result_are_computed_where_it_is() -> None:
     count = 1 << 23  # a copy of the result would be 64 MiB

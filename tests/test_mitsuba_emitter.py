@@ -111,6 +111,7 @@ def test_sampled_directions_agree_with_density_and_evaluation(
         assert np.array(ds.p - it.p) == pytest.approx(np.array(ds.d * ds.dist), abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "sampling"),
     [(SQUARE, "uniform"), (CHEVRON, "uniform"), (SQUARE, "marginal"), (SQUARE, "root-marginal")],
@@ -164,6 +165,7 @@ def test_the_square_of_ten_millimetres_keeps_6_62_percent_to_itself() -> None:
     assert propagating_part(SQUARE) / SQUARE.area == pytest.approx(1 - 0.0662, abs=5e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("source", "sampling"),
     [(SQUARE, "uniform"), (CHEVRON, "uniform"), (CHEVRON, "marginal")],
@@ -229,6 +231,7 @@ def test_identical_apertures_stay_apart(llvm: object) -> None:
         assert len(mi.load_dict({"type": "scene", **entries}).emitters()) == 3
 
 
+@pytest.mark.slow
 def test_an_irradiance_meter_sees_the_aperture_with_volpath_or_an_opaque_surface(
     llvm: object,
 ) -> None:

@@ -139,6 +139,7 @@ def test_gradients_in_vertices_are_those_of_differences(llvm: object) -> None:
     assert abs(np.mean(gradients)) > DEVIATIONS * error  # it does not drown in noise
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", [CHEVRON, pw.shapes.regular_polygon(13, 5e-3), PAIR])
 def test_the_mean_of_a_control_variate_has_the_derivatives_of_the_far_field(
     source: Any, llvm: object

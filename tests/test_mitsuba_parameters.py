@@ -582,6 +582,7 @@ def test_a_dictionary_that_does_not_load_has_a_one_line_reason(tmp_path: Path) -
     assert "\n" not in str(reason)
 
 
+@pytest.mark.slow
 def test_apertures_in_memory_are_shared_by_content_and_bounded() -> None:
     from polywigner.mitsuba import sources
 

@@ -288,6 +288,7 @@ def test_an_aperture_that_is_looked_at_shows_its_negative_radiance(
     assert 0.8 < image.max() / density.max() < 1.05
 
 
+@pytest.mark.slow
 def test_two_identical_apertures_shine_twice_as_bright(llvm: object) -> None:
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
@@ -398,6 +399,7 @@ def test_gradients_flow_to_wavelength_and_power(name: str, value: float, llvm: o
     assert np.abs(gradient / error).max() > 5  # it is not that everything drowns in noise
 
 
+@pytest.mark.slow
 def test_an_aperture_casts_no_shadow_in_volpath_and_direct_warns(llvm: object) -> None:
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
@@ -456,6 +458,7 @@ def test_bad_requests_are_refused() -> None:
         pwm.render(scene, "ptracer", spp=1)  # an orthographic sensor cannot be aimed at
 
 
+@pytest.mark.slow
 def test_without_llvm_one_warning_says_what_to_do_and_rendering_works() -> None:
     code = (
         "import warnings, sys; sys.path.insert(0, sys.argv[1])\n"

@@ -94,6 +94,7 @@ def test_the_radiance_is_that_of_the_wigner_function_with_complex_fields(
     assert expected.min() < 0 < expected.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "source",
     [HORN, lattice(4, 3), any_elements(), SOURCES["tapered and steered"]],
@@ -117,6 +118,7 @@ def test_the_emitted_power_is_that_of_the_far_field(
     assert abs(samples.mean() - expected) < 4 * error
 
 
+@pytest.mark.slow
 def test_a_steered_array_throws_its_beam_where_theory_says(llvm: object) -> None:
     """On the floor at a distance d, 20 degrees off the axis: at x = d tan 20."""
     use("llvm_ad_mono")
@@ -246,6 +248,7 @@ def test_the_obliquity_of_several_waves_is_that_of_each_pair_of_them(
     assert (np.abs(seen - expected[:, None]) < RADIANCE_ERROR * scale).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("obliquity", OBLIQUE)
 def test_elements_of_an_array_keep_the_obliquity_of_their_own_waves(
     obliquity: str, llvm: object
@@ -380,6 +383,7 @@ def steered(degrees: float, columns: int = 12, rows: int = 16) -> pw.Array:
     return pw.phased_array(PATCH, places, weights)
 
 
+@pytest.mark.slow
 def test_antithetic_samples_see_what_plain_ones_see_with_far_less_noise(llvm: object) -> None:
     """Beside a beam at 40 degrees, where midpoints of elements cancel one another."""
     mi = use("llvm_ad_mono")

@@ -223,11 +223,11 @@ def test_every_figure_is_checked_and_named_by_the_help(capfd: pytest.CaptureFixt
 
 
 RENDERED = {"render", "emitters"}  # minutes without LLVM
-LONG = RENDERED | {"volrender", "compar", "projs", "sampling", "appendix"}
+SHORT = {"amp_spec", "indmk", "xforms"}
 
 
 def marks(name: str) -> list[pytest.MarkDecorator]:
-    return [pytest.mark.llvm] * (name in RENDERED) + [pytest.mark.slow] * (name in LONG)
+    return [pytest.mark.llvm] * (name in RENDERED) + [pytest.mark.slow] * (name not in SHORT)
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in FIGURES])

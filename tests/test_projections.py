@@ -190,6 +190,7 @@ def test_the_x_nu_x_tile_is_the_sum_of_the_wigner_functions_of_the_rows(
         assert np.abs(found - expected).max() < SMOOTH * np.prod(box_of(source))
 
 
+@pytest.mark.slow
 @shapes
 def test_the_y_xi_x_tile_is_the_sum_of_the_correlations_of_opposite_rows(
     source: pw.Aperture,
@@ -283,6 +284,7 @@ SHARED = {
 }
 
 
+@pytest.mark.slow
 @shapes
 @pytest.mark.parametrize("kind", KINDS)
 def test_neighbours_have_the_same_marginal_on_the_axis_they_share(

@@ -105,6 +105,7 @@ CASES += [("evanescent wave", "kirchhoff"), ("three waves", "rayleigh-sommerfeld
 CASES += [("two triangles", "kirchhoff"), ("array with waves", "kirchhoff")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 3])
 @pytest.mark.parametrize(("name", "condition"), CASES)
 def test_the_error_of_rays_falls_with_the_power_of_the_distance_that_theory_has(
@@ -197,6 +198,7 @@ def test_cells_found_by_refinement_give_the_same(monkeypatch: pytest.MonkeyPatch
     assert errors.max() < 1e-2 * known.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["sobol", "monte-carlo"])
 def test_drawn_places_give_the_same_within_their_error(sampling: Any) -> None:
     points = on_arc(7.0, np.arange(-60, 61, 20))

@@ -267,15 +267,16 @@ TOO_MUCH = {
 PATIENCE = 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TOO_MUCH)
 def test_work_is_bounded(tmp_path, name):
     content, kind, words = TOO_MUCH[name]
     path = tmp_path / name
     path.write_text(content)
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(kind, match=words):
         read_aperture(path)
-    assert time.monotonic() - start < PATIENCE
+    assert time.process_time() - start < PATIENCE
 
 
 @pytest.mark.parametrize("unit", ["furlong", "", "0 mm", "-1 mm", "94 GHz", None])
@@ -286,6 +287,7 @@ def test_a_unit_that_does_not_parse_raises(tmp_path, unit):
         read_aperture(path, unit)
 
 
+@pytest.mark.slow
 @settings(
     deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -43,6 +43,7 @@ def test_no_value_jumps_where_edges_are_rows(name: str, engine: str, precision: 
         assert np.abs(got - pw.ambiguity(case.aperture, still, case.xi, **how)).max() < allowed
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.usefixtures("rows_only")
 def test_an_outline_of_many_edges_compiles_in_rows() -> None:

@@ -44,6 +44,7 @@ def _parts(value: Any) -> np.ndarray:
     return np.stack([value.real, value.imag], axis=-1) if np.iscomplexobj(value) else value
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", [None, WAVES], ids=["uniform", "waves"])
 @pytest.mark.parametrize("name", ["fourier", "wigner", "ambiguity"])
 def test_derivatives_in_ends_are_those_of_differences(name: str, field: Any) -> None:

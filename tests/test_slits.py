@@ -234,6 +234,7 @@ def _any_slits(draw: st.DrawFn) -> pw.Slits:
     return pw.Slits(ends + draw(st.sampled_from([0.0, -0.5, 1000.0])))
 
 
+@pytest.mark.slow
 @given(source=_any_slits())
 @settings(max_examples=25, deadline=None)
 def test_any_slits_obey_all_identities(source: pw.Slits) -> None:

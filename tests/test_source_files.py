@@ -119,6 +119,7 @@ def test_only_such_sources_are_marked_in_their_file(tmp_path: Path) -> None:
 any_float = st.floats(-1e6, 1e6, allow_nan=False)
 
 
+@pytest.mark.slow
 @formats
 @given(
     size=st.floats(1e-9, 1e9),

@@ -149,6 +149,7 @@ def hashes_of_table(
     return hashes(out)
 
 
+@pytest.mark.slow
 def test_a_run_killed_twice_ends_as_if_nothing_had_happened(
     tmp_path: Path, unbroken: dict[str, str]
 ) -> None:
@@ -174,6 +175,7 @@ def stamp(file: Path) -> int:
     return file.stat().st_mtime_ns
 
 
+@pytest.mark.slow
 def test_a_worker_killed_at_the_half_costs_time_and_no_results(
     tmp_path: Path, unbroken: dict[str, str]
 ) -> None:

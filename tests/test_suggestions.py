@@ -253,6 +253,7 @@ def test_axes_cover_the_waves_that_propagate_and_have_zero_among_them() -> None:
 REPETITIONS, SCATTER = 16, 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "level"),
     [("chevron", -10.0), ("chevron", -20.0), ("array", -10.0), ("steered taper", -20.0)],
@@ -329,6 +330,7 @@ def test_fields_of_slits_are_refused_and_axes_asked_for_by_wrong_names() -> None
         pw.suggest_sampling(SLITS, WAVELENGTH)["nu_x"]
 
 
+@pytest.mark.slow
 def test_the_command_line_samples_wide_sources_more_finely_and_says_where_that_is_not_enough(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -395,6 +397,7 @@ def test_a_box_is_as_fine_as_its_field_up_to_a_million_samples_and_then_says_so(
     assert max(large) == 101
 
 
+@pytest.mark.slow
 @pytest.mark.drjit
 def test_a_render_takes_the_samples_that_its_error_needs(tmp_path: Path) -> None:
     pytest.importorskip("mitsuba")

@@ -367,12 +367,13 @@ LARGE = {
 PATIENCE = 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("body", "words"), LARGE.values(), ids=LARGE)
 def test_work_is_bounded(read: Read, body: str, words: str) -> None:
-    start = time.monotonic()
+    start = time.process_time()
     with pytest.raises(FileFormatError, match=words):
         read(body)
-    assert time.monotonic() - start < PATIENCE
+    assert time.process_time() - start < PATIENCE
 
 
 def test_a_tolerance_that_asks_for_too_much_is_refused(read: Read) -> None:

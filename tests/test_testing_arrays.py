@@ -51,12 +51,14 @@ def test_arrays_obey_all_identities(name: str) -> None:
     assert_array_identities(ARRAYS[name], engine="numpy", points=40)
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_arrays_obey_all_identities_when_compiled() -> None:
     for name in ("lattice with a taper and a beam", "slits on a lattice"):
         assert_array_identities(ARRAYS[name], engine="llvm", points=40)
 
 
+@pytest.mark.slow
 def test_arrays_obey_all_identities_in_single_precision() -> None:
     for name in ("mixed and overlapping", "lattice with any weights", "slits on a lattice"):
         assert_array_identities(ARRAYS[name], engine="numpy", precision="single", points=40)
