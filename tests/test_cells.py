@@ -150,7 +150,7 @@ def test_no_value_jumps_where_edges_are_looked_up(name: str, engine: str, precis
         assert np.abs(got - case.ambiguity).max() < allowed
 
 
-@pytest.mark.parametrize(("name", "engine"), numpy_and_few(OUTLINES, COMPILED))
+@pytest.mark.parametrize(("name", "engine"), numpy_and_few(OUTLINES, COMPILED, pytest.mark.slow))
 def test_cells_change_no_transform(name: str, engine: str) -> None:
     source = OUTLINES[name]()
     boundary = source.diameter * shapely.length(source.polygons) / source.area
@@ -223,9 +223,7 @@ def test_fields_count_as_in_pieces(engine: str) -> None:
     tilted = disc.with_illumination(pw.Illumination([1.0, 0.5j], [[0.3, 0.1], [-0.4, 0.2]]))
     weights = np.array([1.0, 0.5 - 0.8j, 0.5 - 0.8j])
     sources = {
-        "overlapping": pw.Array([disc, tile, touching], weights),
         "real": pw.Array([disc, tile, touching], weights.real),
-        "illuminated": tilted,
         "two fields": pw.Array([tilted, tile], weights[:2]),
     }
     x, nu = places(disc, 150)

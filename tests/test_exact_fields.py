@@ -292,7 +292,7 @@ def test_elements_of_an_array_may_be_of_any_kind() -> None:
 
 
 @engines
-@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("precision", ["double", pytest.param("single", marks=pytest.mark.slow)])
 @methods
 def test_engines_agree(engine: Any, precision: Any, method: Any) -> None:
     source = pw.Array([SOURCES["oblique"], SOURCES["evanescent"]], [1, 0.5j])

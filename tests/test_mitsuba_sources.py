@@ -216,6 +216,7 @@ OBLIQUE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
 @pytest.mark.parametrize("obliquity", OBLIQUE)
 @pytest.mark.parametrize(

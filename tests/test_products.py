@@ -80,6 +80,7 @@ def _by_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(elements, "separable_tables", lambda aperture, double: None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "precision", "engine"),
     numpy_and_few(
@@ -219,6 +220,7 @@ def _far(aspect: float, angle: float, distance: float, waves: pw.Illumination) -
     return pw.Aperture(ring + shift).with_illumination(turned.moved(shift))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("distance", [0.0, 50.0, 1e4])
 @pytest.mark.parametrize("aspect", [1.0, 10.0, 1000.0])
 def test_tapers_on_rectangles_are_products_at_any_angle_and_place(

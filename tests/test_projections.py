@@ -125,6 +125,7 @@ POINTS = {"x": 0.07, "y": 0.11, "nu_x": 0.31, "nu_y": -0.27}
 POINTS |= {"xi_x": 0.23, "xi_y": 0.19, "upsilon_x": 0.33, "upsilon_y": -0.29}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", ["chevrons", "triangle", "weighted", "lit"])
 @pytest.mark.parametrize(("kind", "name"), [(k, n) for k in KINDS for n in TILES[k]])
 def test_each_tile_is_its_function_integrated_over_the_other_coordinates(

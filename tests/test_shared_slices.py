@@ -75,6 +75,7 @@ MANY_EDGES: dict[str, Callable[[], Any]] = {
 }
 
 
+@pytest.mark.slow
 @engines
 @transforms
 @pytest.mark.parametrize(

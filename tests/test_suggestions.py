@@ -170,6 +170,7 @@ PLANES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("quantity", "name", "distance"), PLANES)
 def test_fields_between_follow_from_the_suggested_plane_and_not_from_a_coarser_one(
     quantity: str, name: str, distance: float

@@ -101,6 +101,7 @@ ILLUMINATED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ILLUMINATED)
 def test_sources_with_waves_on_them_obey_all_identities(name: str) -> None:
     source = ILLUMINATED[name]

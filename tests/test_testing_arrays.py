@@ -46,6 +46,7 @@ ARRAYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARRAYS)
 def test_arrays_obey_all_identities(name: str) -> None:
     assert_array_identities(ARRAYS[name], engine="numpy", points=40)

@@ -64,6 +64,7 @@ def _is_planned(source: Any, x: np.ndarray, nu: np.ndarray) -> bool:
     return plan_for_grid(kernel_for("wigner", source), source, components, True) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOURCES)
 @pytest.mark.parametrize("precision", list(ACCURACY))
 def test_a_grid_at_one_place_has_the_values_of_its_points(name: str, precision: Any) -> None:

@@ -45,15 +45,18 @@ FEW = (
 )
 
 
-def numpy_and_few(all_cases: Iterable[Any], few: Iterable[Any]) -> list[Any]:
+def numpy_and_few(all_cases: Iterable[Any], few: Iterable[Any], rest: Any = ()) -> list[Any]:
     """Cases with an engine at their end: all of them on NumPy, a few on each other engine.
+
+    ``rest``: a mark for those on NumPy that are not among the few.
 
     Compiled engines run the operations of NumPy, but there each case may be a kernel of its own,
     which takes half a second to compile.
     """
     every, some = ([c if isinstance(c, tuple) else (c,) for c in of] for of in (all_cases, few))
     compiled = [pytest.param(*c, *e.values, marks=e.marks) for e in ENGINES[1:] for c in some]
-    return [(*case, "numpy") for case in every] + compiled
+    plain = [pytest.param(*c, "numpy", marks=() if c in some else rest) for c in every]
+    return plain + compiled
 
 
 def read_json(name: str) -> Any:
