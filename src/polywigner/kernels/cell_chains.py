@@ -126,10 +126,16 @@ def with_sides_beyond(edges: OutlineEdges, cells: Cells, sign: int, turn: Floats
             h = half[edge]
             seen = cells.meet(cell, vertex - sign * middle[edge], h, np.zeros_like(h))
             found.append(wanted[seen])
-        new = np.unique(np.concatenate(found))
-        listed = np.union1d(listed, new) if len(new) else listed
+        new = _distinct(np.concatenate(found))
+        listed = _distinct(np.concatenate([listed, new])) if len(new) else listed
     key, side = listed // n, listed % n
     return replace(cells, cell=key // n, edge=key % n, side=side)
+
+
+def _distinct(numbers: Numbers) -> Numbers:
+    """The different numbers, ascending: by sorting, which is faster here than NumPy's hashing."""
+    ordered = np.sort(numbers)
+    return ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]]
 
 
 def _neighbours(edges: OutlineEdges, cells: Cells) -> tuple[Numbers, Numbers, Numbers, Flags]:
