@@ -21,11 +21,7 @@ def available() -> bool:
 class _Operations(NumpyOperations):
     """NumPy's, with what jax.numpy must do itself."""
 
-    def prefers_rows(self, clips: int, like: Any) -> bool:
-        return False
-
-    def prefers_cells(self, clips: int, like: Any) -> bool:
-        return False
+    target = "code"
 
     def where_left(self, extent: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
         return compute(*arguments)  # which samples are left is not known while tracing

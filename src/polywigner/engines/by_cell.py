@@ -20,6 +20,7 @@ from polywigner.engines.operations import DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cells import arrays_of
 from polywigner.kernels.clipping import MIRRORED
+from polywigner.kernels.tables import cut_of
 
 __all__ = ["ByCell", "Groups", "grouped", "order_of", "sorts", "traced_by_cell"]
 
@@ -88,7 +89,7 @@ def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any
     if kernel.order is None or drjit.backend_v(float_type) != drjit.JitBackend.LLVM:
         return False  # on a GPU the numbers of the cells would have to come over
     ops = DrjitOperations(float_type, sorted_by_cell=True)
-    if not ops.prefers_cells(tables.clips_for_cells, None):
+    if not cut_of(ops, tables).endswith("cells"):
         return False
     recording = drjit.flag(drjit.JitFlag.SymbolicScope) or drjit.flag(drjit.JitFlag.FreezingScope)
     widths = {drjit.width(component) for component in components}

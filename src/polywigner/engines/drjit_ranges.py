@@ -12,13 +12,9 @@ from typing import Any
 import numpy as np
 
 from polywigner.engines.aligned import aligned
-from polywigner.engines.ranges import MOST_CUTS, Table, Values
+from polywigner.engines.ranges import Table, Values
 
 __all__ = ["DrjitRanges"]
-
-# Cuts beyond which cells are faster than constants compiled into a kernel: where samples are sorted
-# by cell (the 23-gon), and where they are not (the 67-gon, which takes seconds to compile).
-_CELLS_ABOVE_SORTED, _CELLS_ABOVE_UNSORTED = 500, 4500
 
 
 class DrjitRanges:
@@ -31,7 +27,7 @@ class DrjitRanges:
         module = sys.modules[float_type.__module__]
         self.value_type = getattr(module, _PACKETS[float_type.__name__]) if together else float_type
         """What a lane computes: the value of one sample, or of four."""
-        self._cells_above = _CELLS_ABOVE_SORTED if sorted_by_cell else _CELLS_ABOVE_UNSORTED
+        self.target = "sorted" if sorted_by_cell else "compiled"
         self.float_type = float_type
         self.key: Hashable = float_type
         """Two namespaces with one key share tables."""
@@ -41,9 +37,9 @@ class DrjitRanges:
         self.cell: Any = None
         """The number of each lane's cell, while it is set."""
 
-    def prefers_cells(self, clips: int, like: Any) -> bool:
-        """Whether to look up in cells what matters at a place."""
-        return self._cells_above < clips <= MOST_CUTS
+    def count(self, like: Any) -> int:
+        """Samples computed at a time: they do not matter to a compiled kernel."""
+        return 0
 
     def held(self, table: Table) -> Any:
         """(entries in a row, the entries of all rows one after the other)."""

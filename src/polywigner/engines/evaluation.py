@@ -5,21 +5,26 @@ Memory is bounded by the result plus one chunk: broadcast arguments are never ex
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from polywigner.engines.by_cell import order_of
-from polywigner.engines.choice import resolved
-from polywigner.engines.grids import evaluate_on_grid, may_be_on_grid
+from polywigner.engines.grids import plan_for_grid
+from polywigner.engines.ledger import account_of
 from polywigner.engines.on_drjit import OnDrjit
 from polywigner.engines.on_numpy import CHUNK, OnNumpy
 from polywigner.engines.operations import NumpyOperations
 from polywigner.engines.pairs import Pairs, one_row_of, pairs_of
+from polywigner.engines.requests import planned, request_for
 from polywigner.kernels import Kernel, SharedSlice, shared_slice
 from polywigner.kernels.lattice_pairs import SharedCopies, shared_copies
+from polywigner.kernels.tables import Tables, cut_of
+from polywigner.plans import Plan
 
 __all__ = ["evaluate"]
 
@@ -33,6 +38,9 @@ _LEAST_APART = 256
 _LEAST_FOR_COPIES = 64
 # So many rows' copies are listed at a time: some arrays of a few MB.
 _ROWS_OF_COPIES = 1 << 15
+
+# Parts of slices in memory at a time.
+_MOST_PARTS = 1 << 18
 
 Array = npt.NDArray[Any]
 
@@ -54,40 +62,90 @@ def evaluate(
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
     tables = kernel.tables(source, double)
-    if components[-1].shape == shape and may_be_on_grid(kernel, components):
-        found = evaluate_on_grid(
-            kernel,
-            source,
-            components,
-            _by_points(kernel, tables, components[:-2], double),
-            double=double,
-            engine=engine,
-            into=into,
-        )
-        if found is not None:
-            return found
     dtype = np.float64 if double else np.float32
     results = tuple(into or (np.empty(shape, dtype) for _ in range(outputs)))
-    # pieces that are cut are code, terms of a plain sum are data
-    terms = tables.terms if kernel.copies else len(tables.edges)
-    engine = resolved(engine, int(np.prod(shape)), terms)
-    pairs = pairs_of(components, shape)
-    compute: OnNumpy | OnDrjit
-    if engine == "numpy":
-        compute, chunk = OnNumpy(kernel, tables, double), CHUNK
-        compute.ops.samples = int(np.prod(shape))
-        shared = shared_slice(kernel)
-        if pairs is None and shared and all(c.size == 1 for c in components[shared.arguments]):
-            pairs = one_row_of(components, shape)
+    if 0 in shape:
+        return results
+    grid = None
+    if engine in ("auto", "numpy") and components[-1].shape == shape:
+        grid = plan_for_grid(kernel, source, components, double)
+    pairs, shared = _pairs_of(kernel, components, shape), shared_slice(kernel)
+    by_places = None
+    if shared is not None and pairs is not None:
+        by_places = _with_places_as_rows(pairs, results, shared.arguments)
+    account = account_of(kernel.name, tables)
+    request = request_for(
+        kernel,
+        tables,
+        math.prod(shape),
+        double=double,
+        engine=engine,
+        pairs=None if by_places is None else by_places[0],
+        families=None if grid is None else grid.families,
+        account=account,
+    )
+    chosen = planned(request)
+    if chosen.way.name == "grid from its axes":
+        assert grid is not None
+        grid.fill(results, _by_points(kernel, tables, components[:-2], double))
     else:
-        compute, chunk = OnDrjit(kernel, tables, double, engine), _DRJIT_CHUNK
-    launched = None
-    if pairs is not None:
-        launched = _shared(compute, source, pairs, results) or _by_copies(compute, pairs, results)
-    if launched is None and pairs is not None and compute.takes(pairs):
-        launched = _paired(compute, pairs, results)
-    _store(launched or _chunked(compute, components, results, chunk))
+        call = _Call(kernel, source, tables, components, results, pairs, double)
+        _store(_launched(call, chosen, by_places))
+    account.book(chosen)
     return results
+
+
+def _pairs_of(kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
+    """The arguments as rows and columns; None where they are points."""
+    pairs, shared = pairs_of(components, shape), shared_slice(kernel)
+    if pairs is None and shared and all(c.size == 1 for c in components[shared.arguments]):
+        return one_row_of(components, shape)
+    return pairs
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What is to be computed, and where the results go."""
+
+    kernel: Kernel
+    source: Any
+    tables: Any
+    components: Sequence[Array]
+    results: Sequence[Array]
+    pairs: Pairs | None
+    double: bool
+
+
+def _launched(
+    call: _Call, chosen: Plan, by_places: tuple[Pairs, Sequence[Array]] | None
+) -> Launched:
+    """The chunks of a call, by the way that was chosen."""
+    tables = call.tables
+    if isinstance(tables, Tables):
+        tables = tables.cut_by(chosen.way.cut)
+    compute: OnNumpy | OnDrjit
+    if chosen.engine == "numpy":
+        compute, chunk = OnNumpy(call.kernel, tables, call.double), CHUNK
+    else:
+        compute, chunk = OnDrjit(call.kernel, tables, call.double, chosen.engine), _DRJIT_CHUNK
+    shared = shared_slice(call.kernel)
+    if chosen.way.name.startswith("slices listed"):
+        assert shared is not None and by_places is not None
+        return _by_parts(compute, shared, call.source, *by_places)
+    if chosen.way.name == "slices of points listed, on NumPy":
+        assert shared is not None and isinstance(compute, OnNumpy)
+        return _listed(compute, shared, call.source, call.components, call.results)
+    if chosen.way.name == "whole edges summed once":
+        assert by_places is not None and isinstance(compute, OnDrjit)
+        pairs, targets = by_places
+        return ((targets, (a, b), fetch) for a, b, fetch in compute.of_blocks(pairs))
+    if call.pairs is not None:
+        copies = _by_copies(compute, call.pairs, call.results)
+        if copies is not None:
+            return copies
+        if compute.takes(call.pairs):
+            return _paired(compute, call.pairs, call.results)
+    return _chunked(compute, call.components, call.results, chunk)
 
 
 def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool) -> Any:
@@ -124,26 +182,6 @@ def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]) 
     tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
     for block in pairs.blocks(compute.block):
         yield tables, block, compute.of_pairs(pairs.block(*block))
-
-
-def _shared(
-    compute: OnNumpy | OnDrjit, source: Any, pairs: Pairs, results: Sequence[Array]
-) -> Launched | None:
-    """With slices cut once for each row or column; None if these are too many, or not cut so."""
-    shared = shared_slice(compute.kernel)
-    if shared is None:
-        return None
-    turned = _with_places_as_rows(pairs, results, shared.arguments)
-    if turned is None:
-        return None
-    pairs, targets = turned
-    if isinstance(compute, OnDrjit) and compute.sums_whole_edges(pairs):
-        return ((targets, (a, b), fetch) for a, b, fetch in compute.of_blocks(pairs))
-    # Waves count where all is done for each sample; here slices are cut without them.
-    cuts = min(compute.tables.cuts, compute.tables.clips_for_cells)
-    if compute.ops.prefers_cells(cuts, None) or not compute.shares(pairs.columns):
-        return None
-    return _by_parts(compute, shared, source, pairs, targets)
 
 
 def _with_places_as_rows(
@@ -207,15 +245,32 @@ def _by_parts(
         yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
 
 
+def _listed(
+    compute: OnNumpy,
+    shared: SharedSlice,
+    source: Any,
+    components: Sequence[Array],
+    results: Sequence[Array],
+) -> Launched:
+    """NumPy: every slice's parts are listed, and summed at the slice's own frequency."""
+    exact = compute.kernel.tables(source, True)
+    flat = [result.reshape(-1) for result in results]
+    size = max(1, min(CHUNK, _MOST_PARTS // len(exact.edges)))
+    start = 0
+    for arguments in _chunks(components, results[0].shape, size):
+        count = len(arguments[0])
+        targets = [result[start : start + count] for result in flat]
+        yield targets, ..., compute.listed(shared, exact, arguments)
+        start += count
+
+
 def _order(compute: OnNumpy, arguments: Sequence[Array], count: int) -> Any:
     """The order in which to take the samples: all, or by the cell in which each has its edges.
 
     Without those that lie too far off to have a value other than 0.
     """
     kernel, tables = compute.kernel, compute.tables
-    by_cells = kernel.order is not None and compute.ops.prefers_cells(
-        tables.clips_for_cells, arguments[0]
-    )
+    by_cells = kernel.order is not None and cut_of(compute.ops, tables, count).endswith("cells")
     if not by_cells and (kernel.within is None or count < _LEAST_APART):
         return ...
     host = NumpyOperations(double=True)
@@ -261,7 +316,7 @@ def _is_one_frequency(compute: OnNumpy | OnDrjit, components: Sequence[Array]) -
     shared = shared_slice(compute.kernel)
     if shared is None or not isinstance(compute, OnNumpy):
         return None
-    if compute.ops.prefers_cells(compute.tables.clips_for_cells, None):
+    if cut_of(compute.ops, compute.tables, CHUNK).endswith("cells"):
         return None
     half = len(components) // 2
     frequency = slice(half, None) if shared.arguments.start == 0 else slice(0, half)

@@ -17,7 +17,7 @@ from typing import Any
 from polywigner.engines.operations import UNROLLED_ROWS, DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.fourier import OutlineTables
-from polywigner.kernels.tables import Tables
+from polywigner.kernels.tables import Tables, cut_of
 
 __all__ = ["freezes", "frozen", "is_code", "is_recording"]
 
@@ -120,8 +120,7 @@ def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
     if not isinstance(tables, (Tables, OutlineTables)):
         return False
     if isinstance(tables, Tables) and kernel.copies:
-        cells = ops.prefers_cells(tables.clips_for_cells, None)
-        return not cells and not ops.prefers_rows(tables.clips, None)
+        return cut_of(ops, tables) == "code"
     return len(tables.edges) <= UNROLLED_ROWS
 
 

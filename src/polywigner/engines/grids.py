@@ -6,6 +6,7 @@ is recognised by its values, whatever its spacing, and computed from its axes.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,11 +14,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.engines.choice import resolved
 from polywigner.engines.operations import NumpyOperations
+from polywigner.engines.requests import planned
 from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
+from polywigner.plans import Request
 
-__all__ = ["GridPlan", "evaluate_on_grid", "may_be_on_grid", "plan_for_grid"]
+__all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
 
 # Shorter sides are not worth the axes' tables.
 _LEAST_SIDE = 8
@@ -27,10 +29,6 @@ _TILE = 512
 _MOST_BELOW = 1 / 8
 # Beyond this |nu| in the frame squares overflow.
 _LARGEST = {True: 1e150, False: 1e18}
-# A family of oblique edges takes 8 ns a point, its members 0.3 ns each, and an edge in a compiled
-# kernel 3 ns on two cores; to compile that takes 20 ms or more.
-_EDGES_PER_FAMILY = 3
-_NOT_WORTH_COMPILING = 1 << 20
 
 Array = npt.NDArray[Any]
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
@@ -77,11 +75,9 @@ class GridPlan:
     double: bool
 
     @property
-    def cheap(self) -> bool:
-        """Whether a compiled kernel would gain nothing, or not what compiling it costs."""
-        families = len(self.tables.oblique)
-        few = families * len(self.grid.x) * len(self.grid.y) <= _NOT_WORTH_COMPILING
-        return few or _EDGES_PER_FAMILY * families <= self.tables.edges
+    def families(self) -> int:
+        """Of edges that are equal up to a translation; all that run along the axes are one."""
+        return len(self.tables.oblique) + bool(self.tables.straight)
 
     def keeps_digits(self) -> bool:
         """Whether most points lie far enough from the origin, and none too far."""
@@ -143,14 +139,6 @@ def _tables_for_grid(kernel: Kernel, source: Any, place: Sequence[Array]) -> Gri
     return shared.on_grid(host, exact, *inner[shared.place])
 
 
-def may_be_on_grid(kernel: Kernel, components: Sequence[Array]) -> bool:
-    """Whether a kernel can be computed from axes at all, of a grid or not."""
-    if kernel.on_grid is not None:
-        return True
-    shared = shared_slice(kernel)
-    return shared is not None and shared.is_even and components[0].size == 1
-
-
 def evaluate_on_grid(
     kernel: Kernel,
     source: Any,
@@ -170,8 +158,16 @@ def evaluate_on_grid(
     plan = plan_for_grid(kernel, source, components, double)
     if plan is None:
         return None
-    samples = components[-1].size
-    if not plan.cheap and resolved(engine, samples, plan.tables.edges) != "numpy":
+    request = Request(
+        kernel.name,
+        components[-1].size,
+        terms=plan.tables.edges,
+        families=plan.families,
+        double=double,
+        engine=engine,
+        loaded="drjit" in sys.modules,
+    )
+    if planned(request).way.name != "grid from its axes":
         return None
     dtype = np.float64 if double else np.float32
     shape = components[-1].shape

@@ -20,6 +20,8 @@ from polywigner.engines.pairs import Pairs
 from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
 from polywigner.kernels.lattice_pairs import Copies, SharedCopies
 from polywigner.kernels.run_sums import RunSums, edge_columns, edge_waves, has_run_sums
+from polywigner.kernels.tables import Tables, cut_of
+from polywigner.plans.costs import LIMITS
 
 __all__ = ["OnDrjit"]
 
@@ -51,16 +53,21 @@ class OnDrjit:
         self.dtype = np.dtype(np.float64 if double else np.float32)
         self.memory: dict[tuple[int, int], Array] = {}
         self.turn = 0
+        self.cut = cut_of(self.ops, tables) if isinstance(tables, Tables) else ""
         self.is_code = is_code(kernel, self.ops, tables)
         self.by_cell: ByCell | None = None
-        if kernel.order is not None and self.ops.prefers_cells(tables.clips_for_cells, None):
+        if kernel.order is not None and self._cuts_by_cells:
             self.by_cell = ByCell(kernel, tables, self.entry, self.ops.float_type)
+
+    @property
+    def _cuts_by_cells(self) -> bool:
+        return self.cut.endswith("cells")
 
     @cached_property
     def parts(self) -> list[Any]:
         """Tables whose sums add up to the whole, as much code in each as compiles well."""
-        in_a_loop = self.kernel.copies and self.ops.prefers_rows(self.tables.clips, None)
-        if in_a_loop or self.by_cell is not None:
+        in_a_loop = self.kernel.copies and self.tables.clips > LIMITS["most cuts as code"]
+        if in_a_loop or self.cut == "rows" or self.by_cell is not None:
             return [self.tables]
         return parts_of(self.kernel, self.tables, _CLIPS_PER_KERNEL)
 
@@ -112,10 +119,9 @@ class OnDrjit:
 
         These cost as much as the whole edges of some tens of rows.
         """
-        by_cells = self.ops.prefers_cells(self.tables.clips_for_cells, None)
         enough = pairs.rows >= _ROWS_FOR_SUMS and pairs.columns >= _LEAST_SHARED
         known = shared_slice(self.kernel) is not None
-        return known and by_cells and enough and has_run_sums(self.tables)
+        return known and self._cuts_by_cells and enough and has_run_sums(self.tables)
 
     def of_blocks(self, pairs: Pairs) -> Iterator[tuple[slice, slice, Fetch]]:
         """Results of pairs block by block, with sums along the outline for runs of edges."""
@@ -250,7 +256,7 @@ class OnDrjit:
     def takes(self, pairs: Pairs) -> bool:
         """Whether samples of one row lie in one cell, where edges are looked up by cells."""
         kernel, tables = self.kernel, self.tables
-        if kernel.order is None or not self.ops.prefers_cells(tables.clips_for_cells, None):
+        if kernel.order is None or not self._cuts_by_cells:
             return True
         few = slice(0, 2)
         inner = self.entered(pairs.block(few, few))

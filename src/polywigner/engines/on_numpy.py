@@ -107,6 +107,27 @@ class OnNumpy:
             values = self.kernel.leave(self.ops, self.tables.frame, inner, tuple(sums))
         return lambda: values
 
+    def listed(self, shared: SharedSlice, exact: Any, arguments: Sequence[Array]) -> Fetch:
+        """Results for a chunk of samples, (n,) or one number each, from the parts of each slice."""
+        inner = self.entered(arguments)
+        count = max(np.size(a) for a in inner)
+        place = [np.broadcast_to(np.ravel(a), count) for a in inner[shared.place]]
+        with np.errstate(invalid="ignore", over="ignore"):
+            (owners, table), is_real = shared.parts(self.host, exact, *place)
+            inner = tuple(np.asarray(a, self.ops.dtype) for a in inner)
+            nu = [np.broadcast_to(np.ravel(a), count) for a in inner[shared.frequency]]
+            columns = table.shape[1]
+            run = shared.summed(self.ops, columns, is_real, *(f[owners] for f in nu))
+            terms = run.term(*table.astype(self.ops.dtype).T)
+            sums = [np.bincount(owners, term, count).astype(self.ops.dtype) for term in terms]
+            # what lies at infinity or is not a number is so in the result
+            lost = sum(np.asarray(a - a) for a in (*inner[shared.place], *nu))
+            total = shared.summed(self.ops, columns, is_real, *nu).total(
+                tuple(value + lost for value in sums)
+            )
+            values = self.kernel.leave(self.ops, self.tables.frame, inner, total)
+        return lambda: tuple(np.broadcast_to(value, count) for value in values)
+
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
     ) -> Fetch:

@@ -19,12 +19,8 @@ from polywigner.kernels.lattice import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cros
 
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 
-# A kernel with each edge as constants is two to six times as fast as one that loops over a table of
-# them, and takes about 0.5 ms (float32) to 1.5 ms (float64) per clip to compile: up to here (the
-# 64-gon has 4096 clips) some seconds. Far beyond, the loop is the faster one as well.
-_ROWS_ABOVE_DRJIT = 4500
 # NumPy: calls on short arrays cost more than what they compute.
-_ROWS_ABOVE_NUMPY, _FEW_SAMPLES = 64, 256
+_FEW_SAMPLES = 256
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
 # To pick samples out and put results back costs as much as a tenth of two sines.
@@ -91,10 +87,6 @@ class NumpyOperations(_Unfused, NumpyRanges):
     def __init__(self, double: bool) -> None:
         self.double = double
         self.dtype = np.dtype(np.float64 if double else np.float32)
-
-    def prefers_rows(self, clips: int, like: Any) -> bool:
-        """Whether edges are better taken as a table than one by one: few samples, many edges."""
-        return clips > _ROWS_ABOVE_NUMPY and max(np.size(like), self.at_once) <= _FEW_SAMPLES
 
     def sum_over(
         self,
@@ -197,10 +189,6 @@ class ScalarOperations(_Unfused, ScalarRanges):
 
     double = True
 
-    def prefers_rows(self, clips: int, like: Any) -> bool:
-        """Never: nothing is compiled, and decisions on constants are cheaper."""
-        return False
-
     def sum_over(
         self,
         rows: Sequence[Row],
@@ -298,10 +286,6 @@ class DrjitOperations(DrjitRanges):
     def snapped(self, a: Any, step: float) -> Any:
         """The nearest multiple of ``step``, a power of two; the derivative is that of ``a``."""
         return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
-
-    def prefers_rows(self, clips: int, like: Any) -> bool:
-        """Whether edges are better taken as a table than each compiled into the kernel."""
-        return clips > _ROWS_ABOVE_DRJIT
 
     def sum_over(
         self,

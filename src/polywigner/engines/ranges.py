@@ -15,29 +15,22 @@ import numpy.typing as npt
 
 from polywigner.engines.listed_sums import sums_of_some
 
-__all__ = ["MOST_CUTS", "NumpyRanges", "ScalarRanges", "Table", "Values"]
+__all__ = ["NumpyRanges", "ScalarRanges", "Table", "Values"]
 
 Values = tuple[Any, ...]
 Table = npt.NDArray[Any]
 
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
-# To find the cells takes some 3 us per cut and 60 bytes, so that there is an upper end as well: the
-# regular polygon of 2900 vertices, with 8 million cuts.
-MOST_CUTS = 8_000_000
-# NumPy: with fewer samples, to find the cells takes longer than all the cuts.
-_CELLS_ABOVE_NUMPY, _MANY_SAMPLES = 4000, 1024
-_CELLS_ABOVE_SCALAR = 300
 
 
 class NumpyRanges:
     """Ranges for NumPy arrays: one axis before that of the samples for all rows of a range."""
 
+    target = "numpy"
     dtype: np.dtype[Any]
     run_sums: Any = None
     cell: Any = None
-    samples = 0
-    """Of the whole that comes in chunks, where it is known."""
     at_once = 0
     """Samples computed at a time, where what they share comes as shorter arrays."""
 
@@ -46,10 +39,9 @@ class NumpyRanges:
         """Two namespaces with one key share tables."""
         return self.dtype
 
-    def prefers_cells(self, clips: int, like: Any) -> bool:
-        """Whether to look up in cells what matters at a place."""
-        many = max(self.samples, np.size(like)) >= _MANY_SAMPLES
-        return many and _CELLS_ABOVE_NUMPY < clips <= MOST_CUTS
+    def count(self, like: Any) -> int:
+        """Samples computed at a time."""
+        return max(int(np.size(like)), self.at_once)
 
     def held(self, table: Table) -> Any:
         """A table (rows, columns) of numbers or floats as :meth:`gather` wants it."""
@@ -188,13 +180,14 @@ class NumpyRanges:
 class ScalarRanges:
     """Ranges for Python floats."""
 
+    target = "scalar"
     key: Hashable = float
     run_sums: Any = None
     cell: Any = None
 
-    def prefers_cells(self, clips: int, like: Any) -> bool:
-        """Whether to look up in cells what matters at a place."""
-        return _CELLS_ABOVE_SCALAR < clips <= MOST_CUTS
+    def count(self, like: Any) -> int:
+        """Samples computed at a time."""
+        return 1
 
     def held(self, table: Table) -> Any:
         return table.tolist()

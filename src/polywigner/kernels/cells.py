@@ -13,7 +13,7 @@ from typing import Any
 from polywigner.kernels.cell_lists import CellLists, cell_lists
 from polywigner.kernels.cell_tables import GATE, GATE_EXACT, CutList
 from polywigner.kernels.clipping import AHEAD, BEHIND, Clipper, RowClipper, View
-from polywigner.kernels.tables import Edge, Piece, Tables
+from polywigner.kernels.tables import Edge, Piece, Tables, cut_of
 
 __all__ = ["CellClipper", "arrays_of", "cell_of", "clipper_for", "order"]
 
@@ -25,10 +25,10 @@ _FAR = 1e9
 
 def clipper_for(ops: Any, tables: Tables, tx: Any, ty: Any, *views: View) -> Clipper:
     """The clipper that suits the number of edges, of samples, and the engine."""
-    if ops.prefers_cells(tables.clips_for_cells, tx):
+    cut = cut_of(ops, tables, ops.count(tx))
+    if cut.endswith("cells"):
         return CellClipper(ops, tables, tx, ty, views)
-    rows = ops.prefers_rows(tables.clips, tx)
-    return (RowClipper if rows else Clipper)(ops, tables, tx, ty)
+    return (RowClipper if cut == "rows" else Clipper)(ops, tables, tx, ty)
 
 
 def cell_of(ops: Any, lists: CellLists, x: Any, y: Any) -> Any:

@@ -22,7 +22,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any
 
-from polywigner.kernels.lattice import exact_cross
+from polywigner.kernels.lattice import accurate_cross
 from polywigner.kernels.supporting_lines import NEARLY_PARALLEL, Line
 from polywigner.kernels.tables import Edge, Piece, Tables
 
@@ -181,7 +181,7 @@ class RowClipper(Clipper):
     """
 
     # stands for infinity: far outside [0, 1], and finite when multiplied by a frequency
-    _FAR = 1e9
+    FAR = 1e9
 
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
@@ -220,23 +220,23 @@ class RowClipper(Clipper):
         high: Any = 1.0
         for number, side in piece.sides:
             if number not in cuts:
-                cuts[number] = self._row_cut(edge, self.tables.lines[number], view)
+                cuts[number] = self.row_cut(edge, self.tables.lines[number], view)
             cut, rising = cuts[number]
             if side > 0:
-                low_here, high_here = (cut, -self._FAR), (self._FAR, cut)
+                low_here, high_here = (cut, -self.FAR), (self.FAR, cut)
             else:
-                low_here, high_here = (-self._FAR, cut), (cut, self._FAR)
+                low_here, high_here = (-self.FAR, cut), (cut, self.FAR)
             low = ops.maximum(low, ops.select(rising, *low_here))
             high = ops.minimum(high, ops.select(rising, *high_here))
         return low + high, ops.maximum(high - low, 0.0)
 
-    def _row_cut(self, edge: Edge, line: Line, view: View) -> tuple[Any, Any]:
+    def row_cut(self, edge: Edge, line: Line, view: View) -> tuple[Any, Any]:
         """t where the edge meets the line, and whether it enters the left side there.
 
         A parallel edge enters it before all t if it lies to the left, else after all t.
         """
         ops = self.ops
-        same_cluster = edge.cluster == float(line.cluster)
+        same_cluster = edge.cluster == line.cluster * 1.0
         if line.exact:
             slope = ops.cross(line.dx, line.dy, edge.ex, edge.ey)
             distance = self._exact_distance(edge, line, view)
@@ -247,7 +247,7 @@ class RowClipper(Clipper):
             distance = view.offset * self.level(line) + start
             parallel, left = same_cluster, self._lies_left(edge, line, view)
         cut = distance * -view.point / ops.select(parallel, 1.0, slope)
-        cut = ops.select(parallel, ops.select(left, -self._FAR, self._FAR), cut)
+        cut = ops.select(parallel, ops.select(left, -self.FAR, self.FAR), cut)
         return cut, parallel | (slope * view.point > 0.0)
 
 
@@ -276,10 +276,10 @@ def _is_left(distance: Any, view: View) -> Any:
     return distance >= 0.0 if view is BEHIND else distance > 0.0
 
 
-def _slope(line: Line, edge: Edge) -> float:
+def _slope(line: Line, edge: Edge) -> Any:
     """cross(direction, e); without rounding first where the two may be nearly parallel."""
     if line.exact:
-        return exact_cross(line.dx, line.dy, edge.ex, edge.ey)
+        return accurate_cross(line.dx, line.dy, edge.ex, edge.ey)
     return line.dx * edge.ey - line.dy * edge.ex
 
 

@@ -10,7 +10,6 @@ lag for many frequency shifts.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -18,13 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.clipping import AHEAD, BEHIND, MIRRORED, Clipper, View
+from polywigner.kernels.clipping import AHEAD, BEHIND, MIRRORED, View
+from polywigner.kernels.cut_matrix import CutMatrix
 from polywigner.kernels.frame import Frame
 from polywigner.kernels.kernel import Kernel, Values, leave_real
 from polywigner.kernels.moments import LAG_MOMENTS, RayFrame
 from polywigner.kernels.plane import tables_of
 from polywigner.kernels.stokes import moved_off_zero, segment_wave
-from polywigner.kernels.tables import Edge, Tables
+from polywigner.kernels.tables import Tables
 from polywigner.kernels.trigonometry import sin_turns, sinc
 from polywigner.kernels.waves import difference_beats, mean_beats
 
@@ -37,9 +37,6 @@ __all__ = [
     "wigner_of_part",
 ]
 
-# What rounding may part two pieces of a cut edge by, as a fraction of it.
-_ADJOINING = 1e-13
-
 PART_COLUMNS = 8
 """Middle and vector of a part, in the frame and as a lag; the complex weight; the shift of nu."""
 
@@ -49,7 +46,7 @@ Rows = NDArray[np.float64]
 def slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.intp], Rows]:
     """The parts of the slices at positions (n,) of the frame: whose each is (k,), rows (k, 8).
 
-    ``ops`` are those of NumPy in double precision. One edge at a time; memory for the parts found.
+    ``ops`` are those of NumPy in double precision.
     """
     found = _Parts(ops, tables, (2.0 * x, 2.0 * y), (x, y))
     for own in range(len(tables.groups)):
@@ -80,10 +77,10 @@ class _Parts:
     """Parts as they are found, for offsets T of the frame."""
 
     def __init__(self, ops: Any, tables: Tables, offset: Any, place: Any) -> None:
-        self.clipper = Clipper(ops, tables, *offset)
-        self.shape = place[0].shape
-        self.owners: list[Any] = []
-        self.rows: list[Any] = []
+        self.tables, self.count = tables, place[0].size
+        self.cuts = CutMatrix(ops, tables, *(np.broadcast_to(t, self.count) for t in offset))
+        self.owners: list[NDArray[np.intp]] = []
+        self.rows: list[Rows] = []
 
     def add(
         self,
@@ -95,53 +92,26 @@ class _Parts:
         scale: float,
     ) -> None:
         """Those of one group's edges in another's pieces, seen at ``scale (p + side T)``."""
-        clipper = self.clipper
-        tx, ty = (np.broadcast_to(side * t, self.shape) for t in (clipper.tx, clipper.ty))
-        for edge in clipper.edges_of(group):
-            for found, low, high, real, imag in _joined(clipper, edge, view, other, self.shape):
-                t, s = 0.5 * (low + high), scale * (high - low)
-                place = [
-                    scale * (edge.ax + tx[found] + t * edge.ex),
-                    scale * (edge.ay + ty[found] + t * edge.ey),
-                    s * edge.ex,
-                    s * edge.ey,
-                ]
-                for shift, cosine, sine in beats:
-                    a, b = (np.broadcast_to(v, self.shape)[found] for v in (cosine, sine))
-                    weight = [a * real - b * imag, a * imag + b * real]
-                    self.owners.append(found)
-                    self.rows.append(_stacked(place + weight, shift))
+        for found in self.cuts.parts(view, group, other):
+            edge, owner = found.edge, found.place
+            t, s = 0.5 * (found.low + found.high), scale * (found.high - found.low)
+            tx, ty = (side * offset[owner] for offset in (self.cuts.tx, self.cuts.ty))
+            place = [
+                scale * (edge.ax + tx + t * edge.ex),
+                scale * (edge.ay + ty + t * edge.ey),
+                s * edge.ex,
+                s * edge.ey,
+            ]
+            for shift, cosine, sine in beats:
+                a, b = (np.broadcast_to(v, self.count)[owner] for v in (cosine, sine))
+                weight = [a * found.real - b * found.imag, a * found.imag + b * found.real]
+                self.owners.append(owner)
+                self.rows.append(_stacked(place + weight, shift))
 
     def table(self) -> tuple[NDArray[np.intp], Rows]:
         if not self.rows:
             return np.empty(0, np.intp), np.empty((0, PART_COLUMNS))
         return np.concatenate(self.owners), np.concatenate(self.rows)
-
-
-def _joined(
-    clipper: Clipper, edge: Edge, view: View, group: int, shape: tuple[int, ...]
-) -> Iterator[tuple[NDArray[np.intp], Any, Any, float, float]]:
-    """(whose, from, to, weight) of the parts of an edge, those in adjoining pieces as one."""
-    by_weight: dict[tuple[float, float], list[Any]] = {}
-    for middle, extent, real, imag in clipper.intervals(edge, view, group):
-        ends = np.broadcast_arrays(
-            0.5 * (middle - extent), 0.5 * (middle + extent), np.empty(shape)
-        )
-        by_weight.setdefault((real, imag), []).append(ends[:2])
-    for (real, imag), intervals in by_weight.items():
-        low, high = np.array(intervals).swapaxes(0, 1)
-        low = np.where(high > low, low, np.inf)  # empty ones last
-        order = np.argsort(low, axis=0)
-        low, high = (np.take_along_axis(v, order, axis=0) for v in (low, high))
-        start, end = low[0], high[0]
-        for k in range(1, len(low) + 1):
-            last = k == len(low)
-            adjoins = np.zeros(shape, bool) if last else abs(low[k] - end) <= _ADJOINING
-            (found,) = np.nonzero(~adjoins & (start < np.inf))
-            if len(found):
-                yield found, start[found], end[found], real, imag
-            if not last:
-                start, end = np.where(adjoins, start, low[k]), high[k]
 
 
 def _stacked(columns: list[Any], shift: tuple[float, ...]) -> Rows:

@@ -12,9 +12,10 @@ from polywigner.kernels.cells import clipper_for
 from polywigner.kernels.clipping import MIRRORED, Clipper, RowClipper, View
 from polywigner.kernels.complex_pairs import Pair
 from polywigner.kernels.slopes import Axes, Sink, Slopes, Wanted
-from polywigner.kernels.tables import Edge, Piece, Tables
+from polywigner.kernels.tables import Edge, Piece, Tables, cut_of
 from polywigner.kernels.trigonometry import cos_sin_turns
 from polywigner.kernels.waves import Beat, Wave, difference_beats, mean_beats
+from polywigner.plans.costs import LIMITS
 
 __all__ = ["ambiguity_slopes", "wigner_slopes"]
 
@@ -109,7 +110,8 @@ def _clipper(
     """Edges by name where that matters, by cells otherwise."""
     if not (wanted.vertices or wanted.weights):
         return clipper_for(ops, tables, *shift, *(view for view, _ in slices.views))
-    rows = ops.prefers_rows(tables.clips, shift[0])
+    cut = cut_of(ops, tables)
+    rows = cut == "rows" or (cut != "code" and tables.clips > LIMITS["most cuts as code"])
     return (RowClipper if rows else Clipper)(ops, tables, *shift)
 
 

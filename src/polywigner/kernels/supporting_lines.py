@@ -15,6 +15,7 @@ same numbers. Lines fall into clusters of direction, more than ``NEARLY_PARALLEL
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -39,13 +40,13 @@ _SAME_OFFSET = 1e-14
 class Line:
     """All points p with cross(direction, p) = offset; left of it the cross product is larger."""
 
-    dx: float
-    dy: float
-    offset: float
-    cluster: int
+    dx: Any
+    dy: Any
+    offset: Any
+    cluster: Any
     exact: bool
-    px: float  # a point of the line; on the grid if the line is exact
-    py: float
+    px: Any  # a point of the line; on the grid if the line is exact
+    py: Any
 
 
 def _clusters(angles: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:

@@ -9,7 +9,7 @@ supporting lines of edges and pieces (``supporting_lines``), and the pieces as s
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 from typing import Any, ClassVar
@@ -33,8 +33,9 @@ from polywigner.kernels.waves import (
     difference_beats,
     waves_in_frame,
 )
+from polywigner.plans import cut_for
 
-__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "grouped"]
+__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grouped"]
 
 # Pairs of waves that are code, of some 20 ms to compile each, where edges are looked up in cells
 _WAVES_IN_CELLS = 16
@@ -94,6 +95,12 @@ class Piece:
     sign: float = 1.0  # -1 for a triangle turned over by rounding
 
 
+def cut_of(ops: Any, tables: Any, samples: int = 0) -> str:
+    """How edges are cut: as planned, or as suits the namespace; ``samples`` of NumPy at a time."""
+    found: str | None = tables.cut
+    return found or cut_for(ops.target, tables.clips, tables.clips_for_cells, samples)
+
+
 @dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long
 class Tables:
     """Everything the kernels need to know of a polygon, in its frame."""
@@ -107,6 +114,10 @@ class Tables:
     phased: bool = False  # not all weights are real
     groups: tuple[Waves, ...] = (UNIFORM,)  # the different fields on the elements, less weights
     factors: tuple[complex, ...] = (1.0,)  # of each element: its weight here over the user's
+    cut: str | None = None
+    """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
+    variants: dict[str, Tables] = field(default_factory=dict, repr=False)
+    """The same tables with other cuts, by cut."""
     terms: ClassVar[int] = 1  # of a sum over data, beside the edges, that a sample loops through
 
     @cached_property
@@ -138,6 +149,12 @@ class Tables:
         """
         simple = len(self.groups) == 1 and self.waves_per_cut <= _WAVES_IN_CELLS
         return self.clips if simple else 0
+
+    def cut_by(self, cut: str | None) -> Tables:
+        """The same tables, with edges to be cut in a given way; one object for each way."""
+        if cut is None or cut == self.cut:
+            return self
+        return self.variants.setdefault(cut, replace(self, cut=cut))
 
     def mutual(self, edge: Edge, piece: Piece) -> tuple[Any, Any]:
         """Weight of the edge's element times the conjugate of the piece's: (real, imag)."""

@@ -1,0 +1,13 @@
+"""Which way a call is carried out: chosen once, before any work, from counted sizes and costs.
+
+``request`` says what is asked for as plain numbers, ``costs`` what each step takes in seconds and
+which benchmark tells, and ``plan`` turns one into a `Plan` by the other. Nothing here computes,
+imports an engine, or looks at an array: equal requests have equal plans.
+"""
+
+from polywigner.plans.costs import COSTS, Cost
+from polywigner.plans.cuts import cut_for, forced
+from polywigner.plans.plan import Plan, plan
+from polywigner.plans.request import Outline, Request
+
+__all__ = ["COSTS", "Cost", "Outline", "Plan", "Request", "cut_for", "forced", "plan"]

@@ -1,0 +1,86 @@
+"""What each step of a computation takes: the one table of costs and limits.
+
+Seconds are of one quiet core of a processor of 2022; what counts is their ratios. Each entry names
+the script in ``benchmarks`` whose output it was read from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["COSTS", "LIMITS", "Cost"]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Seconds a step takes, per unit."""
+
+    seconds: float
+    unit: str
+    benchmark: str
+
+
+_REGRET = "default_regret.py"
+_CUTS = "wigner_cost.py"
+
+COSTS: dict[str, Cost] = {
+    # NumPy
+    "call": Cost(0.3e-3, "call with few samples", _REGRET),
+    "term": Cost(0.2e-6, "sample and term of a plain sum", _REGRET),
+    "cut": Cost(3e-9, "sample, edge and line", _REGRET),
+    "exact cut": Cost(20e-9, "sample, edge and line of a cluster of nearly parallel ones", _REGRET),
+    "edge": Cost(40e-9, "sample and edge that is left in a slice", _REGRET),
+    "pair in Python": Cost(5e-6, "edge and convex piece, for 16384 samples", _REGRET),
+    "box": Cost(7e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
+    "listed cut": Cost(50e-9, "place, edge and side near it", _REGRET),
+    "listed term": Cost(20e-9, "sample and part of its slice", _REGRET),
+    "edge in cells": Cost(0.15e-6, "sample and edge, looked up in cells", _REGRET),
+    "copy": Cost(2.5e-6, "sample of an array of copies, and copy of the outline", _REGRET),
+    "pair of copies": Cost(6e-6, "sample and pair of elements near it", _REGRET),
+    "family": Cost(0.2e-3, "family of parallel edges on a grid of frequencies", _REGRET),
+    "point of a family": Cost(8e-9, "point of the grid and family", _REGRET),
+    # compiled
+    "load": Cost(0.07, "process, to import Dr.Jit", "questions/latency.py"),
+    "compile": Cost(0.13, "kernel", "questions/latency.py"),
+    "compile a clip": Cost(0.5e-3, "edge and side in single precision", _CUTS),
+    "compile a clip, double": Cost(1.5e-3, "the same in double precision", _CUTS),
+    "compiled clip": Cost(0.25e-9, "sample, edge and side as code", _CUTS),
+    "compiled row": Cost(1.5e-9, "sample, edge and side as rows of a table", _CUTS),
+    "compiled term": Cost(2e-9, "sample and term of a plain sum", _REGRET),
+    "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
+    "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
+    "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
+    "compiled copy": Cost(0.5e-6, "sample of an array of copies", "array_cost.py"),
+    "compiled pair of copies": Cost(0.1e-6, "sample and pair of elements near it", "array_cost.py"),
+    "cell pair": Cost(1.1e-6, "edge, side and cell in which they meet", _CUTS),
+}
+
+LIMITS: dict[str, float] = {
+    # Cells: pairs in all of them together per edge, and per cut; a part of them where they are
+    # coarse (`kernels.cell_tree`).
+    "cell pairs per edge": 2000,
+    "cell pairs per cut": 8,
+    "share in coarse cells": 0.25,
+    # To find the cells takes 60 bytes a cut: the regular polygon of 2900 vertices, 8 million cuts.
+    "most cuts in cells": 8_000_000,
+    # Cuts from which on cells are faster than code, where samples are sorted by cell (the 23-gon),
+    # and where they are not (the 67-gon, which takes seconds to compile).
+    "least cuts in cells, sorted": 500,
+    "least cuts in cells": 4500,
+    "least cuts in cells, scalar": 300,
+    "least cuts in cells, NumPy": 4000,
+    "least samples in cells, NumPy": 1024,
+    # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
+    # takes seconds.
+    "most cuts as code": 4500,
+    # NumPy: of few samples, calls cost more than what they compute.
+    "least cuts as rows, NumPy": 64,
+    "most samples as rows, NumPy": 256,
+    # Samples at a time of NumPy.
+    "chunk": 1 << 14,
+    # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
+    "most cuts not worth listing": 16,
+    "least columns of a list": 64,
+    "least columns of a compiled list": 256,
+    "least rows for whole edges": 64,
+}

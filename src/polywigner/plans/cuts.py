@@ -1,0 +1,58 @@
+"""How edges are cut where no plan of a whole call says so: in renderings and on Dr.Jit arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+from polywigner.plans.costs import LIMITS
+
+__all__ = ["cut_for", "forced", "forced_cut"]
+
+forced_cut: ContextVar[str | None] = ContextVar("forced_cut", default=None)
+"""How edges are to be cut whatever it costs; None where plans are free."""
+
+
+@contextmanager
+def forced(cut: str) -> Iterator[None]:
+    """For tests and benchmarks: edges are cut in one way, wherever that is possible."""
+    token = forced_cut.set(cut)
+    try:
+        yield
+    finally:
+        forced_cut.reset(token)
+
+
+def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> str:
+    """``"code"``, each edge by itself; ``"rows"``, of a table; or ``"cells"`` that list them.
+
+    Parameters
+    ----------
+    target : ``"numpy"``, ``"scalar"``, ``"compiled"``, or ``"sorted"``: compiled, with samples in
+        the order of the cells. ``"data"`` and ``"code"`` have rows and code only.
+    cuts : of all edges by all sides; ``cuts_for_cells``: the same, or 0 where cells cannot be.
+    samples : of NumPy, computed at a time.
+    """
+    if target in ("data", "code"):
+        return "rows" if target == "data" else "code"
+    wanted = forced_cut.get()
+    if wanted is not None:
+        possible = cuts_for_cells > 0 or not wanted.endswith("cells")
+        return wanted if possible else "rows"
+    numpy = target == "numpy"
+    least = {
+        "numpy": "least cuts in cells, NumPy",
+        "scalar": "least cuts in cells, scalar",
+        "compiled": "least cuts in cells",
+        "sorted": "least cuts in cells, sorted",
+    }[target]
+    many = not numpy or samples >= LIMITS["least samples in cells, NumPy"]
+    if many and LIMITS[least] < cuts_for_cells <= LIMITS["most cuts in cells"]:
+        return "cells"
+    if target == "scalar":
+        return "code"
+    if numpy:
+        few = samples <= LIMITS["most samples as rows, NumPy"]
+        return "rows" if few and cuts > LIMITS["least cuts as rows, NumPy"] else "code"
+    return "rows" if cuts > LIMITS["most cuts as code"] else "code"

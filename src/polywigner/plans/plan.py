@@ -1,0 +1,252 @@
+"""The choice: every way that a request allows, with its cost, and the cheapest of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from polywigner.plans.costs import COSTS, LIMITS
+from polywigner.plans.cuts import cut_for, forced_cut
+from polywigner.plans.request import Outline, Request
+
+__all__ = ["Plan", "Way", "plan"]
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to carry out a request, and what it takes."""
+
+    name: str
+    engine: str
+    """``"numpy"``, or ``"llvm"`` for any compiled engine."""
+    setup: float
+    """Seconds once for a source: loading, tables, compiling."""
+    run: float
+    """Seconds for each call."""
+    cut: str | None = None
+    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"`` or ``"coarse cells"``."""
+
+    @property
+    def seconds(self) -> float:
+        """Of a first call."""
+        return self.setup + self.run
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The way taken, and the others."""
+
+    request: Request
+    way: Way
+    others: tuple[Way, ...]
+    """By cost."""
+
+    @property
+    def engine(self) -> str:
+        """The engine to run on: that of the way, or the compiled one that was asked for."""
+        asked = self.request.engine
+        return asked if asked != "auto" else self.way.engine
+
+    def __str__(self) -> str:
+        way, request = self.way, self.request
+        lines = [f"way: {way.name}"]
+        lines.append(f"because: {self._reason()}")
+        lines.append(f"estimate: {_seconds(way.setup)} once, then {_seconds(way.run)} a call")
+        if self.others:
+            other = self.others[0]
+            lines.append(
+                f"next best: {other.name}: {_seconds(other.setup)} once, then "
+                f"{_seconds(other.run)} a call"
+            )
+        else:
+            lines.append("next best: there is no other way")
+        lines.append(f"would change it: {self._change()}")
+        if request.spent:
+            lines.append(f"earlier calls: {_seconds(request.spent)}")
+        return "\n".join(lines)
+
+    def _reason(self) -> str:
+        request, outline = self.request, self.request.outline
+        size = f"{request.samples} sample{'s' if request.samples != 1 else ''}"
+        if request.rows:
+            size += f" ({request.rows} places x {request.columns} frequencies)"
+        if outline is None:
+            size += f" of {request.terms} term{'s' if request.terms != 1 else ''}"
+        else:
+            size += f", {outline.edges} edges, {outline.pieces} convex pieces, {outline.cuts} cuts"
+        if request.engine != "auto":
+            return f"{size}, and engine={request.engine!r} was asked for"
+        return f"{size}, and no way is cheaper"
+
+    def _change(self) -> str:
+        if self.request.engine != "auto":
+            return "engine='auto' chooses among all ways"
+        faster = [way for way in self.others if way.run < self.way.run]
+        if not faster:
+            return "nothing that is known: it has the fastest calls as well"
+        way = min(faster, key=lambda way: way.run)
+        gain = self.way.run - way.run
+        calls = max(2, math.ceil((way.setup - self.request.spent) / gain))
+        return f"{calls} calls like this one, or as many more samples: then {way.name}"
+
+
+def plan(request: Request) -> Plan:
+    """The cheapest way for a request.
+
+    What a way takes to be set up counts less what earlier calls have cost: whoever calls again and
+    again pays at most twice what knowing all calls beforehand would have cost.
+    """
+    ways = sorted(_allowed(request), key=lambda way: _effective(way, request))
+    return Plan(request, ways[0], tuple(ways[1:]))
+
+
+def _effective(way: Way, request: Request) -> float:
+    if way.name in request.ready:
+        return way.run
+    return max(way.setup - request.spent, 0.0) + way.run
+
+
+def _allowed(request: Request) -> Iterator[Way]:
+    ways, wanted = list(_ways(request)), forced_cut.get()
+    if wanted is not None and any(way.cut == wanted for way in ways):
+        ways = [way for way in ways if way.cut == wanted]
+    for way in ways:
+        if request.engine == "auto" or (way.engine == "numpy") == (request.engine == "numpy"):
+            yield way
+
+
+def _ways(request: Request) -> Iterator[Way]:
+    if request.families is not None:
+        points = request.families * request.samples
+        run = _cost("family", request.families) + _cost("point of a family", points)
+        yield Way("grid from its axes", "numpy", _listing(request, 1), run)
+    if request.outline is None:
+        yield from _sums(request)
+    elif request.is_array:
+        yield from _arrays(request, request.outline)
+    else:
+        yield from _outlines_on_numpy(request, request.outline)
+        yield from _outlines_compiled(request, request.outline)
+
+
+def _sums(request: Request) -> Iterator[Way]:
+    count = request.samples * max(1, request.terms)
+    yield Way("sum on NumPy", "numpy", 0.0, _cost("call", 1) + _cost("term", count))
+    yield Way("sum, compiled", "llvm", _compiling(request), _cost("compiled term", count))
+
+
+def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
+    n, pairs = request.samples * outline.copies, request.samples * outline.copies**2
+    more = max(0, request.terms - 1)
+    run = _cost("call", 1) + _cost("copy", n) + _cost("pair of copies", pairs * more)
+    run += _cost("cut", n * outline.cuts)
+    yield Way("copies on NumPy", "numpy", 0.0, run)
+    run = _cost("compiled copy", n) + _cost("compiled pair of copies", n * more)
+    yield Way("copies, compiled", "llvm", _compiling(request), run)
+
+
+# ---- one outline ---------------------------------------------------------------------------------
+
+
+def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
+    n, views = request.samples, outline.copies
+    if outline.allows_lists:
+        places = request.rows or n
+        terms = _cost("listed term", n * outline.edges * views)
+        name = "slices listed, on NumPy" if request.rows else "slices of points listed, on NumPy"
+        yield Way(name, "numpy", 0.0, _cost("call", 2) + _listing(request, places) + terms)
+    if request.rows and outline.allows_lists:
+        return
+    cells = outline.cuts if outline.allows_cells else 0
+    cut = cut_for("numpy", outline.cuts, cells, n)
+    if cut == "cells":
+        run = _cost("edge in cells", n * views * outline.edges)
+        yield Way("cells on NumPy", "numpy", _cells(outline), run, "cells")
+        cut = "code"
+    chunks = math.ceil(n / LIMITS["chunk"])
+    lines = n * views * outline.edges * outline.lines
+    run = _cost("call", 1) + _cost("cut", lines) + _cost("exact cut", lines * outline.exact)
+    run += _cost("edge", n * views * outline.edges * min(outline.pieces, 2))
+    pairs = outline.edges * outline.pieces if cut == "code" else outline.pieces
+    run += _cost("pair in Python", chunks * views * pairs)
+    name = "edges one by one, on NumPy" if cut == "code" else "edges as rows, on NumPy"
+    yield Way(name, "numpy", 0.0, run, cut)
+
+
+def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
+    n, views = request.samples, outline.copies
+    cells = outline.cuts if outline.allows_cells else 0
+    cut = cut_for("sorted", outline.cuts, cells)
+    edges = n * views * outline.edges
+    if request.rows and outline.allows_lists and cut != "cells":
+        enough = request.columns >= LIMITS["least columns of a compiled list"]
+        if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
+            run = _listing(request, request.rows) + _cost("compiled listed term", edges)
+            yield Way("slices listed, compiled", "llvm", _compiling(request), run, cut)
+            return
+    if request.rows and cut == "cells" and _sums_whole_edges(request, outline):
+        run = _cost("compiled edge in cells", edges) / 2
+        yield Way(
+            "whole edges summed once", "llvm", _compiling(request) + _cells(outline), run, cut
+        )
+        return
+    if cut == "code":
+        clip = "compile a clip, double" if request.double else "compile a clip"
+        setup = _compiling(request) + _cost(clip, outline.cuts * views)
+        yield Way(
+            "edges as code", "llvm", setup, _cost("compiled clip", n * views * outline.cuts), cut
+        )
+    elif cut == "rows":
+        run = _cost("compiled row", n * views * outline.cuts)
+        yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)
+    else:
+        setup = _compiling(request)
+        run = _cost("compiled edge in cells", edges)
+        yield Way("cells", "llvm", setup + _cells(outline), run, "cells")
+        setup += LIMITS["share in coarse cells"] * _cells(outline)
+        run = _cost("compiled edge in coarse cells", edges)
+        yield Way("coarse cells", "llvm", setup, run, "coarse cells")
+        if request.rows and outline.allows_lists:
+            run = _listing(request, request.rows) + _cost("compiled listed term", edges)
+            yield Way("slices listed, compiled", "llvm", _compiling(request), run, cut)
+
+
+def _sums_whole_edges(request: Request, outline: Outline) -> bool:
+    rows = request.rows >= LIMITS["least rows for whole edges"]
+    return rows and request.columns >= LIMITS["least columns of a compiled list"]
+
+
+def _listing(request: Request, places: int) -> float:
+    """To list the parts that bound the slices of some places."""
+    outline = request.outline
+    if outline is None:
+        return 0.0
+    boxes = places * outline.copies * outline.edges
+    near = min(outline.pieces, 3) * outline.cuts / (outline.edges * outline.pieces)
+    return _cost("box", boxes * outline.pieces) + _cost("listed cut", boxes * near)
+
+
+def _cells(outline: Outline) -> float:
+    """To find the cells of an outline."""
+    per_edge = LIMITS["cell pairs per edge"] * outline.edges
+    return _cost("cell pair", min(per_edge, LIMITS["cell pairs per cut"] * outline.cuts))
+
+
+def _compiling(request: Request) -> float:
+    return (0.0 if request.loaded else _cost("load", 1)) + _cost("compile", 1)
+
+
+def _cost(name: str, count: float) -> float:
+    return COSTS[name].seconds * count
+
+
+def _seconds(value: float) -> str:
+    for unit, factor in (("s", 1.0), ("ms", 1e3), ("us", 1e6)):
+        if value * factor >= 1.0:
+            return (
+                f"{value * factor:.2g} {unit}"
+                if value * factor < 100
+                else f"{value * factor:.0f} {unit}"
+            )
+    return "no time" if value < 1e-9 else f"{value * 1e9:.2g} ns"

@@ -1,0 +1,55 @@
+"""What is asked of an engine, as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["Outline", "Request"]
+
+
+@dataclass(frozen=True)
+class Outline:
+    """How much there is to cut: of a kernel that cuts the edges of one copy by those of another."""
+
+    edges: int
+    pieces: int
+    """Convex pieces."""
+    cuts: int
+    """Pairs of an edge and a side of a piece, with the waves that count as further sides."""
+    lines: int
+    """Different lines of the sides."""
+    exact: float = 0.0
+    """The share of the lines whose cuts need twice the digits: nearly parallel ones."""
+    copies: int = 1
+    """How many copies of the edges are cut: 1 for W, 2 for A."""
+    allows_cells: bool = True
+    """Whether the field is simple enough for lists by cells."""
+    allows_lists: bool = True
+    """Whether slices can be listed once for many frequencies."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A function of a source at some samples."""
+
+    function: str
+    samples: int
+    outline: Outline | None = None
+    """None where nothing is cut: then ``terms`` are summed."""
+    terms: int = 1
+    """Terms of a plain sum for each sample; of an array, pairs of copies near it."""
+    is_array: bool = False
+    """Whether the outline is that of an element of many copies."""
+    rows: int = 0
+    """Places, where each meets every one of ``columns`` frequencies; 0 where samples are points."""
+    columns: int = 0
+    families: int | None = None
+    """Families of parallel edges, where frequencies are a grid that they can be computed on."""
+    double: bool = True
+    engine: str = "auto"
+    loaded: bool = False
+    """Whether Dr.Jit is in this process already."""
+    ready: frozenset[str] = frozenset()
+    """Ways on which this function of this source has been computed before: set up already."""
+    spent: float = 0.0
+    """Seconds that earlier calls of this function of this source took."""
