@@ -24,6 +24,7 @@ ROOMS = [
     ("quantities", "citations"),
     ("geometry",),
     ("illumination",),
+    ("plans",),
     ("kernels",),
     ("engines",),
     ("transforms",),

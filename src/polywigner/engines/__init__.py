@@ -31,7 +31,7 @@ from polywigner.engines.drjit_hosted import evaluate_hosted
 from polywigner.engines.drjit_points import host_points, in_plane, is_drjit, shifted_points
 from polywigner.engines.drjit_results import product_of_complex, times_complex
 from polywigner.engines.end_slopes import with_end_slopes
-from polywigner.engines.evaluation import evaluate
+from polywigner.engines.evaluation import evaluate, explained
 from polywigner.engines.gradients import differentiable
 from polywigner.engines.grids import evaluate_on_grid
 from polywigner.engines.hosted_slopes import TracedField, hosted_field
@@ -82,6 +82,7 @@ __all__ = [
     "evaluate_on_grid",
     "evaluate_sums",
     "evaluate_traced",
+    "explained",
     "float_of",
     "has_gradient",
     "host_points",

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.engines.by_cell import order_of
-from polywigner.engines.grids import plan_for_grid
+from polywigner.engines.grids import GridPlan, plan_for_grid
 from polywigner.engines.ledger import account_of
 from polywigner.engines.on_drjit import OnDrjit
 from polywigner.engines.on_numpy import CHUNK, OnNumpy
@@ -24,9 +24,10 @@ from polywigner.engines.requests import planned, request_for
 from polywigner.kernels import Kernel, SharedSlice, shared_slice
 from polywigner.kernels.lattice_pairs import SharedCopies, shared_copies
 from polywigner.kernels.tables import Tables, cut_of
-from polywigner.plans import Plan
+from polywigner.plans import Plan, Request
+from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED, WHOLE_EDGES
 
-__all__ = ["evaluate"]
+__all__ = ["evaluate", "explained"]
 
 # Samples at a time. Dr.Jit: launching costs little against computing, and the arguments of a chunk
 # take some 10 MB.
@@ -61,38 +62,68 @@ def evaluate(
     that shape and precision for the results, such as both parts of a complex one.
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
-    tables = kernel.tables(source, double)
     dtype = np.float64 if double else np.float32
     results = tuple(into or (np.empty(shape, dtype) for _ in range(outputs)))
     if 0 in shape:
         return results
+    call = _call_of(kernel, source, components, double, engine)
+    chosen = planned(call.request)
+    if chosen.way.name == GRID:
+        assert call.grid is not None
+        call.grid.fill(results, _by_points(kernel, call.tables, components[:-2], double))
+    else:
+        _store(_launched(call, chosen, results))
+    account_of(kernel.name, call.tables).book(chosen)
+    return results
+
+
+def explained(
+    kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
+) -> Plan:
+    """The plan by which :func:`evaluate` would carry a call out now; nothing is computed."""
+    return planned(_call_of(kernel, source, components, double, engine).request)
+
+
+@dataclass(frozen=True)
+class _Call:
+    """What is to be computed."""
+
+    kernel: Kernel
+    source: Any
+    tables: Any
+    components: Sequence[Array]
+    double: bool
+    pairs: Pairs | None
+    """The arguments as rows and columns, where they are such."""
+    by_places: Pairs | None
+    """The same with each place a row, where slices are those of places."""
+    grid: GridPlan | None
+    request: Request
+
+
+def _call_of(
+    kernel: Kernel, source: Any, components: Sequence[Array], double: bool, engine: str
+) -> _Call:
+    shape = np.broadcast_shapes(*(c.shape for c in components))
+    tables = kernel.tables(source, double)
     grid = None
     if engine in ("auto", "numpy") and components[-1].shape == shape:
         grid = plan_for_grid(kernel, source, components, double)
     pairs, shared = _pairs_of(kernel, components, shape), shared_slice(kernel)
     by_places = None
     if shared is not None and pairs is not None:
-        by_places = _with_places_as_rows(pairs, results, shared.arguments)
-    account = account_of(kernel.name, tables)
+        by_places = _with_places_as_rows(pairs, shared.arguments)
     request = request_for(
         kernel,
         tables,
         math.prod(shape),
         double=double,
         engine=engine,
-        pairs=None if by_places is None else by_places[0],
+        pairs=by_places,
         families=None if grid is None else grid.families,
-        account=account,
+        account=account_of(kernel.name, tables),
     )
-    chosen = planned(request)
-    if chosen.way.name == "grid from its axes":
-        assert grid is not None
-        grid.fill(results, _by_points(kernel, tables, components[:-2], double))
-    else:
-        call = _Call(kernel, source, tables, components, results, pairs, double)
-        _store(_launched(call, chosen, by_places))
-    account.book(chosen)
-    return results
+    return _Call(kernel, source, tables, components, double, pairs, by_places, grid, request)
 
 
 def _pairs_of(kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
@@ -103,24 +134,9 @@ def _pairs_of(kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...
     return pairs
 
 
-@dataclass(frozen=True)
-class _Call:
-    """What is to be computed, and where the results go."""
-
-    kernel: Kernel
-    source: Any
-    tables: Any
-    components: Sequence[Array]
-    results: Sequence[Array]
-    pairs: Pairs | None
-    double: bool
-
-
-def _launched(
-    call: _Call, chosen: Plan, by_places: tuple[Pairs, Sequence[Array]] | None
-) -> Launched:
+def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     """The chunks of a call, by the way that was chosen."""
-    tables = call.tables
+    tables, name = call.tables, chosen.way.name
     if isinstance(tables, Tables):
         tables = tables.cut_by(chosen.way.cut)
     compute: OnNumpy | OnDrjit
@@ -129,23 +145,23 @@ def _launched(
     else:
         compute, chunk = OnDrjit(call.kernel, tables, call.double, chosen.engine), _DRJIT_CHUNK
     shared = shared_slice(call.kernel)
-    if chosen.way.name.startswith("slices listed"):
-        assert shared is not None and by_places is not None
-        return _by_parts(compute, shared, call.source, *by_places)
-    if chosen.way.name == "slices of points listed, on NumPy":
+    if name in (LISTED, LISTED_COMPILED, WHOLE_EDGES):
+        assert shared is not None and call.pairs is not None and call.by_places is not None
+        targets = _targets(call.pairs, call.by_places, results)
+        if name == WHOLE_EDGES:
+            assert isinstance(compute, OnDrjit)
+            return ((targets, (a, b), f) for a, b, f in compute.of_blocks(call.by_places))
+        return _by_parts(compute, shared, call.source, call.by_places, targets)
+    if name == POINTS_LISTED:
         assert shared is not None and isinstance(compute, OnNumpy)
-        return _listed(compute, shared, call.source, call.components, call.results)
-    if chosen.way.name == "whole edges summed once":
-        assert by_places is not None and isinstance(compute, OnDrjit)
-        pairs, targets = by_places
-        return ((targets, (a, b), fetch) for a, b, fetch in compute.of_blocks(pairs))
+        return _listed(compute, shared, call.source, call.components, results)
     if call.pairs is not None:
-        copies = _by_copies(compute, call.pairs, call.results)
+        copies = _by_copies(compute, call.pairs, results)
         if copies is not None:
             return copies
         if compute.takes(call.pairs):
-            return _paired(compute, call.pairs, call.results)
-    return _chunked(compute, call.components, call.results, chunk)
+            return _paired(compute, call.pairs, results)
+    return _chunked(compute, call.components, results, chunk)
 
 
 def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool) -> Any:
@@ -184,16 +200,17 @@ def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]) 
         yield tables, block, compute.of_pairs(pairs.block(*block))
 
 
-def _with_places_as_rows(
-    pairs: Pairs, results: Sequence[Array], places: slice
-) -> tuple[Pairs, Sequence[Array]] | None:
-    """Pairs and results by rows, with each place a row; None where places change along both."""
-    targets = [result.reshape(pairs.rows, pairs.columns) for result in results]
+def _with_places_as_rows(pairs: Pairs, places: slice) -> Pairs | None:
+    """The pairs with each place a row; None where places change along both."""
     if all(c.shape == (1, pairs.columns) for c in pairs.components[places]):
-        pairs, targets = pairs.transposed(), [target.T for target in targets]
-    if any(c.shape[1] > 1 for c in pairs.components[places]):
-        return None
-    return pairs, targets
+        pairs = pairs.transposed()
+    return None if any(c.shape[1] > 1 for c in pairs.components[places]) else pairs
+
+
+def _targets(pairs: Pairs, by_places: Pairs, results: Sequence[Array]) -> list[Array]:
+    """The results in the shape of the pairs with each place a row."""
+    tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
+    return tables if by_places is pairs else [table.T for table in tables]
 
 
 def _by_copies(
@@ -203,14 +220,13 @@ def _by_copies(
     shared = shared_copies(compute.kernel)
     if shared is None or pairs.columns < _LEAST_FOR_COPIES or not compute.lists_copies():
         return None
-    turned = _with_places_as_rows(pairs, results, shared.arguments)
-    if turned is None:
+    by_places = _with_places_as_rows(pairs, shared.arguments)
+    if by_places is None:
         return None
-    pairs, targets = turned
-    some = pairs.block(slice(0, _ROWS_OF_COPIES), slice(0, pairs.columns))
+    some = by_places.block(slice(0, _ROWS_OF_COPIES), slice(0, by_places.columns))
     if not shared.gains(compute.tables, compute.entered(some)):
         return None
-    return _launched_copies(compute, shared, pairs, targets)
+    return _launched_copies(compute, shared, by_places, _targets(pairs, by_places, results))
 
 
 def _launched_copies(

@@ -18,6 +18,7 @@ from polywigner.engines.operations import NumpyOperations
 from polywigner.engines.requests import planned
 from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
 from polywigner.plans import Request
+from polywigner.plans.plan import GRID
 
 __all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
 
@@ -167,7 +168,7 @@ def evaluate_on_grid(
         engine=engine,
         loaded="drjit" in sys.modules,
     )
-    if planned(request).way.name != "grid from its axes":
+    if planned(request).way.name != GRID:
         return None
     dtype = np.float64 if double else np.float32
     shape = components[-1].shape

@@ -10,7 +10,23 @@ from polywigner.plans.costs import COSTS, LIMITS
 from polywigner.plans.cuts import cut_for, forced_cut
 from polywigner.plans.request import Outline, Request
 
-__all__ = ["Plan", "Way", "plan"]
+__all__ = [
+    "GRID",
+    "LISTED",
+    "LISTED_COMPILED",
+    "POINTS_LISTED",
+    "WHOLE_EDGES",
+    "Plan",
+    "Way",
+    "plan",
+]
+
+# The names of ways, as `pw.explain` prints them and docs/performance.md explains them.
+GRID = "grid from its axes"
+LISTED = "slices listed, on NumPy"
+POINTS_LISTED = "slices of points listed, on NumPy"
+LISTED_COMPILED = "slices listed, compiled"
+WHOLE_EDGES = "whole edges summed once"
 
 
 @dataclass(frozen=True)
@@ -52,18 +68,15 @@ class Plan:
         way, request = self.way, self.request
         lines = [f"way: {way.name}"]
         lines.append(f"because: {self._reason()}")
-        lines.append(f"estimate: {_seconds(way.setup)} once, then {_seconds(way.run)} a call")
+        estimate = f"estimate: {_takes(way)}"
+        if request.spent:
+            estimate += f"; earlier calls took {_seconds(request.spent)}"
+        lines.append(estimate)
         if self.others:
-            other = self.others[0]
-            lines.append(
-                f"next best: {other.name}: {_seconds(other.setup)} once, then "
-                f"{_seconds(other.run)} a call"
-            )
+            lines.append(f"next best: {self.others[0].name}: {_takes(self.others[0])}")
         else:
             lines.append("next best: there is no other way")
         lines.append(f"would change it: {self._change()}")
-        if request.spent:
-            lines.append(f"earlier calls: {_seconds(request.spent)}")
         return "\n".join(lines)
 
     def _reason(self) -> str:
@@ -120,7 +133,7 @@ def _ways(request: Request) -> Iterator[Way]:
     if request.families is not None:
         points = request.families * request.samples
         run = _cost("family", request.families) + _cost("point of a family", points)
-        yield Way("grid from its axes", "numpy", _listing(request, 1), run)
+        yield Way(GRID, "numpy", _listing(request, 1), run)
     if request.outline is None:
         yield from _sums(request)
     elif request.is_array:
@@ -154,7 +167,7 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     if outline.allows_lists:
         places = request.rows or n
         terms = _cost("listed term", n * outline.edges * views)
-        name = "slices listed, on NumPy" if request.rows else "slices of points listed, on NumPy"
+        name = LISTED if request.rows else POINTS_LISTED
         yield Way(name, "numpy", 0.0, _cost("call", 2) + _listing(request, places) + terms)
     if request.rows and outline.allows_lists:
         return
@@ -183,20 +196,18 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         enough = request.columns >= LIMITS["least columns of a compiled list"]
         if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
             run = _listing(request, request.rows) + _cost("compiled listed term", edges)
-            yield Way("slices listed, compiled", "llvm", _compiling(request), run, cut)
+            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
             return
     if request.rows and cut == "cells" and _sums_whole_edges(request, outline):
         run = _cost("compiled edge in cells", edges) / 2
-        yield Way(
-            "whole edges summed once", "llvm", _compiling(request) + _cells(outline), run, cut
-        )
+        setup = _compiling(request) + _cells(outline)
+        yield Way(WHOLE_EDGES, "llvm", setup, run, cut)
         return
     if cut == "code":
         clip = "compile a clip, double" if request.double else "compile a clip"
         setup = _compiling(request) + _cost(clip, outline.cuts * views)
-        yield Way(
-            "edges as code", "llvm", setup, _cost("compiled clip", n * views * outline.cuts), cut
-        )
+        run = _cost("compiled clip", n * views * outline.cuts)
+        yield Way("edges as code", "llvm", setup, run, cut)
     elif cut == "rows":
         run = _cost("compiled row", n * views * outline.cuts)
         yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)
@@ -209,7 +220,7 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         yield Way("coarse cells", "llvm", setup, run, "coarse cells")
         if request.rows and outline.allows_lists:
             run = _listing(request, request.rows) + _cost("compiled listed term", edges)
-            yield Way("slices listed, compiled", "llvm", _compiling(request), run, cut)
+            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
 
 
 def _sums_whole_edges(request: Request, outline: Outline) -> bool:
@@ -241,12 +252,14 @@ def _cost(name: str, count: float) -> float:
     return COSTS[name].seconds * count
 
 
+def _takes(way: Way) -> str:
+    once = f"{_seconds(way.setup)} once, then " if way.setup else ""
+    return f"{once}{_seconds(way.run)} a call"
+
+
 def _seconds(value: float) -> str:
     for unit, factor in (("s", 1.0), ("ms", 1e3), ("us", 1e6)):
-        if value * factor >= 1.0:
-            return (
-                f"{value * factor:.2g} {unit}"
-                if value * factor < 100
-                else f"{value * factor:.0f} {unit}"
-            )
-    return "no time" if value < 1e-9 else f"{value * 1e9:.2g} ns"
+        scaled = value * factor
+        if scaled >= 1.0:
+            return f"{scaled:.0f} {unit}" if scaled >= 100 else f"{scaled:.2g} {unit}"
+    return f"{value * 1e9:.2g} ns"

@@ -15,6 +15,7 @@ to 5e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Lim
 """
 
 from polywigner.transforms.arguments import PhaseSpaceSource, Source
+from polywigner.transforms.explanation import explain
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -38,6 +39,7 @@ __all__ = [
     "array_factor",
     "autocorrelation",
     "differentiable",
+    "explain",
     "fourier",
     "lag_marginal",
     "otf",

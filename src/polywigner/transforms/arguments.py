@@ -19,6 +19,7 @@ __all__ = [
     "PhaseSpaceSource",
     "Source",
     "array_on_grid",
+    "checked_call",
     "checked_points",
     "in_blocks",
     "in_plane",
@@ -61,12 +62,8 @@ def transform(
     outputs: int = 1,
 ) -> Any:
     """Check the arguments once, and hand them to the engine of their type."""
-    if isinstance(source, Array):
-        check_width(source)
-    kernel = kernels.kernel_for(name, source)
-    engines.checked_precision(precision)
-    engines.checked_engine(engine)
     if any(engines.is_drjit(value) for _, value in points):
+        kernel = _kernel_for(name, source, precision, engine)
         return engines.evaluate_traced(
             kernel,
             source,
@@ -75,22 +72,8 @@ def transform(
             engine=engine,
             complex_result=outputs == 2,
         )
-    arrays = [
-        checked_points(*point, kernel.dimension, name in _COMPLEX, keep_single=True)
-        for point in points
-    ]
-    components = [a[..., k] for a in arrays for k in range(kernel.dimension)]
-    if any(np.iscomplexobj(a) for a in arrays):
-        kernel = kernels.kernel_for(f"complex {name}", source)
-        components = [part for c in components for part in (c.real, c.imag)]
-    try:
-        shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    except ValueError:
-        shapes = " and ".join(str(a.shape) for a in arrays)
-        raise ArgumentError(
-            f"expected shapes that broadcast before the last axis, got {shapes}; "
-            "insert axes of length 1, as in x[:, None, :]"
-        ) from None
+    kernel, components, arrays = checked_call(name, source, points, precision, engine)
+    shape = np.broadcast_shapes(*(c.shape for c in components))
     value, parts = _empty(shape, precision, outputs)
     engines.evaluate(
         kernel,
@@ -105,6 +88,39 @@ def transform(
         named = [(label, array) for (label, _), array in zip(points, arrays, strict=True)]
         value = _near_the_largest_float(kernel, source, named, value)
     return value[()]
+
+
+def _kernel_for(name: str, source: Any, precision: str | None, engine: str) -> Any:
+    if isinstance(source, Array):
+        check_width(source)
+    kernel = kernels.kernel_for(name, source)
+    engines.checked_precision(precision)
+    engines.checked_engine(engine)
+    return kernel
+
+
+def checked_call(
+    name: str, source: Any, points: Sequence[tuple[str, Any]], precision: str | None, engine: str
+) -> tuple[Any, list[Any], list[Any]]:
+    """(kernel, components, arrays) of a call with NumPy arrays, checked."""
+    kernel = _kernel_for(name, source, precision, engine)
+    arrays = [
+        checked_points(*point, kernel.dimension, name in _COMPLEX, keep_single=True)
+        for point in points
+    ]
+    components = [a[..., k] for a in arrays for k in range(kernel.dimension)]
+    if any(np.iscomplexobj(a) for a in arrays):
+        kernel = kernels.kernel_for(f"complex {name}", source)
+        components = [part for c in components for part in (c.real, c.imag)]
+    try:
+        np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    except ValueError:
+        shapes = " and ".join(str(a.shape) for a in arrays)
+        raise ArgumentError(
+            f"expected shapes that broadcast before the last axis, got {shapes}; "
+            "insert axes of length 1, as in x[:, None, :]"
+        ) from None
+    return kernel, components, arrays
 
 
 def _near_the_largest_float(
