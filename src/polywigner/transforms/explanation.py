@@ -1,0 +1,85 @@
+"""How a transform would be computed: the plan behind a call, without the call."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from polywigner import engines
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture
+from polywigner.kernels.separable import is_separable
+from polywigner.plans import Plan
+from polywigner.transforms.arguments import checked_call, in_plane
+
+__all__ = ["explain"]
+
+_ARGUMENTS = {
+    "wigner": ("x", "nu"),
+    "ambiguity": ("upsilon", "xi"),
+    "autocorrelation": ("x", "xi"),
+    "fourier": ("nu",),
+    "position_marginal": ("x",),
+    "lag_marginal": ("xi",),
+}
+
+
+def explain(
+    source: Any,
+    *arguments: Any,
+    function: str = "wigner",
+    engine: engines.Engine = "auto",
+    precision: engines.Precision = None,
+) -> Plan:
+    """The way that a call would take, why, what it costs, and what would change that.
+
+    Estimates are those of the table of costs by which calls are planned (docs/performance.md). They
+    count what earlier calls in this process have set up and have taken: ask again after some calls.
+
+    Parameters
+    ----------
+    source : as the function takes it. For ``"fourier"`` an Aperture, Slits or Polyhedron: that of
+        an Array is a sum of several calls.
+    arguments : those of the function, as NumPy arrays: x and nu for ``"wigner"``.
+    function : "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal" or
+        "lag_marginal".
+    engine, precision : see :func:`fourier`.
+
+    Returns
+    -------
+    A plan, whose ``str()`` is five lines of text. Its ``way`` has a ``name``, an ``engine``, and the
+    seconds of ``setup`` and ``run``; ``others`` are the ways not taken, by cost.
+
+    Raises
+    ------
+    ArgumentError for a function that is not one of these, Dr.Jit arrays, and what the function
+    itself would refuse; EngineError without the engine.
+
+    Examples
+    --------
+    >>> import polywigner as pw
+    >>> print(pw.explain(pw.shapes.square(0.01), (0.0, 0.0), (10.0, 20.0)))  # doctest: +ELLIPSIS
+    way: ...
+    """
+    names = _ARGUMENTS.get(function) if isinstance(function, str) else None
+    if names is None:
+        known = ", ".join(f'"{name}"' for name in _ARGUMENTS)
+        raise ArgumentError(f"expected function to be one of {known}, got {function!r}")
+    if len(arguments) != len(names):
+        raise ArgumentError(
+            f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"
+        )
+    if any(map(engines.is_drjit, arguments)):
+        raise ArgumentError(
+            "expected NumPy arrays, got Dr.Jit arrays, which are computed where they are: there is "
+            "no choice to explain"
+        )
+    name = function
+    if function == "fourier":
+        arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
+        if isinstance(source, Aperture) and is_separable(source):
+            name = "fourier of waves"
+    points = list(zip(names, arguments, strict=True))
+    kernel, components, _ = checked_call(name, source, points, precision, engine)
+    return engines.explained(
+        kernel, source, components, double=precision != "single", engine=engine
+    )
