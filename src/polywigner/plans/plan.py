@@ -81,16 +81,18 @@ class Plan:
 
     def _reason(self) -> str:
         request, outline = self.request, self.request.outline
-        size = f"{request.samples} sample{'s' if request.samples != 1 else ''}"
+        size = _counted(request.samples, "sample")
         if request.rows:
-            size += f" ({request.rows} places x {request.columns} frequencies)"
+            places = _counted(request.rows, "place")
+            size += f" ({places} x {_counted(request.columns, 'frequency')})"
         if outline is None:
-            size += f" of {request.terms} term{'s' if request.terms != 1 else ''}"
+            size += f" of {_counted(request.terms, 'term')}"
         else:
-            size += f", {outline.edges} edges, {outline.pieces} convex pieces, {outline.cuts} cuts"
+            size += f", {_counted(outline.edges, 'edge')}, "
+            size += f"{_counted(outline.pieces, 'convex piece')}, {_counted(outline.cuts, 'cut')}"
         if request.engine != "auto":
-            return f"{size}, and engine={request.engine!r} was asked for"
-        return f"{size}, and no way is cheaper"
+            return f"{size}; engine={request.engine!r} was asked for"
+        return f"{size}; no way is cheaper"
 
     def _change(self) -> str:
         if self.request.engine != "auto":
@@ -101,7 +103,7 @@ class Plan:
         way = min(faster, key=lambda way: way.run)
         gain = self.way.run - way.run
         calls = max(2, math.ceil((way.setup - self.request.spent) / gain))
-        return f"{calls} calls like this one, or as many more samples: then {way.name}"
+        return f"{calls} such calls, or as many times the samples: then {way.name}"
 
 
 def plan(request: Request) -> Plan:
@@ -250,6 +252,11 @@ def _compiling(request: Request) -> float:
 
 def _cost(name: str, count: float) -> float:
     return COSTS[name].seconds * count
+
+
+def _counted(number: int, noun: str) -> str:
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{number} {noun if number == 1 else plural}"
 
 
 def _takes(way: Way) -> str:

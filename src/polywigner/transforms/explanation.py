@@ -46,8 +46,8 @@ def explain(
 
     Returns
     -------
-    A plan, whose ``str()`` is five lines of text. Its ``way`` has a ``name``, an ``engine``, and the
-    seconds of ``setup`` and ``run``; ``others`` are the ways not taken, by cost.
+    A plan, whose ``str()`` is five lines of text. Its ``way`` has a ``name``, an ``engine``, and
+    the seconds of ``setup`` and ``run``; ``others`` are the ways not taken, by cost.
 
     Raises
     ------

@@ -1,0 +1,161 @@
+"""Which way a call takes: a table of requests, and laws of every choice."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.plans import COSTS, Outline, Plan, Request, forced, plan
+from polywigner.plans.plan import LISTED
+
+TABLE = Path(__file__).parent / "data" / "plans.txt"
+
+# Counted of shapes as users have them: edges, convex pieces, cuts, lines, share of exact lines.
+OUTLINES = {
+    "square": Outline(4, 1, 16, 4),
+    "chevron": Outline(6, 2, 48, 7),
+    "18 hexagons": Outline(108, 18, 11_664, 33),
+    "64-gon": Outline(64, 1, 4_096, 64),
+    "coastline": Outline(300, 155, 182_400, 454, 1.0),
+    "1000-gon": Outline(1000, 1, 1_000_000, 1000, 1.0),
+}
+SAMPLES = (1, 100, 10_000, 1_000_000)
+LAYOUTS = ("points", "one place", "outer", "grid")
+
+
+def requests() -> dict[str, Request]:
+    """By name: W and A of outlines in every layout, arrays, and plain sums."""
+    found = {}
+    for (name, outline), function, layout, n in itertools.product(
+        OUTLINES.items(), ("wigner", "ambiguity"), LAYOUTS, SAMPLES
+    ):
+        if (layout == "grid" and function == "ambiguity") or (n == 1 and layout != "points"):
+            continue
+        copies = 1 if function == "wigner" else 2
+        request = Request(function, n, replace(outline, copies=copies))
+        if layout in ("one place", "grid"):
+            request = replace(request, rows=1, columns=n)
+        if layout == "outer":
+            request = replace(request, rows=int(n**0.5), columns=int(n**0.5))
+        if layout == "grid":
+            request = replace(request, families=min(outline.edges, outline.lines))
+        found[f"{function} | {name} | {layout} | {n}"] = request
+    for terms, n in itertools.product((4, 64, 1000), SAMPLES):
+        found[f"fourier | {terms} edges | points | {n}"] = Request("fourier", n, terms=terms)
+        families = Request("fourier", n, terms=terms, families=terms // 2)
+        found[f"fourier | {terms} edges | grid | {n}"] = families
+    for pairs, n in itertools.product((1, 40), SAMPLES):
+        array = Request("wigner", n, OUTLINES["square"], pairs, is_array=True)
+        found[f"wigner | array, {pairs} pairs near | points | {n}"] = array
+    return found
+
+
+def table() -> str:
+    """The table as it is now; ``python tests/test_plans.py`` writes it."""
+    rows = [f"{name} | {plan(request).way.name}" for name, request in requests().items()]
+    return "\n".join(rows) + "\n"
+
+
+def test_requests_take_the_ways_of_the_table() -> None:
+    expected = TABLE.read_text().splitlines()
+    assert len(expected) > 150
+    assert table().splitlines() == expected
+
+
+@pytest.mark.parametrize("name", list(requests()))
+def test_no_way_is_cheaper_than_the_one_taken(name: str) -> None:
+    found = plan(requests()[name])
+    assert all(found.way.seconds <= way.seconds for way in found.others)
+
+
+def test_equal_requests_have_equal_plans() -> None:
+    for request in requests().values():
+        assert plan(request) == plan(replace(request))
+
+
+@pytest.mark.parametrize("engine", ["numpy", "llvm"])
+def test_an_engine_that_is_asked_for_is_taken(engine: str) -> None:
+    for request in requests().values():
+        found = plan(replace(request, engine=engine))
+        assert found.engine == found.way.engine == engine
+
+
+def test_a_graphics_processor_takes_the_compiled_ways() -> None:
+    found = plan(replace(requests()["wigner | square | points | 10000"], engine="cuda"))
+    assert (found.engine, found.way.engine) == ("cuda", "llvm")
+
+
+def _after(found: Plan) -> Request:
+    """The same request once more, after a call by this plan."""
+    request = found.request
+    new = 0.0 if found.way.name in request.ready else found.way.setup
+    spent = request.spent + new + found.way.run
+    return replace(request, spent=spent, ready=request.ready | {found.way.name})
+
+
+@pytest.mark.parametrize("name", ["64-gon", "coastline", "square", "1000-gon"])
+@pytest.mark.parametrize("calls", [1, 3, 10, 100, 1000])
+def test_many_calls_cost_little_more_than_had_their_number_been_known(
+    name: str, calls: int
+) -> None:
+    """At most three times: set-ups of two ways, and calls until the second was worth its own."""
+    request = requests()[f"wigner | {name} | points | 100"]
+    first = plan(request)
+    best = min(way.setup + calls * way.run for way in (first.way, *first.others))
+    total = 0.0
+    for _ in range(calls):
+        found = plan(request)
+        total += found.way.run + (0.0 if found.way.name in request.ready else found.way.setup)
+        request = _after(found)
+    assert total <= 3 * best
+
+
+def test_edges_are_cut_as_forced() -> None:
+    request = requests()["wigner | 64-gon | points | 10000"]
+    for cut in ("code", "rows", "cells", "coarse cells"):
+        with forced(cut):
+            assert plan(request).way.cut in (cut, None)
+    with forced("cells"):
+        assert plan(request).way.cut == "cells"
+
+
+def test_a_plan_prints_five_lines() -> None:
+    for request in requests().values():
+        lines = str(plan(request)).splitlines()
+        starts = ("way: ", "because: ", "estimate: ", "next best: ", "would change it: ")
+        assert len(lines) == 5
+        assert all(line.startswith(start) for line, start in zip(lines, starts, strict=True))
+
+
+def test_each_cost_names_a_benchmark() -> None:
+    benchmarks = Path(__file__).parent.parent / "benchmarks"
+    for cost in COSTS.values():
+        assert cost.seconds > 0
+        assert (benchmarks / cost.benchmark).is_file()
+
+
+def test_explain_tells_what_a_call_does() -> None:
+    square, nu = pw.shapes.square(0.01), np.zeros((1000, 2))
+    assert pw.explain(square, (0.0, 0.0), nu).way.name == LISTED
+    assert pw.explain(square, nu, function="fourier").way.name == "sum on NumPy"
+    assert pw.explain(square, nu, nu, function="ambiguity", engine="numpy").engine == "numpy"
+    found = pw.explain(square, (0.0, 0.0), nu)
+    pw.wigner(square, (0.0, 0.0), nu)
+    assert pw.explain(square, (0.0, 0.0), nu).request.spent > found.request.spent
+
+
+def test_explain_refuses_what_it_cannot_tell() -> None:
+    square = pw.shapes.square(0.01)
+    with pytest.raises(pw.errors.ArgumentError, match="function to be one of"):
+        pw.explain(square, (0, 0), (0, 0), function="otf")
+    with pytest.raises(pw.errors.ArgumentError, match="expected x and nu for wigner, got 1"):
+        pw.explain(square, (0, 0))
+
+
+if __name__ == "__main__":
+    TABLE.write_text(table())
