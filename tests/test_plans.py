@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import polywigner
 import polywigner as pw
+import polywigner.plans
 from polywigner.plans import COSTS, Outline, Plan, Request, forced, plan
 from polywigner.plans.plan import LISTED
 
@@ -137,6 +140,32 @@ def test_each_cost_names_a_benchmark() -> None:
     for cost in COSTS.values():
         assert cost.seconds > 0
         assert (benchmarks / cost.benchmark).is_file()
+
+
+def test_the_documents_explain_every_way() -> None:
+    """By the names that `pw.explain` prints."""
+    text = (Path(__file__).parent.parent / "docs" / "performance.md").read_text(encoding="utf-8")
+    explained = set(re.findall(r"^\| ([a-z][^|]*) \|", section(text), flags=re.MULTILINE)) - {"way"}
+    everything = requests().values()
+    named = {way.name for r in everything for way in (plan(r).way, *plan(r).others)}
+    assert named <= explained
+    code = (Path(polywigner.plans.__file__).parent / "plan.py").read_text(encoding="utf-8")
+    assert all(f'"{name}"' in code for name in explained)
+
+
+def section(text: str) -> str:
+    return text.split("## Which way a call takes", 1)[1].split("\n## ", 1)[0]
+
+
+def test_only_plans_know_costs_and_limits() -> None:
+    """Whoever else looks at the table of limits chooses a way, which plans are there for."""
+    package = Path(polywigner.__file__).parent
+    users = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if "plans.costs import" in path.read_text(encoding="utf-8")
+    }
+    assert users <= {f"plans/{name}.py" for name in ("__init__", "plan", "cuts")}
 
 
 def test_explain_tells_what_a_call_does() -> None:

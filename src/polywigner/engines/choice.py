@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from polywigner.engines import llvm
 from polywigner.errors import ArgumentError, EngineError
+from polywigner.plans import Plan, Request, plan
 
-__all__ = ["Engine", "Precision", "checked_engine", "checked_precision", "drjit_float", "resolved"]
+__all__ = [
+    "Engine",
+    "Precision",
+    "checked_engine",
+    "checked_precision",
+    "drjit_float",
+    "planned",
+    "resolved",
+]
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
-
-# Compiling a kernel the first time costs as much as NumPy takes for some tens of thousands of
-# samples, whatever the polygon: both grow with its number of edges.
-_WORTH_COMPILING = 1 << 16
-# Where a sum of many terms is one loop, it compiles in no time. Then loading Dr.Jit counts, 0.15 s,
-# in which NumPy does about so many terms (130 ns each in float64, against 3 ns on two cores).
-_WORTH_LOADING = 1 << 20
 
 
 def checked_engine(engine: str) -> str:
@@ -38,24 +42,33 @@ def checked_precision(precision: str | None) -> str | None:
 
 
 def resolved(engine: str, samples: int, terms: int = 1) -> str:
-    """The engine that runs ``samples`` samples given as NumPy arrays.
+    """The engine that sums so many terms for each of so many samples, given as NumPy arrays.
 
-    ``"auto"`` takes LLVM where it is usable and there are enough samples, or enough terms, so many
-    in a sample's sum; else NumPy; CUDA only when asked for.
+    ``"auto"`` is planned; CUDA only when asked for.
 
     Raises
     ------
     EngineError when the engine asked for cannot be had, with the remedy.
     """
-    engine = checked_engine(engine)
-    if engine == "auto":
-        worth = samples >= _WORTH_COMPILING or samples * terms >= _WORTH_LOADING
-        return "llvm" if worth and llvm.prepare().usable else "numpy"
-    if engine == "llvm":
+    request = Request("sum", samples, terms=terms, engine=engine, loaded="drjit" in sys.modules)
+    return planned(request).engine
+
+
+def planned(request: Request) -> Plan:
+    """The plan for a request on this machine.
+
+    Raises
+    ------
+    EngineError when the engine asked for cannot be had, with the remedy.
+    """
+    if checked_engine(request.engine) == "llvm":
         llvm.require()
-    elif engine == "cuda":
+    elif request.engine == "cuda":
         _require_cuda()
-    return engine
+    found = plan(request)
+    if found.engine in ("numpy", "cuda") or llvm.prepare().usable:
+        return found
+    return plan(replace(request, engine="numpy"))
 
 
 def _require_cuda() -> None:

@@ -14,13 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.engines.by_cell import order_of
+from polywigner.engines.choice import planned
 from polywigner.engines.grids import GridPlan, plan_for_grid
 from polywigner.engines.ledger import account_of
 from polywigner.engines.on_drjit import OnDrjit
 from polywigner.engines.on_numpy import CHUNK, OnNumpy
 from polywigner.engines.operations import NumpyOperations
 from polywigner.engines.pairs import Pairs, one_row_of, pairs_of
-from polywigner.engines.requests import planned, request_for
+from polywigner.engines.requests import request_for
 from polywigner.kernels import Kernel, SharedSlice, shared_slice
 from polywigner.kernels.lattice_pairs import SharedCopies, shared_copies
 from polywigner.kernels.tables import Tables, cut_of

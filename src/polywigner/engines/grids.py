@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.engines.choice import planned
 from polywigner.engines.operations import NumpyOperations
-from polywigner.engines.requests import planned
 from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
 from polywigner.plans import Request
 from polywigner.plans.plan import GRID

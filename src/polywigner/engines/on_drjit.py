@@ -21,7 +21,7 @@ from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
 from polywigner.kernels.lattice_pairs import Copies, SharedCopies
 from polywigner.kernels.run_sums import RunSums, edge_columns, edge_waves, has_run_sums
 from polywigner.kernels.tables import Tables, cut_of
-from polywigner.plans.costs import LIMITS
+from polywigner.plans import loops_over_edges
 
 __all__ = ["OnDrjit"]
 
@@ -66,7 +66,7 @@ class OnDrjit:
     @cached_property
     def parts(self) -> list[Any]:
         """Tables whose sums add up to the whole, as much code in each as compiles well."""
-        in_a_loop = self.kernel.copies and self.tables.clips > LIMITS["most cuts as code"]
+        in_a_loop = self.kernel.copies and loops_over_edges(self.tables.clips)
         if in_a_loop or self.cut == "rows" or self.by_cell is not None:
             return [self.tables]
         return parts_of(self.kernel, self.tables, _CLIPS_PER_KERNEL)

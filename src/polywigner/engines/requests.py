@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from typing import Any
 
-from polywigner.engines import llvm
-from polywigner.engines.choice import resolved
 from polywigner.engines.ledger import Account
 from polywigner.engines.pairs import Pairs
 from polywigner.kernels import Kernel, shared_slice
 from polywigner.kernels.repeated import RepeatedTables
 from polywigner.kernels.tables import Tables
-from polywigner.plans import Outline, Plan, Request, plan
+from polywigner.plans import Outline, Request
 
-__all__ = ["planned", "request_for"]
+__all__ = ["request_for"]
 
 
 def request_for(
@@ -66,17 +63,3 @@ def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
         allows_cells=kernel.order is not None and tables.clips_for_cells > 0,
         allows_lists=shared_slice(kernel) is not None,
     )
-
-
-def planned(request: Request) -> Plan:
-    """The plan for this machine.
-
-    Raises EngineError where an engine is asked for that cannot be had, with the remedy.
-    """
-    if request.engine != "auto":
-        resolved(request.engine, request.samples)
-        return plan(request)
-    found = plan(request)
-    if found.engine == "numpy" or llvm.prepare().usable:
-        return found
-    return plan(replace(request, engine="numpy"))

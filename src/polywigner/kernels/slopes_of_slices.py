@@ -15,7 +15,7 @@ from polywigner.kernels.slopes import Axes, Sink, Slopes, Wanted
 from polywigner.kernels.tables import Edge, Piece, Tables, cut_of
 from polywigner.kernels.trigonometry import cos_sin_turns
 from polywigner.kernels.waves import Beat, Wave, difference_beats, mean_beats
-from polywigner.plans.costs import LIMITS
+from polywigner.plans import loops_over_edges
 
 __all__ = ["ambiguity_slopes", "wigner_slopes"]
 
@@ -111,7 +111,7 @@ def _clipper(
     if not (wanted.vertices or wanted.weights):
         return clipper_for(ops, tables, *shift, *(view for view, _ in slices.views))
     cut = cut_of(ops, tables)
-    rows = cut == "rows" or (cut != "code" and tables.clips > LIMITS["most cuts as code"])
+    rows = cut == "rows" or (cut != "code" and loops_over_edges(tables.clips))
     return (RowClipper if rows else Clipper)(ops, tables, *shift)
 
 

@@ -6,8 +6,18 @@ imports an engine, or looks at an array: equal requests have equal plans.
 """
 
 from polywigner.plans.costs import COSTS, Cost
-from polywigner.plans.cuts import cut_for, forced
+from polywigner.plans.cuts import cut_for, forced, loops_over_edges
 from polywigner.plans.plan import Plan, plan
 from polywigner.plans.request import Outline, Request
 
-__all__ = ["COSTS", "Cost", "Outline", "Plan", "Request", "cut_for", "forced", "plan"]
+__all__ = [
+    "COSTS",
+    "Cost",
+    "Outline",
+    "Plan",
+    "Request",
+    "cut_for",
+    "forced",
+    "loops_over_edges",
+    "plan",
+]

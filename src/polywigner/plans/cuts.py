@@ -8,7 +8,7 @@ from contextvars import ContextVar
 
 from polywigner.plans.costs import LIMITS
 
-__all__ = ["cut_for", "forced", "forced_cut"]
+__all__ = ["cut_for", "forced", "forced_cut", "loops_over_edges"]
 
 forced_cut: ContextVar[str | None] = ContextVar("forced_cut", default=None)
 """How edges are to be cut whatever it costs; None where plans are free."""
@@ -55,4 +55,9 @@ def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> st
     if numpy:
         few = samples <= LIMITS["most samples as rows, NumPy"]
         return "rows" if few and cuts > LIMITS["least cuts as rows, NumPy"] else "code"
-    return "rows" if cuts > LIMITS["most cuts as code"] else "code"
+    return "rows" if loops_over_edges(cuts) else "code"
+
+
+def loops_over_edges(cuts: int) -> bool:
+    """Whether a compiled kernel is better a loop over a table of edges than code for each."""
+    return cuts > LIMITS["most cuts as code"]
