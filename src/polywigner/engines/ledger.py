@@ -23,12 +23,11 @@ class Account:
     ready: frozenset[str] = frozenset()
     """Ways that have been set up."""
     spent: float = 0.0
-    """Estimated seconds of all calls."""
+    """Estimated seconds of all calls, without what was set up once."""
 
     def book(self, plan: Plan) -> None:
         """A call that has been carried out."""
-        new = 0.0 if plan.way.name in self.ready else plan.way.setup
-        self.spent += new + plan.way.run
+        self.spent += plan.way.run
         self.ready |= {plan.way.name}
 
 

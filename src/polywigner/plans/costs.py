@@ -33,7 +33,7 @@ COSTS: dict[str, Cost] = {
     "pair in Python": Cost(5e-6, "edge and convex piece, for 16384 samples", _REGRET),
     "box": Cost(7e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
     "listed cut": Cost(50e-9, "place, edge and side near it", _REGRET),
-    "listed term": Cost(20e-9, "sample and part of its slice", _REGRET),
+    "listed term": Cost(25e-9, "sample and part of its slice", _REGRET),
     "edge in cells": Cost(0.15e-6, "sample and edge, looked up in cells", _REGRET),
     "copy": Cost(2.5e-6, "sample of an array of copies, and copy of the outline", _REGRET),
     "pair of copies": Cost(6e-6, "sample and pair of elements near it", _REGRET),

@@ -109,8 +109,8 @@ class Plan:
 def plan(request: Request) -> Plan:
     """The cheapest way for a request.
 
-    What a way takes to be set up counts less what earlier calls have cost: whoever calls again and
-    again pays at most twice what knowing all calls beforehand would have cost.
+    What a way takes to be set up counts less what earlier calls have cost: it is set up when it
+    would already have paid for itself.
     """
     ways = sorted(_allowed(request), key=lambda way: _effective(way, request))
     return Plan(request, ways[0], tuple(ways[1:]))

@@ -52,4 +52,4 @@ class Request:
     ready: frozenset[str] = frozenset()
     """Ways on which this function of this source has been computed before: set up already."""
     spent: float = 0.0
-    """Seconds that earlier calls of this function of this source took."""
+    """Seconds that earlier calls of this function of this source took, without set-ups."""
