@@ -127,7 +127,7 @@ def with_sides_beyond(edges: OutlineEdges, cells: Cells, sign: int, turn: Floats
             seen = cells.meet(cell, vertex - sign * middle[edge], h, np.zeros_like(h))
             found.append(wanted[seen])
         new = _distinct(np.concatenate(found))
-        listed = _distinct(np.concatenate([listed, new])) if len(new) else listed
+        listed = np.insert(listed, np.searchsorted(listed, new), new)
     key, side = listed // n, listed % n
     return replace(cells, cell=key // n, edge=key % n, side=side)
 
