@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,6 @@ from polywigner.engines.llvm import prepare
 from polywigner.kernels import tables_of
 from polywigner.kernels.cell_lists import cell_lists
 from polywigner.plans import forced
-from polywigner.plans.costs import LIMITS
 
 VERTICES = (8, 16, 32, 64, 128, 256, 512, 1024)
 CHECKED = 48  # samples at which errors are measured
@@ -54,12 +52,6 @@ OUTLINES: dict[str, Callable[[int], pw.Aperture]] = {
     "random": random_outline,
     "jagged": jagged_outline,
 }
-
-
-def without_cells(source: pw.Aperture) -> AbstractContextManager[None]:
-    """All edges cut by all pieces, as constants of the kernel or in a loop over a table."""
-    many = tables_of(source, True).clips > LIMITS["most cuts as code"]
-    return forced("rows" if many else "code")
 
 
 def points(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +100,7 @@ def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) 
     after, first = per_sample(call, x, nu)
     clips = tables_of(source, True).clips
     few = int(min(samples, max(256, CUTS_BEFORE / clips)))
-    with without_cells(source):
+    with forced("edges"):  # all of them cut by all pieces
         before, _ = per_sample(call, x[:few], nu[:few])
         expected = call(x[:CHECKED], nu[:CHECKED], "double")
     chosen = call(x, nu)[:CHECKED]

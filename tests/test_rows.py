@@ -5,12 +5,14 @@ Which way is taken depends on the number of edges and samples; here both are for
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
 import polywigner as pw
 from oracles.references import FEW, awkward, awkward_names, numpy_and_few
-from polywigner.engines import operations
+from polywigner.plans import forced, loops_over_edges
 
 # Relative to the area: what the package promises.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
@@ -19,10 +21,9 @@ precisions = pytest.mark.parametrize("precision", list(TOLERANCE))
 
 
 @pytest.fixture
-def rows_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    for kind in (operations.NumpyOperations, operations.DrjitOperations):
-        monkeypatch.setattr(kind, "prefers_rows", lambda self, clips, like: True)
-        monkeypatch.setattr(kind, "prefers_cells", lambda self, clips, like: False)
+def rows_only() -> Iterator[None]:
+    with forced("rows"):
+        yield
 
 
 @pytest.mark.usefixtures("rows_only")
@@ -48,9 +49,7 @@ def test_no_value_jumps_where_edges_are_rows(name: str, engine: str, precision: 
 @pytest.mark.usefixtures("rows_only")
 def test_an_outline_of_many_edges_compiles_in_rows() -> None:
     ring = pw.shapes.ring(1.0, 0.6)
-    assert (
-        sum(map(len, ring.rings)) * sum(map(len, ring.convex_cover)) > operations._ROWS_ABOVE_DRJIT
-    )
+    assert loops_over_edges(sum(map(len, ring.rings)) * sum(map(len, ring.convex_cover)))
     rng = np.random.default_rng(1)
     x, nu = rng.uniform(-1, 1, (500, 2)), rng.uniform(-3, 3, (500, 2))
     for precision, tolerance in TOLERANCE.items():

@@ -116,6 +116,8 @@ def plan_for_grid(
     kernel: Kernel, source: Any, components: Sequence[Array], double: bool
 ) -> GridPlan | None:
     """How to compute a kernel from the axes of a grid; None where that cannot be done."""
+    if kernel.dimension < 2:
+        return None
     *place, x, y = components
     grid = _grid_of(x, y)
     if grid is None or any(c.size != 1 for c in place):

@@ -16,7 +16,10 @@ forced_cut: ContextVar[str | None] = ContextVar("forced_cut", default=None)
 
 @contextmanager
 def forced(cut: str) -> Iterator[None]:
-    """For tests and benchmarks: edges are cut in one way, wherever that is possible."""
+    """For tests and benchmarks: edges are cut in one way, wherever that is possible.
+
+    ``"edges"`` is code or rows, by their number; the others are those of :func:`cut_for`.
+    """
     token = forced_cut.set(cut)
     try:
         yield
@@ -37,7 +40,9 @@ def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> st
     if target in ("data", "code"):
         return "rows" if target == "data" else "code"
     wanted = forced_cut.get()
-    if wanted is not None:
+    if wanted == "edges":
+        cuts_for_cells = 0
+    elif wanted is not None:
         possible = cuts_for_cells > 0 or not wanted.endswith("cells")
         return wanted if possible else "rows"
     numpy = target == "numpy"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from polywigner.plans.costs import COSTS, LIMITS
 from polywigner.plans.cuts import cut_for, forced_cut
@@ -123,7 +123,10 @@ def _effective(way: Way, request: Request) -> float:
 
 
 def _allowed(request: Request) -> Iterator[Way]:
-    ways, wanted = list(_ways(request)), forced_cut.get()
+    wanted = forced_cut.get()
+    if wanted == "edges" and request.outline is not None:
+        request = replace(request, outline=replace(request.outline, allows_cells=False))
+    ways = list(_ways(request))
     if wanted is not None and any(way.cut == wanted for way in ways):
         ways = [way for way in ways if way.cut == wanted]
     for way in ways:

@@ -11,7 +11,7 @@ scalar. Lengths are in the source's unit (metres), results in its power of the d
 Formulas: docs/theory.md. Accuracy: |error| <= 1e-12 area in float64 and 5e-6 area in float32, for
 |nu| times diameter up to 1e3 and all positions, including those where edges of the two copies
 coincide. Of thin outlines, and of those that run to and fro (combs, spirals), W and A are accurate
-to 5e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Limits").
+to 6e-7 diameter perimeter in float32 where that is more (docs/accuracy.md, "Limits").
 """
 
 from polywigner.transforms.arguments import PhaseSpaceSource, Source
