@@ -150,10 +150,10 @@ def test_no_value_jumps_where_edges_are_looked_up(name: str, engine: str, precis
 def test_cells_change_no_transform(name: str, engine: str) -> None:
     source = OUTLINES[name]()
     boundary = source.diameter * shapely.length(source.polygons) / source.area
-    x, nu = places(source, 90)
+    x, nu = places(source, 120)
     corners = np.concatenate(source.rings)
     lag = 2 * (x - corners.mean(axis=0))
-    lag[:30] = corners[np.arange(30) % len(corners)] - corners[np.arange(30) * 7 % len(corners)]
+    lag[:40] = corners[np.arange(40) % len(corners)] - corners[np.arange(40) * 7 % len(corners)]
     calls: list[tuple[Any, ...]] = [(pw.wigner, x, nu), (pw.ambiguity, nu, lag)]
     if engine == "numpy":
         calls += [(pw.position_marginal, x), (pw.lag_marginal, lag)]
