@@ -143,8 +143,9 @@ def product_costs(double: bool, samples: int) -> None:
     """W and A of tapered rectangles against a uniform one, measured in turn."""
     import drjit
 
-    from polywigner.engines import ops_for
-    from polywigner.kernels import plane, tables_of
+    from polywigner.execution import ops_for
+    from polywigner.kernels import tables_of
+    from polywigner.kernels.functions import plane
 
     where = engine_arrays(double, 1, samples)
     few = engine_arrays(double, 1, max(1, samples >> 4))
@@ -226,7 +227,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=1 << 18)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    from polywigner.engines import llvm
+    from polywigner.toolchain import llvm
 
     llvm.require()
     import drjit

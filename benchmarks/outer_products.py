@@ -20,9 +20,9 @@ import numpy as np
 import shapely
 
 import polywigner as pw
-from polywigner.engines.llvm import prepare
 from polywigner.illumination.arrays import grid_positions
 from polywigner.illumination.support import mutual_support
+from polywigner.toolchain.llvm import prepare
 
 CYCLES = 10.0  # |nu| times the diameter, at most
 REPEATS = 5

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.engines import NumpyOperations
-from polywigner.engines.llvm import prepare
+from polywigner.execution import NumpyOperations
 from polywigner.kernels import tables_of
-from polywigner.kernels.cell_lists import cell_lists
+from polywigner.kernels.cut.cell_lists import cell_lists
 from polywigner.plans import forced
+from polywigner.toolchain.llvm import prepare
 
 VERTICES = (8, 16, 32, 64, 128, 256, 512, 1024)
 CHECKED = 48  # samples at which errors are measured
@@ -76,8 +76,8 @@ def parts(source: pw.Aperture, x: np.ndarray) -> float:
     """How many parts of edges a lag slice has on average, as the cells leave them."""
     tables = tables_of(source, True)
     lists = cell_lists(tables, -1)
-    from polywigner.kernels.cells import order
-    from polywigner.kernels.clipping import MIRRORED
+    from polywigner.kernels.cut.cells import order
+    from polywigner.kernels.cut.clipping import MIRRORED
 
     ops = NumpyOperations(True)
     cell = order(ops, tables, *(2 * p for p in tables.frame.position(ops, *x.T)), MIRRORED)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import polywigner
-from polywigner.engines import llvm
+from polywigner.toolchain import llvm
 
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 

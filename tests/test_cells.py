@@ -16,12 +16,13 @@ import shapely
 
 import polywigner as pw
 from oracles.references import ENGINES, FEW, awkward, awkward_names, numpy_and_few
-from polywigner.engines import NumpyOperations
-from polywigner.kernels import tables_of, wigner
-from polywigner.kernels.cell_finder import Segments
-from polywigner.kernels.cell_lists import cell_lists
-from polywigner.kernels.cell_tree import _PAIRS_PER_EDGE, divided
-from polywigner.kernels.wigner import ratio_along
+from polywigner.execution import NumpyOperations
+from polywigner.kernels import tables_of
+from polywigner.kernels.cut.cell_finder import Segments
+from polywigner.kernels.cut.cell_lists import cell_lists
+from polywigner.kernels.cut.cell_tree import _PAIRS_PER_EDGE, divided
+from polywigner.kernels.functions import wigner
+from polywigner.kernels.functions.wigner import ratio_along
 from polywigner.plans import forced
 
 # Relative to the area: what the package promises; times diameter perimeter/area where that is more,
@@ -336,7 +337,7 @@ def test_whatever_a_cell_lists_also_meets_it_by_the_wider_test(seed: int) -> Non
 
 
 def test_scalar_kernels_look_up_the_same_cells() -> None:
-    from polywigner.engines import ScalarOperations
+    from polywigner.execution import ScalarOperations
 
     source = pw.shapes.star(24, 1.0, 0.7)
     tables = tables_of(source, True)
@@ -372,7 +373,7 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
     """They are taken in that of the cells, a chunk at a time."""
     import drjit.llvm as backend
 
-    from polywigner.engines import by_cell
+    from polywigner.execution import by_cell
 
     monkeypatch.setattr(by_cell, "_CHUNK", 7000)
     monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
@@ -391,7 +392,7 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
 def test_one_frequency_goes_with_all_sorted_positions(monkeypatch: pytest.MonkeyPatch) -> None:
     import drjit.llvm as backend
 
-    from polywigner.engines import by_cell
+    from polywigner.execution import by_cell
 
     monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
     source = pw.shapes.regular_polygon(40, 1.0)
@@ -406,8 +407,8 @@ def test_nothing_is_sorted_for_derivatives_or_while_a_loop_is_recorded() -> None
     import drjit as dr
     import drjit.llvm.ad as backend
 
-    from polywigner.engines.by_cell import sorts
-    from polywigner.kernels.plane import WIGNER
+    from polywigner.execution.by_cell import sorts
+    from polywigner.kernels.functions.plane import WIGNER
 
     tables = tables_of(pw.shapes.regular_polygon(40, 1.0), True)
     points = [dr.arange(backend.Float64, 1 << 14) for _ in range(4)]
@@ -447,7 +448,7 @@ def test_one_place_or_frequency_counts_for_all_of_an_engines_arrays(one: str) ->
 def test_groups_of_one_cell_have_every_sample_once_and_fill_up_with_their_last(
     cells: int, size: int
 ) -> None:
-    from polywigner.engines.by_cell import grouped
+    from polywigner.execution.by_cell import grouped
 
     cell = np.random.default_rng(cells).integers(cells, size=5003).astype(np.uint32)
     groups = grouped(cell, size)

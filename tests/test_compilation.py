@@ -81,7 +81,7 @@ def test_a_second_call_compiles_nothing(
 
 _PROGRAM = """
 import numpy as np, polywigner as pw
-from polywigner.engines.llvm import prepare
+from polywigner.toolchain.llvm import prepare
 prepare()
 import drjit
 drjit.set_flag(drjit.JitFlag.KernelHistory, True)

@@ -7,7 +7,7 @@ import pytest
 
 import polywigner as pw
 from oracles import distant_parts, exact
-from polywigner.engines.llvm import prepare
+from polywigner.toolchain.llvm import prepare
 
 # What docs/accuracy.md promises, of the source's area: a hundred times what was found, or more, in
 # double precision, and four times in single.

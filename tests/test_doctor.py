@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from polywigner.cli import doctor
-from polywigner.engines.gpu import GPUStatus
-from polywigner.engines.llvm import LLVMStatus
+from polywigner.toolchain.gpu import GPUStatus
+from polywigner.toolchain.llvm import LLVMStatus
 
 
 def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:

@@ -12,12 +12,12 @@ import shapely
 import polywigner as pw
 from oracles import exact
 from oracles.references import ENGINES, awkward, awkward_names
-from polywigner.engines.choice import resolved
-from polywigner.engines.grids import plan_for_grid
-from polywigner.engines.llvm import prepare
+from polywigner.execution.choice import resolved
+from polywigner.execution.grids import plan_for_grid
 from polywigner.kernels import kernel_for
-from polywigner.kernels.families import families_of
-from polywigner.kernels.fourier import outline_tables
+from polywigner.kernels.functions.fourier import outline_tables
+from polywigner.kernels.outline.families import families_of
+from polywigner.toolchain.llvm import prepare
 
 # What the package promises of F, in units of the area, and what float32 reaches.
 ACCURACY = {"double": 1e-13, "single": 5e-6}

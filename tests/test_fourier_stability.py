@@ -19,9 +19,9 @@ from oracles.generate_fourier import exact
 from oracles.references import DATA, ENGINES, aperture
 from oracles.shapes import Polygons
 from oracles.sources import SOURCES, box_bound, content, cube, frequencies, points_of, prism
-from polywigner.engines import evaluate
-from polywigner.kernels.plane import FOURIER
-from polywigner.kernels.simplices import TILED, fan_cancels
+from polywigner.execution import evaluate
+from polywigner.kernels.functions.plane import FOURIER
+from polywigner.kernels.functions.simplices import TILED, fan_cancels
 
 # Relative to the content, which the package promises to be 1e-13 and 1e-6: rounding of a few terms
 # of the content's size. Measured: 2.3e-15 and 6e-7 (docs/accuracy.md).

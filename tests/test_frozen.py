@@ -111,7 +111,7 @@ def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel() -> No
 
 @pytest.mark.slow
 def test_few_kernels_are_remembered() -> None:
-    from polywigner.engines import frozen
+    from polywigner.execution import frozen
 
     x, _ = points(3)
     for k in range(frozen._MOST + 3):
@@ -135,7 +135,7 @@ def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Dr.Jit makes a RuntimeError of it, which would go the way of faults."""
-    from polywigner.engines.operations import DrjitOperations
+    from polywigner.execution.operations import DrjitOperations
 
     def interrupted(*_: Any) -> Any:
         raise KeyboardInterrupt

@@ -7,15 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from polywigner.engines import NumpyOperations, ScalarOperations
-from polywigner.kernels.nodes import (
-    SUMS,
-    gauss_rules,
-    missed,
-    node_sums,
-    nodes_needed,
-    rule_of,
-)
+from polywigner.execution import NumpyOperations, ScalarOperations
+from polywigner.numerics.nodes import SUMS, gauss_rules, missed, node_sums, nodes_needed, rule_of
 
 OPS = NumpyOperations(double=True)
 

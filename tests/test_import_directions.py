@@ -24,9 +24,9 @@ ROOMS = [
     ("quantities", "citations"),
     ("geometry",),
     ("illumination",),
-    ("plans",),
+    ("toolchain", "numerics", "plans"),
     ("kernels",),
-    ("engines",),
+    ("execution",),
     ("transforms",),
     ("radiometry",),
     ("propagation",),
@@ -40,7 +40,11 @@ LEVEL = {name: level for level, names in enumerate(ROOMS) for name in names}
 
 # Library -> rooms that may import it.
 HOMES = {
-    "drjit": {"engines", "mitsuba"},  # the plugin's sampling code is Dr.Jit code by nature
+    "drjit": {
+        "execution",
+        "toolchain",
+        "mitsuba",
+    },  # the plugin's sampling code is Dr.Jit code by nature
     "mitsuba": {"mitsuba"},
 }
 
@@ -49,14 +53,14 @@ EXCEPTIONS: dict[tuple[str, str], str] = {}
 
 # Files that run before anything is installed, or before Dr.Jit's library is chosen.
 STANDARD_LIBRARY_ONLY = {
-    "engines/debian.py": (),
-    "engines/llvm_discovery.py": (),
-    "engines/llvm_verdicts.py": ("polywigner.engines",),
+    "toolchain/debian.py": (),
+    "toolchain/llvm_discovery.py": (),
+    "toolchain/llvm_verdicts.py": ("polywigner.toolchain",),
     # drjit: by require_drjit() only, when the library has been chosen
-    "engines/llvm.py": ("polywigner.engines", "polywigner.errors", "drjit"),
-    "engines/llvm_install.py": ("polywigner.engines", "polywigner.errors"),
-    "engines/gpu.py": ("polywigner.engines",),
-    "engines/native_hook.py": ("polywigner.engines",),
+    "toolchain/llvm.py": ("polywigner.toolchain", "polywigner.errors", "drjit"),
+    "toolchain/llvm_install.py": ("polywigner.toolchain", "polywigner.errors"),
+    "toolchain/gpu.py": ("polywigner.toolchain",),
+    "toolchain/native_hook.py": ("polywigner.toolchain",),
     "errors.py": (),
 }
 
@@ -187,17 +191,17 @@ def test_every_exception_is_still_needed() -> None:
         ("geometry/x.py", "import drjit"),
         ("transforms.py", "import drjit.llvm as l"),
         ("kernels/x.py", "def f():\n    from drjit import cuda"),
-        ("engines/x.py", "import mitsuba as mi"),
+        ("execution/x.py", "import mitsuba as mi"),
         ("figures/x.py", "from mitsuba import load_dict"),
         ("cli/x.py", "import importlib\nimportlib.import_module('mitsuba')"),
         ("cli/x.py", "import importlib\nimportlib.import_module(f'drjit.{kind}')"),
         ("geometry/x.py", "from polywigner.kernels import y"),
-        ("geometry/x.py", "from ..engines import llvm"),
+        ("geometry/x.py", "from ..execution import sums"),
         ("geometry/x.py", "from .. import transforms"),
         ("kernels/x.py", "def f():\n    import polywigner.transforms"),
         ("kernels/x.py", "from polywigner import wigner"),
         ("kernels/x.py", "import polywigner as pw\npw.fourier(1, 2)"),
-        ("engines/x.py", "from polywigner import mitsuba"),
+        ("execution/x.py", "from polywigner import mitsuba"),
         ("errors.py", "from polywigner.quantities import parse_length"),
         ("mitsuba/x.py", "from polywigner.testing import y"),
         ("explorer/x.py", "import polywigner.cli"),
@@ -210,9 +214,9 @@ def test_the_rules_see_a_breach(file: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("file", "source"),
     [
-        ("engines/x.py", "import drjit as dr"),
+        ("execution/x.py", "import drjit as dr"),
         ("mitsuba/x.py", "import mitsuba as mi\nimport drjit as dr"),
-        ("engines/x.py", "from polywigner.geometry import Aperture"),
+        ("execution/x.py", "from polywigner.geometry import Aperture"),
         ("cli/x.py", "import polywigner as pw\npw.wigner(1, 2, 3)"),
         ("geometry/x.py", "from .rings import y\nfrom polywigner import __version__"),
         ("mitsuba/x.py", "from polywigner.mitsuba.shape import register"),

@@ -13,19 +13,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import polywigner as pw
-from polywigner.engines import NumpyOperations, ScalarOperations
+from polywigner.execution import NumpyOperations, ScalarOperations
 from polywigner.kernels import AMBIGUITY, WIGNER, parts_of, tables_of
-from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.frame import frame_of
-from polywigner.kernels.lattice import (
+from polywigner.kernels.functions.stokes import (
+    segment_wave,
+    triangle_complex_wave,
+    triangle_plane_wave,
+)
+from polywigner.kernels.outline.frame import frame_of
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.exact import (
     Lattice,
     exact_cross,
     signed_convex_pieces,
     with_vertices_on_sides,
 )
-from polywigner.kernels.phases import turns_to_centre
-from polywigner.kernels.stokes import segment_wave, triangle_complex_wave, triangle_plane_wave
-from polywigner.kernels.trigonometry import cos_sin_turns, sin_turns
+from polywigner.numerics.phases import turns_to_centre
+from polywigner.numerics.trigonometry import cos_sin_turns, sin_turns
 
 DOUBLE, SINGLE, SCALAR = NumpyOperations(True), NumpyOperations(False), ScalarOperations()
 # The measured bounds of the docstrings, in absolute terms: all values are at most one.

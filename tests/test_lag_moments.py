@@ -11,10 +11,10 @@ import pytest
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
 from oracles.references import numpy_and_few
-from polywigner import engines, kernels
-from polywigner.engines import NumpyOperations
+from polywigner import execution, kernels
+from polywigner.execution import NumpyOperations
 from polywigner.geometry.aperture import triangulate
-from polywigner.kernels.segment_moments import segment_moments
+from polywigner.kernels.functions.segment_moments import segment_moments
 
 # Of area times diameter^2 and turns^3: some roundings of each term; in float32 with phases of some
 # turns, which are rounded as well.
@@ -39,7 +39,7 @@ SOURCES = {
 def moments(source: Any, x: Any, nu: Any, engine: str = "numpy", double: bool = True) -> Any:
     kernel = kernels.kernel_for("lag moments", source)
     components = [np.asarray(a[..., k], np.float64) for a in (x, nu) for k in (0, 1)]
-    found = engines.evaluate(kernel, source, components, double=double, engine=engine, outputs=6)
+    found = execution.evaluate(kernel, source, components, double=double, engine=engine, outputs=6)
     return np.stack(found, axis=-1)
 
 

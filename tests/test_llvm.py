@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
-from polywigner.engines import llvm as llvm_module
-from polywigner.engines import llvm_discovery as discovery
-from polywigner.engines import llvm_verdicts as verdicts
-from polywigner.engines.llvm import LLVMStatus
-from polywigner.engines.llvm_discovery import NONE_USABLE, Candidate, version_of_name
-from polywigner.engines.llvm_verdicts import Verdict, judge
 from polywigner.errors import EngineError
+from polywigner.toolchain import llvm as llvm_module
+from polywigner.toolchain import llvm_discovery as discovery
+from polywigner.toolchain import llvm_verdicts as verdicts
+from polywigner.toolchain.llvm import LLVMStatus
+from polywigner.toolchain.llvm_discovery import NONE_USABLE, Candidate, version_of_name
+from polywigner.toolchain.llvm_verdicts import Verdict, judge
 
 # What choosing a library whose verdict is remembered may cost, in seconds.
 QUICK = 0.05
@@ -266,7 +266,7 @@ def test_a_trial_that_takes_too_long_is_no_lasting_verdict(
 CHOOSE = """
 import json, sys
 from dataclasses import asdict
-from polywigner.engines.llvm import prepare
+from polywigner.toolchain.llvm import prepare
 assert "drjit" not in sys.modules
 status = prepare()
 assert prepare() is status and "drjit" not in sys.modules
@@ -309,7 +309,7 @@ def test_a_bad_library_that_the_variable_names_is_passed_over(
 
 @pytest.mark.slow
 def test_choosing_costs_little_once_the_verdict_is_remembered(llvm: LLVMStatus) -> None:
-    code = "import json, time\nfrom polywigner.engines.llvm import prepare\n"
+    code = "import json, time\nfrom polywigner.toolchain.llvm import prepare\n"
     code += "start = time.process_time()\nusable = prepare().usable\n"
     code += "print(json.dumps([usable, time.process_time() - start]))"
     results = [python(code, DRJIT_LIBLLVM_PATH=llvm.path or "") for _ in range(4)]
@@ -332,7 +332,7 @@ def test_processes_that_start_together_agree(llvm: LLVMStatus, own_cache: Path) 
 def test_without_llvm_the_transforms_run_and_kernels_are_refused() -> None:
     code = CHOOSE + (
         "import numpy as np, polywigner as pw\n"
-        "from polywigner.engines.llvm import require\n"
+        "from polywigner.toolchain.llvm import require\n"
         "from polywigner.errors import EngineError\n"
         "square = pw.Aperture([(-1, -1), (1, -1), (1, 1), (-1, 1)])\n"
         "many = np.zeros((100_000, 2))\n"
@@ -356,7 +356,7 @@ def test_without_llvm_the_transforms_run_and_kernels_are_refused() -> None:
 def test_without_llvm_dr_jit_is_imported_without_a_word_on_stderr() -> None:
     code = (
         "import sys; sys.stderr.write('before. ')\n"
-        "from polywigner.engines.llvm import require_drjit\n"
+        "from polywigner.toolchain.llvm import require_drjit\n"
         "usable = require_drjit().usable\n"
         "import drjit; sys.stderr.write('after.')\n"
         "print(usable)"
@@ -378,7 +378,7 @@ def test_dr_jit_imported_first_without_a_library_is_told_of_the_usable_one(
     code = (
         "import json, os, drjit\n"
         f"os.environ['DRJIT_LIBLLVM_PATH'] = {llvm.path!r}\n"  # too late: Dr.Jit has looked
-        "from polywigner.engines.llvm import prepare, require\n"
+        "from polywigner.toolchain.llvm import prepare, require\n"
         "from polywigner.errors import EngineError\n"
         "try: require()\n"
         "except EngineError as error: print(json.dumps([prepare().usable, str(error)]))"
@@ -395,7 +395,7 @@ def test_dr_jit_imported_first_with_a_usable_library_is_fine(
     code = (
         "import json, drjit\n"
         "from dataclasses import asdict\n"
-        "from polywigner.engines.llvm import require\n"
+        "from polywigner.toolchain.llvm import require\n"
         "print(json.dumps(asdict(require())))"
     )
     status = python(code, DRJIT_LIBLLVM_PATH=llvm.path or "")

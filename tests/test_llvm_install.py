@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from polywigner.engines.llvm import LLVMStatus
-from polywigner.engines.llvm_discovery import LIBRARY_VARIABLE, native_folders
+from polywigner.toolchain.llvm import LLVMStatus
+from polywigner.toolchain.llvm_discovery import LIBRARY_VARIABLE, native_folders
 
 pytestmark = pytest.mark.slow  # each installs into a system of its own, and tries the library
 
@@ -69,15 +69,15 @@ import json, os, sys
 from dataclasses import asdict
 from pathlib import Path
 sys.prefix = os.environ["ENVIRONMENT"]
-from polywigner.engines import debian, llvm_discovery
-from polywigner.engines.llvm_install import install_llvm
+from polywigner.execution import debian, llvm_discovery
+from polywigner.toolchain.llvm_install import install_llvm
 from polywigner.errors import EngineError
 system = os.environ["SYSTEM"]
 llvm_discovery._LINUX_FOLDERS = (f"{system}/usr*",)
 llvm_discovery._linker_cache = list
 debian.is_root = lambda: bool(os.environ["ROOT"])
 if os.environ["LIBATOMIC"] == "missing":
-    from polywigner.engines import llvm
+    from polywigner.execution import llvm
     llvm._opens = lambda library: "libatomic" not in library
     llvm.drjit_imports = lambda: "libatomic.so.1: cannot open shared object file"
 lines = []
@@ -180,7 +180,7 @@ def test_without_root_nothing_of_the_system_is_touched(machine: Machine) -> None
 IMPORT_DRJIT_FIRST = """
 import json, os, site, sys
 sys.prefix = os.environ["ENVIRONMENT"]
-from polywigner.engines import llvm_discovery
+from polywigner.execution import llvm_discovery
 llvm_discovery._LINUX_FOLDERS = ()
 llvm_discovery._linker_cache = list
 site.addsitedir(os.environ["PACKAGES"])

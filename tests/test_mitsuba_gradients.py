@@ -147,7 +147,7 @@ def test_the_mean_of_a_control_variate_has_the_derivatives_of_the_far_field(
     mi = use("llvm_ad_mono")
     import drjit as dr
 
-    from polywigner.engines import ops_for
+    from polywigner.execution import ops_for
     from polywigner.mitsuba.radiator import radiator_of
     from polywigner.mitsuba.traced import TracedSource
 

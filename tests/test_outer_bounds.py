@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.kernels.outer_bounds import may_hold_lags, may_overlap
-from polywigner.kernels.plane import tables_of
+from polywigner.kernels.cut.outer_bounds import may_hold_lags, may_overlap
+from polywigner.kernels.functions.plane import tables_of
 
 FEW = 200  # so many samples at a time are all cut
 # In units of the area: the same terms, those that are 0 left out.

@@ -12,13 +12,13 @@ import pytest
 
 import polywigner as pw
 from oracles.references import ENGINES, numpy_and_few
-from polywigner.engines.operations import NumpyOperations
 from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.execution.operations import NumpyOperations
 from polywigner.illumination.lattices import Profile, lattice_of, separated
-from polywigner.kernels.factors import ProfileFactor, _Series, _Table
-from polywigner.kernels.lattice_arrays import is_on_lattice
-from polywigner.kernels.scattered_arrays import is_scattered
-from polywigner.kernels.weight_tables import mean_table
+from polywigner.kernels.arrays.factors import ProfileFactor, _Series, _Table
+from polywigner.kernels.arrays.lattice_arrays import is_on_lattice
+from polywigner.kernels.arrays.scattered_arrays import is_scattered
+from polywigner.kernels.arrays.weight_tables import mean_table
 
 # Relative to (sum |w|)^2 area, which bounds the sum over pairs in absolute values.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}
@@ -153,7 +153,7 @@ def test_functions_of_an_array_are_sums_over_pairs_of_elements(
 def test_tables_of_weights_agree_with_the_sum_over_pairs(
     shape: tuple[int, int], precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from polywigner.kernels import lattice_arrays, site_weights
+    from polywigner.kernels.arrays import lattice_arrays, site_weights
 
     count = shape[0] * shape[1]
     weights = _random(count)
@@ -181,7 +181,7 @@ def test_rows_of_any_weights_take_their_factors_from_a_table_or_a_sum(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Rows above some length are tabulated; both ways give one W, and A has sums only."""
-    from polywigner.kernels import lattice_arrays, site_weights
+    from polywigner.kernels.arrays import lattice_arrays, site_weights
 
     weights = _random(300)
     row = pw.phased_array(SQUARE, grid(300, 1, 1.3), weights)
@@ -229,8 +229,8 @@ def test_long_sums_over_a_row_are_a_loop_of_the_kernel(
     import drjit as dr
     import drjit.llvm.ad as backend
 
-    from polywigner.engines import operations
-    from polywigner.kernels import site_weights
+    from polywigner.execution import operations
+    from polywigner.kernels.arrays import site_weights
 
     monkeypatch.setattr(site_weights, "_LONGEST_SUM", 1000)
     row = pw.phased_array(SQUARE, grid(300, 1, 1.3), _random(300))
@@ -292,7 +292,7 @@ def test_making_a_table_of_weights_takes_memory_for_the_table_alone(shape: tuple
 def test_tables_of_weights_hold_for_waves_of_the_highest_rate(
     precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from polywigner.kernels import lattice_arrays, site_weights
+    from polywigner.kernels.arrays import lattice_arrays, site_weights
 
     weights = 1e-9 * _random(81)
     weights[[0, -1]] = 1.0, 1j  # opposite corners alone

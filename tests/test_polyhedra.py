@@ -15,8 +15,8 @@ import pytest
 import polywigner as pw
 from oracles.references import ENGINES, read_json
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.kernels.frame import vertices_for
-from polywigner.kernels.solids import solid_tables
+from polywigner.kernels.functions.solids import solid_tables
+from polywigner.kernels.outline.frame import vertices_for
 
 # Relative to the content.
 TOLERANCE = {"double": 1e-13, "single": 2e-6}

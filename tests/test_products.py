@@ -10,8 +10,9 @@ import pytest
 
 import polywigner as pw
 from oracles.references import numpy_and_few
-from polywigner.kernels import is_separable, plane, separable
+from polywigner.kernels import is_separable
 from polywigner.kernels.catalogue import kernel_for
+from polywigner.kernels.functions import plane, separable
 
 # Of int |u|^2 dx; for F of sqrt(area int |u|^2 dx), which bounds it.
 TOLERANCE = {"double": 1e-13, "single": 3e-6}
@@ -72,7 +73,8 @@ def _energy(source: pw.Aperture) -> float:
 
 def _by_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     """From here on fields are sums over pairs of waves."""
-    from polywigner.kernels import catalogue, elements
+    from polywigner.kernels import catalogue
+    from polywigner.kernels.functions import elements
     from polywigner.transforms import spectrum
 
     for module in (catalogue, spectrum):
@@ -311,7 +313,7 @@ POSITIONS = {
 def test_arrays_of_products_agree_with_the_sum_over_all_pairs_of_waves(
     name: str, precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from polywigner.kernels import lattice_arrays, scattered_sites
+    from polywigner.kernels.arrays import lattice_arrays, scattered_sites
 
     places = POSITIONS[name]
     weights = np.exp(1j * np.arange(len(places)) ** 2)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner import engines, kernels
-from polywigner.engines import NumpyOperations
+from polywigner import execution, kernels
+from polywigner.execution import NumpyOperations
 from polywigner.kernels import tables_of
-from polywigner.kernels.slice_parts import PART_MOMENTS, PART_WIGNER, slice_parts
+from polywigner.kernels.cut.slice_parts import PART_MOMENTS, PART_WIGNER, slice_parts
 
 WAVES = pw.Illumination([1, 0.5j, 0.3], [(0.3, 0.1), (-0.2, 0.9), (1.3, -0.5)])
 CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)
@@ -37,7 +37,7 @@ def summed(kernel: Any, source: Any, x: Any, nu: Any, outputs: int) -> Any:
     host = NumpyOperations(double=True)
     tables = tables_of(source, True)
     owners, rows = slice_parts(host, tables, *tables.frame.position(host, *x.T))
-    found = engines.evaluate(
+    found = execution.evaluate(
         kernel,
         source,
         [*rows.T, *nu[owners].T],
@@ -71,7 +71,9 @@ def test_sums_over_parts_are_the_moments(name: str) -> None:
     x, nu = places(source)
     energy = float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
     kernel = kernels.kernel_for("lag moments", source)
-    whole = engines.evaluate(kernel, source, [*x.T, *nu.T], double=True, engine="numpy", outputs=6)
+    whole = execution.evaluate(
+        kernel, source, [*x.T, *nu.T], double=True, engine="numpy", outputs=6
+    )
     turns = 10 * (np.linalg.norm(nu, axis=1, keepdims=True) + 1)
     scale = energy * turns ** np.array([0, 1, 2, 2, 3, 3])
     errors = abs(summed(PART_MOMENTS, source, x, nu, 6) - np.stack(whole, axis=-1)) / scale

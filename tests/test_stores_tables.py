@@ -275,7 +275,7 @@ def test_without_a_usable_engine_nothing_is_written(
     def none() -> None:
         raise EngineError("expected an LLVM library")
 
-    monkeypatch.setattr("polywigner.engines.llvm.require", none)
+    monkeypatch.setattr("polywigner.toolchain.llvm.require", none)
     with pytest.raises(EngineError):
         pw.wigner_table(CHEVRON, X, X, X, X, tmp_path / "w.zarr", engine="llvm")
     assert not list(tmp_path.iterdir())

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner import engines, kernels
-from polywigner.engines import sums
+from polywigner import execution, kernels
+from polywigner.execution import sums
 
 L_SHAPE = pw.Aperture([(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)])
 SOURCES: dict[str, Any] = {
@@ -37,7 +37,7 @@ def test_numpy_sums_block_by_block(name: str, monkeypatch: pytest.MonkeyPatch) -
     kernel = kernels.kernel_for("wigner", source)
     for block in (1 << 22, 700, 64):
         monkeypatch.setattr(sums, "_BLOCK", block)
-        found = engines.evaluate_sums(
+        found = execution.evaluate_sums(
             kernel, source, places, weights, points, (), double=True, engine="numpy"
         )
         assert abs(found - expected).max() < DOUBLE * abs(weights).sum() * 4 * 9
@@ -56,7 +56,7 @@ def test_compiled_loops_sum_the_same_with_any_number_of_lanes(
         monkeypatch.setattr(sums, "_LEAST_LANES", least)
         monkeypatch.setattr(sums, "_MOST_LANES", most)
         for double, allowed in ((True, DOUBLE), (False, SINGLE)):
-            found = engines.evaluate_sums(
+            found = execution.evaluate_sums(
                 kernel, source, places, weights, points, (), double=double, engine="llvm"
             )
             assert abs(found - expected).max() < allowed * scale
@@ -65,7 +65,7 @@ def test_compiled_loops_sum_the_same_with_any_number_of_lanes(
 def test_no_points_have_no_sums() -> None:
     source, places, weights, _ = setting("uniform", 1)
     kernel = kernels.kernel_for("wigner", source)
-    found = engines.evaluate_sums(
+    found = execution.evaluate_sums(
         kernel, source, places, weights, np.empty((0, 2)), (), double=True, engine="numpy"
     )
     assert found.shape == (0,)

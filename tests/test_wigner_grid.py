@@ -9,7 +9,7 @@ import pytest
 
 import polywigner as pw
 from oracles.references import awkward
-from polywigner.engines.grids import plan_for_grid
+from polywigner.execution.grids import plan_for_grid
 from polywigner.kernels import kernel_for
 
 # What the package promises of W, in units of the area, and what float32 reaches.

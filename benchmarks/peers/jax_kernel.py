@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from typing import Any
 
 import polywigner as pw
-from polywigner.engines import NumpyOperations
-from polywigner.kernels import plane
+from polywigner.execution import NumpyOperations
+from polywigner.kernels.functions import plane
 
 __all__ = ["available", "wigner_kernel"]
 

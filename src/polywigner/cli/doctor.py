@@ -8,10 +8,10 @@ import re
 import sys
 from dataclasses import dataclass
 
-from polywigner.engines.gpu import GPUStatus, look_for_gpu
-from polywigner.engines.llvm import LLVMStatus, prepare
-from polywigner.engines.llvm_install import install_llvm
-from polywigner.engines.llvm_verdicts import run_probe
+from polywigner.toolchain.gpu import GPUStatus, look_for_gpu
+from polywigner.toolchain.llvm import LLVMStatus, prepare
+from polywigner.toolchain.llvm_install import install_llvm
+from polywigner.toolchain.llvm_verdicts import run_probe
 
 __all__ = ["run_doctor"]
 

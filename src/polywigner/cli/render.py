@@ -247,7 +247,7 @@ def _plugin(instance: Any, kind: str) -> str:
 def _versions(variant: str) -> dict[str, str | None]:
     from importlib.metadata import version
 
-    from polywigner.engines.llvm import prepare
+    from polywigner.toolchain.llvm import prepare
 
     packages = ("polywigner", "mitsuba", "drjit", "numpy")
     found: dict[str, str | None] = {name: version(name) for name in packages}

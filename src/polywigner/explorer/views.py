@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.engines import Engine
 from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.execution import Engine
 from polywigner.explorer import windows
 from polywigner.explorer.needs import needed
 from polywigner.explorer.sources import source_of

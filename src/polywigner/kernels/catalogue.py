@@ -8,21 +8,13 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites
-from polywigner.kernels import (
-    distant_sums,
-    lattice_arrays,
-    line,
-    plane,
-    products,
-    scattered_arrays,
-    simplices,
-    space,
-)
-from polywigner.kernels.array_factor import array_factor_kernel
-from polywigner.kernels.distant_parts import distant_parts
+from polywigner.kernels.arrays import distant_sums, lattice_arrays, scattered_arrays
+from polywigner.kernels.arrays.array_factor import array_factor_kernel
+from polywigner.kernels.arrays.distant_parts import distant_parts
+from polywigner.kernels.functions import line, plane, products, simplices, space
+from polywigner.kernels.functions.moments import LAG_MOMENTS
+from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
-from polywigner.kernels.moments import LAG_MOMENTS
-from polywigner.kernels.separable import is_separable
 
 __all__ = ["kernel_for"]
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from polywigner.kernels import phases
+from polywigner.numerics import phases
 
 __all__ = [
     "Kernel",

@@ -10,7 +10,7 @@ variant.
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """
 
-from polywigner.engines import llvm
+from polywigner.toolchain import llvm
 
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 

@@ -24,8 +24,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from polywigner.engines import Traced, differentiable, ops_for
 from polywigner.errors import SceneError
+from polywigner.execution import Traced, differentiable, ops_for
 from polywigner.kernels import kernel_for
 from polywigner.mitsuba.emitter_sampling import sampled_emitter_class
 from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions

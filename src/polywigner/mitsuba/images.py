@@ -11,8 +11,8 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.engines import kernel_threads
 from polywigner.errors import ArgumentError
+from polywigner.execution import kernel_threads
 
 __all__ = ["write_exr"]
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from polywigner.engines import ops_for
+from polywigner.execution import ops_for
 from polywigner.geometry.trapezoids import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.mitsuba.radiator import Radiator
 from polywigner.transforms import position_marginal

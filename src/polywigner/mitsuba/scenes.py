@@ -12,7 +12,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy.typing as npt
 
-from polywigner.engines import llvm
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
@@ -29,6 +28,7 @@ from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested, original_error, register
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
+from polywigner.toolchain import llvm
 
 __all__ = ["aperture", "choose_variant", "has_wigner_emitter", "load_scene", "translate_error"]
 

@@ -9,13 +9,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.engines import Traced, UnrolledOperations, differentiable
 from polywigner.errors import SceneError
+from polywigner.execution import Traced, UnrolledOperations, differentiable
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
-from polywigner.kernels.complex_pairs import Pair
 from polywigner.mitsuba.radiator import Radiator
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.transforms import differentiable as differentiable_source
 
 __all__ = ["TracedSource"]

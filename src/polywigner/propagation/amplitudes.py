@@ -10,16 +10,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import engines
-from polywigner.engines import Engine, Precision
+from polywigner import execution
 from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
 from polywigner.illumination.direction_cosines import warn_of_slopes
 from polywigner.illumination.support import moved_source
-from polywigner.kernels.distances import distance_of, point_in_wavelengths
-from polywigner.kernels.phases import reduced
+from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
+from polywigner.numerics.phases import reduced
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
@@ -39,7 +39,7 @@ __all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude", "checked_amplitude_tol
 Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
 # Points at a time: temporary arrays stay in the cache of one core.
 _BLOCK = 1 << 12
-_OPS = engines.NumpyOperations(double=True)
+_OPS = execution.NumpyOperations(double=True)
 _OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
 # By default, and the least that can be asked for: some tens of roundings.
@@ -127,7 +127,7 @@ def amplitude(
             engine=engine,
         ).amplitude()
     assert not isinstance(source, Differentiable)
-    if engines.is_drjit(points):
+    if execution.is_drjit(points):
         compute = partial(
             amplitude,
             source,
@@ -137,7 +137,7 @@ def amplitude(
             obliquity=obliquity,
             return_error=return_error,
         )
-        return engines.evaluate_hosted(
+        return execution.evaluate_hosted(
             compute, "points", points, 3, precision=precision, engine=engine
         )
     if method == "wigner":
@@ -148,8 +148,8 @@ def amplitude(
     name = checked_method(method)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
-    double = engines.checked_precision(precision) != "single"
-    engines.checked_engine(engine)
+    double = execution.checked_precision(precision) != "single"
+    execution.checked_engine(engine)
     allowed = checked_amplitude_tolerance(tolerance, double)
     radiator = radiator_of(source)
     check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)

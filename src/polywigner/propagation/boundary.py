@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import engines
-from polywigner.engines.choice import resolved
+from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.kernels import boundary
-from polywigner.kernels.fresnel import fresnel_edge_sum
+from polywigner.execution.choice import resolved
+from polywigner.kernels.boundary import integrals
+from polywigner.kernels.boundary.fresnel import fresnel_edge_sum
 from polywigner.kernels.kernel import Kernel
-from polywigner.kernels.nodes import gauss_rules
+from polywigner.numerics.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of
 
 __all__ = ["SHARES", "boundary_field", "strata_of"]
@@ -162,14 +162,14 @@ def _paraxial_strata(
 
 def _kernel(method: str) -> Kernel:
     share = SHARES.get(method, 0.0)
-    edge_sum = fresnel_edge_sum if method == "fresnel" else boundary.edge_sum
+    edge_sum = fresnel_edge_sum if method == "fresnel" else integrals.edge_sum
     return Kernel(
         name=f"boundary integral, {method}",
         dimension=3,
         tables=lambda panels, double: _tables(panels, double, share, method == "fresnel"),
-        enter=boundary.enter,
+        enter=integrals.enter,
         edge_sum=edge_sum,
-        leave=boundary.leave,
+        leave=integrals.leave,
     )
 
 
@@ -182,7 +182,7 @@ def _once(
     errors = np.zeros(len(points))
     blocks = panels_of(task.radiator, task.wavelength, longest, _ROWS, task.paraxial)
     for rows, amplitudes, evanescent in blocks:
-        real, imag, error = engines.evaluate(
+        real, imag, error = execution.evaluate(
             task.kernel,
             _Panels(rows, amplitudes, evanescent, (x, y), task.wavelength),
             [*points.T, np.asarray(digits)],
@@ -196,7 +196,9 @@ def _once(
     return values, errors
 
 
-def _tables(panels: _Panels, double: bool, share: float, paraxial: bool) -> boundary.BoundaryTables:
+def _tables(
+    panels: _Panels, double: bool, share: float, paraxial: bool
+) -> integrals.BoundaryTables:
     rows, amplitudes = panels.rows, panels.amplitudes / (2 * math.pi)
     cosines, rests = rows[:, 5:8], rows[:, 8:11]
     high = cosines if double else cosines.astype(np.float32).astype(np.float64)
@@ -204,5 +206,5 @@ def _tables(panels: _Panels, double: bool, share: float, paraxial: bool) -> boun
     last = np.stack([amplitudes.real, amplitudes.imag, panels.evanescent], axis=1)
     columns = np.concatenate([rows[:, :5], pairs, rows[:, 11:], last], axis=1)
     edges = tuple(map(tuple, columns.tolist()))
-    frame = boundary.BoundaryFrame(panels.centre, panels.wavelength, double, paraxial)
-    return boundary.BoundaryTables(frame, edges, gauss_rules(), share)
+    frame = integrals.BoundaryFrame(panels.centre, panels.wavelength, double, paraxial)
+    return integrals.BoundaryTables(frame, edges, gauss_rules(), share)

@@ -7,8 +7,8 @@ import os
 from dataclasses import replace
 from typing import Any, Unpack
 
-from polywigner.engines.choice import resolved
 from polywigner.errors import ArgumentError
+from polywigner.execution.choice import resolved
 from polywigner.propagation.datasets import FieldBlock, dataset, described
 from polywigner.propagation.field_settings import FieldOptions, checked_settings
 from polywigner.propagation.grids import (

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import kernel_threads
 from polywigner.errors import ArgumentError
+from polywigner.execution import kernel_threads
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.field_settings import WITH_OBLIQUITY, FieldSettings
 from polywigner.propagation.grids import Grid, shape_of_grid

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import Engine, Precision
 from polywigner.errors import IlluminationError
+from polywigner.execution import Engine, Precision
 from polywigner.illumination.direction_cosines import times_direction_cosine
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag

@@ -8,8 +8,8 @@ from typing import Any, Literal, TypedDict, get_args
 
 import numpy as np
 
-from polywigner.engines import Engine, Precision, checked_engine, checked_precision
 from polywigner.errors import ArgumentError
+from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.propagation.amplitudes import checked_amplitude_tolerance
 from polywigner.propagation.irradiances import checked_order, checked_tolerance

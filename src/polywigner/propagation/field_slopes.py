@@ -11,13 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import engines
-from polywigner.engines.choice import resolved
+from polywigner import execution
+from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
-from polywigner.kernels import phases
-from polywigner.kernels.distances import distance_of, paraxial_distance, point_in_wavelengths
-from polywigner.kernels.edge_strips import FRESNEL_STRIPS, STRIPS
+from polywigner.kernels.boundary.distances import (
+    distance_of,
+    paraxial_distance,
+    point_in_wavelengths,
+)
+from polywigner.kernels.boundary.edge_strips import FRESNEL_STRIPS, STRIPS
+from polywigner.numerics import phases
 from polywigner.propagation.boundary import SHARES, boundary_field, strata_of
 from polywigner.propagation.panels import (
     Radiator,
@@ -33,7 +37,7 @@ __all__ = ["FieldSlopes"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-_OPS = engines.NumpyOperations(double=True)
+_OPS = execution.NumpyOperations(double=True)
 # Pairs of a point and a panel at a time.
 _PAIRS = 1 << 17
 # One costs about as much as so many terms of other kernels, for the choice of an engine.
@@ -219,7 +223,7 @@ class FieldSlopes:
         rows = [column[:, None] for column in places.T]
         columns = (*strips.begin.T, *strips.along.T, strips.length, along, strips.start)
         pairs = [*rows, *(column[None] for column in columns), np.full((1, 1), digits)]
-        sums = engines.evaluate(
+        sums = execution.evaluate(
             FRESNEL_STRIPS if self._paraxial else STRIPS,
             None,
             pairs,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
-from polywigner import engines
+from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.propagation.field_slopes import FieldSlopes
 from polywigner.propagation.places import checked_method, checked_wavelength
@@ -21,9 +21,9 @@ _TOLERANCE = 1e-9
 
 def has_derivatives(source: Any, points: Any, wavelength: Any) -> bool:
     """Whether an argument is there to be differentiated in."""
-    if isinstance(source, Differentiable) or engines.is_drjit(wavelength):
+    if isinstance(source, Differentiable) or execution.is_drjit(wavelength):
         return True
-    return engines.is_drjit(points) and engines.has_gradient(points)
+    return execution.is_drjit(points) and execution.has_gradient(points)
 
 
 def traced_field(
@@ -36,7 +36,7 @@ def traced_field(
     *,
     precision: str | None,
     engine: str,
-) -> engines.TracedField:
+) -> execution.TracedField:
     """The field of a source, by ``compute(plain source, points, wavelength, method, ...)``.
 
     Raises ArgumentError for a wavelength that is an array, and for Fraunhofer's field.
@@ -47,7 +47,7 @@ def traced_field(
             'expected a method other than "fraunhofer" with derivatives; differentiate the '
             "transform pw.fourier instead, or pass drjit.detach(...) of what needs none"
         )
-    if engines.is_drjit(wavelength):
+    if execution.is_drjit(wavelength):
         raise ArgumentError(
             'expected a wavelength without derivatives, which only method="wigner" has, got a '
             f"{type(wavelength).__name__}; pass a float"
@@ -58,11 +58,11 @@ def traced_field(
     by_waves = traced.amplitudes is not None
     own = _TOLERANCE if tolerance is None else tolerance
     slopes = FieldSlopes(traced.source, length, name, own, by_waves)
-    return engines.hosted_field(
+    return execution.hosted_field(
         partial(compute, traced.source, wavelength=length, method=name, tolerance=tolerance),
         slopes,
         points,
         parameters_of(traced),
-        precision=engines.checked_precision(precision),
-        engine=engines.checked_engine(engine),
+        precision=execution.checked_precision(precision),
+        engine=execution.checked_engine(engine),
     )

@@ -10,7 +10,8 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import (
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.execution import (
     Engine,
     Precision,
     checked_engine,
@@ -18,7 +19,6 @@ from polywigner.engines import (
     evaluate_hosted,
     is_drjit,
 )
-from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import NumpyOperations
+from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
 from polywigner.illumination.direction_cosines import direction_cosines
-from polywigner.kernels import phases
+from polywigner.numerics import phases
 from polywigner.radiometry.directions import PlaneSource, checked_source
 
 __all__ = [

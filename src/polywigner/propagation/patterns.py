@@ -8,7 +8,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import Engine, Precision, checked_engine, checked_precision
+from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.illumination.direction_cosines import warn_of_slopes
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors

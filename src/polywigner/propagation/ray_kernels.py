@@ -14,8 +14,8 @@ from typing import Any
 
 from polywigner import kernels
 from polywigner.kernels import Kernel
+from polywigner.kernels.cut.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
 
 __all__ = ["part_kernel", "ray_factors", "ray_kernel"]
 

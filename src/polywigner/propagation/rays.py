@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import engines
-from polywigner.engines import Engine
+from polywigner import execution
+from polywigner.execution import Engine
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.kernels import WIGNER, Kernel, kernel_for, tables_of
-from polywigner.kernels.slice_parts import slice_parts
+from polywigner.kernels.cut.slice_parts import slice_parts
 from polywigner.propagation.obliquities import Forms
 from polywigner.propagation.ray_kernels import part_kernel, ray_kernel
 from polywigner.propagation.rays_rules import Rule
@@ -46,7 +46,7 @@ class Rays:
         total = np.zeros(len(points))
         for source, forms in self.sources:
             for kernel, places, weights in self._listed(source, rule):
-                total += engines.evaluate_sums(
+                total += execution.evaluate_sums(
                     kernel,
                     source,
                     places,
@@ -67,7 +67,7 @@ class Rays:
             yield ray_kernel(source, self.order), nodes, weights
             return
         tables = tables_of(source, True)
-        host = engines.NumpyOperations(double=True)
+        host = execution.NumpyOperations(double=True)
         step = max(1, _EDGES_AT_ONCE // len(tables.edges))
         for start in range(0, len(nodes), step):
             some, share = nodes[start : start + step], weights[start : start + step]
@@ -89,7 +89,7 @@ class Rays:
         place, point = places.T[:, None, :], points.T[:, :, None]
         for source, forms in self.sources:
             constants = [np.array(value) for value in (self.wavelength, *forms)]
-            (values,) = engines.evaluate(
+            (values,) = execution.evaluate(
                 ray_kernel(source, self.order),
                 source,
                 [*place, *point, *constants],

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import engines
+from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.kernels import kernel_for
 from polywigner.propagation.arrangement import smooth_triangles
@@ -56,9 +56,11 @@ def traced_irradiance(
             "derivatives in points, wavelength, weights and amplitudes; leave vertices out"
         )
     name = checked_obliquity(obliquity, order)
-    float_type = engines.float_of(("points", points), ("wavelength", wavelength), *_arrays(traced))
-    places = checked_points(engines.values_of(points, 3)).reshape(-1, 3)
-    length = _checked_length(engines.values_of(wavelength, 1))
+    float_type = execution.float_of(
+        ("points", points), ("wavelength", wavelength), *_arrays(traced)
+    )
+    places = checked_points(execution.values_of(points, 3)).reshape(-1, 3)
+    length = _checked_length(execution.values_of(wavelength, 1))
     terms = weighted_sources(traced.source, name, length, order)
     if len(terms) > 1 or terms[0][0] is not traced.source:
         raise ArgumentError(
@@ -76,17 +78,17 @@ def traced_irradiance(
     def functions(x: Any, nu: Any) -> tuple[Any, ...]:
         if order == 1:
             return (wigner(traced, x, nu),)
-        return engines.traced_sums(kernel_for("lag moments", traced.source), traced.source, x, nu)
+        return execution.traced_sums(kernel_for("lag moments", traced.source), traced.source, x, nu)
 
     def factors(c: Any, inverse: Any, length: Any) -> tuple[Any, ...]:
         return ray_factors(order)(c, inverse, length, forms)
 
-    values = engines.ray_sum(functions, rule, points, wavelength, factors, float_type)
+    values = execution.ray_sum(functions, rule, points, wavelength, factors, float_type)
     fields = traced.weights or traced.amplitudes
     if order == 1 or fields is None:
         return values
     rays = Rays(terms, length, order, "auto", True)
-    return engines.with_slopes(
+    return execution.with_slopes(
         values, (fields.first, fields.second), lambda: _field_slopes(rays, traced, rule, places)
     )
 

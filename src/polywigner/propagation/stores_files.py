@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import engines
+from polywigner import execution
 from polywigner.errors import ArgumentError, MissingExtraError, StoreError
 from polywigner.propagation.stores_layout import Index, Layout, versions
 
@@ -214,5 +214,5 @@ class ChunkWriter:
     def _values(self, origin: Index, shape: Index) -> NDArray[Any]:
         if not self.exclusive:
             return np.asarray(self.block(origin, shape))
-        with engines.kernel_threads(self.threads):
+        with execution.kernel_threads(self.threads):
             return np.asarray(self.block(origin, shape))

@@ -11,9 +11,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.engines import Engine, Precision, checked_engine, checked_precision
-from polywigner.engines.choice import resolved
 from polywigner.errors import ArgumentError
+from polywigner.execution import Engine, Precision, checked_engine, checked_precision
+from polywigner.execution.choice import resolved
 from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.numbers import real_numbers
 from polywigner.kernels import kernel_for

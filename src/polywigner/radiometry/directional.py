@@ -7,8 +7,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from polywigner.engines import Engine, Precision
 from polywigner.errors import ArgumentError
+from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.radiometry.directions import (

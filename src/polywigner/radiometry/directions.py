@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import engines
+from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import shape_of
@@ -79,7 +79,7 @@ def checked_positions(x: Any) -> NDArray[np.float64]:
 
 
 def _real(name: str, meaning: str, values: Any, components: int) -> NDArray[np.float64]:
-    if engines.is_drjit(values):
+    if execution.is_drjit(values):
         raise ArgumentError(
             f"expected {name} as a NumPy array, got a Dr.Jit array; use {name}.numpy(), or "
             "polywigner.wigner and polywigner.fourier, which take both"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import Engine
+from polywigner.execution import Engine
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.radiometry.directional import radiance, radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_source

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner import engines, kernels
+from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
@@ -43,8 +43,8 @@ def is_uniform(source: Any) -> bool:
 
 def in_plane(nu: Any) -> Any:
     """The first two components of three: an aperture without a pose lies in the plane z = 0."""
-    if engines.is_drjit(nu):
-        return engines.in_plane(nu)
+    if execution.is_drjit(nu):
+        return execution.in_plane(nu)
     try:
         shape = np.shape(nu)
     except ValueError:  # lists of unequal lengths: checked_points says what is expected
@@ -62,9 +62,9 @@ def transform(
     outputs: int = 1,
 ) -> Any:
     """Check the arguments once, and hand them to the engine of their type."""
-    if any(engines.is_drjit(value) for _, value in points):
+    if any(execution.is_drjit(value) for _, value in points):
         kernel = _kernel_for(name, source, precision, engine)
-        return engines.evaluate_traced(
+        return execution.evaluate_traced(
             kernel,
             source,
             points,
@@ -75,7 +75,7 @@ def transform(
     kernel, components, arrays = checked_call(name, source, points, precision, engine)
     shape = np.broadcast_shapes(*(c.shape for c in components))
     value, parts = _empty(shape, precision, outputs)
-    engines.evaluate(
+    execution.evaluate(
         kernel,
         source,
         components,
@@ -94,8 +94,8 @@ def _kernel_for(name: str, source: Any, precision: str | None, engine: str) -> A
     if isinstance(source, Array):
         check_width(source)
     kernel = kernels.kernel_for(name, source)
-    engines.checked_precision(precision)
-    engines.checked_engine(engine)
+    execution.checked_precision(precision)
+    execution.checked_engine(engine)
     return kernel
 
 
@@ -134,7 +134,7 @@ def _near_the_largest_float(
     components = [a[..., k] for a in nearer for k in range(kernel.dimension)]
     shape = np.broadcast_shapes(*(c.shape for c in components))
     found, parts = _empty(shape, None, 2 if np.iscomplexobj(values) else 1)
-    engines.evaluate(
+    execution.evaluate(
         kernel, source, components, double=True, engine="numpy", outputs=len(parts), into=parts
     )
     with np.errstate(over="ignore"):  # too large for single precision: infinite, as elsewhere
@@ -153,9 +153,9 @@ def array_on_grid(
 
     ``point_by_point``: nu (..., 2) -> F, for the points that the grid's formula is not for.
     """
-    if engines.is_drjit(nu) or array.dimension != 2 or is_wide(array):
+    if execution.is_drjit(nu) or array.dimension != 2 or is_wide(array):
         return None
-    engines.checked_precision(precision)
+    execution.checked_precision(precision)
     points = checked_points("nu", in_plane(nu), 2, complex_allowed=True, keep_single=True)
     if np.iscomplexobj(points):
         return None
@@ -165,13 +165,13 @@ def array_on_grid(
         return values.real, values.imag
 
     value, into = _empty(points.shape[:-1], precision, 2)
-    found = engines.evaluate_on_grid(
+    found = execution.evaluate_on_grid(
         kernels.kernel_for("fourier", array),
         array,
         [points[..., 0], points[..., 1]],
         parts,
         double=precision != "single",
-        engine=engines.checked_engine(engine),
+        engine=execution.checked_engine(engine),
         into=into,
     )
     return None if found is None else value

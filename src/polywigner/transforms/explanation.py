@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from polywigner import engines
+from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.kernels.separable import is_separable
+from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import checked_call, in_plane
 
@@ -27,8 +27,8 @@ def explain(
     source: Any,
     *arguments: Any,
     function: str = "wigner",
-    engine: engines.Engine = "auto",
-    precision: engines.Precision = None,
+    engine: execution.Engine = "auto",
+    precision: execution.Precision = None,
 ) -> Plan:
     """The way that a call would take, why, what it costs, and what would change that.
 
@@ -68,7 +68,7 @@ def explain(
         raise ArgumentError(
             f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"
         )
-    if any(map(engines.is_drjit, arguments)):
+    if any(map(execution.is_drjit, arguments)):
         raise ArgumentError(
             "expected NumPy arrays, got Dr.Jit arrays, which are computed where they are: there is "
             "no choice to explain"
@@ -80,6 +80,6 @@ def explain(
             name = "fourier of waves"
     points = list(zip(names, arguments, strict=True))
     kernel, components, _ = checked_call(name, source, points, precision, engine)
-    return engines.explained(
+    return execution.explained(
         kernel, source, components, double=precision != "single", engine=engine
     )

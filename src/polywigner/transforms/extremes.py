@@ -22,7 +22,7 @@ from polywigner.geometry.rings import LARGEST_COORDINATE
 from polywigner.illumination import Array, phased_array
 from polywigner.illumination.sites import Sites
 from polywigner.illumination.support import moved_source
-from polywigner.kernels import lattice_arrays, scattered_arrays
+from polywigner.kernels.arrays import lattice_arrays, scattered_arrays
 
 __all__ = [
     "array_factor_apart",

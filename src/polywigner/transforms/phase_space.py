@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner import kernels
-from polywigner.engines import Engine, Precision
+from polywigner.execution import Engine, Precision
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import phase_space_of

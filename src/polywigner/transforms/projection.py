@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.engines import Engine, checked_engine
 from polywigner.errors import ArgumentError
+from polywigner.execution import Engine, checked_engine
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from polywigner import engines, kernels
-from polywigner.engines import Engine, Precision
+from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
@@ -70,7 +70,7 @@ def otf(
         raise ArgumentError(
             f"expected a defocus of fewer waves, got {waves:g} at a pupil_radius of {radius:g}"
         )
-    if engines.is_drjit(xi):
+    if execution.is_drjit(xi):
         raise ArgumentError("expected xi as a NumPy array, got a Dr.Jit array; use xi.numpy()")
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}

@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.engines import Engine, NumpyOperations
 from polywigner.errors import ArgumentError
+from polywigner.execution import Engine, NumpyOperations
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
 from polywigner.illumination import Array

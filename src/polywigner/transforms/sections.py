@@ -16,10 +16,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.engines import NumpyOperations
-from polywigner.kernels.phases import turns_to_centre
-from polywigner.kernels.stokes import triangle_plane_wave
-from polywigner.kernels.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.execution import NumpyOperations
+from polywigner.kernels.functions.stokes import triangle_plane_wave
+from polywigner.numerics.phases import turns_to_centre
+from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
 from polywigner.transforms.fields import Field
 
 __all__ = [

@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from polywigner import engines
-from polywigner.engines import Engine, Precision
+from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites, checked_sites
@@ -89,7 +89,7 @@ def fourier(
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     with np.errstate(invalid="ignore", over="ignore"):  # of waves that leave the floats
         values = _fourier(source, nu, how)
-    if obliquity is not None or engines.is_drjit(nu) or not np.iscomplexobj(nu):
+    if obliquity is not None or execution.is_drjit(nu) or not np.iscomplexobj(nu):
         return values
     if isinstance(source, Slits) or (isinstance(source, Array) and source.dimension == 1):
         plane = nu
@@ -136,7 +136,7 @@ def _fourier(source: Source, nu: Any, how: dict[str, Any]) -> Any:
 
 
 def _is_complex(nu: Any) -> bool:
-    return not engines.is_drjit(nu) and np.iscomplexobj(nu)
+    return not execution.is_drjit(nu) and np.iscomplexobj(nu)
 
 
 def _field_of(source: Any) -> Any:
@@ -165,7 +165,7 @@ def _sum_of_waves(source: Any, nu: Any, how: dict[str, Any]) -> Any:
         # a wave on a placed aperture has its phase from there, not from the world's origin
         phase = np.exp(-2j * np.pi * _exact_turns(kappa, shift))
         shifted, lost = _less(nu, kappa)
-        term = engines.times_complex(fourier(uniform, shifted, **how), complex(amplitude * phase))
+        term = execution.times_complex(fourier(uniform, shifted, **how), complex(amplitude * phase))
         if lost is not None:
             term = term * np.exp(-2j * np.pi * (lost @ centre)).astype(term.dtype)
         total = term if total is None else total + term
@@ -180,8 +180,8 @@ def _exact_turns(a: Any, b: Any) -> float:
 
 def _less(nu: Any, kappa: Any) -> tuple[Any, Any]:
     """nu - kappa, and what its rounding loses, which matters to sources far off the origin."""
-    if engines.is_drjit(nu):
-        return engines.shifted_points(nu, -kappa), None
+    if execution.is_drjit(nu):
+        return execution.shifted_points(nu, -kappa), None
     array = checked_points("nu", nu, len(kappa), complex_allowed=True)
     difference = array - kappa
     real = array.real
@@ -199,13 +199,13 @@ def _coherent_sum(array: Array, nu: Any, how: dict[str, Any]) -> Any:
     for element, shifts, weights in _copies(array):
         term = fourier(element, nu, **how)
         if shifts is None:
-            term = engines.times_complex(term, complex(weights[0]))
+            term = execution.times_complex(term, complex(weights[0]))
         else:
             plane = nu if shifts.shape[1] != 2 else in_plane(nu)
             factor = array_factor(
                 shifts, weights, plane, precision=how["precision"], engine=how["engine"]
             )
-            term = engines.product_of_complex(term, factor)
+            term = execution.product_of_complex(term, factor)
         total = term if total is None else total + term
     return total
 
@@ -265,12 +265,12 @@ def array_factor(
     """
     sites = Sites(*checked_sites(positions, weights))
     # phases of sites far apart are worth float64 also where the result is not
-    rounded = precision == "single" and not engines.is_drjit(nu)
+    rounded = precision == "single" and not execution.is_drjit(nu)
     inner = None if rounded else precision
 
     def factor(nu: Any) -> Any:
         found = transform("array factor", sites, [("nu", nu)], inner, engine, outputs=2)
-        if not engines.is_drjit(nu):
+        if not execution.is_drjit(nu):
             found = _with_large_waves(sites, nu, found, array_factor_apart)
         return found.astype(np.complex64) if rounded else found
 
@@ -289,7 +289,7 @@ def _towards_normal(source: Any, nu: Any) -> Any:
             f"expected plane elements for an obliquity, got {type(source).__name__}, which has no "
             "normal; use obliquity=None"
         )
-    if engines.is_drjit(nu):
+    if execution.is_drjit(nu):
         raise ArgumentError(
             "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
         )

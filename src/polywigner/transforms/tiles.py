@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.engines import Engine
+from polywigner.execution import Engine
 from polywigner.geometry import Slits
 from polywigner.transforms.fields import Field, bound_of, field_of, is_lit_by_waves
 from polywigner.transforms.lit_sections import column_integrals, column_spectra, mutual_spectra

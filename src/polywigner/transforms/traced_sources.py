@@ -9,12 +9,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner import engines
+from polywigner import execution
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.exact import signed_area
 from polywigner.illumination import Array, Illumination
-from polywigner.kernels.waves import waves_in_frame
+from polywigner.kernels.outline.waves import waves_in_frame
 
 __all__ = ["Differentiable", "differentiable", "parameters_of"]
 
@@ -28,10 +28,10 @@ class Differentiable:
 
     source: Any
     """An Aperture or an Array, or Slits with ``intervals``."""
-    vertices: engines.Parameter | None = None
-    weights: engines.Parameter | None = None
-    amplitudes: engines.Parameter | None = None
-    intervals: engines.Parameter | None = None
+    vertices: execution.Parameter | None = None
+    weights: execution.Parameter | None = None
+    amplitudes: execution.Parameter | None = None
+    intervals: execution.Parameter | None = None
 
 
 def differentiable(
@@ -88,26 +88,26 @@ def differentiable(
         raise ArgumentError("expected vertices or weights as Dr.Jit arrays, got neither")
     if source is not None and vertices is weights is amplitudes is None:
         raise ArgumentError("expected vertices or amplitudes as Dr.Jit arrays, got neither")
-    corners = None if vertices is None else engines.plane_points("vertices", vertices)
+    corners = None if vertices is None else execution.plane_points("vertices", vertices)
     if corners is not None:
         source, corners = _with_vertices(source, corners)
     assert source is not None
     found: dict[str, Any] = {}
     if weights is not None:
-        found["weights"] = engines.complex_numbers("weights", weights)
+        found["weights"] = execution.complex_numbers("weights", weights)
         source = _with_weights(source, _complex(found["weights"]))
     if amplitudes is not None:
-        found["amplitudes"] = engines.complex_numbers("amplitudes", amplitudes)
+        found["amplitudes"] = execution.complex_numbers("amplitudes", amplitudes)
         source = _with_amplitudes(source, _complex(found["amplitudes"]))
     return Differentiable(source, corners, **found)
 
 
-def parameters_of(source: Differentiable) -> engines.Parameters:
+def parameters_of(source: Differentiable) -> execution.Parameters:
     """The arrays, as kernels of the whole source take them."""
     fields = source.weights or source.amplitudes
     by_waves = source.amplitudes is not None
     factors = _wave_factors(source.source) if by_waves else _weight_factors
-    return engines.Parameters(source.vertices, fields, by_waves, factors)
+    return execution.Parameters(source.vertices, fields, by_waves, factors)
 
 
 def _of_slits(source: Any, intervals: Any, others: dict[str, Any]) -> Differentiable:
@@ -117,7 +117,7 @@ def _of_slits(source: Any, intervals: Any, others: dict[str, Any]) -> Differenti
         if intervals is None:
             got = f"Slits with {' and '.join(wrong) or 'nothing'}"
         raise ArgumentError(f"expected Slits with intervals as a Dr.Jit array alone, got {got}")
-    ends = engines.plane_points("intervals", intervals)
+    ends = execution.plane_points("intervals", intervals)
     values = ends.values
     if source is not None and len(values) != len(source.intervals):
         raise ArgumentError(
@@ -162,15 +162,15 @@ def _wave_factors(source: Any) -> Any:
     return factors
 
 
-def _complex(numbers: engines.Parameter) -> NDArray[np.complex128]:
+def _complex(numbers: execution.Parameter) -> NDArray[np.complex128]:
     values = numbers.values
     result: NDArray[np.complex128] = values[:, 0] + 1j * values[:, 1]
     return result
 
 
 def _with_vertices(
-    source: Aperture | Array | None, vertices: engines.Parameter
-) -> tuple[Aperture | Array, engines.Parameter]:
+    source: Aperture | Array | None, vertices: execution.Parameter
+) -> tuple[Aperture | Array, execution.Parameter]:
     points = vertices.values
     if source is None:
         # Outlines run counter-clockwise.

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from polywigner import engines, kernels
-from polywigner.engines import Parameter, Parameters
+from polywigner import execution, kernels
+from polywigner.execution import Parameter, Parameters
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.kernels.complex_pairs import Pair
-from polywigner.kernels.slopes_of_slits import slopes_in_ends
+from polywigner.kernels.slopes.slopes_of_slits import slopes_in_ends
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.transforms.arguments import in_plane, transform
 from polywigner.transforms.traced_sources import Differentiable, parameters_of
 
@@ -29,12 +29,12 @@ def phase_space_of(
     """W or A, by the kernel of all outlines: short cuts of arrays have no derivatives."""
     if source.intervals is not None:
         return _of_slits(name, source, points, precision, engine)
-    return engines.evaluate_traced(
+    return execution.evaluate_traced(
         kernels.WIGNER if name == "wigner" else kernels.AMBIGUITY,
         source.source,
         points,
-        precision=engines.checked_precision(precision),
-        engine=engines.checked_engine(engine),
+        precision=execution.checked_precision(precision),
+        engine=execution.checked_engine(engine),
         complex_result=name != "wigner",
         parameters=parameters_of(source),
     )
@@ -45,12 +45,12 @@ def fourier_of(source: Differentiable, nu: Any, precision: str | None, engine: s
     if source.intervals is not None:
         return _of_slits("fourier", source, [("nu", nu)], precision, engine)
     float_type = next(iter(parameters_of(source).types))
-    if not engines.is_drjit(nu):
-        nu = engines.tensor_of(float_type, engines.host_points("nu", in_plane(nu)))
+    if not execution.is_drjit(nu):
+        nu = execution.tensor_of(float_type, execution.host_points("nu", in_plane(nu)))
     nu = in_plane(nu)
     how = {
-        "precision": engines.checked_precision(precision),
-        "engine": engines.checked_engine(engine),
+        "precision": execution.checked_precision(precision),
+        "engine": execution.checked_engine(engine),
     }
     plain = source.source
     total: Any = None
@@ -58,13 +58,13 @@ def fourier_of(source: Differentiable, nu: Any, precision: str | None, engine: s
         element, positions = plain.repeated
         assert source.weights is not None and isinstance(element, Aperture)
         value = _of_waves(element, None, None, nu, how)
-        factor = engines.site_sum(nu, positions, source.weights)
-        return engines.product_of_complex(value, factor)
+        factor = execution.site_sum(nu, positions, source.weights)
+        return execution.product_of_complex(value, factor)
     for number, (element, vertices) in enumerate(_elements(source)):
         value = _of_waves(element, vertices, source.amplitudes, nu, how)
         if isinstance(plain, Array):
             weight = complex(plain.weights[number])
-            value = engines.times_complex(value, _number(source.weights, number, weight))
+            value = execution.times_complex(value, _number(source.weights, number, weight))
         total = value if total is None else total + value
     return total
 
@@ -80,9 +80,9 @@ def _of_slits(
     from polywigner.transforms.spectrum import fourier  # which knows this module
 
     assert source.intervals is not None
-    if not any(engines.is_drjit(value) for _, value in points):
+    if not any(execution.is_drjit(value) for _, value in points):
         kind = source.intervals.float_type
-        points = [(n, engines.tensor_of(kind, engines.host_points(n, p))) for n, p in points]
+        points = [(n, execution.tensor_of(kind, execution.host_points(n, p))) for n, p in points]
     plain, is_complex = source.source, name != "wigner"
     if name == "fourier":
         how: Any = {"precision": precision, "engine": engine}
@@ -93,7 +93,7 @@ def _of_slits(
     def slopes(ops: Any, *places: Any) -> Any:
         return slopes_in_ends(ops, name, plain, *places)
 
-    return engines.with_end_slopes(values, points, source.intervals, slopes, is_complex)
+    return execution.with_end_slopes(values, points, source.intervals, slopes, is_complex)
 
 
 def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:
@@ -120,14 +120,14 @@ def _of_waves(
     total: Any = None
     waves = zip(field.amplitudes.tolist(), field.frequencies, strict=True)
     for number, (amplitude, kappa) in enumerate(waves):
-        value = _uniform(uniform, vertices, engines.shifted_points(nu, -kappa), how)
-        value = engines.times_complex(value, _number(amplitudes, number, amplitude))
+        value = _uniform(uniform, vertices, execution.shifted_points(nu, -kappa), how)
+        value = execution.times_complex(value, _number(amplitudes, number, amplitude))
         total = value if total is None else total + value
     return total
 
 
 def _uniform(element: Aperture, vertices: Parameter | None, nu: Any, how: Any) -> Any:
-    return engines.evaluate_traced(
+    return execution.evaluate_traced(
         kernels.FOURIER,
         element,
         [("nu", nu)],

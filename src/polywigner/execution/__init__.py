@@ -1,0 +1,105 @@
+"""Where kernels run: NumPy, or Dr.Jit on LLVM or CUDA.
+
+===================  ==========================================================================
+module               what is in it
+===================  ==========================================================================
+``operations``       the operations namespaces that kernels are written over
+``choice``           which engine and precision a call runs on
+``evaluation``       NumPy arrays in and out, in chunks, on any engine
+``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` the same, compiled
+``pairs``            every position with every frequency
+``sums``             weighted sums over places, for many points
+``grids``            frequencies on a grid, from its axes
+``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
+``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
+``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
+``hosted_slopes``    the same with derivatives that the host computes as well
+``gradients``        kernels as custom operations, with derivatives in closed form
+``sinks``            what derivatives in vertices and fields are added up in, and ``strides`` how
+``end_slopes``       derivatives in the ends of slits
+``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
+``ray_sums``         sums over rays, with derivatives
+``site_sums``        array factors with differentiable weights
+``threads``          how many threads compiled kernels run on
+``requests``         what a call asks for, counted; ``ledger`` what earlier calls have set up
+===================  ==========================================================================
+"""
+
+from polywigner.execution.choice import Engine, Precision, checked_engine, checked_precision
+from polywigner.execution.drjit_arrays import evaluate_traced
+from polywigner.execution.drjit_hosted import evaluate_hosted
+from polywigner.execution.drjit_points import host_points, in_plane, is_drjit, shifted_points
+from polywigner.execution.drjit_results import product_of_complex, times_complex
+from polywigner.execution.end_slopes import with_end_slopes
+from polywigner.execution.evaluation import evaluate, explained
+from polywigner.execution.gradients import differentiable
+from polywigner.execution.grids import evaluate_on_grid
+from polywigner.execution.hosted_slopes import TracedField, hosted_field
+from polywigner.execution.operations import (
+    DrjitOperations,
+    NumpyOperations,
+    ScalarOperations,
+    ops_for,
+)
+from polywigner.execution.parameters import (
+    Parameter,
+    Parameters,
+    Traced,
+    complex_numbers,
+    plane_points,
+    tensor_of,
+)
+from polywigner.execution.ray_sums import (
+    float_of,
+    has_gradient,
+    ray_sum,
+    traced_sums,
+    values_of,
+    with_slopes,
+)
+from polywigner.execution.site_sums import site_sum
+from polywigner.execution.sums import evaluate_sums
+from polywigner.execution.table_data import UnrolledOperations
+from polywigner.execution.threads import kernel_threads
+
+__all__ = [
+    "DrjitOperations",
+    "Engine",
+    "NumpyOperations",
+    "Parameter",
+    "Parameters",
+    "Precision",
+    "ScalarOperations",
+    "Traced",
+    "TracedField",
+    "UnrolledOperations",
+    "checked_engine",
+    "checked_precision",
+    "complex_numbers",
+    "differentiable",
+    "evaluate",
+    "evaluate_hosted",
+    "evaluate_on_grid",
+    "evaluate_sums",
+    "evaluate_traced",
+    "explained",
+    "float_of",
+    "has_gradient",
+    "host_points",
+    "hosted_field",
+    "in_plane",
+    "is_drjit",
+    "kernel_threads",
+    "ops_for",
+    "plane_points",
+    "product_of_complex",
+    "ray_sum",
+    "shifted_points",
+    "site_sum",
+    "tensor_of",
+    "times_complex",
+    "traced_sums",
+    "values_of",
+    "with_end_slopes",
+    "with_slopes",
+]

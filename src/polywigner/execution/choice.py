@@ -1,0 +1,93 @@
+"""Which engine and precision a call runs on."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any, Literal, get_args
+
+from polywigner.errors import ArgumentError, EngineError
+from polywigner.plans import Plan, Request, plan
+from polywigner.toolchain import llvm
+
+__all__ = [
+    "Engine",
+    "Precision",
+    "checked_engine",
+    "checked_precision",
+    "drjit_float",
+    "planned",
+    "resolved",
+]
+
+Engine = Literal["auto", "numpy", "llvm", "cuda"]
+Precision = Literal["double", "single"] | None
+
+
+def checked_engine(engine: str) -> str:
+    """``engine`` if it is a known name. Raises ArgumentError otherwise."""
+    if engine not in get_args(Engine):
+        names = ", ".join(f'"{name}"' for name in get_args(Engine))
+        raise ArgumentError(f"expected engine to be one of {names}, got {engine!r}")
+    return engine
+
+
+def checked_precision(precision: str | None) -> str | None:
+    """``precision`` if it is a known name or None. Raises ArgumentError otherwise."""
+    if precision not in (None, "double", "single"):
+        raise ArgumentError(
+            f'expected precision to be "double", "single" or None, got {precision!r}'
+        )
+    return precision
+
+
+def resolved(engine: str, samples: int, terms: int = 1) -> str:
+    """The engine that sums so many terms for each of so many samples, given as NumPy arrays.
+
+    ``"auto"`` is planned; CUDA only when asked for.
+
+    Raises
+    ------
+    EngineError when the engine asked for cannot be had, with the remedy.
+    """
+    request = Request("sum", samples, terms=terms, engine=engine, loaded="drjit" in sys.modules)
+    return planned(request).engine
+
+
+def planned(request: Request) -> Plan:
+    """The plan for a request on this machine.
+
+    Raises
+    ------
+    EngineError when the engine asked for cannot be had, with the remedy.
+    """
+    if checked_engine(request.engine) == "llvm":
+        llvm.require()
+    elif request.engine == "cuda":
+        _require_cuda()
+    found = plan(request)
+    if found.engine in ("numpy", "cuda") or llvm.prepare().usable:
+        return found
+    return plan(replace(request, engine="numpy"))
+
+
+def _require_cuda() -> None:
+    llvm.require_drjit()
+    import drjit
+
+    if not drjit.has_backend(drjit.JitBackend.CUDA):
+        raise EngineError(
+            "expected an NVIDIA GPU with its driver for engine='cuda', got none that Dr.Jit can "
+            "use; run `polywigner doctor`, or use engine='auto'."
+        )
+
+
+def drjit_float(engine: str, double: bool) -> Any:
+    """Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
+    import importlib
+
+    # Only this import waits for another thread's: a submodule is there before it is filled.
+    import drjit  # noqa: F401
+
+    module = importlib.import_module(f"drjit.{engine}")
+    return module.Float64 if double else module.Float32

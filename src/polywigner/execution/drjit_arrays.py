@@ -1,0 +1,168 @@
+"""Kernels on Dr.Jit arrays: arrays of the caller's own type in and out, traced, differentiable.
+
+Points come as components first (``Point2f``, ``Array2f``, ``ArrayXf`` of two rows) or as
+``TensorXf`` with the components last; the result is a ``Float``, or a tensor without the last
+axis. Complex results come as Dr.Jit's ``Complex2f``; for tensors as a tensor of shape (..., 2)
+with real and imaginary part last, since Dr.Jit has no complex tensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from polywigner.errors import ArgumentError
+from polywigner.execution.by_cell import sorts, traced_by_cell
+from polywigner.execution.drjit_points import (
+    common_width,
+    host_points,
+    is_drjit,
+    is_tensor,
+    nothing,
+    own_float,
+    point_components,
+    tensor_components,
+)
+from polywigner.execution.drjit_results import as_complex, as_tensor
+from polywigner.execution.frozen import freezes, frozen, is_code
+from polywigner.execution.gradients import differentiable
+from polywigner.execution.operations import DrjitOperations
+from polywigner.execution.parameters import Parameters, Traced, tensor_of
+from polywigner.execution.table_data import TracedOperations, as_data
+from polywigner.kernels import Kernel
+from polywigner.toolchain import llvm
+
+__all__ = [
+    "check_request",
+    "checked_float",
+    "common_float",
+    "evaluate_traced",
+]
+
+# A kernel with edges as code is 3 to 4 times as fast as one that reads them, which gains more than
+# the 0.2 to 1 s that it takes to compile for each new outline from so many samples on.
+_WORTH_COMPILING = 1 << 22
+
+
+def evaluate_traced(
+    kernel: Kernel,
+    source: Any,
+    points: Sequence[tuple[str, Any]],
+    *,
+    precision: str | None,
+    engine: str,
+    complex_result: bool,
+    parameters: Parameters | None = None,
+) -> Any:
+    """Result of a kernel whose arguments are points, at least one of them a Dr.Jit array.
+
+    ``points`` are (name, value); what is not a Dr.Jit array is converted to the arrays' type.
+    ``parameters``: numbers of the source that are Dr.Jit arrays, of the same type.
+
+    Raises
+    ------
+    ArgumentError when types, backends, precisions or numbers of points disagree, or a point has the
+    wrong number of components.
+    EngineError when the arrays are LLVM's and no usable LLVM library is loaded.
+    """
+    float_type = common_float(points, parameters)
+    if not any(is_drjit(value) for _, value in points):
+        points = [(name, tensor_of(float_type, host_points(name, value))) for name, value in points]
+    ops = DrjitOperations(float_type)
+    check_request(float_type, ops.double, precision, engine)
+    tensors = any(is_tensor(value) for _, value in points)
+    if tensors:
+        shape, components = tensor_components(points, float_type, kernel.dimension)
+    else:
+        components = [
+            component
+            for name, value in points
+            for component in point_components(name, value, float_type, kernel.dimension)
+        ]
+    if kernel.in_one_frame is not None and (parameters is not None or _follows(components)):
+        kernel = kernel.in_one_frame
+    tables = _tables(kernel, source, ops.double, parameters)
+    results: tuple[Any, ...]
+    if common_width(components) == 0:  # Dr.Jit has no arithmetic of no numbers with one
+        results = tuple(nothing(float_type) for _ in range(2 if complex_result else 1))
+    elif parameters is None and sorts(kernel, tables, float_type, components):
+        results = traced_by_cell(kernel, tables, float_type, components)
+    elif parameters is None and is_code(kernel, ops, tables) and freezes(components):
+        code = partial(kernel, ops, tables)
+        whole = frozen(lambda: (code, ()), (kernel, tables), float_type, "as it is")
+        results = whole(*components)
+    else:
+        traced = Traced() if parameters is None else parameters.traced(ops, tables)
+        if parameters is not None and _is_data(parameters, components):
+            ops = TracedOperations(float_type)
+            tables = as_data(ops, tables)
+        results = differentiable(kernel, ops, tables, components, traced)
+    if tensors:
+        return as_tensor(results, shape, points)
+    if complex_result:
+        return as_complex(results, None, None)
+    return results[0]
+
+
+def checked_float(name: str, value: Any, precision: str | None, engine: str) -> tuple[Any, bool]:
+    """The float type behind an array, and whether it is double. Raises ArgumentError."""
+    import drjit
+
+    found = own_float(name, value)
+    double = drjit.itemsize_v(found) == 8
+    check_request(found, double, precision, engine)
+    return found, double
+
+
+def _follows(components: Sequence[Any]) -> bool:
+    """Whether derivatives in any of the arguments may be asked for."""
+    import drjit
+
+    return any(map(drjit.grad_enabled, components))
+
+
+def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | None) -> Any:
+    """Those of the kernel, with vertices numbered as the parameters are.
+
+    Equal apertures may begin their rings elsewhere, and share tables of the cache.
+    """
+    if parameters is None or parameters.vertices is None:
+        return kernel.tables(source, double)
+    return getattr(kernel.tables, "__wrapped__", kernel.tables)(source, double)
+
+
+def _is_data(parameters: Parameters, components: Sequence[Any]) -> bool:
+    """Whether a source is better data of a kernel than its code."""
+    import drjit
+
+    changes = parameters.vertices is not None or parameters.fields is not None
+    return changes and max(map(drjit.width, components)) < _WORTH_COMPILING
+
+
+def common_float(points: Sequence[tuple[str, Any]], parameters: Parameters | None) -> Any:
+    types = {own_float(name, value) for name, value in points if is_drjit(value)}
+    types |= set() if parameters is None else parameters.types
+    if len(types) > 1:
+        found = " and ".join(sorted(f"{t.__module__}.{t.__name__}" for t in types))
+        raise ArgumentError(
+            f"expected arrays of one backend and precision, got {found}; convert one of them"
+        )
+    return types.pop()
+
+
+def check_request(float_type: Any, double: bool, precision: str | None, engine: str) -> None:
+    own = "double" if double else "single"
+    if precision not in (None, own):
+        raise ArgumentError(
+            f"expected precision={own!r} or None for arrays of {float_type.__name__}, got "
+            f"{precision!r}; convert the arrays instead"
+        )
+    backend = "cuda" if ".cuda" in float_type.__module__ else "llvm"
+    if engine not in ("auto", backend):
+        raise ArgumentError(
+            f"expected engine={backend!r} or 'auto' for arrays of {float_type.__module__}, got "
+            f"{engine!r}; convert the arrays instead"
+        )
+    if backend == "llvm":
+        llvm.require()

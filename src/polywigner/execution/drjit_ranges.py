@@ -1,0 +1,185 @@
+"""Loops over parts of tables that differ from sample to sample, for Dr.Jit arrays.
+
+What the classes of :mod:`polywigner.execution.ranges` are for other arrays.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
+
+import numpy as np
+
+from polywigner.execution.aligned import aligned
+from polywigner.execution.ranges import Table, Values
+
+__all__ = ["DrjitRanges"]
+
+
+class DrjitRanges:
+    """Ranges for Dr.Jit arrays: loops of the kernel that is being traced."""
+
+    def __init__(self, float_type: Any, sorted_by_cell: bool, together: bool) -> None:
+        import drjit
+
+        self._drjit = drjit
+        module = sys.modules[float_type.__module__]
+        self.value_type = getattr(module, _PACKETS[float_type.__name__]) if together else float_type
+        """What a lane computes: the value of one sample, or of four."""
+        self.target = "sorted" if sorted_by_cell else "compiled"
+        self.float_type = float_type
+        self.key: Hashable = float_type
+        """Two namespaces with one key share tables."""
+        self._numbers = drjit.uint32_array_t(float_type)
+        self.run_sums: Any = None
+        """What stands for whole edges found by cells, while it is set."""
+        self.cell: Any = None
+        """The number of each lane's cell, while it is set."""
+
+    def count(self, like: Any) -> int:
+        """Samples computed at a time: they do not matter to a compiled kernel."""
+        return 0
+
+    def held(self, table: Table) -> Any:
+        """(entries in a row, the entries of all rows one after the other)."""
+        kind = self.float_type if table.dtype.kind == "f" else self._numbers
+        dtype: type[Any] = np.uint32
+        if table.dtype.kind == "f":
+            dtype = np.float64 if self._drjit.itemsize_v(self.float_type) == 8 else np.float32
+        flat = aligned(table.size, dtype)
+        flat[...] = table.ravel()
+        return table.shape[1], kind(flat)
+
+    def gather(self, table: Any, row: Any) -> Values:
+        width, flat = table
+        kind = type(flat)
+        if width % 4:
+            return tuple(self._drjit.gather(kind, flat, width * row + k) for k in range(width))
+        # four entries at a time: one load, where each alone would be another
+        module = sys.modules[kind.__module__]
+        four = getattr(module, _PACKETS[kind.__name__])
+        packets = width // 4
+        found = (self._drjit.gather(four, flat, packets * row + k) for k in range(packets))
+        return tuple(entry for packet in found for entry in packet)
+
+    def packed(self, columns: Sequence[Any], rows: int) -> tuple[int, Any]:
+        """A table of computed columns of floats, as :meth:`gather` wants it; not yet evaluated."""
+        dr, kind = self._drjit, self.float_type
+        four = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__])
+        packets = -(-len(columns) // 4)
+        flat, row = dr.empty(kind, 4 * packets * rows), dr.arange(self._numbers, rows)
+        for k in range(packets):
+            some = [*columns[4 * k : 4 * k + 4], *(kind(0.0),) * 3][:4]
+            dr.scatter(flat, four(*some), packets * row + k, mode=dr.ReduceMode.Permute)
+        return 4 * packets, flat
+
+    def truncated(self, value: Any) -> Any:
+        return self._numbers(value)
+
+    def select_number(self, condition: Any, a: Any, b: Any) -> Any:
+        return self._drjit.select(condition, self._initial(a), self._initial(b))
+
+    def needs_gradient(self, *values: Any) -> bool:
+        return any(self._drjit.grad_enabled(value) for value in values)
+
+    def detached(self, value: Any) -> Any:
+        return self._drjit.detach(value)
+
+    def sum_over_range(
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+    ) -> list[Any]:
+        if self._drjit.itemsize_v(self.float_type) == 8:
+            return self.plain_sum(first, end, term, values)
+
+        # what rounding of the sum loses is summed up as well: of terms that cancel, it is the most
+        def step(row: Any, *sums: Any) -> Values:
+            added = tuple(zip(sums, term(row), strict=False))
+            lost = tuple(
+                total + self._lost(a, b) for total, (a, b) in zip(sums[values:], added, strict=True)
+            )
+            return row + 1, *(a + b for a, b in added), *lost
+
+        sums = self._loop(first, end, step, 2 * values)
+        return [a + b for a, b in zip(sums[:values], sums[values:], strict=True)]
+
+    def sum_over_some(
+        self,
+        first: Any,
+        end: Any,
+        keep: Callable[..., Any],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        return self.sum_over_range(first, end, lambda row: term(row, *samples), values)
+
+    def _lost(self, a: Any, b: Any) -> Any:
+        """The rounding error of a + b, exactly (Knuth's sum)."""
+        a, b = self._drjit.detach(a), self._drjit.detach(b)
+        total = a + b
+        of_b = total - a
+        return (a - (total - of_b)) + (b - of_b)
+
+    def plain_sum(
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+    ) -> list[Any]:
+        """:meth:`sum_over_range` for so few terms that rounding of the sum does not matter."""
+
+        def step(row: Any, *sums: Any) -> Values:
+            return row + 1, *(a + b for a, b in zip(sums, term(row), strict=True))
+
+        return self._loop(first, end, step, values)
+
+    def _loop(self, first: Any, end: Any, step: Callable[..., Values], values: int) -> list[Any]:
+        zeros = (self.value_type(0.0) for _ in range(values))
+        # max_iterations=-1: a sum, so that its reverse-mode derivative is a sum as well
+        _, *totals = self._drjit.while_loop(
+            (self._numbers(first), *zeros), lambda row, *_: row < end, step, max_iterations=-1
+        )
+        return totals
+
+    def sum_over_runs(
+        self, first: Any, end: Any, runs: Any, term: Callable[[Any, Any], Values], values: int
+    ) -> list[Any]:
+        def of_run(number: Any) -> Values:
+            begin, stop, weight, _ = self.gather(runs, number)
+            return tuple(self.plain_sum(begin, stop, lambda row: term(row, weight), values))
+
+        return self.sum_over_range(first, end, of_run, values)
+
+    def sum_over_rule(
+        self,
+        rule: Any,
+        rules: Sequence[Table],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        """The sums of ``term(*row, *samples)`` over the rows of a table; over none for rule -1."""
+        ends = np.cumsum([len(table) for table in rules])
+        ranges = np.stack(
+            [np.append(0, ends - [len(t) for t in rules]), np.append(0, ends)], axis=1
+        )
+        first, end = self.gather(self.held(ranges), self.truncated(rule + 1.0))
+        table = self.held(np.concatenate(rules))
+        return self.sum_over_range(
+            first, end, lambda row: term(*self.gather(table, row), *samples), values
+        )
+
+    def fold(self, first: Any, end: Any, state: Values, step: Callable[..., Values]) -> Values:
+        def next_row(row: Any, *state: Any) -> Values:
+            return row + 1, *step(row, *state)
+
+        start = tuple(self._initial(s) for s in state)
+        _, *result = self._drjit.while_loop(
+            (self._numbers(first), *start), lambda row, *_: row < end, next_row
+        )
+        return tuple(result)
+
+    def _initial(self, value: Any) -> Any:
+        kinds = {float: self.value_type, int: self._numbers}
+        return kinds[type(value)](value) if type(value) in kinds else value
+
+
+_PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}

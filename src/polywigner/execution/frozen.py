@@ -1,0 +1,143 @@
+"""Kernels that Dr.Jit traces once for a source, and launches again without tracing.
+
+To trace a kernel takes as long as to compute it for some ten thousand samples, again in each call.
+A function frozen by Dr.Jit (``drjit.freeze``) repeats what it has launched, for any number of
+samples, in a hundredth of a millisecond.
+"""
+
+from __future__ import annotations
+
+import gc
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from polywigner.execution.operations import UNROLLED_ROWS, DrjitOperations
+from polywigner.kernels import Kernel
+from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.outline.tables import Tables, cut_of
+
+__all__ = ["freezes", "frozen", "is_code", "is_recording"]
+
+# Of more samples, arrays of the engine are better computed with what they are used for, without
+# being stored.
+_FEW = 1 << 16
+# What is remembered: of so many sources and kinds of arrays, and of each so many configurations
+# (arguments that are one number, and others).
+_MOST, _MOST_RECORDINGS = 64, 8
+
+Values = tuple[Any, ...]
+Function = Callable[..., Values]
+
+
+class _Frozen:
+    """A function that is recorded when it is first called."""
+
+    def __init__(self, function: Function, state: Sequence[Any], owners: Sequence[Any]) -> None:
+        import drjit
+
+        # Dr.Jit goes through all that a function refers to in each call, but not through an object.
+        held = _Held(function)
+
+        def replayed(state: list[Any], *arguments: Any) -> Values:
+            return held.function(*arguments)
+
+        self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
+        # of an array of no numbers, Dr.Jit takes the recording for a fault, and ends the process
+        self.state, self.owners = [array for array in state if len(array)], owners
+        # Dr.Jit ends the process when two threads record one function at the same time.
+        self.lock = threading.Lock()
+
+    def __call__(self, *arguments: Any) -> Values:
+        with self.lock, _without_collection():
+            try:
+                found: Values = self.replayed(self.state, *arguments)
+            except RuntimeError as error:
+                # Dr.Jit's own, in place of what stopped the function: an interrupt, for one
+                raise error.__cause__ or error from None
+            return found
+
+
+_paused: list[bool] = []
+"""For each recording that goes on: whether garbage was collected before it."""
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """No garbage is collected meanwhile.
+
+    Dr.Jit ends the process when an array that holds memory of NumPy's is freed in a thread that is
+    recording, and whatever a collection frees would be freed there.
+    """
+    with _lock:
+        _paused.append(gc.isenabled())
+        gc.disable()
+    try:
+        yield
+    finally:
+        with _lock:
+            was_enabled = _paused.pop()
+            if _paused:
+                _paused[0] |= was_enabled
+            elif was_enabled:
+                gc.enable()
+
+
+class _Held:
+    def __init__(self, function: Function) -> None:
+        self.function = function
+
+
+_known: OrderedDict[Hashable, _Frozen] = OrderedDict()
+_lock = threading.Lock()
+
+
+def frozen(
+    make: Callable[[], tuple[Function, Sequence[Any]]], owners: Sequence[Any], *kind: Hashable
+) -> Function:
+    """A function of Dr.Jit arrays; ``make`` gives it when it is not known from an earlier call.
+
+    It must not depend on the number of samples, nor bring memory of its own into being: arrays to
+    which it refers come with it from ``make``, as they are, not as copies.
+
+    ``owners``: the objects on which it depends, as such and not by their values; ``kind``: what
+    else it depends on.
+    """
+    key = (*map(id, owners), *kind)
+    with _lock:
+        if key not in _known:
+            _known[key] = _Frozen(*make(), owners)  # keeps the owners, and with them their ids
+            while len(_known) > _MOST:
+                _known.popitem(last=False)
+        _known.move_to_end(key)
+        return _known[key]
+
+
+def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
+    """Whether all that a kernel is told of a source is constants of its code, not memory."""
+    if not isinstance(tables, (Tables, OutlineTables)):
+        return False
+    if isinstance(tables, Tables) and kernel.copies:
+        return cut_of(ops, tables) == "code"
+    return len(tables.edges) <= UNROLLED_ROWS
+
+
+def is_recording(kind: Any) -> bool:
+    """Whether Dr.Jit follows what is computed, or the type is not of the backend tried out here."""
+    import drjit
+
+    scopes = (drjit.JitFlag.SymbolicScope, drjit.JitFlag.FreezingScope)
+    return drjit.backend_v(kind) != drjit.JitBackend.LLVM or any(map(drjit.flag, scopes))
+
+
+def freezes(components: Sequence[Any]) -> bool:
+    """Whether a function of these arrays is worth freezing: few numbers, known, no derivatives."""
+    import drjit
+
+    if is_recording(components[0]) or max(map(drjit.width, components)) > _FEW:
+        return False
+    # what is yet to be computed is so together with the kernel
+    known = (drjit.VarState.Evaluated, drjit.VarState.Literal)
+    return all(c.state in known and not drjit.grad_enabled(c) for c in components)

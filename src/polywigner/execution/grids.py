@@ -1,0 +1,180 @@
+"""Transforms on tensor-product grids of frequencies, in NumPy.
+
+Whoever wants a picture asks for a grid: ``nu`` of shape (n, m, 2), made by ``numpy.meshgrid``. It
+is recognised by its values, whatever its spacing, and computed from its axes.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.execution.choice import planned
+from polywigner.execution.operations import NumpyOperations
+from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
+from polywigner.plans import Request
+from polywigner.plans.plan import GRID
+
+__all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
+
+# Shorter sides are not worth the axes' tables.
+_LEAST_SIDE = 8
+# Longer ones are tiled: the tables of a tile's axes fit into memory.
+_TILE = 512
+# What lies too near the origin is computed point by point, at 20 times the cost.
+_MOST_BELOW = 1 / 8
+# Beyond this |nu| in the frame squares overflow.
+_LARGEST = {True: 1e150, False: 1e18}
+
+Array = npt.NDArray[Any]
+PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
+"""(nu_x, nu_y) of some points -> real and imaginary part there, or the one value of W."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Points (x[i], y[j]); the given arrays are indexed [i, j], or [j, i] if ``transposed``."""
+
+    x: Array
+    y: Array
+    transposed: bool
+
+
+def _grid_of(x: Array, y: Array) -> _Grid | None:
+    if x.ndim != 2 or x.shape != y.shape or min(x.shape) < _LEAST_SIDE:
+        return None
+    if _is_grid(x, y):
+        return _Grid(_axis(x[:, 0]), _axis(y[0]), transposed=False)
+    if _is_grid(x.T, y.T):
+        return _Grid(_axis(x[0]), _axis(y[:, 0]), transposed=True)
+    return None
+
+
+def _axis(values: Array) -> Array:
+    """An axis by itself, in the precision in which arguments enter a frame."""
+    return np.array(values, np.float64)
+
+
+def _is_grid(x: Array, y: Array) -> bool:
+    """Whether x does not change along the second axis nor y along the first; not so for NaN."""
+    if x[0, 0] != x[0, -1] or y[0, 0] != y[-1, 0]:  # most arrays are done with here
+        return False
+    return bool((x == x[:, :1]).all() and (y == y[:1]).all())
+
+
+@dataclass(frozen=True)
+class GridPlan:
+    """A Fourier transform on a grid, or W at one place, to be computed from its axes."""
+
+    tables: GridTables
+    grid: _Grid
+    double: bool
+
+    @property
+    def families(self) -> int:
+        """Of edges that are equal up to a translation; all that run along the axes are one."""
+        return len(self.tables.oblique) + bool(self.tables.straight)
+
+    def keeps_digits(self) -> bool:
+        """Whether most points lie far enough from the origin, and none too far."""
+        below = 1.0
+        for scale, nu in zip(self.tables.scales, (self.grid.x, self.grid.y), strict=True):
+            if not np.abs(nu).max() * scale < _LARGEST[self.double]:
+                return False
+            below *= float(np.mean(np.abs(nu * scale) < self.tables.floor(self.double)))
+        return below < _MOST_BELOW
+
+    def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
+        """Write real and imaginary part to two arrays, or W to one.
+
+        The few points near the origin that the grid's formula is not for go to ``point_by_point``.
+        """
+        targets = [result.T if self.grid.transposed else result for result in results]
+        for i in range(0, len(self.grid.x), _TILE):
+            for j in range(0, len(self.grid.y), _TILE):
+                nu = self.grid.x[i : i + _TILE], self.grid.y[j : j + _TILE]
+                for target, part in zip(targets, self._tile(nu, point_by_point), strict=True):
+                    target[i : i + _TILE, j : j + _TILE] = part
+
+    def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, ...]:
+        ops = NumpyOperations(double=True)
+        with np.errstate(invalid="ignore", divide="ignore"):  # of points that are then replaced
+            parts, below = fourier_on_grid(ops, self.tables, *nu, self.double)
+        if below.any():
+            i, j = np.nonzero(below)
+            for part, values in zip(parts, point_by_point((nu[0][i], nu[1][j])), strict=True):
+                part[i, j] = values
+        return parts
+
+
+def plan_for_grid(
+    kernel: Kernel, source: Any, components: Sequence[Array], double: bool
+) -> GridPlan | None:
+    """How to compute a kernel from the axes of a grid; None where that cannot be done."""
+    if kernel.dimension < 2:
+        return None
+    *place, x, y = components
+    grid = _grid_of(x, y)
+    if grid is None or any(c.size != 1 for c in place):
+        return None
+    tables = _tables_for_grid(kernel, source, [_axis(c).ravel() for c in place])
+    if tables is None:
+        return None
+    plan = GridPlan(tables, grid, double)
+    return plan if plan.keeps_digits() else None
+
+
+def _tables_for_grid(kernel: Kernel, source: Any, place: Sequence[Array]) -> GridTables | None:
+    """Of a source, or of its slice at a place, from whose cut edges what is far off is missing."""
+    if kernel.on_grid is not None:
+        return kernel.on_grid(source)
+    shared = shared_slice(kernel)
+    if shared is None or not np.isfinite(place).all():
+        return None
+    host, exact = NumpyOperations(double=True), kernel.tables(source, True)
+    with np.errstate(invalid="ignore", over="ignore"):
+        inner = kernel.enter(host, exact.frame, *place, *np.zeros((2, 1)))
+    return shared.on_grid(host, exact, *inner[shared.place])
+
+
+def evaluate_on_grid(
+    kernel: Kernel,
+    source: Any,
+    components: Sequence[Array],
+    point_by_point: PointByPoint,
+    *,
+    double: bool,
+    engine: str,
+    into: Sequence[Array] | None = None,
+) -> tuple[Array, ...] | None:
+    """The results on a grid, or None where that is no grid, or not the best way.
+
+    ``into``: arrays for them.
+    """
+    if engine not in ("auto", "numpy"):
+        return None
+    plan = plan_for_grid(kernel, source, components, double)
+    if plan is None:
+        return None
+    request = Request(
+        kernel.name,
+        components[-1].size,
+        terms=plan.tables.edges,
+        families=plan.families,
+        double=double,
+        engine=engine,
+        loaded="drjit" in sys.modules,
+    )
+    if planned(request).way.name != GRID:
+        return None
+    dtype = np.float64 if double else np.float32
+    shape = components[-1].shape
+    count = 1 if plan.tables.half else 2
+    results = tuple(into or (np.empty(shape, dtype) for _ in range(count)))
+    plan.fill(results, point_by_point)
+    return results

@@ -1,0 +1,189 @@
+"""A kernel of a source on NumPy arrays, chunk by chunk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.execution.operations import NumpyOperations
+from polywigner.execution.pairs import Pairs
+from polywigner.kernels import Kernel, PartSum, SharedSlice
+from polywigner.kernels.arrays.lattice_pairs import Copies, SharedCopies
+
+__all__ = ["CHUNK", "OnNumpy", "block_of"]
+
+CHUNK = 1 << 14
+"""Samples at a time: a temporary array stays in the cache of one core."""
+# Where slices are cut once for many samples: rows enough to cut at a time.
+_SHARED_CHUNK = 1 << 18
+# To list the parts of a slice takes some microseconds, as much as so many samples gain.
+_LEAST_SHARED = 64
+
+Array = npt.NDArray[Any]
+Fetch = Callable[[], tuple[Array, ...]]
+
+
+class OnNumpy:
+    """A kernel of a source, computed by NumPy."""
+
+    block = CHUNK
+    shared_block = _SHARED_CHUNK
+    copies_block = 2 * CHUNK
+
+    def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
+        self.kernel, self.tables = kernel, tables
+        self.host = NumpyOperations(double=True)
+        self.ops = NumpyOperations(double)
+
+    def __call__(self, arguments: Sequence[Array]) -> Fetch:
+        """The results, for whoever fetches them."""
+        values = self.values(arguments)
+        return lambda: values
+
+    def values(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+        """The results of a chunk."""
+        frame = self.tables.frame
+        # what lies at infinity or is not a number is so in the result; no need to warn
+        with np.errstate(invalid="ignore", over="ignore"):
+            inner = self.kernel.enter(self.host, frame, *arguments)
+            if not self.ops.double:
+                inner = tuple(a.astype(np.float32) for a in inner)
+            sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
+            return self.kernel.leave(self.ops, frame, inner, sums)
+
+    def takes(self, pairs: Pairs) -> bool:
+        return True
+
+    def shares(self, samples: int) -> bool:
+        """Whether a slice is worth cutting apart from its so many samples."""
+        return samples >= _LEAST_SHARED
+
+    def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
+        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns).
+
+        NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
+        for each row.
+        """
+        self.ops.at_once = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
+        values = self.values(arguments)
+        self.ops.at_once = 0
+        return lambda: values
+
+    def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
+        """The arguments in the frame, in the shapes that they have."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return self.kernel.enter(self.host, self.tables.frame, *arguments)
+
+    def lists_copies(self) -> bool:
+        """Whether copies of an element are worth listing for each place."""
+        return True
+
+    def of_copies(
+        self,
+        shared: SharedCopies,
+        copies: Copies,
+        entered: tuple[Any, ...],
+        block: tuple[slice, slice],
+    ) -> Fetch:
+        """Results for a block of rows and columns, which are ``entered`` into the frame."""
+        rows, columns = block
+        inner = tuple(np.asarray(a, self.ops.dtype) for a in block_of(entered, block))
+        nu, place = inner[shared.frequency], inner[shared.place]
+        ends = copies.ends[rows.start : rows.stop + 1]
+        mine = slice(ends[0], ends[-1])
+        own = tuple(c[mine, None].astype(self.ops.dtype) for c in (copies.x, copies.y))
+        factors = tuple(f[:, columns][copies.number[mine]] for f in copies.factors)
+        with np.errstate(invalid="ignore", over="ignore"):
+            self.ops.at_once = factors[0].size
+            terms = shared.term(self.ops, self.tables.part, own, nu, factors)
+            self.ops.at_once = 0
+            # what lies at infinity or is not a number is so in the result
+            lost = sum(a - a for a in (*place, *nu))
+            sums = [_summed(np.broadcast_to(t, factors[0].shape), ends) + lost for t in terms]
+            values = self.kernel.leave(self.ops, self.tables.frame, inner, tuple(sums))
+        return lambda: values
+
+    def listed(self, shared: SharedSlice, exact: Any, arguments: Sequence[Array]) -> Fetch:
+        """Results for a chunk of samples, (n,) or one number each, from the parts of each slice."""
+        inner = self.entered(arguments)
+        count = max(np.size(a) for a in inner)
+        place = [np.broadcast_to(np.ravel(a), count) for a in inner[shared.place]]
+        with np.errstate(invalid="ignore", over="ignore"):
+            (owners, table), is_real = shared.parts(self.host, exact, *place)
+            inner = tuple(np.asarray(a, self.ops.dtype) for a in inner)
+            nu = [np.broadcast_to(np.ravel(a), count) for a in inner[shared.frequency]]
+            columns = table.shape[1]
+            run = shared.summed(self.ops, columns, is_real, *(f[owners] for f in nu))
+            terms = run.term(*table.astype(self.ops.dtype).T)
+            sums = [np.bincount(owners, term, count).astype(self.ops.dtype) for term in terms]
+            # what lies at infinity or is not a number is so in the result
+            lost = sum(np.asarray(a - a) for a in (*inner[shared.place], *nu))
+            total = shared.summed(self.ops, columns, is_real, *nu).total(
+                tuple(value + lost for value in sums)
+            )
+            values = self.kernel.leave(self.ops, self.tables.frame, inner, total)
+        return lambda: tuple(np.broadcast_to(value, count) for value in values)
+
+    def of_parts(
+        self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
+    ) -> Fetch:
+        """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``."""
+        inner = tuple(np.asarray(a, self.ops.dtype) for a in inner)
+        rows, columns = np.broadcast_shapes((len(ends) - 1, 1), *(a.shape for a in inner))
+        nu = [np.broadcast_to(f, (1, columns)) for f in inner[shared.frequency]]
+        run = shared.summed(self.ops, table.shape[1], is_real, *nu)
+        sums = [np.zeros((rows, columns), self.ops.dtype) for _ in range(run.values)]
+        table = table.astype(self.ops.dtype)
+        with np.errstate(invalid="ignore", over="ignore"):
+            for some in _slices(columns, CHUNK):
+                run = shared.summed(self.ops, table.shape[1], is_real, *(f[:, some] for f in nu))
+                _sum_parts(run, ends, table, [total[:, some] for total in sums])
+            # what lies at infinity or is not a number is so in the result
+            for argument in (*inner[shared.place], *nu):
+                if not np.isfinite(argument).all():
+                    sums = [total + (argument - argument) for total in sums]
+            total = shared.summed(self.ops, table.shape[1], is_real, *nu).total(tuple(sums))
+            values = self.kernel.leave(self.ops, self.tables.frame, inner, total)
+            return lambda: values
+
+
+def _slices(length: int, step: int) -> Iterator[slice]:
+    return (slice(k, k + step) for k in range(0, length, step))
+
+
+def block_of(entered: Sequence[Any], block: tuple[slice, slice]) -> Iterator[Any]:
+    """Rows and columns of arrays of shape (rows, 1), (1, columns) or both."""
+    for whole in entered:
+        own = [
+            part if n > 1 else slice(None) for part, n in zip(block, np.shape(whole), strict=True)
+        ]
+        yield whole[tuple(own)]
+
+
+def _summed(terms: Array, ends: Array) -> Array:
+    """The sums of rows ``ends[k]`` to ``ends[k + 1]``."""
+    counts, first = np.diff(ends), ends[:-1] - ends[0]
+    found = np.zeros((len(counts), terms.shape[1]), terms.dtype)
+    for k in range(int(counts.max(initial=0))):
+        (rows,) = np.nonzero(counts > k)
+        found[rows] += terms[first[rows] + k]
+    return found
+
+
+def _sum_parts(run: PartSum, ends: Array, table: Array, sums: Sequence[Array]) -> None:
+    """Fill in the sums (rows, columns) over each row's parts.
+
+    Rows with as many parts are taken together, so that nothing is computed in vain.
+    """
+    counts = np.diff(ends)
+    for count in np.unique(counts[counts > 0]):
+        (rows,) = np.nonzero(counts == count)
+        for some in _slices(len(rows), max(1, CHUNK // (sums[0].shape[1] * count))):
+            parts = table[ends[rows[some]] + np.arange(count)[:, None]]
+            terms = run.term(*np.moveaxis(parts, -1, 0)[..., None])
+            for total, found in zip(sums, terms, strict=True):
+                total[rows[some]] = found.sum(axis=0)

@@ -1,0 +1,262 @@
+"""Loops over parts of tables that differ from sample to sample, for every kind of array.
+
+A kernel that works by cells looks up in tables which edges matter at a sample's place. The classes
+here are parts of the operations namespaces: they read tables at computed places, and sum up over
+ranges of their rows. Those for Dr.Jit arrays are in module `drjit_ranges`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.execution.listed_sums import sums_of_some
+
+__all__ = ["NumpyRanges", "ScalarRanges", "Table", "Values"]
+
+Values = tuple[Any, ...]
+Table = npt.NDArray[Any]
+
+# Values of a temporary array that stay in the cache of one core.
+_BLOCK = 1 << 14
+
+
+class NumpyRanges:
+    """Ranges for NumPy arrays: one axis before that of the samples for all rows of a range."""
+
+    target = "numpy"
+    dtype: np.dtype[Any]
+    run_sums: Any = None
+    cell: Any = None
+    at_once = 0
+    """Samples computed at a time, where what they share comes as shorter arrays."""
+
+    @property
+    def key(self) -> Hashable:
+        """Two namespaces with one key share tables."""
+        return self.dtype
+
+    def count(self, like: Any) -> int:
+        """Samples computed at a time."""
+        return max(int(np.size(like)), self.at_once)
+
+    def held(self, table: Table) -> Any:
+        """A table (rows, columns) of numbers or floats as :meth:`gather` wants it."""
+        return table.astype(self.dtype if table.dtype.kind == "f" else np.int64)
+
+    def gather(self, table: Any, row: Any) -> Values:
+        """The entries of one row of a table."""
+        return tuple(np.moveaxis(table[row], -1, 0))
+
+    def truncated(self, value: Any) -> Any:
+        """A float of at least 0 as a row's number."""
+        return np.asarray(value).astype(np.int64)
+
+    def select_number(self, condition: Any, a: Any, b: Any) -> Any:
+        """:meth:`select` of rows' numbers."""
+        return np.where(condition, a, b)
+
+    def needs_gradient(self, *values: Any) -> bool:
+        return False
+
+    def detached(self, value: Any) -> Any:
+        return value
+
+    def sum_over_range(
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+    ) -> list[Any]:
+        """The sums of the ``values`` values ``term(row)`` for rows from ``first`` up to ``end``."""
+        first, count = np.atleast_1d(first), np.atleast_1d(end - first)
+        longest = int(count.max(initial=0))
+        totals: list[Any] = [np.zeros(count.shape)] * values
+        block = max(1, _BLOCK // max(1, count.size, self.at_once))
+        for start in range(0, longest, block):
+            step = np.arange(start, min(start + block, longest))
+            step = step.reshape(-1, *(1,) * count.ndim)
+            row = np.where(step < count, first + step, 0)
+            terms = term(row)
+            parts = [np.where(step < count, t, 0).sum(axis=0, dtype=np.float64) for t in terms]
+            totals = [a + b for a, b in zip(totals, parts, strict=True)]
+        return [total.astype(self.dtype) for total in totals]
+
+    def sum_over_some(
+        self,
+        first: Any,
+        end: Any,
+        keep: Callable[..., Any],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        """The sums of ``term(row, *samples)`` for rows from ``first`` up to ``end``.
+
+        Where ``keep(row, *samples)`` is false, ``term`` is 0, and need not be computed: the others
+        are computed as a list. Of arrays (n, 1) and (1, m), ranges and what is kept are for the n.
+        """
+        totals = sums_of_some(first, end, keep, term, values, samples)
+        return [total.astype(self.dtype) for total in totals]
+
+    def sum_over_runs(
+        self, first: Any, end: Any, runs: Any, term: Callable[[Any, Any], Values], values: int
+    ) -> list[Any]:
+        """The same over all rows of the runs ``first`` to ``end``; ``term(row, weight number)``.
+
+        ``runs``: a table of first row, end of the rows, number of the weight.
+        """
+        first, end = np.atleast_1d(first), np.atleast_1d(end)
+        ends = np.stack([first.ravel(), end.ravel()])
+        ranges, place = np.unique(ends, axis=1, return_inverse=True)
+        rows, numbers, starts = [], [], [0]
+        for a, b in ranges.T.tolist():
+            mine = runs[a:b]
+            lengths = mine[:, 1] - mine[:, 0]
+            stops = lengths.cumsum()
+            rows.append(np.arange(lengths.sum()) + np.repeat(mine[:, 0] - stops + lengths, lengths))
+            numbers.append(np.repeat(mine[:, 2], lengths))
+            starts.append(starts[-1] + len(rows[-1]))
+        row, number = np.concatenate(rows), np.concatenate(numbers)
+        place = place.reshape(first.shape)
+        starts_ = np.array(starts)
+        return self.sum_over_range(
+            starts_[place], starts_[place + 1], lambda k: term(row[k], number[k]), values
+        )
+
+    def fold(self, first: Any, end: Any, state: Values, step: Callable[..., Values]) -> Values:
+        """The last ``state = step(row, *state)`` for rows from ``first`` up to ``end``."""
+        count = end - first
+        state = tuple(np.broadcast_to(np.asarray(s), np.shape(count)) for s in state)
+        for k in range(int(count.max(initial=0))):
+            active = k < count
+            found = step(np.where(active, first + k, 0), *state)
+            state = tuple(np.where(active, new, old) for new, old in zip(found, state, strict=True))
+        return state
+
+    def sum_over_rule(
+        self,
+        rule: Any,
+        rules: Sequence[Table],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        """The sums of ``term(*row, *samples)`` over the rows of one of several tables of floats.
+
+        ``rule``: the number of each sample's table, or -1 for a sum over nothing.
+        """
+        rule, *arrays = np.broadcast_arrays(rule, *samples)
+        totals = [np.zeros(rule.shape, self.dtype) for _ in range(values)]
+        for number in np.unique(rule):
+            if number < 0:
+                continue
+            mine = ... if (rule == number).all() else rule == number
+            own = [array[mine].ravel() for array in arrays]
+            count = rule[mine].size
+            found = self._sums_over_table(rules[int(number)], term, values, count, own)
+            for total, part in zip(totals, found, strict=True):
+                total[mine] = part.reshape(total[mine].shape)
+        return totals
+
+    def _sums_over_table(
+        self,
+        table: Table,
+        term: Callable[..., Values],
+        values: int,
+        count: int,
+        samples: Sequence[Table],
+    ) -> list[Any]:
+        rows = table.astype(self.dtype)[..., None]
+        totals = [np.zeros(count) for _ in range(values)]
+        block = max(1, _BLOCK // max(1, count))
+        for start in range(0, len(rows), block):
+            terms = term(*np.moveaxis(rows[start : start + block], 1, 0), *samples)
+            for total, part in zip(totals, terms, strict=True):
+                total += part.sum(axis=0, dtype=np.float64)
+        return totals
+
+
+class ScalarRanges:
+    """Ranges for Python floats."""
+
+    target = "scalar"
+    key: Hashable = float
+    run_sums: Any = None
+    cell: Any = None
+
+    def count(self, like: Any) -> int:
+        """Samples computed at a time."""
+        return 1
+
+    def held(self, table: Table) -> Any:
+        return table.tolist()
+
+    def gather(self, table: Any, row: Any) -> Values:
+        return tuple(table[row])
+
+    def truncated(self, value: Any) -> Any:
+        return int(value)
+
+    def select_number(self, condition: Any, a: Any, b: Any) -> Any:
+        return a if condition else b
+
+    def needs_gradient(self, *values: Any) -> bool:
+        return False
+
+    def detached(self, value: Any) -> Any:
+        return value
+
+    def sum_over_range(
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+    ) -> list[Any]:
+        totals = [0.0] * values
+        for row in range(first, end):
+            totals = [a + b for a, b in zip(totals, term(row), strict=True)]
+        return totals
+
+    def sum_over_some(
+        self,
+        first: Any,
+        end: Any,
+        keep: Callable[..., Any],
+        term: Callable[..., Values],
+        values: int,
+        *samples: Any,
+    ) -> list[Any]:
+        totals = [0.0] * values
+        for row in range(first, end):
+            if keep(row, *samples):
+                terms = term(row, *samples)
+                totals = [a + b for a, b in zip(totals, terms, strict=True)]
+        return totals
+
+    def sum_over_runs(
+        self, first: Any, end: Any, runs: Any, term: Callable[[Any, Any], Values], values: int
+    ) -> list[Any]:
+        totals = [0.0] * values
+        for begin, stop, number, _ in runs[first:end]:
+            terms = (term(row, number) for row in range(begin, stop))
+            for found in terms:
+                totals = [a + b for a, b in zip(totals, found, strict=True)]
+        return totals
+
+    def fold(self, first: Any, end: Any, state: Values, step: Callable[..., Values]) -> Values:
+        for row in range(first, end):
+            state = step(row, *state)
+        return state
+
+    def sum_over_rule(
+        self,
+        rule: float,
+        rules: Sequence[Table],
+        term: Callable[..., Values],
+        values: int,
+        *samples: float,
+    ) -> list[Any]:
+        """The sums of ``term(*row, *samples)`` over the rows of a table, or nothing for -1."""
+        rows = rules[int(rule)].tolist() if rule >= 0 else []
+        totals = [0.0] * values
+        for row in rows:
+            totals = [a + b for a, b in zip(totals, term(*row, *samples), strict=True)]
+        return totals

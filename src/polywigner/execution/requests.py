@@ -1,0 +1,65 @@
+"""A call on NumPy arrays as a request of `polywigner.plans`: everything that is counted of it."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from polywigner.execution.ledger import Account
+from polywigner.execution.pairs import Pairs
+from polywigner.kernels import Kernel, shared_slice
+from polywigner.kernels.arrays.repeated import RepeatedTables
+from polywigner.kernels.outline.tables import Tables
+from polywigner.plans import Outline, Request
+
+__all__ = ["request_for"]
+
+
+def request_for(
+    kernel: Kernel,
+    tables: Any,
+    samples: int,
+    *,
+    double: bool,
+    engine: str,
+    pairs: Pairs | None = None,
+    families: int | None = None,
+    account: Account | None = None,
+) -> Request:
+    """What is asked for; ``pairs``: with each place a row."""
+    outline, terms, is_array = None, len(tables.edges), False
+    if isinstance(tables, Tables) and kernel.copies:
+        outline = _outline_of(kernel, tables)
+    elif isinstance(tables, RepeatedTables) and isinstance(tables.element, Tables):
+        outline, terms, is_array = _outline_of(kernel, tables.element), tables.terms, True
+    elif kernel.copies:
+        terms = tables.terms
+    return Request(
+        kernel.name,
+        samples,
+        outline,
+        terms,
+        is_array,
+        rows=0 if pairs is None else pairs.rows,
+        columns=0 if pairs is None else pairs.columns,
+        families=families,
+        double=double,
+        engine=engine,
+        loaded="drjit" in sys.modules,
+        ready=frozenset() if account is None else account.ready,
+        spent=0.0 if account is None else account.spent,
+    )
+
+
+def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
+    exact = sum(line.exact for line in tables.lines)
+    return Outline(
+        max(1, len(tables.edges)),
+        max(1, len(tables.pieces)),
+        max(1, tables.clips),
+        max(1, len(tables.lines)),
+        exact / max(1, len(tables.lines)),
+        kernel.copies,
+        allows_cells=kernel.order is not None and tables.clips_for_cells > 0,
+        allows_lists=shared_slice(kernel) is not None,
+    )

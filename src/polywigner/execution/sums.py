@@ -1,0 +1,128 @@
+"""Weighted sums of a kernel over many places for each of many points, without storing the terms.
+
+The sum over all pairs of a place and a point is one loop of a compiled kernel: what is read are the
+places, the same for all points, and what is written is one number for each point. NumPy computes
+the terms block by block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.execution.aligned import aligned
+from polywigner.execution.choice import resolved
+from polywigner.execution.evaluation import evaluate
+from polywigner.execution.on_drjit import OnDrjit
+from polywigner.kernels import Kernel
+
+__all__ = ["evaluate_sums"]
+
+Array = npt.NDArray[np.float64]
+
+# Pairs of a place and a point at a time, where terms are stored: 32 MiB in float64.
+_BLOCK = 1 << 22
+# Points at a time in a compiled loop; fewer points are taken several times over, each time with
+# another part of the places, so that all cores have work.
+_MOST_LANES, _LEAST_LANES = 1 << 18, 1 << 15
+
+
+def evaluate_sums(
+    kernel: Kernel,
+    source: Any,
+    places: Array,
+    weights: Array,
+    points: Array,
+    constants: Sequence[float],
+    *,
+    double: bool,
+    engine: str,
+) -> Array:
+    """sum_j weights_j kernel(*places_j, *point, *constants) at each point, float64 (n,).
+
+    places (m, a), weights (m,), points (n, b); the kernel takes a + b + len(constants) components
+    and has one real output.
+    """
+    if not len(points) or not len(places):
+        return np.zeros(len(points))
+    if resolved(engine, len(places) * len(points)) == "numpy":
+        return _by_blocks(kernel, source, places, weights, points, constants, double)
+    tables = kernel.tables(source, double)
+    run = OnDrjit(kernel, tables, double, resolved(engine, len(places) * len(points)))
+    blocks = range(0, len(points), _MOST_LANES)
+    sums = [_looped(run, places, weights, points[k : k + _MOST_LANES], constants) for k in blocks]
+    return np.concatenate(sums)
+
+
+def _by_blocks(
+    kernel: Kernel,
+    source: Any,
+    places: Array,
+    weights: Array,
+    points: Array,
+    constants: Sequence[float],
+    double: bool,
+) -> Array:
+    total = np.zeros(len(points))
+    fixed = [np.array(value) for value in constants]
+    for some, columns in _blocks(len(places), len(points)):
+        components = [*places[some].T, *points[columns].T[:, :, None], *fixed]
+        (values,) = evaluate(kernel, source, components, double=double, engine="numpy", outputs=1)
+        total[columns] += values @ weights[some]
+    return total
+
+
+def _blocks(places: int, points: int) -> Iterator[tuple[slice, slice]]:
+    step = min(places, _BLOCK)
+    width = max(1, _BLOCK // step)
+    for start in range(0, places, step):
+        for low in range(0, points, width):
+            yield slice(start, start + step), slice(low, low + width)
+
+
+def _looped(
+    run: OnDrjit, places: Array, weights: Array, points: Array, constants: Sequence[float]
+) -> Array:
+    """One loop over places for each lane: a point, and one of several parts of the places."""
+    import drjit as dr
+
+    real = run.entry.float_type
+    number = dr.uint32_array_t(real)
+    parts = min(-(-_LEAST_LANES // len(points)), len(places))
+    length = -(-len(places) // parts)
+    rows = np.zeros((parts * length, places.shape[1] + 1))
+    rows[: len(places)] = np.column_stack([places, weights])
+    rows[len(places) :, :-1] = places[0]
+    columns = [_sent(real, column) for column in rows.T]
+    # Neighbouring lanes are points with the same place.
+    point = [_sent(real, np.tile(column, parts)) for column in points.T]
+    start = _sent(number, np.repeat(np.arange(parts, dtype=np.uint32) * length, len(points)))
+    # Opaque, or each wavelength and each rule would have a kernel of its own.
+    fixed = [dr.opaque(real, value) for value in constants]
+    last = start + dr.opaque(number, length)
+    total: Any = 0.0
+    for part in run.parts:
+
+        def step(row: Any, sum_: Any, part: Any = part) -> tuple[Any, Any]:
+            *place, weight = (dr.gather(real, column, row) for column in columns)
+            (value,) = run.traced(part, (*place, *point, *fixed))
+            return row + 1, dr.fma(real(value), weight, sum_)
+
+        _, found = dr.while_loop((number(start), dr.zeros(real, len(start))), _before(last), step)
+        dr.eval(found)
+        total = total + np.asarray(found.numpy())
+    result: Array = total.reshape(parts, len(points)).sum(axis=0)
+    return result
+
+
+def _before(last: Any) -> Any:
+    return lambda row, _: row < last
+
+
+def _sent(kind: Any, values: Any) -> Any:
+    memory = aligned(len(values), values.dtype)
+    memory[...] = values
+    return kind(memory)

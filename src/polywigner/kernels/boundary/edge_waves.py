@@ -1,0 +1,209 @@
+"""What a wave at an edge adds to the field at a point, travelling and evanescent. Source: (B3).
+
+With N and N' the paths R - p.(P - Q) and R - p'.(P - Q), p' the mirrored direction, E the wave at
+the edge, e and e' those at the point if it came along p and p', the integrand times R/2 is
+
+    a (E - e)/2N + b' [(1/2 - share) E - e/2]/N'
+
+Both E - e and N vanish on the ray that the wave would take: they are divided without cancellation.
+So do E - e' and N', on the ray of the mirrored wave, which runs behind the plane, or in it for
+waves that graze it. Points close to that plane do see it; such a point and wave *cling*, and get
+
+    a (E - e)/2N + (1/2 - share) b' (E - e')/N' + b'/N' [(1/2 - share) e' - e/2]
+
+of which the last term is integrated in closed form (B4).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select
+from polywigner.numerics.trigonometry import cos_sin_turns
+
+__all__ = ["EVANESCENT", "TRAVELLING", "Corner", "EdgeWave", "wave_difference"]
+
+Values = tuple[Any, ...]
+
+# Where two waves differ by less, in turns, their difference is taken as a product.
+_CLOSE = 0.5
+# A travelling wave clings to points lower than a wavelength at an angle below this; ...
+_LOW, _GRAZING = 1.0, 0.3
+# ... an evanescent one to points at which it has lost less than a factor of exp(pi).
+_LOST = 0.5
+# Of an integrand without singularity, in half-lengths; beyond the largest ellipse of the rules.
+_NONE = 100.0
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A panel as a point sees it: s from first to last, all else the same along it."""
+
+    first: Any
+    last: Any
+    length: Any
+    """last - first, which far away is lost in their rounding."""
+    radius_first: Any
+    radius_last: Any
+    b: Any
+    z: Any
+    along: Any
+    across: Any
+    pz: Any
+    """q of an evanescent wave, p_z = i q."""
+
+
+class _Travelling:
+    """p_z > 0, or 0."""
+
+    directions = 3
+    """Components of the direction in which the free wave turns."""
+
+    def seen(self, ops: Any, corner: Corner, free: Pair, moment: Values) -> tuple[Values, Any, Any]:
+        """What is the same at all nodes, a bound on the reach of singularities, or their distance.
+
+        ``moment``: p x (P - Q) at the panel's beginning, by e, -n and z; () of waves along z.
+
+        Returns ((e, e', whether it clings), sine of the angle to the mirrored ray, distance from
+        it), both bounds from below.
+        """
+        z, pz = corner.z, corner.pz
+        tilt = ops.minimum(pz + z / ops.maximum(corner.radius_first, corner.radius_last), 1.0)
+        clings = (z < _LOW) & (tilt < _GRAZING)
+        turn = 2.0 * (pz * z)
+        c, d = cos_sin_turns(ops, turn)
+        mirrored = free * Pair(c, -d)
+        clinging = ops.select(clings, 1.0, 0.0)
+        data = (free.real, free.imag, mirrored.real, mirrored.imag, clinging, *moment)
+        return data, ops.select(clings, _NONE, tilt), None
+
+    def closed(self, ops: Any, corner: Corner) -> Pair:
+        """The integral of b'/(N' R), (B4)."""
+        beta = corner.pz * corner.b - corner.z * corner.across
+        sign, begin, end, constant = _ends(ops, corner)
+        low = begin + (constant + corner.pz * corner.z)
+        high = end + (constant + corner.pz * corner.z)
+        angle = ops.atan2(beta * (high - low), beta * beta + low * high)
+        return Pair(2.0 * sign * angle, 0.0 * angle)
+
+    def integrand(
+        self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
+        along: Any, b: Any, z: Any, across: Any, pz: Any,
+        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, clinging: Any, *moment: Any,
+    ) -> Pair:  # fmt: skip
+        """The integrand times the radius, at t from the panel's beginning."""
+        tiny = 1e-300 if ops.double else 1e-37
+        # N = R - p.(P - Q), without cancellation where they are parallel
+        if moment:
+            lean, run, side = moment
+            ahead = pz * z - (s * along + b * across)
+            e, n = run + pz * t, side + across * t
+            crossed = lean * lean + (e * e + n * n)
+            path = ops.select(ahead > 0.0, crossed / (radius + abs(ahead)), radius - ahead)
+        else:
+            lean, path = b, (s * s + b * b) / (radius + z)
+        mirror = path + 2.0 * (pz * z)
+        free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
+        first = wave_difference(ops, edge, free, path).scaled(0.5 * lean / ops.maximum(path, tiny))
+        rest = 0.5 - share
+        second = edge.scaled(rest) - free.scaled(0.5)
+        if rest:
+            smooth = wave_difference(ops, edge, mirrored, mirror).scaled(rest)
+            second = select(ops, clinging > 0.5, smooth, second)
+        else:
+            second = second.scaled(1.0 - clinging)
+        return first + second.scaled((pz * b - across * z) / ops.maximum(mirror, tiny))
+
+
+class _Evanescent:
+    """p_z = i q, q > 0."""
+
+    directions = 2
+
+    def seen(self, ops: Any, corner: Corner, free: Pair, moment: Values) -> tuple[Values, Any, Any]:
+        """See :class:`_Travelling`."""
+        height = corner.pz * corner.z
+        root = ops.exp(-math.pi * height)
+        decay = root * root
+        decayed = 2.0 * decaying_sinh(ops, math.pi * height, root)
+        clings = height < _LOST
+        growth = 1.0 / ops.select(clings, decay, 1.0)
+        here, mirrored = free.scaled(decay), free.scaled(growth)
+        clinging = ops.select(clings, 1.0, 0.0)
+        data = (
+            here.real, here.imag, mirrored.real, mirrored.imag, clinging, decay, decayed, growth
+        )  # fmt: skip
+        return data, None, ops.select(clings, _NONE * (1.0 + height), height)
+
+    def closed(self, ops: Any, corner: Corner) -> Pair:
+        """The integral of b'/(N' R), (B4): a difference of logarithms along two vertical lines."""
+        sign, begin, end, constant = _ends(ops, corner)
+        lift = corner.pz * corner.b
+        real, imag = 0.0, 0.0
+        for side in (1.0, -1.0):
+            x = -corner.z * (corner.across + side * corner.pz)
+            low, high = lift + side * (begin + constant), lift + side * (end + constant)
+            real = real + side * ops.atan2(x * (high - low), x * x + low * high)
+            imag = imag - side * 0.5 * ops.log((x * x + high * high) / (x * x + low * low))
+        return Pair(sign * real, sign * imag)
+
+    def integrand(
+        self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
+        along: Any, b: Any, z: Any, across: Any, q: Any,
+        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, clinging: Any,
+        decay: Any, decayed: Any, growth: Any,
+    ) -> Pair:  # fmt: skip
+        """The integrand times the radius: N' is the conjugate of N, b' minus that of a."""
+        path = radius + (s * along + b * across)
+        height = q * z
+        norm = path * path + height * height
+        free, mirrored = Pair(free_r, free_i), Pair(mirrored_r, mirrored_i)
+        # a/N
+        factor = Pair(z * across, q * b) * Pair(path, height).scaled(1.0 / norm)
+        first = wave_difference(ops, edge, free, path, decay, decayed)
+        rest = 0.5 - share
+        second = edge.scaled(rest) - free.scaled(0.5)
+        if rest:
+            smooth = wave_difference(ops, edge, mirrored, path, growth, -decayed * growth)
+            second = select(ops, clinging > 0.5, smooth.scaled(rest), second)
+        else:
+            second = second.scaled(1.0 - clinging)
+        return factor * first.scaled(0.5) - Pair(factor.real, -factor.imag) * second
+
+
+EdgeWave = _Travelling | _Evanescent
+TRAVELLING, EVANESCENT = _Travelling(), _Evanescent()
+
+
+def wave_difference(
+    ops: Any, edge: Pair, free: Pair, path: Any, factor: Any = None, lost: Any = None
+) -> Pair:
+    """E - e, where e = E exp(-2 pi i path) factor, without cancellation; ``lost``: 1 - factor."""
+    close = abs(path) < _CLOSE
+    c, d = cos_sin_turns(ops, 0.5 * ops.select(close, path, 0.0))
+    if factor is None:
+        turned = Pair(2.0 * (d * d), 2.0 * (d * c))
+    else:
+        turned = Pair(lost + 2.0 * factor * (d * d), 2.0 * factor * (d * c))
+    return select(ops, close, edge * turned, edge - free)
+
+
+def _ends(ops: Any, corner: Corner) -> tuple[Any, Any, Any, Any]:
+    """Sign, (1 + |along|) (R +- s) at both ends, and what (B4) adds to it, its part with q apart.
+
+    With the sign of ``along`` in front of s, so that the factor is not 0.
+    """
+    sign = ops.select(corner.along < 0.0, -1.0, 1.0)
+    foot2 = corner.b * corner.b + corner.z * corner.z
+    found = []
+    for s, radius in (
+        (corner.first, corner.radius_first),
+        (corner.last, corner.radius_last),
+    ):
+        t = sign * s
+        # R + t without cancellation
+        total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
+        found.append((1.0 + abs(corner.along)) * total)
+    return sign, *found, corner.b * corner.across

@@ -1,0 +1,285 @@
+"""Fields of plane waves behind an aperture as integrals along its edges. Source: (B1) to (B5).
+
+Lengths are in wavelengths, phases in turns. Edges are cut into panels, straight pieces. A panel and
+a point have their own axes: e along the panel, n to its left, and the origin at the point's foot in
+the plane. There the point lies at the height z, a place on the panel is (s, b), b the same for all
+of them, and the wave has direction cosines (along, across, p_z).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from polywigner.kernels.boundary.distances import (
+    distance_of,
+    paraxial_distance,
+    point_in_wavelengths,
+)
+from polywigner.kernels.boundary.edge_waves import EVANESCENT, TRAVELLING, Corner, EdgeWave
+from polywigner.kernels.kernel import Values
+from polywigner.numerics import phases
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
+from polywigner.numerics.trigonometry import cos_sin_turns
+
+__all__ = [
+    "BoundaryFrame",
+    "BoundaryTables",
+    "Row",
+    "anglewise",
+    "edge_sum",
+    "enter",
+    "free_wave",
+    "leave",
+    "lengthwise",
+    "offset_of",
+    "rounded_turns",
+    "square_along",
+    "weighted",
+]
+
+Row = tuple[float, ...]
+"""Of a panel and a wave: x, y of its beginning relative to the centre; e_x, e_y; length; p_x, p_y,
+p_z as pairs of floats, the nearest and the rest (q of an evanescent wave, p_z = i q); the wave's
+phase at the beginning; its amplitude over 2 pi, real and imaginary part; 1 if evanescent, else 0.
+"""
+
+# Singularities in the sinh variable lie pi/2 off the real axis; 10% are kept clear.
+_STRIP = 1.4
+
+
+@dataclass(frozen=True)
+class BoundaryFrame:
+    """Lengths in wavelengths, relative to the centre of the source."""
+
+    centre: tuple[float, float]
+    wavelength: float
+    double: bool
+    """Whether fields are summed up in float64."""
+    paraxial: bool
+    """Whether phases are relative to Fresnel's distance, z + rho^2/(2 z)."""
+
+
+@dataclass(frozen=True)
+class BoundaryTables:
+    """Panels times waves, and the rules to integrate along them."""
+
+    frame: BoundaryFrame
+    edges: tuple[Row, ...]
+    rules: Rules
+    share: float
+    """Of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff), 1 (I)."""
+
+
+def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
+    """Coordinates and distance from the centre in two floats each; turns of that; accuracy.
+
+    ``digits``: minus the natural logarithm of the error allowed.
+    """
+    point = point_in_wavelengths(ops, frame.centre, frame.wavelength, x, y, z)
+    distance = (paraxial_distance if frame.paraxial else distance_of)(ops, point)
+    numbers = (*point, distance)
+    parts = numbers if frame.double else tuple(phases.halves(ops, n) for n in numbers)
+    return (*(part for pair in parts for part in pair), phases.reduced(ops, distance), digits)
+
+
+def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
+    """The field with the phase of the distance from the centre, and its error."""
+    real, imag, error = sums
+    cosine, sine = cos_sin_turns(ops, inner[8])
+    return real * cosine - imag * sine, real * sine + imag * cosine, error
+
+
+def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
+    """(real part, imaginary part, error) of the field but for the phase of the distance."""
+    totals: Values = ()
+    for wave, flag in ((TRAVELLING, 0.0), (EVANESCENT, 1.0)):
+        rows = [row[:-1] for row in tables.edges if row[-1] == flag]
+        if not rows:
+            continue
+
+        oblique = wave is TRAVELLING and any(row[5] or row[7] for row in rows)
+
+        def term(*row: Any, wave: EdgeWave = wave, oblique: bool = oblique) -> Values:
+            return _panel(ops, tables, row, inner, wave, oblique)
+
+        sums = ops.sum_over(rows, term, 3, like=inner[0], unroll=False)
+        totals = tuple(a + b for a, b in zip(totals, sums, strict=True)) if totals else sums
+    return totals
+
+
+def _panel(
+    ops: Any, tables: BoundaryTables, row: Values, inner: Values, wave: EdgeWave, oblique: bool
+) -> Values:
+    """One panel's part of the field of one wave, and its error."""
+    x, y, ex, ey, length, *cosines, start, _, _ = row
+    px, _, py, _, pz, _ = cosines
+    # in float32 these sums are the first parts again
+    z, distance = inner[4] + inner[5], inner[6] + inner[7]
+    offset = offset_of(inner, x, y)
+    dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
+    first, b = ex * dx + ey * dy, ex * dy - ey * dx
+    last, foot2 = first + length, b * b + z * z
+    along, across = px * ex + py * ey, py * ex - px * ey
+    ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
+    corner = Corner(first, last, length, *ends, b, z, along, across, pz)
+    free = Pair(*free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
+    moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
+    seen, sine, depth = wave.seen(ops, corner, free, moment)
+    phase = (*square_along(row, inner), distance, along, start)
+    pair = (first, *phase, b, z, across, pz, *seen)
+
+    far, clear, swing, half = lengthwise(ops, corner, sine, depth)
+    near_clear, near_swing, middle, span = anglewise(ops, corner, sine, depth)
+    clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
+    needed, expected = nodes_needed(ops, inner[9], clear, 2 * math.pi * swing)
+    rule = rule_of(ops, needed)
+    node = partial(_far_node, ops, tables.share, wave)
+    far_sums = ops.sum_over_rule(ops.select(far, rule, -1.0), tables.rules, node, SUMS, half, *pair)
+    node = partial(_near_node, ops, tables.share, wave)
+    near_sums = ops.sum_over_rule(
+        ops.select(far, -1.0, rule), tables.rules, node, SUMS, middle, span, ops.sqrt(foot2), *pair
+    )
+    sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
+    turns = rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
+    error = missed(ops, sums, expected, turns)
+    e, mirrored, clinging = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
+    rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
+    closed = (wave.closed(ops, corner) * rest).scaled(clinging)
+    return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+
+
+def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
+    """p x (P - Q) at a panel's beginning, by e, -n and z.
+
+    Far along p its terms are large, and their differences are not.
+    """
+    px, py, pz = zip(cosines[::2], cosines[1::2], strict=True)
+    x, y, z = offset
+    moment_x, moment_y = phases.cross(ops, py, pz, y, z), phases.cross(ops, pz, px, z, x)
+    moment_z = phases.cross(ops, px, py, x, y)
+    return ex * moment_x + ey * moment_y, ey * moment_x - ex * moment_y, moment_z
+
+
+def lengthwise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """Whether a rule in the length along the panel will do; for it the distance of singularities
+    and the turns of phase, for and over half of the panel, and half the length."""
+    half = 0.5 * corner.length
+    outside = ops.maximum(ops.maximum(corner.first, -corner.last), 0.0)
+    nearest = ops.sqrt(outside * outside + (corner.b * corner.b + corner.z * corner.z))
+    swing = ops.maximum(
+        abs(corner.first / corner.radius_first + corner.along),
+        abs(corner.last / corner.radius_last + corner.along),
+    )
+    clear = nearest * sine if depth is None else depth / ops.maximum(swing, 1e-30)
+    return nearest >= half, ops.minimum(clear, nearest) / half, half * swing, half
+
+
+def anglewise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """The same for a rule in v, s = sqrt(b^2 + z^2) sinh v: distance, turns, and the interval of v
+    as middle and half-length."""
+    away = ops.sqrt(corner.b * corner.b + corner.z * corner.z)
+    low = _inverse_sinh(ops, corner.first / away, corner.radius_first / away)
+    high = _inverse_sinh(ops, corner.last / away, corner.radius_last / away)
+    middle, span = 0.5 * (low + high), 0.5 * (high - low)
+    swing = ops.maximum(
+        abs(corner.first + corner.along * corner.radius_first),
+        abs(corner.last + corner.along * corner.radius_last),
+    )
+    clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
+    # far away the interval rounds to nothing, and the rule in the length is taken
+    return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
+
+
+def rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
+    """Turns whose rounding counts: of a source's size, and what the distance misses in two floats.
+
+    The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
+    but for the share ``slope`` that lies along the plane.
+    """
+    ulp = 2.0**-52 if ops.double else 2.0**-23
+    return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
+
+
+def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
+    """A panel's integral times the wave's amplitude, and its error."""
+    r, i = row[-2:]
+    return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
+
+
+def square_along(row: Values, inner: Values) -> tuple[Any, Any]:
+    """What radius^2 - distance^2 is at a panel's beginning, and its slope there.
+
+    At t along the panel it is constant + t (slope + t).
+    """
+    x, y, ex, ey = row[:4]
+    x_p, y_p = inner[0] + inner[1], inner[2] + inner[3]
+    constant = x * (x - 2.0 * x_p) + y * (y - 2.0 * y_p)
+    return constant, 2.0 * (ex * (x - x_p) + ey * (y - y_p))
+
+
+def offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
+    """The point relative to the panel's beginning, each component in two floats."""
+    found = []
+    for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
+        rounded, lost = phases.difference(high, origin)
+        found.append((rounded, lost + low))
+    return (*found, (inner[4], inner[5]))
+
+
+def free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
+    """The wave at the point if nothing were in its way, against the phase of the distance.
+
+    ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
+    """
+    floats = (*cosines, -1.0, 0.0)
+    direction = tuple(zip(floats[::2], floats[1::2], strict=True))
+    place = (*offset[: len(direction) - 1], (inner[6], inner[7]))
+    turns = phases.reduced(ops, phases.dot(ops, direction, place)) + start
+    return cos_sin_turns(ops, turns)
+
+
+def _inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
+    logarithm = ops.log(abs(sinh) + cosh)
+    return ops.select(sinh < 0.0, -logarithm, logarithm)
+
+
+def _far_node(
+    ops: Any, share: float, wave: EdgeWave,
+    at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, *pair: Any,
+) -> Values:  # fmt: skip
+    """A node in the length t along the panel."""
+    t = half * (1.0 + at)
+    s = first + t
+    b, z = pair[5:7]
+    radius = ops.sqrt(s * s + (b * b + z * z))
+    edge = _edge_wave(ops, t, radius, *pair[:5])
+    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(half / radius)
+    return node_sums(value.real, value.imag, w, v1, v2)
+
+
+def _near_node(
+    ops: Any, share: float, wave: EdgeWave,
+    at: Any, w: Any, v1: Any, v2: Any,
+    middle: Any, span: Any, away: Any, first: Any, *pair: Any,
+) -> Values:  # fmt: skip
+    """A node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
+    grown = ops.exp(middle + span * at)
+    shrunk = 1.0 / grown
+    s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
+    t = s - first
+    edge = _edge_wave(ops, t, radius, *pair[:5])
+    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(span)
+    return node_sums(value.real, value.imag, w, v1, v2)
+
+
+def _edge_wave(
+    ops: Any, t: Any, radius: Any,
+    constant: Any, slope: Any, distance: Any, along: Any, start: Any,
+) -> Pair:  # fmt: skip
+    """What comes from t along the panel, against the phase of the distance."""
+    turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
+    return Pair(*cos_sin_turns(ops, turns))

@@ -1,0 +1,292 @@
+"""The parts of the edges of one copy of a polygon that lie inside the other copy.
+
+An edge point is p = a + t e, 0 <= t <= 1, in the coordinates of G itself; it lies inside the other
+copy if another point p' lies in G:
+
+=============  ===========  =====================================================
+view           p'           slice
+=============  ===========  =====================================================
+``MIRRORED``   2x - p       lag slice at x, edges of either copy (mirror images)
+``BEHIND``     p - xi       position slice at xi, edges of G - xi/2 inside G + xi/2
+``AHEAD``      p + xi       position slice at xi, edges of G + xi/2 inside G - xi/2
+=============  ===========  =====================================================
+
+Every bound on t is affine in the offset, so one fused multiply-add and one minimum or maximum do.
+Ties are broken as if the offset 2x (or xi) were shifted by an infinitesimal vector that points to
+the right of every line; AHEAD and BEHIND see the same xi, so they agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import astuple, dataclass, fields
+from typing import Any
+
+from polywigner.kernels.outline.lines import NEARLY_PARALLEL, Line
+from polywigner.kernels.outline.tables import Edge, Piece, Tables
+from polywigner.numerics.exact import accurate_cross
+
+__all__ = [
+    "AHEAD",
+    "BEHIND",
+    "MIRRORED",
+    "Clipper",
+    "RowClipper",
+    "View",
+    "times",
+    "total_extent",
+]
+
+
+@dataclass(frozen=True)
+class View:
+    """Sign of the offset (times the vector T handed to the clipper) and of y."""
+
+    offset: int
+    point: int
+
+
+MIRRORED = View(offset=+1, point=-1)
+BEHIND = View(offset=-1, point=+1)
+AHEAD = View(offset=+1, point=+1)
+
+
+class Clipper:
+    """Cuts edges for one vector T = 2x or xi; shares what edges and views have in common.
+
+    Edges are constants: what can be decided while tracing is decided then.
+    """
+
+    def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any) -> None:
+        self.ops = ops
+        self.tables = tables
+        if tables.grid is not None:
+            tx, ty = ops.snapped(tx, tables.grid), ops.snapped(ty, tables.grid)
+        self.tx, self.ty = tx, ty
+        self._levels: dict[tuple[float, float], Any] = {}
+        self._shared: dict[Hashable, Any] = {}
+
+    def edges_of(self, group: int) -> list[Edge]:
+        """The edges of the elements with one of the fields of the tables."""
+        return [edge for edge in self.tables.edges if edge.group == group]
+
+    def sum_over_edges(
+        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
+    ) -> Any:
+        """The sums, one by one, of the ``values`` values that ``term`` gives for each edge.
+
+        Of the elements of one group, that is, with one field.
+        """
+        totals = [0.0] * values
+        for edge in self.edges_of(group):
+            totals = [a + b for a, b in zip(totals, term(edge), strict=True)]
+        return tuple(totals)
+
+    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
+        """``compute()``, of ``what``, once for all edges of one direction."""
+        key = (edge.ux, edge.uy, *what)
+        if key not in self._shared:
+            self._shared[key] = compute()
+        return self._shared[key]
+
+    def level(self, line: Line) -> Any:
+        """cross(direction, T)."""
+        if not isinstance(line.dx, float):  # an array of an engine
+            return self.ops.fma(self.ty, line.dx, self.tx * -line.dy)
+        key = (line.dx, line.dy)
+        if key not in self._levels:
+            self._levels[key] = _cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
+        return self._levels[key]
+
+    def intervals(
+        self, edge: Edge, view: View, group: int = 0
+    ) -> Iterator[tuple[Any, Any, Any, Any]]:
+        """(t0 + t1, t1 - t0, real, imag) of the edge inside each piece of a group.
+
+        t1 - t0 = 0 if it lies outside.
+
+        real + i imag: the weights in u(x + xi/2) u*(x - xi/2); an edge of the copy AHEAD is where
+        the second factor ends, any other where the first does.
+        """
+        for piece, middle, extent in self.parts(edge, view, group):
+            real, imag = self.tables.mutual(edge, piece)
+            yield middle, extent, real, -imag if view is AHEAD else imag
+
+    def parts(self, edge: Edge, view: View, group: int = 0) -> Iterator[tuple[Piece, Any, Any]]:
+        """(piece, t0 + t1, t1 - t0) of the edge inside each piece of a group."""
+        cuts: dict[int, Any] = {}
+        for piece in (p for p in self.tables.pieces if p.group == group):
+            yield (piece, *self._interval(edge, view, piece, cuts))
+
+    def _interval(
+        self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
+    ) -> tuple[Any, Any]:
+        ops = self.ops
+        low: Any = 0.0
+        high: Any = 1.0
+        gates: list[tuple[Any, int]] = []
+        for number, side in piece.sides:
+            line = self.tables.lines[number]
+            slope = _slope(line, edge)
+            if edge.cluster == line.cluster and (not line.exact or slope == 0.0):
+                gates.append((self._lies_left(edge, line, view), side))
+                continue
+            if number not in cuts:
+                cuts[number] = (self._cut(edge, line, view, slope), slope * view.point > 0)
+            cut, rising = cuts[number]
+            if rising == (side > 0):
+                low = ops.maximum(low, cut)
+            else:
+                high = ops.minimum(high, cut)
+        length = ops.maximum(high - low, 0.0)
+        for lies_left, side in gates:
+            inside = (length, 0.0) if side > 0 else (0.0, length)
+            length = ops.select(lies_left, *inside)
+        return low + high, length
+
+    def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Any:
+        """t where the edge meets the line of the other copy."""
+        if line.exact and edge.cluster == line.cluster:
+            size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
+            if slope**2 < NEARLY_PARALLEL**2 * size:
+                return self._exact_distance(edge, line, view) * (-view.point / slope)
+        start = view.point * (line.dx * edge.ay - line.dy * edge.ax) - line.offset
+        scale = -view.point / slope
+        return self.ops.fma(self.level(line), view.offset * scale, start * scale)
+
+    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Any:
+        """How far the edge's start lies left of the line, from exact differences, to one ulp."""
+        s, sign = view.offset, view.point
+        dx = s * self.tx + (sign * edge.ax - line.px)
+        dy = s * self.ty + (sign * edge.ay - line.py)
+        return self.ops.cross(line.dx, line.dy, dx, dy)
+
+    def _lies_left(self, edge: Edge, line: Line, view: View) -> Any:
+        """Whether an edge parallel to a line lies to the left of it in the other copy."""
+        if line.exact:
+            return _is_left(self._exact_distance(edge, line, view), view)
+        if view is MIRRORED:
+            return self.level(line) > edge.offset + line.offset
+        if view is AHEAD:
+            return self.level(line) > line.offset - edge.offset
+        # not (level > ...), so that it is the exact complement of what AHEAD sees
+        return self.level(line) <= edge.offset - line.offset
+
+
+class RowClipper(Clipper):
+    """The same for edges that are rows of a table, with all decisions taken while running.
+
+    For polygons with so many edges that a kernel with each of them as a constant would take
+    minutes to compile: slower per edge, but compiled at once.
+    """
+
+    # stands for infinity: far outside [0, 1], and finite when multiplied by a frequency
+    FAR = 1e9
+
+    def sum_over_edges(
+        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
+    ) -> Any:
+        rows = [astuple(edge) for edge in self.edges_of(group)]
+        return self._sum_over(rows, lambda *row: term(Edge(*row)), values)
+
+    def sum_over_pairs(
+        self,
+        term: Callable[..., tuple[Any, ...]],
+        values: int,
+        group: int,
+        others: Sequence[tuple[float, ...]],
+    ) -> Any:
+        """The same over all pairs of an edge and of one of other rows, ``term(edge, *other)``."""
+        rows = [(*astuple(edge), *row) for edge in self.edges_of(group) for row in others]
+        count = len(fields(Edge))
+
+        def split(*row: Any) -> tuple[Any, ...]:
+            return term(Edge(*row[:count]), *row[count:])
+
+        return self._sum_over(rows, split, values)
+
+    def _sum_over(self, rows: Any, term: Callable[..., tuple[Any, ...]], values: int) -> Any:
+        self._levels.clear()  # what one traced loop has computed does not exist in the next
+        return self.ops.sum_over(rows, term, values, like=self.tx)
+
+    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
+        return compute()
+
+    def _interval(
+        self, edge: Edge, view: View, piece: Piece, cuts: dict[int, Any]
+    ) -> tuple[Any, Any]:
+        ops = self.ops
+        low: Any = 0.0
+        high: Any = 1.0
+        for number, side in piece.sides:
+            if number not in cuts:
+                cuts[number] = self.row_cut(edge, self.tables.lines[number], view)
+            cut, rising = cuts[number]
+            if side > 0:
+                low_here, high_here = (cut, -self.FAR), (self.FAR, cut)
+            else:
+                low_here, high_here = (-self.FAR, cut), (cut, self.FAR)
+            low = ops.maximum(low, ops.select(rising, *low_here))
+            high = ops.minimum(high, ops.select(rising, *high_here))
+        return low + high, ops.maximum(high - low, 0.0)
+
+    def row_cut(self, edge: Edge, line: Line, view: View) -> tuple[Any, Any]:
+        """t where the edge meets the line, and whether it enters the left side there.
+
+        A parallel edge enters it before all t if it lies to the left, else after all t.
+        """
+        ops = self.ops
+        same_cluster = edge.cluster == line.cluster * 1.0
+        if line.exact:
+            slope = ops.cross(line.dx, line.dy, edge.ex, edge.ey)
+            distance = self._exact_distance(edge, line, view)
+            parallel, left = same_cluster & (slope == 0.0), _is_left(distance, view)
+        else:
+            slope = line.dx * edge.ey - line.dy * edge.ex
+            start = view.point * (line.dx * edge.ay - line.dy * edge.ax) - line.offset
+            distance = view.offset * self.level(line) + start
+            parallel, left = same_cluster, self._lies_left(edge, line, view)
+        cut = distance * -view.point / ops.select(parallel, 1.0, slope)
+        cut = ops.select(parallel, ops.select(left, -self.FAR, self.FAR), cut)
+        return cut, parallel | (slope * view.point > 0.0)
+
+
+def total_extent(clipper: Clipper, edge: Edge, view: View) -> tuple[Any, Any]:
+    """How much of the edge lies inside the other copy, as a fraction of its length.
+
+    Each part times the mutual field there; (real, imaginary) part.
+    """
+    real: Any = 0.0
+    imag: Any = 0.0
+    for _, extent, mutual_real, mutual_imag in clipper.intervals(edge, view):
+        real = real + times(mutual_real, extent)
+        if clipper.tables.phased:
+            imag = imag + mutual_imag * extent
+    return real, imag
+
+
+def times(factor: Any, value: Any) -> Any:
+    """factor value, without the multiplication where the factor is a constant 1 or -1."""
+    if isinstance(factor, float) and abs(factor) == 1.0:
+        return value if factor > 0 else -value
+    return factor * value
+
+
+def _is_left(distance: Any, view: View) -> Any:
+    return distance >= 0.0 if view is BEHIND else distance > 0.0
+
+
+def _slope(line: Line, edge: Edge) -> Any:
+    """cross(direction, e); without rounding first where the two may be nearly parallel."""
+    if line.exact:
+        return accurate_cross(line.dx, line.dy, edge.ex, edge.ey)
+    return line.dx * edge.ey - line.dy * edge.ex
+
+
+def _cross_with_constant(ops: Any, dx: float, dy: float, x: Any, y: Any) -> Any:
+    """dx y - dy x without the products that a direction along an axis makes superfluous."""
+    if dx == 0.0:
+        return x * -dy
+    if dy == 0.0:
+        return y * dx
+    return ops.fma(y, dx, x * -dy)

@@ -1,0 +1,326 @@
+"""Fourier transforms of polygons on a grid: frequencies nu_x from one list, nu_y from another.
+
+On such a grid the wave of a point is a product, exp(-2 pi i nu_x x) exp(-2 pi i nu_y y), and sums
+of waves are matrix products. Sine and cosine are needed for the axes only, not for the grid, and
+the mean of the wave over an edge but once for all edges that are equal up to a translation, for
+edges along the axes not even that. Hence the edge sum (F1) in the form (F4) of docs/theory.md. It
+loses digits towards nu = 0, where the triangles (F2) have to take over.
+
+W at one place is such a transform too, that of a lag slice. It is even in nu: half of the boundary
+tells the other, and sines are all that is needed of the waves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.outline.families import Family, families_of
+from polywigner.kernels.outline.frame import Frame
+from polywigner.numerics import phases
+from polywigner.numerics.trigonometry import cos_sin_turns, sinc, sinc_less_one
+
+__all__ = ["GridTables", "fourier_on_grid", "grid_tables", "slice_grid_tables"]
+
+# An edge's midpoint wave times nu x e/(2 pi |nu|^2) is rounded to an ulp: F errs by
+# ulp * perimeter/(2 pi |nu|). Nearer to the origin than where that is this much of the area, (F1)
+# is not used. Ulps are those of float64 and float32.
+_LOSS = {True: 5e-15, False: 1e-6}
+_ULP = {True: 2.0**-53, False: 2.0**-24}
+_DTYPES: dict[bool, np.dtype[Any]] = {True: np.dtype(np.float64), False: np.dtype(np.float32)}
+# Rounding the vertices costs 1e-14 of the area, times perimeter * lever / (this much area): as for
+# a fan of triangles (``simplices``).
+_MOST_SLENDER = 512.0
+# Below this |q| (turns) sinc(q) is summed as a series; above it, it is a quotient of the sines and
+# cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16 and
+# 0.31^8/9! = 3e-10.
+_NEAR = 0.1
+_TERMS = {True: 5, False: 3}
+# Values of a temporary array that stay in the cache of one core.
+_BLOCK = 1 << 14
+# Larger matrix products are shared among threads, which wait for each other: on a busy machine that
+# takes up to a hundred times as long. A stack of smaller ones costs a tenth more, if they have rows
+# by the four.
+_SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
+# Edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
+_MOST_EDGES = 1024
+
+Array = npt.NDArray[Any]
+Waves = tuple[Array, Array]
+"""Cosines and sines, (frequencies, positions)."""
+
+
+@dataclass(frozen=True)
+class GridTables:
+    """The constants of a polygon for grids."""
+
+    frame: Frame
+    straight: tuple[Family, ...]
+    """Edges along either axis."""
+    oblique: tuple[Family, ...]
+    edges: int
+    perimeter_over_area: float
+    half: bool = False
+    """Whether the edges are one half of a boundary that is its own mirror image in the origin."""
+
+    @property
+    def scales(self) -> tuple[float, float]:
+        """What turns the user's nu_x and nu_y into the frame's, in whatever order."""
+        assert self.frame.axes is not None
+        own = {axis: k for k, axis in enumerate(self.frame.axes)}
+        x, y = (self.frame.inverse_transpose[own[axis]][axis] for axis in (0, 1))
+        return x, y
+
+    def floor(self, double: bool) -> float:
+        """The least |nu| in the frame at which (F1) keeps its accuracy."""
+        return self.perimeter_over_area * _ULP[double] / (2 * math.pi * _LOSS[double])
+
+
+def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
+    """The families of edges, the field on each edge's element given.
+
+    None in a frame that is turned, where a grid is none any more, and for what is too slender.
+    """
+    if tables.frame.axes is None:
+        return None
+    families = families_of(tables.edges, field)
+    straight = tuple(f for f in families if f.straight)
+    oblique = tuple(f for f in families if not f.straight)
+    perimeter = sum(float(np.abs(f.weights).sum()) * math.hypot(f.ex, f.ey) for f in families)
+    area = sum(abs(w) * edge[-1] for w, edge in zip(field, tables.edges, strict=True)) / 2
+    if not perimeter * math.hypot(*tables.frame.reach) < _MOST_SLENDER * area:
+        return None
+    return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
+
+
+def slice_grid_tables(
+    frame: Frame, parts: Sequence[Sequence[float]], area: float
+) -> GridTables | None:
+    """Those of W at one place, from the parts of edges that bound the lag slice there.
+
+    Parameters
+    ----------
+    frame : of the source, without a carrier.
+    parts : (n, 4) middle and vector of each part as a lag, those of one copy's edges.
+    area : of the source, in the frame: what errors of W are measured by.
+
+    Returns
+    -------
+    None as :func:`grid_tables`.
+    """
+    if frame.axes is None or not len(parts):
+        return None
+    middles, vectors = np.split(np.asarray(parts, np.float64), 2, axis=1)
+    families = families_of(np.hstack([middles - vectors / 2, middles + vectors / 2]).tolist())
+    perimeter = 2 * float(np.hypot(*vectors.T).sum())
+    if not perimeter * math.hypot(*frame.reach) < _MOST_SLENDER * area:
+        return None
+    straight = tuple(f for f in families if f.straight)
+    oblique = tuple(f for f in families if not f.straight)
+    about_zero = replace(frame, centre=(0.0, 0.0))  # lags have no centre
+    return GridTables(about_zero, straight, oblique, len(parts), perimeter / area, half=True)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Frequencies along one axis: in the frame, and the turns of the centre."""
+
+    nu: Array
+    turns: Array
+
+    def waves(self, ops: Any, positions: Array) -> Waves:
+        """(cosine, sine) of 2 pi nu x."""
+        cosine, sine = cos_sin_turns(ops, self.nu[:, None] * positions + self.turns[:, None])
+        return cosine, sine
+
+
+@dataclass(frozen=True)
+class _Product:
+    """Sums over midpoints, cosine and sine parts side by side, as one matrix product."""
+
+    left: Array
+    right: Array
+    parts: int
+
+    def rows(self, rows: slice) -> Array:
+        left = self.left[rows]
+        product = np.empty((len(left), self.right.shape[1]), left.dtype)
+        few = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
+        whole = len(left) // few * few if few else 0
+        if whole:
+            stack = (-1, few)
+            np.matmul(
+                left[:whole].reshape(*stack, left.shape[1]),
+                self.right,
+                out=product[:whole].reshape(*stack, product.shape[1]),
+            )
+        np.matmul(left[whole:], self.right, out=product[whole:])
+        return product.reshape(len(product), self.parts, -1)
+
+
+def _product(x: Waves, y: Waves, dtype: np.dtype[Any], half: bool) -> _Product:
+    """cos(a + b) and sin(a + b) summed over the members, a along x and b along y.
+
+    ``half``: the latter alone.
+    """
+    (cos_x, sin_x), (cos_y, sin_y) = x, y
+    left = np.concatenate([cos_x, sin_x], axis=1, dtype=dtype, casting="same_kind")
+    sine = [[sin_y.T], [cos_y.T]]
+    right = sine if half else [[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]]
+    return _Product(left, np.block(right).astype(dtype, order="C"), 1 if half else 2)
+
+
+def _weighted(waves: Waves, weights: Array) -> Waves:
+    """(cosine - i sine) times complex weights, again as cosine and sine."""
+    cosine, sine = waves
+    if not weights.imag.any():
+        return cosine * weights.real, sine * weights.real
+    real = cosine * weights.real + sine * weights.imag
+    return real, sine * weights.real - cosine * weights.imag
+
+
+def _straight_product(
+    ops: Any, families: Sequence[Family], x: _Axis, y: _Axis, dtype: np.dtype[Any], half: bool
+) -> _Product:
+    """pi (nu x e) sinc(nu.e) times the waves of the edges along the axes: all a product."""
+    parts_x, parts_y = [], []
+    for family in families:
+        along_x = family.ey == 0.0
+        waves_x = x.waves(ops, family.middles[:, 0])
+        waves_y = y.waves(ops, family.middles[:, 1])
+        if along_x:
+            factor_x = -family.ex * math.pi * sinc(ops, x.nu * family.ex)
+            factor_y = y.nu
+        else:
+            factor_x = x.nu
+            factor_y = family.ey * math.pi * sinc(ops, y.nu * family.ey)
+        parts_x.append([wave * factor_x[:, None] for wave in _weighted(waves_x, family.weights)])
+        parts_y.append([wave * factor_y[:, None] for wave in waves_y])
+    cos_x, sin_x = (np.concatenate(part, axis=1) for part in zip(*parts_x, strict=True))
+    cos_y, sin_y = (np.concatenate(part, axis=1) for part in zip(*parts_y, strict=True))
+    return _product((cos_x, sin_x), (cos_y, sin_y), dtype, half)
+
+
+class _Oblique:
+    """pi (nu x e) sinc(nu.e) times the sum of the waves of one family."""
+
+    def __init__(
+        self, ops: Any, family: Family, x: _Axis, y: _Axis, double: bool, half: bool
+    ) -> None:
+        self.ops, self.terms = ops, _TERMS[double]
+        dtype = _DTYPES[double]
+        waves_x = x.waves(ops, family.middles[:, 0])
+        waves_x = _weighted(waves_x, family.weights)
+        self.waves = _product(waves_x, y.waves(ops, family.middles[:, 1]), dtype, half)
+        self.q_x, self.q_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ex), (y, family.ey)))
+        self.c_x, self.c_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ey), (y, family.ex)))
+        cos_x, sin_x = cos_sin_turns(ops, 0.5 * x.nu * family.ex)
+        cos_y, sin_y = cos_sin_turns(ops, 0.5 * y.nu * family.ey)
+        self.left = np.stack([sin_x, cos_x], axis=1).astype(dtype)
+        self.right = np.stack([cos_y, sin_y]).astype(dtype)
+
+    def rows(self, rows: slice) -> Array:
+        q = self.q_x[rows, None] + self.q_y
+        factor = self._sinc(q, rows)
+        np.subtract(self.c_x[rows, None], self.c_y, out=q)
+        factor *= q
+        waves = self.waves.rows(rows)
+        waves *= factor[:, None, :]
+        return waves
+
+    def _sinc(self, q: Array, rows: slice) -> Array:
+        """pi sinc(q) = sin(pi q)/q."""
+        is_near = np.abs(q) < _NEAR
+        if is_near.all():
+            return math.pi * (1.0 + sinc_less_one(self.ops, q, self.terms))
+        near = np.flatnonzero(is_near)
+        quotient = self.left[rows] @ self.right
+        quotient /= q
+        small = q.ravel()[near]
+        quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, self.terms))
+        return quotient
+
+
+def _axes(ops: Any, tables: GridTables, nu: tuple[Array, Array]) -> tuple[_Axis, _Axis]:
+    """The axes of the grid as those of the frame, in the frame's order."""
+    x, y = (
+        _Axis(given * scale, phases.turns_to_centre(ops, (centre,), given))
+        for given, scale, centre in zip(nu, tables.scales, tables.frame.centre, strict=True)
+    )
+    return (x, y) if tables.frame.axes == (0, 1) else (y, x)
+
+
+def _batches(tables: GridTables) -> Iterator[list[Family]]:
+    """All families, those with many members cut, in batches whose waves fit into memory."""
+    batch: list[Family] = []
+    for family in (*tables.straight, *tables.oblique):
+        for start in range(0, len(family.weights), _MOST_EDGES):
+            part = slice(start, start + _MOST_EDGES)
+            cut = replace(family, middles=family.middles[part], weights=family.weights[part])
+            if batch and sum(len(f.weights) for f in (*batch, cut)) > _MOST_EDGES:
+                yield batch
+                batch = []
+            batch.append(cut)
+    yield batch
+
+
+def _terms(
+    ops: Any, batch: Sequence[Family], x: _Axis, y: _Axis, double: bool, half: bool
+) -> list[_Product | _Oblique]:
+    straight = [family for family in batch if family.straight]
+    terms: list[_Product | _Oblique] = [
+        _Oblique(ops, family, x, y, double, half) for family in batch if not family.straight
+    ]
+    if straight:
+        terms.append(_straight_product(ops, straight, x, y, _DTYPES[double], half))
+    return terms
+
+
+def _row_blocks(x: _Axis, y: _Axis) -> Iterator[slice]:
+    step = max(1, _BLOCK // len(y.nu))
+    return (slice(start, start + step) for start in range(0, len(x.nu), step))
+
+
+def _edge_sums(ops: Any, tables: GridTables, x: _Axis, y: _Axis, double: bool) -> Array:
+    """Sums over all edges, cosine and sine part, of a half the latter: (nu_x, parts, nu_y)."""
+    sums = np.empty((len(x.nu), 1 if tables.half else 2, len(y.nu)), _DTYPES[double])
+    for number, batch in enumerate(_batches(tables)):
+        first, *others = _terms(ops, batch, x, y, double, tables.half)
+        for rows in _row_blocks(x, y):
+            total = first.rows(rows)
+            for term in others:
+                total += term.rows(rows)
+            sums[rows] = total if number == 0 else sums[rows] + total
+    return sums
+
+
+def fourier_on_grid(
+    ops: Any, tables: GridTables, nu_x: Array, nu_y: Array, double: bool
+) -> tuple[tuple[Array, ...], Array]:
+    """The transform at all (nu_x[i], nu_y[j]), and where it does not hold.
+
+    ``ops`` for float64: the axes are done in it, and the grid in float64 (``double``) or float32.
+    Values are real and imaginary part, of half a boundary (W) the real part alone. They do not hold
+    near the origin, at less than :meth:`GridTables.floor`. Source: (F4).
+    """
+    x, y = _axes(ops, tables, (nu_x, nu_y))
+    sums = _edge_sums(ops, tables, x, y, double)
+    results = [np.empty((len(x.nu), len(y.nu)), sums.dtype) for _ in range(sums.shape[1])]
+    below = np.zeros(results[0].shape, bool)
+    content = tables.frame.content * (2 if tables.half else 1)
+    for rows in _row_blocks(x, y):
+        square = x.nu[rows, None] ** 2 + y.nu**2
+        below[rows] = square < tables.floor(double) ** 2
+        square[below[rows]] = 1.0
+        scale = (content / (2 * math.pi**2)) / square
+        for result, part in zip(reversed(results), range(len(results)), strict=True):
+            result[rows] = sums[rows, part] * scale
+    turned = tables.frame.axes != (0, 1)
+    found = [r.T if turned else r for r in (*results, below)]
+    return tuple(found[:-1]), found[-1]

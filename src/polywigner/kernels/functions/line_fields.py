@@ -1,0 +1,161 @@
+"""Sums of a few waves on one interval, and their transforms in one dimension.
+
+On [-h, h], with waves c_m exp(2 pi i kappa_m x):
+
+    W(x, nu) = sum_mn c_m c_n* exp(2 pi i d x) L sinc(L (nu - s/2))
+    A(v, xi) = sum_mn c_m c_n* exp(i pi s xi) l sinc(l (v - d))
+
+with s = kappa_m + kappa_n, d = kappa_m - kappa_n, L = 4(h - |x|) and l = 2h - |xi| (or 0), the
+lengths of the slices. Source: docs/theory.md, (I4).
+
+Pairs with one mean (or difference) share their sinc, and pairs with one rate their wave: waves at
+multiples of one frequency, as tapers have them, take 2m - 1 of the one and m of the other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from polywigner.kernels.functions.line_pairs import are_pairs, sum_of_pairs
+from polywigner.kernels.outline.waves import Beat, Waves, difference_beats, field_of, mean_beats
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.trigonometry import cos_sin_turns, sinc
+
+__all__ = ["LineField", "line_field"]
+
+# Rates that agree to this, in cycles per unit of the frame or of the largest, are one.
+_EQUAL = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class LineField:
+    """A field on the interval from -half to half."""
+
+    half: float
+    waves: Waves
+    means: _Beats
+    differences: _Beats
+
+    @property
+    def pairs(self) -> int:
+        return len(self.waves) * (len(self.waves) + 1) // 2
+
+    def wigner(self, ops: Any, x: Any, nu: Any) -> Any:
+        """W, which is real."""
+        length = _length(ops, self.half - abs(x), 4.0)
+        return self.means.whole(ops, x, nu, length).real
+
+    def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
+        length = _length(ops, 2.0 * self.half - abs(xi), 1.0)
+        return self.differences.whole(ops, xi, upsilon, length)
+
+    def fourier(self, ops: Any, nu: Any) -> Pair:
+        length = 2.0 * self.half
+        real: Any = 0.0
+        imag: Any = 0.0
+        for wave in self.waves:
+            share = sinc(ops, length * (nu - wave.frequency[0]))
+            real = ops.fma(share, wave.amplitude.real, real)
+            imag = ops.fma(share, wave.amplitude.imag, imag)
+        return Pair(real, imag).scaled(length)
+
+    def field(self, ops: Any, x: Any) -> Pair:
+        """u, which the lower end has and the upper one has not."""
+        inside = ops.select((x >= -self.half) & (x < self.half), 1.0, 0.0) + (x - x)
+        real, imag = field_of(ops, self.waves, (x,))
+        return Pair(real * inside, imag * inside)
+
+
+def _length(ops: Any, left: Any, scale: float) -> Any:
+    """What is left of an interval, 0 if nothing is; not a number where the place is none."""
+    return scale * ops.maximum(left, 0.0) + (left - left)
+
+
+@dataclass(frozen=True)
+class _Beats:
+    """Pairs of waves by what is subtracted from the frequency, and by their rates."""
+
+    rates: tuple[float, ...]
+    """Not negative."""
+    shifts: tuple[float, ...]
+    terms: tuple[tuple[tuple[complex, int, float], ...], ...]
+    """For each shift: amplitudes, number of the rate, and its sign."""
+    is_real: bool
+
+    def total(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
+        """The sum over pairs, each with its sinc at a length."""
+        waves = [cos_sin_turns(ops, rate * place) if rate else (1.0, 0.0) for rate in self.rates]
+        real: Any = 0.0
+        imag: Any = 0.0
+        for shift, terms in zip(self.shifts, self.terms, strict=True):
+            share = sinc(ops, length * (frequency - shift))
+            amplitude = _amplitude(ops, terms, waves)
+            real = real + share * amplitude.real
+            imag = imag if self.is_real else imag + share * amplitude.imag
+        return Pair(real, imag)
+
+    def whole(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
+        """The same times the length."""
+        if not are_pairs(place, frequency):
+            return self.total(ops, place, frequency, length).scaled(length)
+        if place.shape[0] == 1:
+            turned = self.whole(ops, place.T, frequency.T, length.T)
+            return Pair(np.transpose(turned.real), np.transpose(turned.imag))
+        return sum_of_pairs(ops, self.shifts, self._amplitudes(place), frequency, length)
+
+    def _amplitudes(self, place: Any) -> Any:
+        """Of the shifts, at places (n, 1) of NumPy."""
+        rates = 2j * math.pi * np.array(self.rates)
+        waves = np.exp(np.asarray(place, np.float64) * rates)
+        ahead, behind = np.zeros((2, len(self.rates), len(self.shifts)), np.complex128)
+        for k, terms in enumerate(self.terms):
+            for amplitude, number, sign in terms:
+                (ahead if sign > 0 else behind)[number, k] += amplitude
+        found = waves @ ahead + waves.conj() @ behind
+        return found.real if self.is_real else found
+
+
+def _amplitude(
+    ops: Any, terms: Sequence[tuple[complex, int, float]], waves: Sequence[tuple[Any, Any]]
+) -> Pair:
+    real: Any = 0.0
+    imag: Any = 0.0
+    for amplitude, number, sign in terms:
+        (cosine, sine), a, b = waves[number], amplitude.real, amplitude.imag
+        if a:
+            real, imag = real + a * cosine, imag + (a * sign) * sine
+        if b:
+            real, imag = real - (b * sign) * sine, imag + b * cosine
+    return Pair(real, imag)
+
+
+def _beats(found: Sequence[Beat], is_real: bool) -> _Beats:
+    sizes = sorted({abs(rate) for beat in found for _, (rate,) in beat.terms})
+    tolerance = _EQUAL * max(1.0, sizes[-1])
+    rates: list[float] = []
+    for size in sizes:
+        if not rates or size - rates[-1] > tolerance:
+            rates.append(0.0 if size <= tolerance else size)
+
+    def number(size: float) -> int:
+        return min(range(len(rates)), key=lambda k: abs(rates[k] - size))
+
+    terms = tuple(
+        tuple(
+            (amplitude, number(abs(rate)), -1.0 if rate < 0.0 else 1.0)
+            for amplitude, (rate,) in beat.terms
+        )
+        for beat in found
+    )
+    return _Beats(tuple(rates), tuple(beat.shift[0] for beat in found), terms, is_real)
+
+
+def line_field(half: float, waves: Waves) -> LineField:
+    """The field of waves, each of one frequency, on an interval."""
+    means, differences = mean_beats(waves, waves), difference_beats(waves, waves)
+    return LineField(half, waves, _beats(means, True), _beats(differences, False))

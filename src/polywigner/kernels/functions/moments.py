@@ -1,0 +1,282 @@
+"""Moments of the lag slice: the Wigner function together with its derivatives in frequency.
+
+With E[f] the integral of ``u(x + xi/2) u*(x - xi/2) exp(-2 pi i nu.xi) f(xi)`` over the lag, and
+tau = nu.xi the lag along the ray in turns, the six real numbers
+
+    E[1],  i E[tau],  E[tau^2],  E[|xi|^2],  i E[tau |xi|^2],  i E[tau^3]                   (T1)
+
+are what the field at a point needs up to third order in the lag (docs/theory.md, (T2)). Like W they
+are sums over the edges of one copy, cut by the pieces of the other: in the frame, with coordinates
+p along nu and q across, Green's theorem gives for f and its integral Q over q
+
+    E[f] = - sum over cut edges  dp exp(-2 pi i nu.m) sum_n Q_n e_n(2 pi nu.d)              (T3)
+
+d the part of the edge, m its middle, Q_n the coefficients of Q along it, and e_n the integral of
+t^n exp(-i w t) from -1/2 to 1/2. Nothing is divided by nu. The other copy's edges, mirror images,
+give the conjugate for even f and its negative for odd f.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from polywigner.kernels.cut.cells import clipper_for
+from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper
+from polywigner.kernels.functions.plane import WIGNER, tables_of
+from polywigner.kernels.functions.segment_moments import segment_moments
+from polywigner.kernels.functions.stokes import moved_off_zero
+from polywigner.kernels.kernel import Kernel, Values
+from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline.tables import Edge, Tables
+from polywigner.kernels.outline.waves import Beat, RowBeat, mean_beats, rows_of
+from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled
+from polywigner.numerics.trigonometry import cos_sin_turns
+
+__all__ = ["LAG_MOMENTS", "lag_moments"]
+
+# Of the six moments, which are of functions odd in the lag.
+_ODD = (False, True, False, False, True, True)
+_COUNT = len(_ODD)
+
+Cuts = Sequence[tuple[Any, Any, Any, Any]]
+
+
+def lag_moments(ops: Any, tables: Tables, x: Any, y: Any, *frequencies: Any) -> Values:
+    """The moments (T1) in the frame, |xi| in the user's units over those of the frame's largest.
+
+    ``frequencies``: the detuned one, by which the waves of the field are taken relative to the
+    carrier, and the whole one, along which tau is measured; two components each, in the frame.
+    """
+    nu, ray = frequencies[:2], frequencies[2:]
+    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y, MIRRORED)
+    groups = [k for k in range(len(tables.groups)) if clipper.edges_of(k)]
+    if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
+        return _sum_over_rows(tables, clipper, groups, (x, y), nu, ray)
+    totals: list[Any] = [0.0] * _COUNT
+    for group in groups:
+        found = [
+            (other, _Moments(clipper, beat, nu, ray))
+            for other, waves in enumerate(tables.groups)
+            for beat in mean_beats(tables.groups[group], waves)
+        ]
+
+        def term(edge: Edge, found: Any = found) -> tuple[Any, ...]:
+            cuts: dict[int, Cuts] = {}
+            values: list[Any] = []
+            for other, beat in found:
+                if other not in cuts:
+                    cuts[other] = list(clipper.intervals(edge, MIRRORED, other))
+                values += beat.terms(edge, cuts[other])
+            return tuple(values)
+
+        counts = [beat.values for _, beat in found]
+        sums = iter(clipper.sum_over_edges(term, sum(counts), group))
+        for (_, beat), count in zip(found, counts, strict=True):
+            totals = added(totals, beat.value([next(sums) for _ in range(count)], (x, y)))
+    return tuple(totals)
+
+
+def _sum_over_rows(
+    tables: Tables,
+    clipper: RowClipper,
+    groups: Sequence[int],
+    position: tuple[Any, Any],
+    nu: Sequence[Any],
+    ray: Sequence[Any],
+) -> Values:
+    """The same with pairs of waves as rows of a table as well."""
+    totals: list[Any] = [0.0] * _COUNT
+    for group in groups:
+        for other, waves in enumerate(tables.groups):
+            beats = mean_beats(tables.groups[group], waves)
+            is_real = beats[0].is_real
+
+            def term(edge: Edge, *row: Any, other: int = other, is_real: bool = is_real) -> Any:
+                beat = _Moments(clipper, RowBeat(is_real, *row), nu, ray)
+                cuts = list(clipper.intervals(edge, MIRRORED, other))
+                return tuple(beat.value(beat.terms(edge, cuts), position))
+
+            part = clipper.sum_over_pairs(term, _COUNT, group, rows_of(beats))
+            totals = added(totals, part)
+    return tuple(totals)
+
+
+class RayFrame:
+    """Coordinates along a frequency and across, and the six functions in them."""
+
+    def __init__(
+        self, ops: Any, frame: Frame, nu: Sequence[Any], ray: Sequence[Any], is_aligned: bool
+    ) -> None:
+        """``nu``: the detuned frequency; ``ray`` the whole one, the same if ``is_aligned``."""
+        self.ops, self.is_aligned = ops, is_aligned
+        self.nu = moved_off_zero(ops, *nu)
+        norm = ops.sqrt(ops.fma(self.nu[0], self.nu[0], self.nu[1] * self.nu[1]))
+        self.along = self.nu[0] / norm, self.nu[1] / norm
+        # tau = ray[0] p + ray[1] q
+        self.ray = (norm, 0.0) if is_aligned else self.turned(*ray)
+        self.metric = self._metric(frame)
+
+    def turned(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Components along the frequency and across."""
+        fma, (c, s) = self.ops.fma, self.along
+        return fma(c, x, s * y), fma(c, y, -s * x)
+
+    def turns(self, x: Any, y: Any) -> Any:
+        """nu.xi."""
+        return self.ops.fma(self.nu[0], x, self.nu[1] * y)
+
+    def _metric(self, frame: Frame) -> tuple[Any, Any, Any]:
+        """|xi|^2 = metric . (p^2, 2 p q, q^2)."""
+        (xx, xy), (_, yy) = metric_of(frame)
+        if xy == 0.0 and xx == yy:
+            return xx, 0.0, xx
+        (c, s), fma = self.along, self.ops.fma
+        return (
+            fma(c * c, xx, fma(2.0 * xy, c * s, s * s * yy)),
+            fma(c * s, yy - xx, xy * (c * c - s * s)),
+            fma(s * s, xx, fma(-2.0 * xy, c * s, c * c * yy)),
+        )
+
+    def of_part(
+        self, p: Polynomial, q: Polynomial, middle: Any, length: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """Real and imaginary parts of what a part of an edge contributes to the six E, by (T3).
+
+        p and q along it, for t from -1/2 to 1/2, and the turns nu.xi at its middle and over it.
+        """
+        ops = self.ops
+        cosine, sine = cos_sin_turns(ops, middle)
+        means = segment_moments(ops, length)
+        real, imag = [], []
+        for polynomial in self._integrals(p, q):
+            even, odd = _contracted(ops, polynomial, means)
+            real.append(-p[1] * ops.fma(cosine, even, sine * odd))
+            imag.append(-p[1] * ops.fma(cosine, odd, -sine * even))
+        return real, imag
+
+    def _integrals(self, p: Polynomial, q: Polynomial) -> list[Polynomial]:
+        """Integrals over q, from 0, of the six functions, as polynomials along a segment."""
+        a = scaled(p, self.ray[0])
+        pp, pq, qq = multiplied(p, p), multiplied(p, q), multiplied(q, q)
+        g_pp, g_pq, g_qq = self.metric
+        square = added(scaled(pp, g_pp), scaled(qq, g_qq / 3))  # of |xi|^2, over q
+        aa = multiplied(a, a)
+        functions = [[1.0], a, aa, square, multiplied(a, square), multiplied(a, aa)]
+        if not (isinstance(g_pq, float) and g_pq == 0.0):
+            mixed = scaled(pq, g_pq)
+            functions[3] = added(functions[3], mixed)
+            functions[4] = added(functions[4], multiplied(a, mixed))
+        if not self.is_aligned:
+            b = scaled(q, self.ray[1])
+            bb = multiplied(b, b)
+            functions[1] = added(a, scaled(b, 1 / 2))
+            functions[2] = added(aa, added(multiplied(a, b), scaled(bb, 1 / 3)))
+            across = added(scaled(pp, g_pp / 2), scaled(qq, g_qq / 4))
+            across = added(across, scaled(pq, 2 / 3 * g_pq))
+            functions[4] = added(functions[4], multiplied(b, across))
+            rest = added(scaled(aa, 3 / 2), added(multiplied(a, b), scaled(bb, 1 / 4)))
+            functions[5] = added(functions[5], multiplied(b, rest))
+        return [multiplied(function, q) for function in functions]
+
+
+class _Moments:
+    """The sums over edges at one frequency."""
+
+    def __init__(
+        self, clipper: Clipper, beat: Beat | RowBeat, nu: Sequence[Any], ray: Sequence[Any]
+    ) -> None:
+        self.ops, self.beat = clipper.ops, beat
+        self.offset = clipper.tx, clipper.ty
+        frame = clipper.tables.frame
+        is_detuned = any(frame.carrier) or isinstance(beat, RowBeat)
+        is_aligned = not is_detuned and not any(beat.detuned((0.0, 0.0)))
+        self.axes = RayFrame(self.ops, frame, beat.detuned(nu), ray, is_aligned)
+        self.values = _COUNT if beat.is_real else 2 * _COUNT
+
+    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+        fma, axes = self.ops.fma, self.axes
+        place = 2.0 * edge.ax - self.offset[0], 2.0 * edge.ay - self.offset[1]
+        start, step = axes.turned(*place), axes.turned(edge.ex, edge.ey)
+        turns_at_start, turns_per_step = axes.turns(*place), axes.turns(edge.ex, edge.ey)
+        real: list[Any] = [0.0] * _COUNT
+        imag: list[Any] = [0.0] * _COUNT
+        for somewhere, extent, mutual_real, mutual_imag in cuts:
+            # What is left of an edge may be nothing in the far distance, whose powers overflow.
+            middle = self.ops.select(extent == 0.0, 1.0, somewhere)
+            extent = 2.0 * extent
+            p = [fma(middle, step[0], start[0]), extent * step[0]]
+            q = [fma(middle, step[1], start[1]), extent * step[1]]
+            turns = fma(middle, turns_per_step, turns_at_start)
+            found = axes.of_part(p, q, turns, extent * turns_per_step)
+            for k, (first, second) in enumerate(zip(*found, strict=True)):
+                real[k] = real[k] + _real_part(mutual_real, mutual_imag, first, second)
+                imag[k] = imag[k] + _real_part(mutual_real, mutual_imag, second, -first)
+        if self.values == 2 * _COUNT:
+            return (*real, *imag)
+        return tuple(b if odd else a for odd, a, b in zip(_ODD, real, imag, strict=True))
+
+    def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> list[Any]:
+        """2 Re of amplitude times sum for even functions, -2 Im for odd ones."""
+        real, imag = self.beat.amplitude(self.ops, position)
+        if self.values == _COUNT:
+            return [(-2.0 if odd else 2.0) * real * s for odd, s in zip(_ODD, sums, strict=True)]
+        pairs = zip(_ODD, sums[:_COUNT], sums[_COUNT:], strict=True)
+        return [
+            -2.0 * (real * b + imag * a) if odd else 2.0 * (real * a - imag * b)
+            for odd, a, b in pairs
+        ]
+
+
+def _real_part(real: Any, imag: Any, first: Any, second: Any) -> Any:
+    """Of (real + i imag)(first + i second)."""
+    if isinstance(imag, float) and imag == 0.0:
+        return real * first
+    return real * first - imag * second
+
+
+def _contracted(ops: Any, polynomial: Polynomial, means: Sequence[Any]) -> tuple[Any, Any]:
+    """sum_n coefficient_n e_n as (real, imaginary) part; even e_n are real, odd ones imaginary."""
+    parts: list[Any] = [0.0, 0.0]
+    for n, coefficient in enumerate(polynomial):
+        parts[n % 2] = ops.fma(coefficient, means[n], parts[n % 2])
+    return parts[0], parts[1]
+
+
+def metric_of(frame: Frame) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The matrix of |xi|^2 in the frame, over ``scale_of(frame)^2``: 1 where it is no needle."""
+    (a, b), (c, d) = frame.inverse_transpose
+    size = scale_of(frame) ** 2
+    cross = (a * c + b * d) / size
+    return ((a * a + b * b) / size, cross), (cross, (c * c + d * d) / size)
+
+
+def scale_of(frame: Frame) -> float:
+    """The unit of lengths: that of the longer axis of the frame, in the user's."""
+    return max(math.hypot(*row) for row in frame.inverse_transpose)
+
+
+def _enter(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+    inner = WIGNER.enter(ops, frame, x, y, nu_x, nu_y)
+    return (*inner, *frame.frequency(ops, nu_x, nu_y))
+
+
+def _leave(ops: Any, frame: Frame, inner: Values, sums: Values) -> Values:
+    """Scaled to the user's units: areas, and areas times squares of lengths."""
+    square = scale_of(frame) ** 2
+    factors = (1.0, 1.0, 1.0, square, square, 1.0)
+    return tuple(s * (f * frame.content) for s, f in zip(sums, factors, strict=True))
+
+
+LAG_MOMENTS = Kernel(
+    "lag moments",
+    2,
+    tables_of,
+    _enter,
+    lag_moments,
+    _leave,
+    copies=1,
+    clips_per_term=24,
+    order=WIGNER.order,
+)

@@ -1,0 +1,295 @@
+"""The transforms of apertures as kernels, in their plane and in any pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.illumination import Array
+from polywigner.kernels.cut import cells
+from polywigner.kernels.cut.clipping import BEHIND, MIRRORED
+from polywigner.kernels.cut.outer_bounds import may_hold_lags, may_overlap
+from polywigner.kernels.functions import ambiguity, fourier
+from polywigner.kernels.functions import wigner as wigner_sums
+from polywigner.kernels.functions.fourier import OutlineTables, outline_tables
+from polywigner.kernels.functions.grids import GridTables, grid_tables
+from polywigner.kernels.functions.membership import field
+from polywigner.kernels.kernel import (
+    Kernel,
+    Values,
+    at_zero_frequency,
+    leave_complex,
+    leave_parts,
+    leave_real,
+    leave_wave,
+)
+from polywigner.kernels.outline.frame import Frame, Matrix, frame_of, times
+from polywigner.kernels.outline.tables import Element, Tables, build_tables
+from polywigner.numerics import phases
+from polywigner.numerics.complex_pairs import Pair
+
+__all__ = [
+    "AMBIGUITY",
+    "AUTOCORRELATION",
+    "FOURIER",
+    "FOURIER_COMPLEX",
+    "FOURIER_PLACED",
+    "FOURIER_PLACED_COMPLEX",
+    "LAG_MARGINAL",
+    "LAG_MARGINAL_OF_FIELDS",
+    "LAG_MARGINAL_OF_WAVES",
+    "POSITION_MARGINAL",
+    "POSITION_MARGINAL_OF_WAVES",
+    "WIGNER",
+    "new_outline_of",
+    "new_tables_of",
+    "placed_frame",
+    "tables_of",
+]
+
+
+@lru_cache(maxsize=256)
+def tables_of(source: Aperture | Array, double: bool) -> Tables:
+    """The kernel tables of an aperture or array, for float64 or float32 kernels; built once."""
+    return new_tables_of(source, double)
+
+
+def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
+    """The same, built anew: with vertices numbered as they are in this of all equal sources."""
+    if isinstance(source, Aperture):
+        elements = [Element(source.rings, source.convex_cover, 1.0, source.illumination)]
+    else:
+        elements = [
+            Element(aperture.rings, aperture.convex_cover, weight, aperture.illumination)
+            for aperture, weight in zip(source.coplanar, source.weights.tolist(), strict=True)
+            if isinstance(aperture, Aperture)
+        ]
+    return build_tables(elements, double=double)
+
+
+@lru_cache(maxsize=256)
+def _outline_of(aperture: Aperture, double: bool) -> OutlineTables:
+    return new_outline_of(aperture)
+
+
+def new_outline_of(aperture: Aperture) -> OutlineTables:
+    """The kernel tables of its Fourier transform, with vertices numbered as they are in it."""
+    return outline_tables(aperture.rings)
+
+
+@lru_cache(maxsize=256)
+def _grid_tables_of(source: Aperture | Array) -> GridTables | None:
+    """For grids; those of an array have all its elements in one frame, unless one has a pose."""
+    if isinstance(source, Aperture):
+        outline = _outline_of(source, True)
+        return grid_tables(outline, [1.0] * len(outline.edges))
+    elements = [element for element in source.elements if isinstance(element, Aperture)]
+    if len(elements) < len(source.elements):
+        return None
+    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
+    outlines = [outline_tables(element.rings, frame) for element in elements]
+    field = [
+        weight
+        for outline, weight in zip(outlines, source.weights.tolist(), strict=True)
+        for _ in outline.edges
+    ]
+    return grid_tables(OutlineTables(frame, tuple(e for o in outlines for e in o.edges)), field)
+
+
+@dataclass(frozen=True)
+class PlacedFrame:
+    """The frame of an aperture in a pose: only the part of nu in its plane matters to the sum."""
+
+    plane: Any
+    centre: tuple[phases.Doubled, ...]
+    """Of the aperture, in the world."""
+    rows: Matrix
+    """From nu in the world to nu in the frame, ``Doubled``."""
+
+    @property
+    def content(self) -> float:
+        return self.plane.content
+
+    @property
+    def reach(self) -> tuple[float, ...]:
+        return self.plane.reach
+
+    def frequency(self, ops: Any, *nu: Any) -> Values:
+        return times(ops, self.rows, *nu)
+
+
+def placed_frame(plane: Any, pose: Any, double: bool) -> PlacedFrame:
+    """The frame of the plane in a pose (4, 4), whose floats are taken as exact."""
+    exact = [[Fraction(value) for value in row] for row in pose.tolist()]
+    middle = [Fraction(c) for c in plane.centre]
+    centre = [row[0] * middle[0] + row[1] * middle[1] + row[3] for row in exact[:3]]
+    rows = [
+        [sum(Fraction(m) * row[k] for k, m in enumerate(line)) for row in exact[:3]]
+        for line in plane.rows
+    ]
+    return PlacedFrame(
+        plane,
+        tuple(phases.doubled(c, double) for c in centre),
+        tuple(tuple(phases.doubled(value, double) for value in row) for row in rows),
+    )
+
+
+@lru_cache(maxsize=256)
+def _placed_tables(source: PlacedAperture, double: bool) -> OutlineTables:
+    plane = _outline_of(source.aperture, double)
+    return OutlineTables(placed_frame(plane.frame, source.pose, double), plane.edges)
+
+
+def _enter_wigner(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+    return (*frame.position(ops, x, y), *frame.detuned(ops, nu_x, nu_y))
+
+
+def enter_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
+    """(phase of the centre, nu in the frame)."""
+    return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.frequency(ops, *nu))
+
+
+def enter_complex_frequency(ops: Any, frame: Any, *nu: Any) -> Values:
+    """(phase of the centre, growth, Re nu, Im nu in the frame) from (re, im) per component."""
+    real, imag = nu[0::2], nu[1::2]
+    turns = phases.turns_to_centre(ops, frame.centre, *real)
+    inner = frame.frequency(ops, *imag)
+    growth = phases.growth_of(ops, frame, inner, *imag)
+    return (turns, growth, *frame.frequency(ops, *real), *inner)
+
+
+def enter_shift(ops: Any, frame: Any, *arguments: Any) -> Values:
+    """(phase of the centre and of the carrier, upsilon and xi in the frame)."""
+    upsilon, xi = arguments[: len(arguments) // 2], arguments[len(arguments) // 2 :]
+    turns, *inner = enter_frequency(ops, frame, *upsilon)
+    turns = phases.less_carrier(ops, frame, turns, *xi)
+    return (turns, *inner, *frame.vector(ops, *xi))
+
+
+def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
+    """(phase of the carrier, x + xi/2 and x - xi/2 in the frame)."""
+    count = len(arguments) // 2
+    x, xi = arguments[:count], arguments[count:]
+    turns = phases.less_carrier(ops, frame, 0.0 * xi[0], *xi)
+    ahead = (p + 0.5 * lag for p, lag in zip(x, xi, strict=True))
+    behind = (p - 0.5 * lag for p, lag in zip(x, xi, strict=True))
+    return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
+
+
+def _mirrored_order(ops: Any, tables: Tables, x: Any, y: Any, *nu: Any) -> Any:
+    return cells.order(ops, tables, 2.0 * x, 2.0 * y, MIRRORED)
+
+
+def _shifted_order(ops: Any, tables: Tables, *inner: Any) -> Any:
+    xi_x, xi_y = inner[-2:]
+    return cells.order(ops, tables, xi_x, xi_y, BEHIND)
+
+
+def _within_support(tables: Tables, x: Any, y: Any, *nu: Any) -> Any:
+    return may_hold_lags(tables, x, y)
+
+
+def _within_lags(tables: Tables, *inner: Any) -> Any:
+    return may_overlap(tables, *inner[-2:])
+
+
+def _fourier_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
+    return fourier.fourier(ops, tables, *nu)
+
+
+def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
+    real_x, real_y, imag_x, imag_y = nu
+    total = fourier.fourier_complex(ops, tables, Pair(real_x, imag_x), Pair(real_y, imag_y))
+    return total.real, total.imag
+
+
+def product_of_both(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
+    """u(x + xi/2) conj(u(x - xi/2)) as real and imaginary part, from those of both fields."""
+    product = Pair(*sums[:2]) * Pair(sums[2], -sums[3])
+    if not any(frame.carrier):
+        return product.real, product.imag
+    return phases.rotated(ops, inner[0], product.real, -product.imag)
+
+
+AUTOCORRELATION = Kernel(
+    "autocorrelation",
+    2,
+    tables_of,
+    enter_both_ends,
+    lambda ops, tables, turns, px, py, mx, my: (
+        *field(ops, tables, px, py),
+        *field(ops, tables, mx, my),
+    ),
+    product_of_both,
+)
+WIGNER = Kernel(
+    "wigner",
+    2,
+    tables_of,
+    _enter_wigner,
+    lambda ops, tables, *inner: (wigner_sums.wigner(ops, tables, *inner),),
+    leave_real,
+    copies=1,
+    clips_per_term=4,
+    order=_mirrored_order,
+    within=_within_support,
+)
+POSITION_MARGINAL = Kernel(
+    "position marginal",
+    2,
+    tables_of,
+    lambda ops, frame, x, y: frame.position(ops, x, y),
+    lambda ops, tables, *inner: (wigner_sums.lag_slice_area(ops, tables, *inner),),
+    leave_real,
+    copies=1,
+    order=_mirrored_order,
+    within=_within_support,
+)
+FOURIER = Kernel(
+    "fourier", 2, _outline_of, enter_frequency, _fourier_sum, leave_wave, on_grid=_grid_tables_of
+)
+FOURIER_COMPLEX = Kernel(
+    "fourier, complex nu", 2, _outline_of, enter_complex_frequency, _complex_sum, leave_complex
+)
+FOURIER_PLACED = Kernel(
+    "fourier in space", 3, _placed_tables, enter_frequency, _fourier_sum, leave_wave
+)
+FOURIER_PLACED_COMPLEX = Kernel(
+    "fourier in space, complex nu",
+    3,
+    _placed_tables,
+    enter_complex_frequency,
+    _complex_sum,
+    leave_complex,
+)
+AMBIGUITY = Kernel(
+    "ambiguity",
+    2,
+    tables_of,
+    enter_shift,
+    lambda ops, tables, turns, *inner: ambiguity.ambiguity(ops, tables, *inner),
+    leave_wave,
+    copies=2,
+    clips_per_term=16,
+    order=_shifted_order,
+    within=_within_lags,
+)
+LAG_MARGINAL = Kernel(
+    "lag marginal",
+    2,
+    tables_of,
+    lambda ops, frame, xi_x, xi_y: frame.vector(ops, xi_x, xi_y),
+    lambda ops, tables, *inner: ambiguity.position_slice_area(ops, tables, *inner),
+    leave_real,
+    copies=2,
+    order=_shifted_order,
+    within=_within_lags,
+)
+LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)
+POSITION_MARGINAL_OF_WAVES = at_zero_frequency(WIGNER, "position marginal of waves", leads=False)
+LAG_MARGINAL_OF_WAVES = at_zero_frequency(AMBIGUITY, "lag marginal of waves", leads=True)

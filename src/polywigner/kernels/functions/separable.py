@@ -1,0 +1,193 @@
+"""Fields that are a product u(x, y) = f(x) g(y) on a rectangle, in its own axes.
+
+All transforms are then products of two in one dimension, each a sum over the pairs of a few waves
+(docs/theory.md, (I4)): a Taylor taper along both axes has 49 waves with 1225 pairs, but 7 with 28
+along either axis. Which fields are such is found out from their waves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.geometry import Aperture
+from polywigner.kernels.functions.line_fields import LineField, line_field
+from polywigner.kernels.kernel import Values
+from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline.rectangles import Rectangle, rectangle_of
+from polywigner.kernels.outline.tables import Piece
+from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
+from polywigner.numerics import phases
+from polywigner.numerics.complex_pairs import Pair
+
+__all__ = [
+    "SeparableTables",
+    "ambiguity",
+    "enter_frequency",
+    "field",
+    "fourier",
+    "is_separable",
+    "separable_tables",
+    "wigner",
+]
+
+# Amplitudes are a product if they miss one by this share of the largest: it does not move W by
+# 1e-13 of the energy. Frequencies along an axis that agree to the other, in cycles per side or of
+# the largest, are one.
+_PRODUCT, _EQUAL = 4e-15, 1e-14
+# Both are known to a few roundings only: frequencies were turned (see rectangles.py), and
+# amplitudes hold the phases that they have at the origin.
+_ROUNDINGS = 8
+# but waves that differ by more, in cycles per side, always are two.
+_LARGEST_ROUNDING = 1e-6
+_UNIT = np.finfo(np.float64).eps / 2
+# What a pair of waves counts as, in cuts of an edge.
+_CLIPS_PER_PAIR = 0.5
+
+Floats = npt.NDArray[np.float64]
+Complexes = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class SeparableTables:
+    """The field along either axis of the rectangle, in its frame."""
+
+    frame: Frame
+    fields: tuple[LineField, LineField]
+    edges: tuple[Any, ...] = ((),)
+    """Nothing is cut."""
+    pieces: tuple[Piece, ...] = ()
+    waves_per_cut: int = 1
+
+    @property
+    def clips(self) -> int:
+        return int(_CLIPS_PER_PAIR * sum(field.pairs for field in self.fields))
+
+
+def is_separable(aperture: Aperture) -> bool:
+    """Whether an aperture is a rectangle with a field of several waves that is a product."""
+    return separable_tables(aperture, True) is not None
+
+
+@lru_cache(maxsize=256)
+def separable_tables(aperture: Aperture, double: bool) -> SeparableTables | None:
+    """The tables of a field that is a product on a rectangle; None of any other."""
+    illumination = aperture.illumination
+    if illumination is None or len(illumination.amplitudes) < 2:
+        return None
+    rectangle = rectangle_of(aperture)
+    if rectangle is None:
+        return None
+    frame = replace(rectangle.frame(), carrier=carrier_of([illumination], 2))
+    profiles = _profiles(waves_in_frame(illumination, frame), *_roundings(aperture, rectangle))
+    if profiles is None:
+        return None
+    halves = rectangle.halves(frame)
+    one, two = (line_field(half, waves) for half, waves in zip(halves, profiles, strict=True))
+    return SeparableTables(frame, (one, two))
+
+
+def _roundings(aperture: Aperture, rectangle: Rectangle) -> tuple[tuple[float, float], float]:
+    """How well frequencies along both sides are known, in cycles per side, and phases in radians.
+
+    To some ulps of the largest frequency, and to the angle of the rectangle, which is known to the
+    rounding of its coordinates over its length.
+    """
+    assert aperture.illumination is not None
+    largest = float(np.hypot(*aperture.illumination.frequencies.T).max())
+    place = float(np.abs(rectangle.corners).max())
+    length, width = rectangle.sides
+    share = _ROUNDINGS * _UNIT
+    phases = 2 * np.pi * share * largest * place
+    if rectangle.is_turned:
+        share += rectangle.rounding / length
+    return (share * largest * length, share * largest * width), phases
+
+
+def _profiles(
+    waves: Waves, frequency_rounding: tuple[float, float], phase_rounding: float
+) -> tuple[Waves, Waves] | None:
+    """The waves along either axis of which these are the products."""
+    frequencies = np.array([wave.frequency for wave in waves])
+    amplitudes = np.array([wave.amplitude for wave in waves])
+    (own, i), (other, j) = (
+        _distinct(column, rounding)
+        for column, rounding in zip(frequencies.T, frequency_rounding, strict=True)
+    )
+    if len(own) * len(other) != len(waves):
+        return None
+    table = np.zeros((len(own), len(other)), np.complex128)
+    table[i, j] = amplitudes
+    product = _rank_one(table, phase_rounding)
+    return product and (_line_waves(product[0], own), _line_waves(product[1], other))
+
+
+def _rank_one(table: Complexes, phase_rounding: float) -> tuple[Complexes, Complexes] | None:
+    """The column and row whose product the table is."""
+    k, m = np.unravel_index(int(np.argmax(np.abs(table))), table.shape)
+    largest = abs(table[k, m])
+    column, row = table[:, m] / table[k, m], table[k, :]
+    if np.abs(np.outer(column, row) - table).max() <= _PRODUCT * largest:
+        return column, row
+    left, sizes, right = np.linalg.svd(table, full_matrices=False)
+    column, row = left[:, 0], sizes[0] * right[0]
+    close = np.abs(np.outer(column, row) - table).max() <= (_PRODUCT + phase_rounding) * largest
+    return (column, row) if close else None
+
+
+def _distinct(values: Floats, rounding: float) -> tuple[Floats, npt.NDArray[np.intp]]:
+    """The different ones in order, those that rounding alone tells apart as one; numbers of all."""
+    order = np.argsort(values)
+    tolerance = _EQUAL * max(1.0, float(np.abs(values).max())) + min(rounding, _LARGEST_ROUNDING)
+    number = np.cumsum(np.diff(values[order], prepend=values[order[0]]) > tolerance)
+    found = np.empty(len(values), np.intp)
+    found[order] = number
+    return np.bincount(found, values) / np.bincount(found), found
+
+
+def _line_waves(amplitudes: npt.NDArray[np.complex128], frequencies: Floats) -> Waves:
+    pairs = zip(amplitudes.tolist(), frequencies.tolist(), strict=True)
+    return tuple(Wave(amplitude, (frequency,)) for amplitude, frequency in pairs)
+
+
+def enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
+    """(phase of the centre, nu in the frame less the carrier)."""
+    return (phases.turns_to_centre(ops, frame.centre, *nu), *frame.detuned(ops, *nu))
+
+
+def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
+    """W(x, nu) in the frame. Source: (I4)."""
+    one, two = tables.fields
+    return one.wigner(ops, x, nu_x) * two.wigner(ops, y, nu_y)
+
+
+def ambiguity(
+    ops: Any, tables: SeparableTables, upsilon_x: Any, upsilon_y: Any, xi_x: Any, xi_y: Any
+) -> tuple[Any, Any]:
+    """A(upsilon, xi) in the frame as (cosine part, sine part), A = cosine - i sine."""
+    one, two = tables.fields
+    return _parts(one.ambiguity(ops, upsilon_x, xi_x) * two.ambiguity(ops, upsilon_y, xi_y))
+
+
+def fourier(ops: Any, tables: SeparableTables, nu_x: Any, nu_y: Any) -> tuple[Any, Any]:
+    """F(nu) in the frame as (cosine part, sine part)."""
+    one, two = tables.fields
+    return _parts(one.fourier(ops, nu_x) * two.fourier(ops, nu_y))
+
+
+def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
+    """(real, imaginary) part of u at a place of the frame, less the carrier's phase.
+
+    Lower ends of either axis belong to the rectangle, upper ones do not.
+    """
+    one, two = tables.fields
+    value = one.field(ops, x) * two.field(ops, y)
+    return value.real, value.imag
+
+
+def _parts(value: Pair) -> tuple[Any, Any]:
+    return value.real, -value.imag

@@ -1,0 +1,285 @@
+"""The transforms in one dimension: sums over intervals in closed form.
+
+The lag slice of two intervals and the position slice of two shifted ones are intervals again, so
+every transform is a sum of plane waves' means over intervals (docs/theory.md, (S1) to (S3)).
+
+Of a pair, with half-lengths h and h', only the distance of the two centres depends on x or xi. It
+is taken without rounding, so that slits may be as narrow as they like against their distance: the
+length of the overlap is that of exact arithmetic to an ulp of itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from itertools import combinations_with_replacement, product
+from typing import Any
+
+from polywigner.geometry import Slits
+from polywigner.illumination import Array
+from polywigner.kernels.outline.frame import power_of_two
+from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
+from polywigner.numerics import phases
+from polywigner.numerics.phases import Doubled, doubled
+from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
+
+__all__ = [
+    "PairTables",
+    "SlitFrame",
+    "SlitTables",
+    "ambiguity",
+    "lag_pairs",
+    "lag_slice_length",
+    "position_pairs",
+    "position_slice_length",
+    "slit_tables",
+    "wigner",
+]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A slit in the frame, and the field in it."""
+
+    begin: float
+    end: float
+    waves: Waves
+
+
+@dataclass(frozen=True)
+class SlitFrame:
+    """x' = (x - centre)/scale, nu' = scale nu; the scale is a power of two."""
+
+    centre: tuple[float]
+    scale: float
+    carrier: tuple[float] = (0.0,)
+    """The frequency, in the user's unit, relative to which fields are held."""
+
+    @property
+    def content(self) -> float:
+        return self.scale
+
+    def position(self, ops: Any, x: Any) -> tuple[Any]:
+        total, rest = self.exact_position(x)
+        return (total + rest,)
+
+    def exact_position(self, x: Any) -> Doubled:
+        """x' as the sum of two floats."""
+        total, rest = phases.difference(x, self.centre[0])
+        return total * (1 / self.scale), rest * (1 / self.scale)
+
+    def vector(self, ops: Any, xi: Any) -> tuple[Any]:
+        return (xi * (1 / self.scale),)
+
+    def frequency(self, ops: Any, nu: Any) -> tuple[Any]:
+        return (nu * self.scale,)
+
+    def detuned(self, ops: Any, nu: Any) -> tuple[Any]:
+        """A spatial frequency relative to the carrier, in the frame."""
+        return self.frequency(ops, nu - self.carrier[0] if self.carrier[0] else nu)
+
+    def exact_frequency(self, nu: float) -> tuple[float]:
+        return (nu * self.scale,)
+
+
+@dataclass(frozen=True)
+class SlitTables:
+    """The intervals in their frame; ``edges`` are what a sum runs over."""
+
+    frame: SlitFrame
+    edges: tuple[Interval, ...]
+
+
+@dataclass(frozen=True)
+class PairTables:
+    """Pairs of intervals; ``edges`` are what a sum runs over, numbers only.
+
+    The centres' distance at x = 0 or xi = 0, as two floats; the half-lengths; the mean of the
+    centres, which does not move, as two floats; and the mutual field, real and imaginary part.
+    Where fields have waves there is a row for every pair of waves, with what to subtract from the
+    frequency, and the turns of the mutual field along 4x or xi.
+    """
+
+    frame: SlitFrame
+    edges: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class _Exact:
+    """A slit in the frame as exact numbers, and the field in it."""
+
+    begin: Fraction
+    end: Fraction
+    waves: Waves
+
+    @property
+    def middle(self) -> Fraction:
+        return (self.begin + self.end) / 2
+
+    @property
+    def half(self) -> Fraction:
+        return (self.end - self.begin) / 2
+
+
+@lru_cache(maxsize=256)
+def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
+    if isinstance(source, Slits):
+        groups: list[tuple[Slits, complex]] = [(source, 1.0)]
+    else:
+        pairs = zip(source.coplanar, source.weights.tolist(), strict=True)
+        groups = [(slits, weight) for slits, weight in pairs if isinstance(slits, Slits)]
+    low = min(slits.bounds[0] for slits, _ in groups)
+    high = max(slits.bounds[1] for slits, _ in groups)
+    (carrier,) = carrier_of((slits.illumination for slits, _ in groups), 1)
+    frame = SlitFrame((low + (high - low) / 2,), power_of_two(high - low), (carrier,))
+    centre, scale = Fraction(frame.centre[0]), Fraction(frame.scale)
+    intervals = []
+    for slits, weight in groups:
+        waves = tuple(
+            Wave(weight * wave.amplitude, wave.frequency)
+            for wave in waves_in_frame(slits.illumination, frame)
+        )
+        for begin, end in slits.intervals.tolist():
+            low_end, high_end = ((Fraction(value) - centre) / scale for value in (begin, end))
+            intervals.append(_Exact(low_end, high_end, waves))
+    return frame, tuple(intervals)
+
+
+@lru_cache(maxsize=256)
+def slit_tables(source: Slits | Array, double: bool) -> SlitTables:
+    """The tables of slits or an array of slits; the same for either precision."""
+    frame, slits = _exact_slits(source)
+    intervals = (Interval(float(s.begin), float(s.end), s.waves) for s in slits)
+    return SlitTables(frame, tuple(intervals))
+
+
+@lru_cache(maxsize=256)
+def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
+    """What pairs of slits contribute to the lag slice at x: 2(I_k - x) & 2(x - I_l).
+
+    The pair (l, k) gives the mirror image with the conjugate field, and is counted with (k, l).
+    """
+    frame, slits = _exact_slits(source)
+    rows = []
+    for (k, one), (m, other) in combinations_with_replacement(enumerate(slits), 2):
+        gap, mean = 2 * (one.middle + other.middle), one.middle - other.middle
+        row = _row(gap, 2 * one.half, 2 * other.half, mean, double)
+        for v, w in product(one.waves, other.waves):
+            mutual = v.amplitude * complex(w.amplitude).conjugate() * (1.0 if k == m else 2.0)
+            middle, rate = _mean_and_difference(v, w)
+            rows.append((*row, mutual.real, mutual.imag, middle, rate / 4))
+    return PairTables(frame, _without_still_waves(rows))
+
+
+@lru_cache(maxsize=256)
+def position_pairs(source: Slits | Array, double: bool) -> PairTables:
+    """What pairs of slits contribute to the position slice: (I_k - xi/2) & (I_l + xi/2)."""
+    frame, slits = _exact_slits(source)
+    rows = []
+    for one, other in product(slits, slits):
+        gap, mean = one.middle - other.middle, (one.middle + other.middle) / 2
+        row = _row(gap, one.half, other.half, mean, double)
+        for v, w in product(one.waves, other.waves):
+            mutual = v.amplitude * complex(w.amplitude).conjugate()
+            middle, rate = _mean_and_difference(v, w)
+            rows.append((*row, mutual.real, mutual.imag, rate, middle))
+    return PairTables(frame, _without_still_waves(rows))
+
+
+def _row(
+    gap: Fraction, half: Fraction, other: Fraction, mean: Fraction, double: bool
+) -> tuple[float, ...]:
+    return (*doubled(gap, double), float(half), float(other), *doubled(mean, double))
+
+
+def _mean_and_difference(one: Wave, other: Wave) -> tuple[float, float]:
+    """Of the frequencies of two waves."""
+    (a,), (b,) = one.frequency, other.frequency
+    return (a + b) / 2, a - b
+
+
+def _without_still_waves(rows: list[tuple[float, ...]]) -> tuple[tuple[float, ...], ...]:
+    """Rows without the last two numbers if these are zero in all of them."""
+    return tuple(rows) if any(any(row[-2:]) for row in rows) else tuple(row[:-2] for row in rows)
+
+
+def _overlap(
+    ops: Any, shift: Doubled, gap: Any, rest: Any, half: Any, other: Any
+) -> tuple[Any, Any]:
+    """Length of the overlap, and how far its middle lies from the mean of the centres.
+
+    The centres are ``gap`` + ``rest`` - ``shift`` apart. While the shorter interval lies inside the
+    other, the middle is its centre; then it stays where the far ends were in line.
+    """
+    apart, lost = phases.difference(gap, shift[0])
+    distance = apart + (lost + (rest - shift[1]))
+    shorter = ops.minimum(half, other)
+    length = ops.minimum(2.0 * shorter, half + other - abs(distance))
+    reach = 0.5 * abs(other - half)
+    aside = ops.maximum(-reach, ops.minimum(reach, 0.5 * distance))
+    return ops.maximum(length, 0.0), ops.select(other >= half, aside, -aside)
+
+
+def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
+    """The slices' transform, with the fields: (real, imaginary) part."""
+
+    def term(
+        gap: Any,
+        rest: Any,
+        half: Any,
+        other: Any,
+        mean: Any,
+        low: Any,
+        real: Any,
+        imag: Any,
+        *wave: Any,
+    ) -> tuple[Any, Any]:
+        own = nu
+        if wave:
+            detuning, rate = wave
+            own = (nu[0], nu[1] - detuning)
+            cosine, sine = cos_sin_turns(ops, rate * (shift[0] + shift[1]))
+            real, imag = real * cosine - imag * sine, real * sine + imag * cosine
+        whole = own[0] + own[1]
+        length, aside = _overlap(ops, shift, gap, rest, half, other)
+        half_turns = 0.5 * whole * length
+        mean_wave, _ = mean_plane_wave(ops, -half_turns, half_turns)
+        turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
+        cosine, sine = cos_sin_turns(ops, turns)
+        size = mean_wave * length
+        return size * (cosine * real + sine * imag), size * (cosine * imag - sine * real)
+
+    return ops.sum_over(tables.edges, term, 2, like=nu[0])
+
+
+def _lengths(ops: Any, tables: PairTables, shift: Doubled) -> Any:
+    def term(
+        gap: Any, rest: Any, half: Any, other: Any, mean: Any, low: Any, real: Any, imag: Any
+    ) -> tuple[Any, Any]:
+        length, _ = _overlap(ops, shift, gap, rest, half, other)
+        return length * real, length * imag
+
+    return ops.sum_over(tables.edges, term, 2, like=shift[0])
+
+
+def wigner(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
+    """W: the transform of the lag slice, real because the slice is Hermitian; shift = 4x'."""
+    return _waves(ops, tables, shift, nu)[0]
+
+
+def ambiguity(ops: Any, tables: PairTables, shift: Doubled, upsilon: Doubled) -> tuple[Any, Any]:
+    """A as (cosine part, sine part), A = cosine - i sine; shift = xi'."""
+    real, imag = _waves(ops, tables, shift, upsilon)
+    return real, -imag
+
+
+def lag_slice_length(ops: Any, tables: PairTables, shift: Doubled) -> Any:
+    """R_x; shift = 4x'."""
+    return _lengths(ops, tables, shift)[0]
+
+
+def position_slice_length(ops: Any, tables: PairTables, shift: Doubled) -> tuple[Any, Any]:
+    """R_xi as (real, imaginary) part; shift = xi'."""
+    real, imag = _lengths(ops, tables, shift)
+    return real, imag

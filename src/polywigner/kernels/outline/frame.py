@@ -1,0 +1,211 @@
+"""The normalised frame in which every kernel works.
+
+Coordinates are centred on the source and mapped so that it fills a box of about unit size:
+thresholds on |nu| times diameter become absolute ones, and float32 spends its digits on the
+source. Needles and plates are turned to their own axes and stretched there as well; the transforms
+are covariant under affine maps, so a needle of aspect 1e-6 is as harmless as a square.
+
+Of the map, the part that takes frequencies is exact: its matrix consists of floats, rounded from
+the axes, and vertices go through its exact inverse. Else the rounding of an axis, by an ulp, would
+turn the needle by as much, and move its ends by many of its widths' ulps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from polywigner.geometry.exact import whole_numbers
+from polywigner.numerics import phases
+
+__all__ = [
+    "NEEDLE_ASPECT",
+    "Frame",
+    "Matrix",
+    "determinant",
+    "frame_along",
+    "frame_of",
+    "power_of_two",
+    "reach_of",
+    "times",
+    "times_doubled",
+    "vertices_for",
+]
+
+# A box longer than this is stretched; below it the loss of digits (the aspect, in ulps of the
+# width) is smaller than what the kernels lose anyway, and axis-parallel edges stay so.
+NEEDLE_ASPECT = 8.0
+
+Array = npt.NDArray[np.float64]
+Matrix = tuple[tuple[Any, ...], ...]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """nu' = inverse_transpose nu, x' = matrix (x - centre) / norm, exactly its inverse transpose.
+
+    ``content``: area of a unit square of the frame; ``reach``: the largest |x'| and |y'| in it.
+    """
+
+    centre: tuple[float, float]
+    matrix: Matrix
+    inverse_transpose: Matrix
+    norm: float
+    content: float
+    reach: tuple[float, ...]
+    carrier: tuple[float, ...] = (0.0, 0.0)
+    """The frequency, in the user's units, relative to which fields on the source are held."""
+
+    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        """A point of the aperture plane in the frame."""
+        cx, cy = self.centre
+        if _diagonal(self.matrix):
+            return self.vector(ops, x - cx, y - cy)
+        # Across a needle almost everything cancels: keep what the differences round away.
+        (dx, lost_x), (dy, lost_y) = phases.difference(x, cx), phases.difference(y, cy)
+        fine = self._cross_products(ops, lost_x, lost_y)
+        coarse = self._cross_products(ops, dx, dy)
+        return coarse[0] + fine[0], coarse[1] + fine[1]
+
+    @property
+    def rows(self) -> Matrix:
+        """What takes frequencies into the frame."""
+        return self.inverse_transpose
+
+    def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        """A difference of points in the frame."""
+        if _diagonal(self.matrix):
+            return x * self.matrix[0][0], y * self.matrix[1][1]
+        return self._cross_products(ops, x, y)
+
+    @property
+    def axes(self) -> tuple[int, int] | None:
+        """Which of the user's axes the frame's own are parallel to; None if they are turned."""
+        for axes in ((0, 1), (1, 0)):
+            if self.inverse_transpose[0][axes[1]] == 0.0 == self.inverse_transpose[1][axes[0]]:
+                return axes
+        return None
+
+    def frequency(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+        """A spatial frequency in the frame."""
+        return times(ops, self.inverse_transpose, x, y)
+
+    def detuned(self, ops: Any, x: Any, y: Any) -> tuple[Any, ...]:
+        """A spatial frequency relative to the carrier, in the frame."""
+        x, y = (nu - c if c else nu for nu, c in zip((x, y), self.carrier, strict=True))
+        return self.frequency(ops, x, y)
+
+    def exact_frequency(self, *nu: float) -> tuple[float, ...]:
+        """A constant frequency in the frame, correctly rounded."""
+        rows = [[Fraction(m) for m in row] for row in self.inverse_transpose]
+        exact = [Fraction(n) for n in nu]
+        return tuple(float(sum(m * n for m, n in zip(row, exact, strict=True))) for row in rows)
+
+    def _cross_products(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        (xx, xy), (yx, yy) = self.matrix
+        scale = 1 / self.norm
+        return ops.cross(xx, -xy, y, x) * scale, ops.cross(yx, -yy, y, x) * scale
+
+    def vertices(self, points: Array) -> Array:
+        """Points (n, 2) in the frame, correctly rounded."""
+        return vertices_for(self.inverse_transpose, self.centre, points)
+
+
+def times(ops: Any, matrix: Matrix, *nu: Any) -> tuple[Any, ...]:
+    """matrix nu, each component to about an ulp of itself: across a needle almost all cancels."""
+    return tuple(total + rest for total, rest in times_doubled(ops, matrix, *nu))
+
+
+def times_doubled(ops: Any, matrix: Matrix, *nu: Any) -> tuple[phases.Doubled, ...]:
+    """matrix nu, each component as the sum of two floats; a diagonal holds powers of two."""
+    if _diagonal(matrix):
+        diagonal = (row[k] for k, row in enumerate(matrix))
+        return tuple((n * factor, 0.0) for n, factor in zip(nu, diagonal, strict=True))
+    return tuple(phases.dot(ops, nu, row) for row in matrix)
+
+
+def vertices_for(matrix: Matrix, centre: Sequence[float], points: Array) -> Array:
+    """The x' with (matrix nu).x' = nu.(x - centre) for all nu; (n, d), correctly rounded."""
+    if _diagonal(matrix):
+        return (points - np.asarray(centre)) / np.diag(np.asarray(matrix))
+    points, exponent = whole_numbers(np.vstack([np.asarray(centre, np.float64), points]))
+    rows, row_exponent = whole_numbers(np.asarray(matrix, np.float64))
+    cofactors, whole = _cofactors(rows.tolist()), determinant(rows.tolist())
+    sums = (points[1:] - points[0]) @ np.array(cofactors, dtype=object).T
+    power = exponent - row_exponent
+    if power < 0:
+        whole <<= -power
+    # A quotient of integers is rounded once.
+    return ((sums << max(power, 0)) / whole).astype(np.float64)
+
+
+def _cofactors(matrix: list[list[int]]) -> list[list[int]]:
+    """The determinant times the inverse transpose; for 2 x 2 and 3 x 3."""
+    n = len(matrix)
+
+    def cofactor(i: int, j: int) -> int:
+        minor = [[matrix[a][b] for b in range(n) if b != j] for a in range(n) if a != i]
+        return (-1) ** (i + j) * int(determinant(minor))
+
+    return [[cofactor(i, j) for j in range(n)] for i in range(n)]
+
+
+def determinant(matrix: Sequence[Sequence[Any]]) -> Any:
+    """By its first row; exact for exact numbers."""
+    if len(matrix) == 1:
+        return matrix[0][0]
+    minors = ([[*row[:k], *row[k + 1 :]] for row in matrix[1:]] for k in range(len(matrix)))
+    return sum(
+        (-1) ** k * first * determinant(minor)
+        for k, (first, minor) in enumerate(zip(matrix[0], minors, strict=True))
+    )
+
+
+def reach_of(vertices: Array) -> tuple[float, ...]:
+    """The largest |coordinate| of vertices (n, d) in their frame."""
+    return tuple(np.abs(vertices).max(axis=0).tolist())
+
+
+def _diagonal(matrix: Matrix) -> bool:
+    return not any(value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
+
+
+def frame_of(points: Array) -> Frame:
+    """The frame of a set of points (n, 2) that span a region of non-zero area."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre = low + (high - low) / 2
+    corners = shapely.get_coordinates(shapely.oriented_envelope(shapely.MultiPoint(points)))
+    sides = np.diff(corners[:3], axis=0)
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    long, short = int(lengths.argmax()), int(lengths.argmin())
+    length = width = power_of_two(float(np.hypot(*lengths)))
+    c, s = 1.0, 0.0
+    if lengths[long] > NEEDLE_ASPECT * lengths[short] > 0.0:
+        c, s = (sides[long] / lengths[long]).tolist()
+        length, width = power_of_two(lengths[long]), power_of_two(lengths[short])
+    return frame_along(points, centre, (c, s), (length, width))
+
+
+def frame_along(
+    points: Array, centre: Array, direction: tuple[float, float], sizes: tuple[float, float]
+) -> Frame:
+    """The frame whose first axis has a direction, with units (powers of two) along both axes."""
+    (c, s), (length, width) = direction, sizes
+    norm = c * c + s * s
+    matrix = ((c / length, s / length), (-s / width, c / width))
+    inverse_transpose = ((c * length, s * length), (-s * width, c * width))
+    middle = (float(centre[0]), float(centre[1]))
+    reach = reach_of(vertices_for(inverse_transpose, middle, points))
+    return Frame(middle, matrix, inverse_transpose, norm, length * width * norm, reach)
+
+
+def power_of_two(size: float) -> float:
+    """The power of two that brings ``size`` to [1/2, 1): a scale by it is exact."""
+    return math.ldexp(1.0, math.frexp(size)[1])

@@ -1,0 +1,137 @@
+"""The supporting lines of segments, in clusters of direction.
+
+What makes coincident edges come out right, under rounding, is that both copies are cut with the
+same numbers. Lines fall into clusters of direction, more than ``NEARLY_PARALLEL`` apart:
+
+- In a cluster of *parallel* lines all share one direction, and whether an edge lies to the left
+  of a line is one comparison of one float (the offset of the copies) with a sum or difference
+  of two others. The two copies see the identical comparison.
+- In a cluster of nearly parallel lines the vertices are rounded to a grid so coarse that their
+  sums and differences are exact; every cut is then the quotient of an exactly known number and
+  of a cross product with an error of one ulp, as if computed in exact arithmetic.
+- Lines of different clusters meet at a well-conditioned point; rounding moves it by a few ulps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.numerics.exact import exact_cross
+
+__all__ = ["NEARLY_PARALLEL", "Line", "LineBook"]
+
+# sine of the angle below which two lines count as nearly parallel: an intersection of lines at
+# this angle is off by 1/0.03 ulps
+NEARLY_PARALLEL = 0.03
+# A cluster counts as parallel if its lines agree to this angle, which moves an edge by less than
+# 1e-14 (1e-7) of the diameter, and if no two of them lie so close that this could matter: their
+# offsets either agree to the first of these figures, and are one line, or differ by the second.
+# All other clusters go the exact way, so nothing depends on the values.
+_PARALLEL = {True: 1e-14, False: 1e-7}  # by double precision or not
+_SEPARATE = {True: 1e-12, False: 1e-5}
+_SAME_OFFSET = 1e-14
+
+
+@dataclass(frozen=True)
+class Line:
+    """All points p with cross(direction, p) = offset; left of it the cross product is larger."""
+
+    dx: Any
+    dy: Any
+    offset: Any
+    cluster: Any
+    exact: bool
+    px: Any  # a point of the line; on the grid if the line is exact
+    py: Any
+
+
+def _clusters(angles: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+    """Cluster number of each direction in [0, pi): single linkage, the circle closed."""
+    order = np.argsort(angles)
+    sorted_angles = angles[order]
+    starts = np.diff(sorted_angles, prepend=sorted_angles[:1]) > NEARLY_PARALLEL
+    labels = np.cumsum(starts, dtype=np.intp)
+    if sorted_angles[0] + np.pi - sorted_angles[-1] <= NEARLY_PARALLEL:
+        labels[labels == labels[-1]] = 0
+    result = np.empty_like(labels)
+    result[order] = labels
+    return result
+
+
+def _canonical(segment: npt.NDArray[np.float64]) -> int:
+    """+1 if a segment's direction lies in [0, pi), else -1."""
+    ex, ey = segment
+    return 1 if ey > 0 or (ey == 0 and ex > 0) else -1
+
+
+class LineBook:
+    """Collects the supporting lines of segments and gives each geometric line one number."""
+
+    def __init__(self, segments: npt.NDArray[np.float64], double: bool) -> None:
+        """``segments`` (n, 4): start and vector of every segment that will be asked for."""
+        vectors = segments[:, 2:]
+        signs = np.array([_canonical(v) for v in vectors])
+        angles = np.arctan2(signs * vectors[:, 1], signs * vectors[:, 0]) % np.pi
+        clusters = _clusters(angles)
+        self.lines: list[Line] = []
+        self.number_of: list[int] = []
+        self.signs: list[int] = []
+        """+1 where a segment runs along its line, -1 where it runs against it."""
+        shared = {
+            int(cluster): _shared_direction(segments[clusters == cluster], double)
+            for cluster in np.unique(clusters)
+        }
+        keys: dict[tuple[float, ...], int] = {}
+        offsets: dict[int, list[float]] = {}
+        for (ax, ay, ex, ey), sign, label in zip(segments.tolist(), signs, clusters, strict=True):
+            cluster = int(label)
+            direction = shared[cluster]
+            if direction is None:
+                start = (ax, ay) if sign > 0 else (ax + ex, ay + ey)
+                dx, dy = sign * ex, sign * ey
+                offset = exact_cross(dx, dy, *start)
+                key: tuple[float, ...] = (*start, dx, dy)
+            else:
+                start = (ax, ay)
+                dx, dy = direction
+                sign = 1 if ex * dx + ey * dy > 0 else -1
+                offset = _merged(dx * ay - dy * ax, offsets.setdefault(cluster, []))
+                key = (cluster, offset)
+            if key not in keys:
+                keys[key] = len(self.lines)
+                self.lines.append(Line(dx, dy, offset, cluster, direction is None, *start))
+            self.number_of.append(keys[key])
+            self.signs.append(int(sign))
+
+    @property
+    def has_exact_lines(self) -> bool:
+        return any(line.exact for line in self.lines)
+
+
+def _shared_direction(
+    segments: npt.NDArray[np.float64], double: bool
+) -> tuple[float, float] | None:
+    """The unit vector, in [0, pi), of a cluster whose lines are parallel, equal or well apart."""
+    vectors = segments[:, 2:]
+    lengths = np.hypot(vectors[:, 0], vectors[:, 1])
+    longest = int(np.argmax(lengths))
+    dx, dy = (_canonical(vectors[longest]) * vectors[longest] / lengths[longest]).tolist()
+    angles = np.abs(dx * vectors[:, 1] - dy * vectors[:, 0]) / lengths
+    offsets = np.sort(dx * segments[:, 1] - dy * segments[:, 0])
+    parallel, separate = _PARALLEL[double], _SEPARATE[double]
+    ends = np.flatnonzero(np.diff(offsets) > separate)
+    spans = offsets[np.append(ends, -1)] - offsets[np.insert(ends + 1, 0, 0)]
+    return (dx, dy) if max(angles) <= parallel and max(spans) <= _SAME_OFFSET else None
+
+
+def _merged(offset: float, known: list[float]) -> float:
+    """An offset already known that agrees with this one up to rounding, or this one."""
+    for other in known:
+        if abs(offset - other) <= _SAME_OFFSET:
+            return other
+    known.append(offset)
+    return offset

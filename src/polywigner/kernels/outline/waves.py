@@ -1,0 +1,220 @@
+"""Sums of plane waves on a source, and what pairs of them contribute to W and A.
+
+For a field sum_m c_m exp(2 pi i kappa_m.x) on the source (docs/theory.md, (I2), (I3)), W and A are
+sums over pairs of waves of those of the uniform source at a shifted frequency, times a factor that
+depends on position or lag alone. Pairs with one shift are taken together: a *beat*.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from polywigner.numerics.trigonometry import cos_sin_turns
+
+__all__ = [
+    "UNIFORM",
+    "Beat",
+    "RowBeat",
+    "Wave",
+    "Waves",
+    "carrier_of",
+    "common_factor",
+    "difference_beats",
+    "field_of",
+    "mean_beats",
+    "rows_of",
+    "waves_in_frame",
+]
+
+# Frequencies this close, in cycles per size of the frame and relative to the largest, are one:
+# sums of the same terms in another order.
+_EQUAL = 1e-14
+
+Vector = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A plane wave in the frame: phases relative to its centre, frequencies to the carrier."""
+
+    amplitude: complex
+    frequency: Vector
+
+
+Waves = tuple[Wave, ...]
+UNIFORM: Waves = (Wave(1.0, (0.0, 0.0)),)
+
+
+def carrier_of(illuminations: Iterable[Any], dimension: int) -> Vector:
+    """The middle of all frequencies: what a steered source is best computed relative to."""
+    still = np.zeros((1, dimension))
+    frequencies = np.concatenate([still if i is None else i.frequencies for i in illuminations])
+    return tuple((frequencies.min(axis=0) / 2 + frequencies.max(axis=0) / 2).tolist())
+
+
+def waves_in_frame(illumination: Any, frame: Any) -> Waves:
+    """The waves of an illumination, or of the uniform field (None), in a frame with its carrier."""
+    if illumination is None:
+        pairs = [(1.0, [0.0] * len(frame.centre))]
+    else:
+        pairs = list(zip(illumination.amplitudes, illumination.frequencies.tolist(), strict=True))
+    waves = []
+    for amplitude, own in pairs:
+        turns = sum(Fraction(k) * Fraction(c) for k, c in zip(own, frame.centre, strict=True))
+        phase = np.exp(2j * np.pi * float(turns - round(turns)))
+        relative = (k - c for k, c in zip(own, frame.carrier, strict=True))
+        waves.append(Wave(complex(amplitude * phase), tuple(frame.exact_frequency(*relative))))
+    return tuple(waves)
+
+
+def common_factor(waves: Waves, others: Waves) -> complex | None:
+    """The number that waves are times others, or None if there is none."""
+    if [w.frequency for w in waves] != [o.frequency for o in others]:
+        return None
+    factor = waves[0].amplitude / others[0].amplitude
+    errors = (abs(w.amplitude - factor * o.amplitude) for w, o in zip(waves, others, strict=True))
+    return factor if max(errors) <= 1e-15 * max(abs(w.amplitude) for w in waves) else None
+
+
+def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
+    """(real, imaginary) part of the field at a point of the frame, less the carrier."""
+    return _summed(ops, tuple((w.amplitude, w.frequency) for w in waves), point)
+
+
+@dataclass(frozen=True)
+class Beat:
+    """Pairs of waves that see the uniform source at one frequency."""
+
+    shift: Vector
+    """What to subtract from the frequency."""
+    terms: tuple[tuple[complex, Vector], ...]
+    """Amplitudes, and frequencies along position (W) or lag (A)."""
+    is_real: bool
+    """Whether the conjugates of all pairs are among them: only the real part is wanted."""
+
+    def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
+        """(real, imaginary) part at a position or lag of the frame."""
+        real, imag = _summed(ops, self.terms, point, imaginary=not self.is_real)
+        return real, imag
+
+    def slopes(self, ops: Any, point: Sequence[Any]) -> list[tuple[Any, Any]]:
+        """(real, imaginary) part of the derivative of the amplitude, for each component."""
+        result = []
+        for k in range(len(point)):
+            turned = tuple((2j * math.pi * f[k] * a, f) for a, f in self.terms if f[k])
+            real, imag = _summed(ops, turned, point, imaginary=not self.is_real)
+            result.append((real, imag))
+        return result
+
+    def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
+        return tuple(f - s if s else f for f, s in zip(frequency, self.shift, strict=True))
+
+
+@dataclass(frozen=True)
+class RowBeat:
+    """One pair of waves as a row of an engine's table; see :class:`Beat`."""
+
+    is_real: bool
+    real: Any
+    imag: Any
+    shift_x: Any
+    shift_y: Any
+    rate_x: Any
+    rate_y: Any
+
+    def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
+        cosine, sine = cos_sin_turns(ops, self.rate_x * point[0] + self.rate_y * point[1])
+        real = cosine * self.real - sine * self.imag
+        return real, 0.0 if self.is_real else cosine * self.imag + sine * self.real
+
+    def detuned(self, frequency: Sequence[Any]) -> tuple[Any, ...]:
+        return frequency[0] - self.shift_x, frequency[1] - self.shift_y
+
+
+def rows_of(beats: Sequence[Beat]) -> list[tuple[float, ...]]:
+    """All pairs of waves of the beats as arguments of :class:`RowBeat`."""
+    return [
+        (complex(amplitude).real, complex(amplitude).imag, *beat.shift, *rate)
+        for beat in beats
+        for amplitude, rate in beat.terms
+    ]
+
+
+def _summed(
+    ops: Any,
+    terms: tuple[tuple[complex, Vector], ...],
+    point: Sequence[Any],
+    imaginary: bool = True,
+) -> tuple[Any, Any]:
+    """sum a exp(2 pi i f.point); constants where nothing varies."""
+    real: Any = 0.0
+    imag: Any = 0.0
+    for amplitude, frequency in terms:
+        if not any(frequency):
+            real, imag = real + amplitude.real, imag + amplitude.imag
+            continue
+        turns = sum(f * p for f, p in zip(frequency, point, strict=True))
+        cosine, sine = cos_sin_turns(ops, turns)
+        real = real + (cosine * amplitude.real - sine * amplitude.imag)
+        if imaginary:
+            imag = imag + (cosine * amplitude.imag + sine * amplitude.real)
+    return real, imag if imaginary else 0.0
+
+
+def _plus(a: Vector, b: Vector) -> Vector:
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+def _times(factor: float, a: Vector) -> Vector:
+    return tuple(factor * x for x in a)
+
+
+@lru_cache(maxsize=1024)
+def mean_beats(first: Waves, second: Waves) -> tuple[Beat, ...]:
+    """Pairs with one mean frequency, for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
+
+    Of equal fields the pairs (m, n) and (n, m) are conjugate and taken together.
+    """
+    pairs = []
+    for m, one in enumerate(first):
+        for n, other in enumerate(second):
+            if first == second and m > n:
+                continue
+            twice = 2.0 if first == second and m < n else 1.0
+            amplitude = twice * one.amplitude * complex(other.amplitude).conjugate()
+            mean = _times(0.5, _plus(one.frequency, other.frequency))
+            rate = _plus(one.frequency, _times(-1.0, other.frequency))
+            pairs.append((mean, amplitude, rate))
+    return _collected(pairs, is_real=first == second)
+
+
+@lru_cache(maxsize=1024)
+def difference_beats(first: Waves, second: Waves) -> tuple[Beat, ...]:
+    """Pairs with one difference, for A: c_m c_n* exp(i pi (kappa_m + kappa_n).xi)."""
+    pairs = []
+    for one in first:
+        for other in second:
+            amplitude = one.amplitude * complex(other.amplitude).conjugate()
+            mean = _times(0.5, _plus(one.frequency, other.frequency))
+            pairs.append((_plus(one.frequency, _times(-1.0, other.frequency)), amplitude, mean))
+    return _collected(pairs, is_real=False)
+
+
+def _collected(pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool) -> tuple[Beat, ...]:
+    largest = max((abs(f) for shift, _, _ in pairs for f in shift), default=0.0)
+    tolerance = _EQUAL * max(1.0, largest)
+    found: list[tuple[Vector, dict[Vector, complex]]] = []
+    for shift, amplitude, rate in pairs:
+        terms = next((t for s, t in found if math.dist(s, shift) <= tolerance), None)
+        if terms is None:
+            terms = {}
+            found.append((shift, terms))
+        terms[rate] = terms.get(rate, 0.0) + amplitude
+    return tuple(Beat(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in found)
