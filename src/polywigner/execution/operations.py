@@ -64,6 +64,12 @@ class _Unfused:
         """``compute(*arguments)``, of use only where an extent is not 0."""
         return compute(*arguments)
 
+    def refined(
+        self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
+    ) -> Any:
+        """``compute(*arguments)``, of use where ``|rough| <= reach``; elsewhere its sign is."""
+        return compute(*arguments)
+
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         """a b + c, rounded twice."""
         return a * b + c
@@ -144,6 +150,18 @@ class NumpyOperations(_Unfused, NumpyRanges):
             result[found] = values
             results.append(result.reshape(shape))
         return tuple(results)
+
+    def refined(
+        self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
+    ) -> Any:
+        """``compute(*arguments)`` where ``|rough| <= reach``, ``rough`` elsewhere."""
+        shape = np.shape(rough)
+        if np.size(rough) <= _FEW_SAMPLES or any(np.shape(a) != shape for a in arguments):
+            return compute(*arguments)
+        near = np.abs(rough) <= reach
+        if near.any():
+            rough[near] = compute(*(a[near] for a in arguments))
+        return rough
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole numbers that are in range, floats or not."""
@@ -258,6 +276,12 @@ class DrjitOperations(DrjitRanges):
 
     def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
         """``compute(*arguments)``, of use only where an extent is not 0."""
+        return compute(*arguments)
+
+    def refined(
+        self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
+    ) -> Any:
+        """``compute(*arguments)``, of use where ``|rough| <= reach``; elsewhere its sign is."""
         return compute(*arguments)
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:

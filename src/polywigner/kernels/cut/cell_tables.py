@@ -153,11 +153,11 @@ def _long_rows(
     s = sign
     factor = -s / np.where(parallel, 1.0, slope)
     rising = parallel | (slope * s > 0)
-    start = s * (dx * ay - dy * ax) - offset
+    away = s * ax - px, s * ay - py
+    exactly = accurate_cross(dx, dy, *away)
+    start = np.where(exact > 0, exactly, s * (dx * ay - dy * ax) - offset)
     level = np.where(parallel, offset - s * edges.offset[edge], start)
-    rows = np.column_stack(
-        [dx, dy, s * ax - px, s * ay - py, factor, level, kind, rising == (side > 0)]
-    )
+    rows = np.column_stack([dx, dy, *away, factor, level, kind, rising == (side > 0)])
     return rows, parallel | nearly
 
 

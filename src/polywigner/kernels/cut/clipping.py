@@ -22,9 +22,14 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any
 
-from polywigner.kernels.outline.lines import NEARLY_PARALLEL, Line
+from polywigner.kernels.outline.lines import (
+    NEARLY_PARALLEL,
+    Line,
+    cross_with_constant,
+    slope_of,
+    start_of,
+)
 from polywigner.kernels.outline.tables import Edge, Piece, Tables
-from polywigner.numerics.exact import accurate_cross
 
 __all__ = [
     "AHEAD",
@@ -36,6 +41,10 @@ __all__ = [
     "times",
     "total_extent",
 ]
+
+
+# More than rounding does to a distance that is not computed exactly.
+_ROUNDED, _ROUNDED_SINGLE = 1e-14, 1e-5
 
 
 @dataclass(frozen=True)
@@ -95,7 +104,7 @@ class Clipper:
             return self.ops.fma(self.ty, line.dx, self.tx * -line.dy)
         key = (line.dx, line.dy)
         if key not in self._levels:
-            self._levels[key] = _cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
+            self._levels[key] = cross_with_constant(self.ops, line.dx, line.dy, self.tx, self.ty)
         return self._levels[key]
 
     def intervals(
@@ -127,7 +136,7 @@ class Clipper:
         gates: list[tuple[Any, int]] = []
         for number, side in piece.sides:
             line = self.tables.lines[number]
-            slope = _slope(line, edge)
+            slope = slope_of(line, edge)
             if edge.cluster == line.cluster and (not line.exact or slope == 0.0):
                 gates.append((self._lies_left(edge, line, view), side))
                 continue
@@ -146,25 +155,31 @@ class Clipper:
 
     def _cut(self, edge: Edge, line: Line, view: View, slope: float) -> Any:
         """t where the edge meets the line of the other copy."""
-        if line.exact and edge.cluster == line.cluster:
-            size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
-            if slope**2 < NEARLY_PARALLEL**2 * size:
-                return self._exact_distance(edge, line, view) * (-view.point / slope)
-        start = view.point * (line.dx * edge.ay - line.dy * edge.ax) - line.offset
+        start = start_of(line, edge, view.point)
         scale = -view.point / slope
-        return self.ops.fma(self.level(line), view.offset * scale, start * scale)
+        cut = self.ops.fma(self.level(line), view.offset * scale, start * scale)
+        size = (line.dx**2 + line.dy**2) * (edge.ex**2 + edge.ey**2)
+        if not line.exact or slope**2 >= NEARLY_PARALLEL**2 * size:
+            return cut
 
-    def _exact_distance(self, edge: Edge, line: Line, view: View) -> Any:
+        def exactly(tx: Any, ty: Any) -> Any:
+            return self._exact_distance(edge, line, view, tx, ty) * scale
+
+        # farther than this from the edge, rounding cannot have brought the cut there
+        reach = 1.0 + (_ROUNDED if self.ops.double else _ROUNDED_SINGLE) / abs(slope)
+        return self.ops.refined(cut, reach, exactly, self.tx, self.ty)
+
+    def _exact_distance(self, edge: Edge, line: Line, view: View, tx: Any, ty: Any) -> Any:
         """How far the edge's start lies left of the line, from exact differences, to one ulp."""
         s, sign = view.offset, view.point
-        dx = s * self.tx + (sign * edge.ax - line.px)
-        dy = s * self.ty + (sign * edge.ay - line.py)
+        dx = s * tx + (sign * edge.ax - line.px)
+        dy = s * ty + (sign * edge.ay - line.py)
         return self.ops.cross(line.dx, line.dy, dx, dy)
 
     def _lies_left(self, edge: Edge, line: Line, view: View) -> Any:
         """Whether an edge parallel to a line lies to the left of it in the other copy."""
         if line.exact:
-            return _is_left(self._exact_distance(edge, line, view), view)
+            return _is_left(self._exact_distance(edge, line, view, self.tx, self.ty), view)
         if view is MIRRORED:
             return self.level(line) > edge.offset + line.offset
         if view is AHEAD:
@@ -239,7 +254,7 @@ class RowClipper(Clipper):
         same_cluster = edge.cluster == line.cluster * 1.0
         if line.exact:
             slope = ops.cross(line.dx, line.dy, edge.ex, edge.ey)
-            distance = self._exact_distance(edge, line, view)
+            distance = self._exact_distance(edge, line, view, self.tx, self.ty)
             parallel, left = same_cluster & (slope == 0.0), _is_left(distance, view)
         else:
             slope = line.dx * edge.ey - line.dy * edge.ex
@@ -274,19 +289,3 @@ def times(factor: Any, value: Any) -> Any:
 
 def _is_left(distance: Any, view: View) -> Any:
     return distance >= 0.0 if view is BEHIND else distance > 0.0
-
-
-def _slope(line: Line, edge: Edge) -> Any:
-    """cross(direction, e); without rounding first where the two may be nearly parallel."""
-    if line.exact:
-        return accurate_cross(line.dx, line.dy, edge.ex, edge.ey)
-    return line.dx * edge.ey - line.dy * edge.ex
-
-
-def _cross_with_constant(ops: Any, dx: float, dy: float, x: Any, y: Any) -> Any:
-    """dx y - dy x without the products that a direction along an axis makes superfluous."""
-    if dx == 0.0:
-        return x * -dy
-    if dy == 0.0:
-        return y * dx
-    return ops.fma(y, dx, x * -dy)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.kernels.outline.frame import Frame, frame_of
-from polywigner.kernels.outline.lines import Line, LineBook
+from polywigner.kernels.outline.lines import Line, LineBook, linking_angle
 from polywigner.kernels.outline.waves import (
     UNIFORM,
     Waves,
@@ -202,9 +202,10 @@ def build_tables(
     frame = replace(frame, carrier=carrier_of((e.illumination for e in elements), 2))
     groups, members = grouped(elements, frame)
     plain = [_in_frame(element, frame) for element in elements]
-    gridded = LineBook(_segments_of_all(plain), double).has_exact_lines
+    linked = linking_angle([ring for outline in plain for ring in outline.rings], double)
+    gridded = LineBook(*_segments_of_all(plain), linked, double).has_exact_lines
     outlines = [_on_grid(element, frame, lattice) for element in elements] if gridded else plain
-    book = LineBook(_segments_of_all(outlines), double)
+    book = LineBook(*_segments_of_all(outlines), linked, double)
     edges: list[Edge] = []
     pieces: list[Piece] = []
     numbers = iter(zip(book.number_of, book.signs, strict=True))
@@ -282,10 +283,14 @@ def _on_grid(element: Element, frame: Frame, lattice: Lattice) -> _Outline:
     return _Outline([rings[k] for k in kept], pieces, [numbers[k] for k in kept])
 
 
-def _segments_of_all(outlines: Sequence[_Outline]) -> npt.NDArray[np.float64]:
-    """The sides of all rings and pieces, in the order in which the book numbers them."""
+def _segments_of_all(
+    outlines: Sequence[_Outline],
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+    """The sides of all rings and pieces, as the book numbers them, and the next of each."""
     polygons = [p for o in outlines for p in (*o.rings, *(piece for piece, _ in o.pieces))]
-    return np.concatenate([_segments_of(polygon) for polygon in polygons])
+    numbers = _numbered(polygons)
+    after = np.concatenate([np.roll(own, -1) for own in numbers])
+    return np.concatenate([_segments_of(polygon) for polygon in polygons]), after
 
 
 def _edges(
