@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lattice", "Profile", "lattice_of", "separated"]
+__all__ = ["Lattice", "Profile", "column_and_row", "lattice_of", "separated"]
 
 # Positions count as those of a lattice if they miss it by less than this fraction of the extent of
 # the array: what rounding does to multiples of a pitch.
@@ -33,6 +33,10 @@ class Lattice:
     """b1 and b2."""
     weights: NDArray[np.complex128]
     """(n1, n2)"""
+    middle: tuple[tuple[float, float], tuple[float, float]]
+    """Of the sites, x and y, each as the sum of two floats."""
+    misfit: float
+    """The most by which a position misses its site in x or y, as a fraction of the extent."""
 
 
 def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) -> Lattice | None:
@@ -46,10 +50,11 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
     basis = _basis(positions, extent)
     if basis is None:
         return None
-    steps = np.linalg.solve(basis.T, (positions - positions[0]).T).T
-    whole = np.rint(steps)
+    away = positions - positions[0]
+    whole = np.rint(np.linalg.solve(basis.T, away.T).T)
+    left = away - whole @ basis
     largest = float(np.abs(positions).max())
-    if np.abs(whole @ basis + positions[0] - positions).max() > _ROUNDING * max(extent, largest):
+    if np.abs(left).max() > _ROUNDING * max(extent, largest):
         return None
     first = whole.min(axis=0)
     index = (whole - first).astype(np.intp)
@@ -60,7 +65,16 @@ def lattice_of(positions: NDArray[np.float64], weights: NDArray[np.complex128]) 
     np.add.at(table, (index[:, 0], index[:, 1]), weights)
     origin = positions[0] + first @ basis
     b1, b2 = basis.tolist()
-    return Lattice((float(origin[0]), float(origin[1])), (tuple(b1), tuple(b2)), table)
+    shift = left.mean(axis=0)
+    middle = shift + (first + (np.array(shape) - 1) / 2) @ basis
+    (x, from_x), (y, from_y) = zip(positions[0].tolist(), middle.tolist(), strict=True)
+    return Lattice(
+        (float(origin[0]), float(origin[1])),
+        (tuple(b1), tuple(b2)),
+        table,
+        ((x, from_x), (y, from_y)),
+        float(np.abs(left - shift).max()) / extent,
+    )
 
 
 def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64] | None:
@@ -166,11 +180,19 @@ class Profile:
 
 def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
     """Two profiles whose product the weights (n1, n2) are, or None."""
+    found = column_and_row(weights)
+    return None if found is None else (_profile(found[0]), _profile(found[1]))
+
+
+def column_and_row(
+    weights: NDArray[np.complex128],
+) -> tuple[NDArray[np.complex128], NDArray[np.complex128]] | None:
+    """(n1,) and (n2,) numbers whose product the weights (n1, n2) are, or None."""
     i, j = np.unravel_index(int(np.argmax(np.abs(weights))), weights.shape)
     row, column = weights[i, :], weights[:, j] / weights[i, j]
     if np.abs(np.outer(column, row) - weights).max() > _EQUAL * np.abs(weights[i, j]):
         return None
-    return _profile(column), _profile(row)
+    return column, row
 
 
 def _profile(values: NDArray[np.complex128]) -> Profile:

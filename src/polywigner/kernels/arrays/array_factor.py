@@ -1,18 +1,21 @@
 """Array factors: sum_k w_k exp(-2 pi i nu.p_k) over the sites p_k of an array.
 
 Source: docs/theory.md, (L3). On a lattice with weights that are a product, it is a product of sums
-along its two directions; else sites are rows of a table.
+along its two directions; else sites are rows of a table. Far off the origin, positions are rounded
+so much that they miss a lattice: the sums are then over the coordinates as they are given.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from polywigner.illumination.lattices import Lattice, Profile, separated
+from polywigner.illumination.lattices import Lattice, Profile, column_and_row, separated
 from polywigner.illumination.sites import Sites
 from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
@@ -24,6 +27,11 @@ __all__ = ["array_factor_kernel"]
 
 # Fewer sites are summed one by one: that is as fast, and compiles at once.
 _LEAST_SITES = 16
+# Sites that miss a lattice by more, of its extent D, are not taken for it: the phase errs by 6e3
+# times that at |nu| D = 1000. Multiples of a pitch, counted from anywhere in the array, miss less.
+_MISFIT = 2.0**-52
+# Rows and columns may cross in so many places for each site there: those without one weigh 0.
+_CROSSINGS_PER_SITE = 16
 
 Row = tuple[float, ...]
 
@@ -49,6 +57,8 @@ class FactorTables:
     factors: tuple[ProfileFactor, ProfileFactor] | None = None
     constant: complex = 1.0
     turns: tuple[float, float] = (0.0, 0.0)
+    axes: tuple[tuple[Row, ...], ...] = ()
+    """Of a grid of sites: the rows of x and of y, whose sums are multiplied."""
 
 
 @lru_cache(maxsize=64)
@@ -57,8 +67,9 @@ def _tables(sites: Sites, double: bool) -> FactorTables:
     profiles = None if lattice is None else separated(lattice.weights)
     if lattice is None or profiles is None:
         return _table_of_sites(sites, double)
-    count = np.array(lattice.weights.shape) - 1
-    middle = np.array(lattice.origin) + (count / 2) @ np.array(lattice.basis)
+    if lattice.misfit > _MISFIT:
+        return _table_of_axes(sites, double) or _table_of_sites(sites, double)
+    middle = (Fraction(place) + Fraction(rest) for place, rest in lattice.middle)
     frame = FactorFrame(_doubled(middle, double), lattice.basis)
     return FactorTables(frame, ((),), *_constants(profiles, lattice))
 
@@ -75,18 +86,49 @@ def _constants(
 
 
 def _doubled(point: Any, double: bool) -> tuple[Any, ...]:
-    return tuple(phases.doubled(float(c), double) for c in point)
+    return tuple(phases.doubled(c, double) for c in point)
+
+
+def _table_of_axes(sites: Sites, double: bool) -> FactorTables | None:
+    """Of sites where rows and columns cross, with weights that are a product; None for others."""
+    x, i = np.unique(sites.positions[:, 0], return_inverse=True)
+    y, j = np.unique(sites.positions[:, 1], return_inverse=True)
+    if len(x) * len(y) > _CROSSINGS_PER_SITE * len(sites.positions):
+        return None
+    weights = np.zeros((len(x), len(y)), np.complex128)
+    np.add.at(weights, (i.ravel(), j.ravel()), sites.weights)
+    found = column_and_row(weights)
+    if found is None:
+        return None
+    middle = _middle(sites)
+    axes = tuple(
+        _rows((values - centre)[:, None], own, double)
+        for values, centre, own in zip((x, y), middle, found, strict=True)
+    )
+    return FactorTables(FactorFrame(_doubled(middle.tolist(), double)), ((),), axes=axes)
 
 
 @lru_cache(maxsize=64)
 def _table_of_sites(sites: Sites, double: bool) -> FactorTables:
+    middle = _middle(sites)
+    rows = _rows(sites.positions - middle, sites.weights, double)
+    return FactorTables(FactorFrame(_doubled(middle.tolist(), double)), rows)
+
+
+def _middle(sites: Sites) -> NDArray[np.float64]:
     low, high = sites.positions.min(axis=0), sites.positions.max(axis=0)
-    middle = low + (high - low) / 2
+    middle: NDArray[np.float64] = low + (high - low) / 2
+    return middle
+
+
+def _rows(
+    places: NDArray[np.float64], weights: NDArray[np.complex128], double: bool
+) -> tuple[Row, ...]:
     rows = []
-    for place, weight in zip((sites.positions - middle).tolist(), sites.weights, strict=True):
+    for place, weight in zip(places.tolist(), weights.tolist(), strict=True):
         both = [part for c in place for part in phases.doubled(c, double)]
         rows.append((*both, float(weight.real), float(weight.imag)))
-    return FactorTables(FactorFrame(_doubled(middle, double)), tuple(rows))
+    return tuple(rows)
 
 
 def _enter(ops: Any, frame: FactorFrame, *nu: Any) -> Values:
@@ -99,8 +141,15 @@ def _enter(ops: Any, frame: FactorFrame, *nu: Any) -> Values:
 
 
 def _sum(ops: Any, tables: FactorTables, turns: Any, *inner: Any) -> Values:
+    if tables.axes:
+        x, y = (
+            _sum_over_sites(ops, rows, component)
+            for rows, component in zip(tables.axes, inner, strict=True)
+        )
+        both = Pair(x[0], -x[1]) * Pair(y[0], -y[1])
+        return both.real, -both.imag
     if tables.factors is None:
-        return _sum_over_sites(ops, tables, *inner)
+        return _sum_over_sites(ops, tables.edges, *inner)
     one, two = (
         factor.total(ops, along - own)
         for factor, along, own in zip(tables.factors, inner, tables.turns, strict=True)
@@ -110,14 +159,14 @@ def _sum(ops: Any, tables: FactorTables, turns: Any, *inner: Any) -> Values:
     return total.real, -total.imag
 
 
-def _sum_over_sites(ops: Any, tables: FactorTables, *nu: Any) -> Values:
+def _sum_over_sites(ops: Any, rows: tuple[Row, ...], *nu: Any) -> Values:
     def term(*row: Any) -> tuple[Any, Any]:
         *both, real, imag = row
         place = tuple(zip(both[0::2], both[1::2], strict=True))
         cosine, sine = cos_sin_turns(ops, phases.reduced(ops, phases.dot(ops, nu, place)))
         return real * cosine + imag * sine, real * sine - imag * cosine
 
-    cosine, sine = ops.sum_over(tables.edges, term, 2, like=nu[0])
+    cosine, sine = ops.sum_over(rows, term, 2, like=nu[0])
     return cosine, sine
 
 
