@@ -17,11 +17,10 @@ import shapely
 import polywigner as pw
 from oracles.references import ENGINES, FEW, awkward, awkward_names, numpy_and_few
 from polywigner.execution import NumpyOperations
-from polywigner.kernels import tables_of
+from polywigner.kernels import tables_of, wigner
 from polywigner.kernels.cut.cell_finder import Segments
 from polywigner.kernels.cut.cell_lists import cell_lists
 from polywigner.kernels.cut.cell_tree import _PAIRS_PER_EDGE, divided
-from polywigner.kernels.functions import wigner
 from polywigner.kernels.functions.wigner import ratio_along
 from polywigner.plans import forced
 

@@ -69,7 +69,7 @@ import json, os, sys
 from dataclasses import asdict
 from pathlib import Path
 sys.prefix = os.environ["ENVIRONMENT"]
-from polywigner.execution import debian, llvm_discovery
+from polywigner.toolchain import debian, llvm_discovery
 from polywigner.toolchain.llvm_install import install_llvm
 from polywigner.errors import EngineError
 system = os.environ["SYSTEM"]
@@ -77,7 +77,7 @@ llvm_discovery._LINUX_FOLDERS = (f"{system}/usr*",)
 llvm_discovery._linker_cache = list
 debian.is_root = lambda: bool(os.environ["ROOT"])
 if os.environ["LIBATOMIC"] == "missing":
-    from polywigner.execution import llvm
+    from polywigner.toolchain import llvm
     llvm._opens = lambda library: "libatomic" not in library
     llvm.drjit_imports = lambda: "libatomic.so.1: cannot open shared object file"
 lines = []
@@ -180,7 +180,7 @@ def test_without_root_nothing_of_the_system_is_touched(machine: Machine) -> None
 IMPORT_DRJIT_FIRST = """
 import json, os, site, sys
 sys.prefix = os.environ["ENVIRONMENT"]
-from polywigner.execution import llvm_discovery
+from polywigner.toolchain import llvm_discovery
 llvm_discovery._LINUX_FOLDERS = ()
 llvm_discovery._linker_cache = list
 site.addsitedir(os.environ["PACKAGES"])
