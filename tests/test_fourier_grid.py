@@ -272,4 +272,4 @@ def test_many_edges_are_worth_compiling_for_fewer_samples() -> None:
     many = "llvm" if prepare().usable else "numpy"
     assert resolved("auto", 20_000, terms=108) == many
     assert resolved("auto", 20_000, terms=4) == "numpy"
-    assert resolved("auto", 1 << 16, terms=4) == many
+    assert resolved("auto", 1 << 20, terms=4) == many

@@ -156,12 +156,14 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     if name == POINTS_LISTED:
         assert shared is not None and isinstance(compute, OnNumpy)
         return _listed(compute, shared, call.source, call.components, results)
-    if call.pairs is not None:
-        copies = _by_copies(compute, call.pairs, results)
+    # one place is short enough to be sent with each sample
+    pairs = None if isinstance(compute, OnDrjit) and _is_one_row(call.pairs) else call.pairs
+    if pairs is not None:
+        copies = _by_copies(compute, pairs, results)
         if copies is not None:
             return copies
-        if compute.takes(call.pairs):
-            return _paired(compute, call.pairs, results)
+        if compute.takes(pairs):
+            return _paired(compute, pairs, results)
     return _chunked(compute, call.components, results, chunk)
 
 
@@ -199,6 +201,10 @@ def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]) 
     tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
     for block in pairs.blocks(compute.block):
         yield tables, block, compute.of_pairs(pairs.block(*block))
+
+
+def _is_one_row(pairs: Pairs | None) -> bool:
+    return pairs is not None and pairs.rows == 1
 
 
 def _with_places_as_rows(pairs: Pairs, places: slice) -> Pairs | None:

@@ -1,9 +1,9 @@
-"""What calls of this process have been set up and have cost: what a plan may count on."""
+"""What calls of this process have set up and have cost: what a plan may count on."""
 
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,15 +11,11 @@ from polywigner.plans import Plan
 
 __all__ = ["Account", "account_of"]
 
-# Sources and functions that are remembered, with their tables.
-_MOST = 128
-
 
 @dataclass
 class Account:
     """Of one function of one source."""
 
-    tables: Any
     ready: frozenset[str] = frozenset()
     """Ways that have been set up."""
     spent: float = 0.0
@@ -31,17 +27,16 @@ class Account:
         self.ready |= {plan.way.name}
 
 
-_accounts: OrderedDict[tuple[str, int], Account] = OrderedDict()
+_accounts: dict[tuple[str, int], Account] = {}
 _lock = threading.Lock()
 
 
 def account_of(function: str, tables: Any) -> Account:
-    """The account of a function and the tables of a source."""
+    """The account of a function and the tables of a source; it ends with the tables."""
     key = function, id(tables)
     with _lock:
-        if key not in _accounts:
-            _accounts[key] = Account(tables)  # keeps the tables, and with them their id
-            while len(_accounts) > _MOST:
-                _accounts.popitem(last=False)
-        _accounts.move_to_end(key)
-        return _accounts[key]
+        found = _accounts.get(key)
+        if found is None:
+            found = _accounts[key] = Account()
+            weakref.finalize(tables, _accounts.pop, key, None).atexit = False
+        return found

@@ -230,7 +230,11 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
 
 def _sums_whole_edges(request: Request, outline: Outline) -> bool:
     rows = request.rows >= LIMITS["least rows for whole edges"]
-    return rows and request.columns >= LIMITS["least columns of a compiled list"]
+    return (
+        outline.allows_whole_edges
+        and rows
+        and request.columns >= LIMITS["least columns of a compiled list"]
+    )
 
 
 def _listing(request: Request, places: int) -> float:
