@@ -310,8 +310,7 @@ def test_a_file_that_is_no_scene_is_refused(
         assert word in line
 
 
-BRIGHTER_THAN_SINGLE_PRECISION = """<integrator type="volpath"/><emitter type="point">
-    <point name="position" x="0" y="0" z="0.9"/><rgb name="intensity" value="3e38"/>
+BRIGHTER_THAN_SINGLE_PRECISION = """<emitter type="constant"><rgb name="radiance" value="3e38"/>
 </emitter>
 <shape type="rectangle"><transform name="to_world"><translate z="1"/></transform></shape>
 """

@@ -259,7 +259,9 @@ def _by_parts(
 ) -> Launched:
     exact = compute.kernel.tables(source, True)
     host = NumpyOperations(double=True)
-    for block in pairs.blocks(compute.shared_block):
+    # of one row, nothing is gained by longer blocks, which take memory
+    size = compute.shared_block if pairs.rows > 1 else _DRJIT_CHUNK
+    for block in pairs.blocks(size):
         inner = compute.entered(pairs.block(*block))
         count = len(range(*block[0].indices(pairs.rows)))
         place = (np.broadcast_to(np.ravel(p), count) for p in inner[shared.place])
