@@ -100,9 +100,9 @@ _DISTANT: dict[str, Kernel] = {
 }
 
 
-def _distant(transform: str, source: Any) -> Kernel | None:
+def _distant(transform: str, source: Any, double: bool) -> Kernel | None:
     """The kernel of sources that are small parts far from each other, if this is one."""
-    if transform not in _DISTANT or distant_parts(source) is None:
+    if transform not in _DISTANT or distant_parts(source, double) is None:
         return None
     whole = isinstance(source, Array) or source.illumination is not None
     fields = transform == "lag_marginal" and whole
@@ -113,8 +113,8 @@ def _is_illuminated(source: Any) -> bool:
     return getattr(source, "illumination", None) is not None
 
 
-def kernel_for(transform: str, source: Any) -> Kernel:
-    """The kernel of a transform of a source.
+def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
+    """The kernel of a transform of a source, for results in double precision or in single.
 
     An array has the kernels of its elements, slits or apertures of one plane; its Fourier transform
     is the sum of theirs and has none of its own.
@@ -138,7 +138,7 @@ def kernel_for(transform: str, source: Any) -> Kernel:
         elements = source.coplanar
         kind = type(elements[0])
         name = "lag_marginal of weights" if transform == "lag_marginal" else transform
-    distant = _distant(transform, source) if kind is Aperture else None
+    distant = _distant(transform, source, double) if kind is Aperture else None
     if distant is not None:
         return distant
     if "marginal" in transform and any(_is_illuminated(element) for element in elements):

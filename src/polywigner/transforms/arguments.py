@@ -63,9 +63,9 @@ def transform(
 ) -> Any:
     """Check the arguments once, and hand them to the engine of their type."""
     if any(execution.is_drjit(value) for _, value in points):
-        kernel = _kernel_for(name, source, precision, engine)
         return execution.evaluate_traced(
-            kernel,
+            # arrays of single precision have lost as much on the way in
+            _kernel_for(name, source, precision, engine, double=True),
             source,
             points,
             precision=precision,
@@ -90,10 +90,10 @@ def transform(
     return value[()]
 
 
-def _kernel_for(name: str, source: Any, precision: str | None, engine: str) -> Any:
+def _kernel_for(name: str, source: Any, precision: str | None, engine: str, *, double: bool) -> Any:
     if isinstance(source, Array):
         check_width(source)
-    kernel = kernels.kernel_for(name, source)
+    kernel = kernels.kernel_for(name, source, double)
     execution.checked_precision(precision)
     execution.checked_engine(engine)
     return kernel
@@ -103,7 +103,7 @@ def checked_call(
     name: str, source: Any, points: Sequence[tuple[str, Any]], precision: str | None, engine: str
 ) -> tuple[Any, list[Any], list[Any]]:
     """(kernel, components, arrays) of a call with NumPy arrays, checked."""
-    kernel = _kernel_for(name, source, precision, engine)
+    kernel = _kernel_for(name, source, precision, engine, double=precision != "single")
     arrays = [
         checked_points(*point, kernel.dimension, name in _COMPLEX, keep_single=True)
         for point in points

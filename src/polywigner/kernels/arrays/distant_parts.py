@@ -21,19 +21,22 @@ from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.kernels.arrays.pair_lists import PairLists, pair_lists
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
-from polywigner.kernels.outline.frame import Frame, frame_along, power_of_two
+from polywigner.kernels.outline.frame import Frame, frame_along, frame_of, power_of_two
 from polywigner.kernels.outline.tables import Element, Tables, build_tables, grouped
 from polywigner.kernels.outline.waves import Waves, carrier_of, difference_beats
 from polywigner.numerics import phases
 
 __all__ = ["DistantFrame", "DistantTables", "distant_parts", "pairs_by_difference", "pairs_by_mean"]
 
-# The source is so many times larger than its largest part, or more. In one frame, the error is some
-# ulps times the square of this (docs/accuracy.md); below it, little is lost, and kernels whose
-# edges are constants are faster.
-_LEAST_RATIO = 8.0
+# In one frame, the error is some ulps times the square of a source's size over its area, which may
+# be so large (docs/accuracy.md): 2e-13 of the area in double precision, 5e-6 in single. Below,
+# kernels that find edges by cells lose little; sums over pairs take up to 16 times as long where
+# parts are a few of their sizes apart, and 50 times where they fill the source.
+_LEAST_SPREAD = {True: 256.0, False: 16.0}  # by double precision or not
+# The source is so many times larger than its largest part, or more.
+_LEAST_RATIO = 3.0
 # Pairs of a part and a convex piece of another: their records take 128 bytes each.
-_MOST_PAIRS = 1 << 16
+_MOST_PAIRS = 1 << 13
 # Pairs of waves are code, of some 20 ms to compile each.
 _MOST_BEATS = 16
 # What rounding to 24 bits moves a place by, in its distance from the middle, and some more: lists
@@ -122,20 +125,26 @@ def _connected(aperture: Aperture, weight: complex) -> list[_Part]:
 
 
 @lru_cache(maxsize=256)
-def distant_parts(source: Aperture | Array) -> _Distant | None:
-    """The parts of a source if they are small and far apart, few, and have one field; else None."""
+def distant_parts(source: Aperture | Array, double: bool) -> _Distant | None:
+    """The parts of a source if they are small and far apart, few, and have one field; else None.
+
+    ``double``: for results in double precision, which need them farther apart.
+    """
     elements: Sequence[Any] = (source,) if isinstance(source, Aperture) else source.coplanar
     if not isinstance(elements[0], Aperture):
         return None
     low, high = _extent([element.bounds for element in elements])
-    boxes = [polygon.bounds for element in elements for polygon in element.polygons.geoms]
-    largest = max(float(np.hypot(b[2] - b[0], b[3] - b[1])) for b in boxes)
-    ratio = float(np.hypot(*(high - low))) / largest
-    if ratio < _LEAST_RATIO or len(boxes) ** 2 > _MOST_PAIRS:
+    boxes = np.array([p.bounds for element in elements for p in element.polygons.geoms])
+    if len(boxes) < 2 or len(boxes) ** 2 > _MOST_PAIRS:
+        return None
+    size = float(np.hypot(*(high - low)))
+    largest = float(np.hypot(*(boxes[:, 2:] - boxes[:, :2]).T).max())
+    if size < _LEAST_RATIO * largest or _spread(elements) < _LEAST_SPREAD[double]:
         return None
     weights = [1.0] if isinstance(source, Aperture) else source.weights.tolist()
     middle = (low + (high - low) / 2).tolist()
-    frame = _frame_of_parts(boxes)
+    unit, half = power_of_two(largest), np.full((1, 2), largest / 2)
+    frame = frame_along(half, np.zeros(2), (1.0, 0.0), (unit, unit))
     carrier = carrier_of((e.illumination for e in elements), 2)
     wide = replace(frame, centre=(middle[0], middle[1]), carrier=carrier)
     fields = [Element((), (), w, e.illumination) for e, w in zip(elements, weights, strict=True)]
@@ -157,11 +166,11 @@ def _extent(boxes: Sequence[Any]) -> tuple[Floats, Floats]:
     return bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
 
 
-def _frame_of_parts(boxes: Sequence[Any]) -> Frame:
-    """The frame at the origin whose unit, a power of two, is the size of the largest part."""
-    size = float(max(np.hypot(b[2] - b[0], b[3] - b[1]) for b in boxes))
-    unit, half = power_of_two(size), np.array([[size / 2, size / 2]])
-    return frame_along(half, np.zeros(2), (1.0, 0.0), (unit, unit))
+def _spread(elements: Sequence[Aperture]) -> float:
+    """The square of the size over the area, in one frame for all: needles are stretched there."""
+    frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
+    square = sum((2.0 * reach) ** 2 for reach in frame.reach)
+    return square * (frame.content / sum(element.area for element in elements))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +230,9 @@ def pairs_by_difference(source: Aperture | Array, double: bool) -> DistantTables
 
 
 def _tables(source: Aperture | Array, double: bool, views: Sequence[View]) -> DistantTables:
-    distant = distant_parts(source)
+    distant = distant_parts(
+        source, False
+    )  # fewer are so for double precision, and these are among them
     assert distant is not None
     rows = _rows(distant, double)
     pairs = _Pairs(distant, rows, double)
