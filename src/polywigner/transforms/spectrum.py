@@ -51,9 +51,10 @@ def fourier(
     source's box, and infinite where a float cannot hold it; less for bodies with thin walls, and
     for lattices of many cycles, |nu| times their diameter above 100 (docs/accuracy.md). Differs
     from the paper's eq. (FVT), which prints the exp(+) kernel and is singular at nu = 0; its
-    factor (nu/|nu|).n for collections is an obliquity and not part of the transform. Cost: linear in the edges, or in the triangles of a polyhedron's faces; times the
-    waves of an illumination, or where they are a product along the sides of a rectangle (I4), those
-    along either one after the other; that of its elements for an Array.
+    factor (nu/|nu|).n for collections is an obliquity and not part of the transform. Cost: linear
+    in the edges, or in the triangles of a polyhedron's faces; times the waves of an illumination,
+    or where they are a product along the sides of a rectangle (I4), those along either one after
+    the other; that of its elements for an Array.
     A grid of frequencies, (n, m, 2) from ``numpy.meshgrid``, costs a fraction of as many points
     elsewhere where edges are parallel and of equal length, or along the axes (F4).
 
