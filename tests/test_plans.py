@@ -97,7 +97,7 @@ def _after(found: Plan) -> Request:
     """The same request once more, after a call by this plan."""
     request = found.request
     spent = request.spent + found.way.run
-    return replace(request, spent=spent, ready=request.ready | {found.way.name})
+    return replace(request, spent=spent, ready=request.ready | {found.key})
 
 
 @pytest.mark.parametrize("name", ["64-gon", "coastline", "square", "1000-gon"])
@@ -112,9 +112,27 @@ def test_many_calls_cost_little_more_than_had_their_number_been_known(
     total = 0.0
     for _ in range(calls):
         found = plan(request)
-        total += found.way.run + (0.0 if found.way.name in request.ready else found.way.setup)
+        total += found.way.run + (0.0 if found.key in request.ready else found.way.setup)
         request = _after(found)
     assert total <= 3 * best
+
+
+@pytest.mark.parametrize("name", ["64-gon", "coastline", "square"])
+def test_what_would_change_a_plan_does(name: str) -> None:
+    request = requests()[f"wigner | {name} | points | 10000"]
+    first = plan(request)
+    number, other = re.search(r"change it: (\d+) such calls.*: then (.*)", str(first)).groups()
+    for _ in range(int(number) - 1):
+        assert plan(request).way == first.way
+        request = _after(plan(request))
+    assert plan(request).way.name == other
+
+
+def test_without_a_compiler_everything_is_numpy_s() -> None:
+    for request in requests().values():
+        found = plan(replace(request, compiles=False))
+        assert found.engine == "numpy"
+        assert "asked for" not in str(found)
 
 
 def test_edges_are_cut_as_forced() -> None:
@@ -183,6 +201,8 @@ def test_explain_refuses_what_it_cannot_tell() -> None:
         pw.explain(square, (0, 0), (0, 0), function="otf")
     with pytest.raises(pw.errors.ArgumentError, match="expected x and nu for wigner, got 1"):
         pw.explain(square, (0, 0))
+    with pytest.raises(pw.errors.ArgumentError, match="explain that of an element"):
+        pw.explain(pw.phased_array(square, [(0, 0), (1, 0)]), (0, 0), function="fourier")
 
 
 if __name__ == "__main__":

@@ -68,7 +68,7 @@ def planned(request: Request) -> Plan:
     found = plan(request)
     if found.engine in ("numpy", "cuda") or llvm.prepare().usable:
         return found
-    return plan(replace(request, engine="numpy"))
+    return plan(replace(request, compiles=False))
 
 
 def _require_cuda() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import weakref
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,15 +17,16 @@ __all__ = ["Account", "account_of"]
 class Account:
     """Of one function of one source."""
 
-    ready: frozenset[str] = frozenset()
-    """Ways that have been set up."""
+    ready: frozenset[Hashable] = frozenset()
+    """Keys of the plans that have been set up."""
     spent: float = 0.0
     """Estimated seconds of all calls, without what was set up once."""
 
     def book(self, plan: Plan) -> None:
         """A call that has been carried out."""
-        self.spent += plan.way.run
-        self.ready |= {plan.way.name}
+        with _lock:
+            self.spent += plan.way.run
+            self.ready |= {plan.key}
 
 
 _accounts: dict[tuple[str, int], Account] = {}

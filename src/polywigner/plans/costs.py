@@ -80,7 +80,6 @@ LIMITS: dict[str, float] = {
     "chunk": 1 << 14,
     # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
     "most cuts not worth listing": 16,
-    "least columns of a list": 64,
     "least columns of a compiled list": 256,
     "least rows for whole edges": 64,
 }

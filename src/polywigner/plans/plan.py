@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 
 from polywigner.plans.costs import COSTS, LIMITS
@@ -64,6 +64,11 @@ class Plan:
         asked = self.request.engine
         return asked if asked != "auto" else self.way.engine
 
+    @property
+    def key(self) -> Hashable:
+        """What has been set up when this has been carried out."""
+        return _key(self.way, self.request)
+
     def __str__(self) -> str:
         way, request = self.way, self.request
         lines = [f"way: {way.name}"]
@@ -100,10 +105,15 @@ class Plan:
         faster = [way for way in self.others if way.run < self.way.run]
         if not faster:
             return "nothing that is known: it has the fastest calls as well"
-        way = min(faster, key=lambda way: way.run)
-        gain = self.way.run - way.run
-        calls = max(2, math.ceil((way.setup - self.request.spent) / gain))
+        calls, way = min(
+            ((self._calls_before(way), way) for way in faster), key=lambda pair: pair[0]
+        )
         return f"{calls} such calls, or as many times the samples: then {way.name}"
+
+    def _calls_before(self, way: Way) -> int:
+        """The number of the call that goes another way: when its set-up has been spent."""
+        missing = way.setup + way.run - self.way.run - self.request.spent
+        return 1 + max(1, math.ceil(missing / self.way.run))
 
 
 def plan(request: Request) -> Plan:
@@ -117,9 +127,15 @@ def plan(request: Request) -> Plan:
 
 
 def _effective(way: Way, request: Request) -> float:
-    if way.name in request.ready:
+    if _key(way, request) in request.ready:
         return way.run
     return max(way.setup - request.spent, 0.0) + way.run
+
+
+def _key(way: Way, request: Request) -> Hashable:
+    """Kernels differ by engine, and for points and places that each meet all frequencies."""
+    engine = way.engine if request.engine == "auto" else request.engine
+    return engine, way.name, request.rows > 0
 
 
 def _allowed(request: Request) -> Iterator[Way]:
@@ -130,15 +146,17 @@ def _allowed(request: Request) -> Iterator[Way]:
     if wanted is not None and any(way.cut == wanted for way in ways):
         ways = [way for way in ways if way.cut == wanted]
     for way in ways:
-        if request.engine == "auto" or (way.engine == "numpy") == (request.engine == "numpy"):
-            yield way
+        numpy = way.engine == "numpy"
+        if numpy or request.compiles:
+            if request.engine == "auto" or numpy == (request.engine == "numpy"):
+                yield way
 
 
 def _ways(request: Request) -> Iterator[Way]:
     if request.families is not None:
         points = request.families * request.samples
         run = _cost("family", request.families) + _cost("point of a family", points)
-        yield Way(GRID, "numpy", _listing(request, 1), run)
+        yield Way(GRID, "numpy", 0.0, _listing(request, 1) + run)
     if request.outline is None:
         yield from _sums(request)
     elif request.is_array:

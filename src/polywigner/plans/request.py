@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 
 __all__ = ["Outline", "Request"]
@@ -51,7 +52,9 @@ class Request:
     engine: str = "auto"
     loaded: bool = False
     """Whether Dr.Jit is in this process already."""
-    ready: frozenset[str] = frozenset()
-    """Ways on which this function of this source has been computed before: set up already."""
+    compiles: bool = True
+    """Whether kernels can be compiled here."""
+    ready: frozenset[Hashable] = frozenset()
+    """Keys of the plans by which this function of this source was computed before: set up already."""
     spent: float = 0.0
     """Seconds that earlier calls of this function of this source took, without set-ups."""

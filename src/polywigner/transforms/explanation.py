@@ -7,6 +7,7 @@ from typing import Any
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
+from polywigner.illumination import Array
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import checked_call, in_plane
@@ -74,6 +75,11 @@ def explain(
             "no choice to explain"
         )
     name = function
+    if function == "fourier" and isinstance(source, Array):
+        raise ArgumentError(
+            "expected one element for fourier, got an Array, of which F is a sum of several calls; "
+            "explain that of an element"
+        )
     if function == "fourier":
         arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
         if isinstance(source, Aperture) and is_separable(source):
