@@ -105,9 +105,8 @@ class Plan:
         faster = [way for way in self.others if way.run < self.way.run]
         if not faster:
             return "nothing that is known: it has the fastest calls as well"
-        calls, way = min(
-            ((self._calls_before(way), way) for way in faster), key=lambda pair: pair[0]
-        )
+        way = min(faster, key=self._calls_before)
+        calls = self._calls_before(way)
         return f"{calls} such calls, or as many times the samples: then {way.name}"
 
     def _calls_before(self, way: Way) -> int:
@@ -147,9 +146,9 @@ def _allowed(request: Request) -> Iterator[Way]:
         ways = [way for way in ways if way.cut == wanted]
     for way in ways:
         numpy = way.engine == "numpy"
-        if numpy or request.compiles:
-            if request.engine == "auto" or numpy == (request.engine == "numpy"):
-                yield way
+        asked = request.engine == "auto" or numpy == (request.engine == "numpy")
+        if asked and (numpy or request.compiles):
+            yield way
 
 
 def _ways(request: Request) -> Iterator[Way]:

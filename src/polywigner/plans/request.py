@@ -55,6 +55,6 @@ class Request:
     compiles: bool = True
     """Whether kernels can be compiled here."""
     ready: frozenset[Hashable] = frozenset()
-    """Keys of the plans by which this function of this source was computed before: set up already."""
+    """Keys of the plans of earlier calls of this function of this source: set up already."""
     spent: float = 0.0
     """Seconds that earlier calls of this function of this source took, without set-ups."""
