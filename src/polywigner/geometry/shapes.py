@@ -111,7 +111,7 @@ def disc(radius: float, n: int = 64) -> Aperture:
     """Regular n-gon around the origin with the area of a disc of the given radius.
 
     Its vertices lie outside of that, by a factor of 1 + pi^2/(3 n^2): 1.0008 for 64. Tell
-    :func:`otf` the disc's ``pupil_radius``, which by default is that of the vertices.
+    :func:`polywigner.otf` the disc's ``pupil_radius``, which by default is that of the vertices.
     """
     sides = _count(n, "n", 3)
     return Aperture(_circle(_length(radius, "radius") * _equal_area_factor(sides), sides))

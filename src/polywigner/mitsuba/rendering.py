@@ -54,7 +54,7 @@ def render(
     ----------
     scene: a ``mi.Scene``; its sensor brings film and sampler.
     integrator: plugin name or ``mi.Integrator``; default: the scene's own, else
-        :func:`default_integrator`.
+        ``path``, or ``volpath`` where a source's surface stands in the light of another.
     spp: samples per pixel; default: the sampler's own. Samplers may round it up.
     seed: of the random numbers, zero or more; every strip and pass derives its own from it.
     sensor: index of the scene's sensor.

@@ -55,11 +55,7 @@ def explain(
     ArgumentError for a function that is not one of these, Dr.Jit arrays, and what the function
     itself would refuse; EngineError without the engine.
 
-    Examples
-    --------
-    >>> import polywigner as pw
-    >>> print(pw.explain(pw.shapes.square(0.01), (0.0, 0.0), (10.0, 20.0)))  # doctest: +ELLIPSIS
-    way: ...
+    For example, ``print(pw.explain(pw.shapes.square(0.01), (0.0, 0.0), (10.0, 20.0)))``.
     """
     names = _ARGUMENTS.get(function) if isinstance(function, str) else None
     if names is None:
