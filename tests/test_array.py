@@ -117,8 +117,9 @@ def test_wigner_and_ambiguity_functions_are_sums_over_pairs_also_where_edges_coi
     assert np.abs(pw.ambiguity(array, nu, xi, **how) - position).max() < allowed
 
 
-@engines
-@pytest.mark.parametrize("name", COLLECTIONS)
+@pytest.mark.parametrize(
+    ("name", "engine"), numpy_and_few(COLLECTIONS, ("touching", "real weights"))
+)
 def test_marginals_of_arrays_are_their_functions_at_frequency_zero(name: str, engine: str) -> None:
     array = COLLECTIONS[name]
     x, xi = _special(array, 100, 3)

@@ -204,6 +204,7 @@ def test_nothing_but_the_paths_is_printed_off_a_terminal(
     assert err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 def test_a_film_in_colour_in_a_variant_without_is_no_news(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -310,6 +311,7 @@ def test_a_progress_bar_is_shown_on_a_terminal(tmp_path: Path) -> None:
     assert run.stdout.decode().split() == [f"{tmp_path}/a{s}" for s in (".exr", ".png", ".json")]
 
 
+@pytest.mark.slow
 def test_without_llvm_rendering_goes_on_with_one_warning(tmp_path: Path) -> None:
     path = scene_of_a_lit_floor(tmp_path)
     command = [sys.executable, "-m", "polywigner.cli", "render", str(path)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
 from typing import Any
@@ -16,7 +17,7 @@ import polywigner as pw
 from oracles import simplices
 from oracles.drawn import polygons as drawn_polygons
 from oracles.generate_fourier import exact
-from oracles.references import DATA, ENGINES, aperture
+from oracles.references import DATA, ENGINES, aperture, numpy_and_few
 from oracles.shapes import Polygons
 from oracles.sources import SOURCES, box_bound, content, cube, frequencies, points_of, prism
 from polywigner.execution import evaluate
@@ -70,9 +71,13 @@ def _allowed(kind: str, precision: str) -> float:
     return ERROR[precision] * (CAVITY if kind == "body with cavity" else 1)
 
 
-@engines
-@precisions
-@kinds
+@pytest.mark.parametrize(
+    ("kind", "precision", "engine"),
+    numpy_and_few(
+        itertools.product(SOURCES, ERROR),
+        [(kind, "double") for kind in SOURCES] + [("slits", "single"), ("convex body", "single")],
+    ),
+)
 def test_real_frequencies_of_all_sizes_and_directions(
     kind: str, precision: str, engine: str
 ) -> None:

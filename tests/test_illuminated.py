@@ -134,7 +134,6 @@ TE10 = 3.1358703246970885  # reference value, in units of the wavelength squared
         itertools.product(SOURCES, TOLERANCE),
         [
             ("holed, three waves", "double"),
-            ("elements with one field", "double"),
             ("steered taper", "double"),
             ("convex, cosine", "single"),
         ],

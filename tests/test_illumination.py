@@ -177,6 +177,7 @@ def test_the_field_of_a_mode_has_no_divergence_and_vanishes_along_the_walls(m: i
     assert np.abs(across(floor)).max() < ROUNDING * n / B
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sll", "nbar"), [(20, 3), (25, 5), (30, 4), (35, 6), (40, 7), (60, 13)])
 def test_a_taylor_taper_is_the_window_of_the_same_name(sll: float, nbar: int) -> None:
     """scipy's window samples the same taper at the middles of equal intervals."""
@@ -290,6 +291,7 @@ def test_a_fit_finds_the_waves_that_made_the_samples() -> None:
     np.testing.assert_allclose(fit.illumination.amplitudes, true.amplitudes, atol=ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centre", [(0.0, 0.0), (40e-3, -70e-3)])
 def test_a_smooth_field_is_fitted_up_to_the_edges(centre: tuple[float, float]) -> None:
     """A Gaussian with a quadratic phase: nothing periodic, known between the samples too."""
@@ -308,6 +310,7 @@ def test_a_smooth_field_is_fitted_up_to_the_edges(centre: tuple[float, float]) -
     assert fit.cancellation < 30
 
 
+@pytest.mark.slow
 def test_more_waves_fit_better_and_the_order_of_convergence_is_exponential() -> None:
     def field(x: np.ndarray) -> np.ndarray:
         return np.exp(2 * x[:, 0] / A) / (1 + x[:, 1] / A)

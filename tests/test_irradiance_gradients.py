@@ -25,7 +25,13 @@ def _plain(vertices: np.ndarray, points: np.ndarray, wavelength: float, **more: 
     return float(FACTOR @ pw.irradiance(source, points, wavelength, tolerance=1e-10, **more))
 
 
-@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff", "paper"])
+@pytest.mark.parametrize(
+    "obliquity",
+    [
+        "kirchhoff",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("rayleigh-sommerfeld-1", "paper")),
+    ],
+)
 def test_derivatives_are_those_of_differences(obliquity: Any) -> None:
     import drjit as dr
     import drjit.llvm.ad as backend

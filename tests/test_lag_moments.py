@@ -94,6 +94,7 @@ def test_the_first_moment_is_the_wigner_function(name: str) -> None:
     assert abs(errors / scale(source, nu)[:, 0]).max() < DOUBLE
 
 
+@pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.parametrize("double", [True, False])
 def test_edges_looked_up_by_cells_give_finite_moments_and_the_same(double: bool) -> None:

@@ -50,13 +50,11 @@ def _in_the_middle(image: Any) -> Any:
     return dr.gather(type(image.array), image.array, dr.uint32_array_t(image.array)(count // 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("integrator", "control_variate"),
-    [
-        pytest.param(DIRECT, False, id="direct"),
-        pytest.param(PRB, False, marks=pytest.mark.slow, id="prb"),
-        pytest.param(DIRECT, True, marks=pytest.mark.slow, id="control variate"),
-    ],
+    [(DIRECT, False), (PRB, False), (DIRECT, True)],
+    ids=["direct", "prb", "control variate"],
 )
 def test_gradients_in_weights_are_those_of_differences(
     integrator: Any, control_variate: bool, llvm: object
@@ -171,6 +169,7 @@ def test_the_mean_of_a_control_variate_has_the_derivatives_of_the_far_field(
         assert np.abs(found - expected).max() < ROUNDING * np.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_new_vertices_give_the_picture_and_the_mesh_of_a_new_scene(llvm: object) -> None:
     mi = use("llvm_ad_mono")
     scene, params = _scene(CHEVRON, PRB)
@@ -186,6 +185,7 @@ def test_new_vertices_give_the_picture_and_the_mesh_of_a_new_scene(llvm: object)
     assert np.allclose(scene.bbox().max, fresh.bbox().max)
 
 
+@pytest.mark.slow
 def test_an_array_with_new_weights_stays_a_lattice(llvm: object) -> None:
     """Whose samples stand for several places each."""
     mi = use("llvm_ad_mono")

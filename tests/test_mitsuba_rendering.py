@@ -174,7 +174,14 @@ def path_traced() -> Callable[[int], tuple[np.ndarray, np.ndarray]]:
     return floor
 
 
-@pytest.mark.parametrize("integrator", ["direct", "volpath", "volpathmis", "prb", "prbvolpath"])
+@pytest.mark.parametrize(
+    "integrator",
+    [
+        "volpath",
+        "prb",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("direct", "volpathmis", "prbvolpath")),
+    ],
+)
 def test_integrators_agree(integrator: str, path_traced: Any, llvm: object) -> None:
     use("llvm_ad_mono")
     import polywigner.mitsuba as pwm
@@ -228,9 +235,10 @@ def test_the_particle_tracer_agrees_and_warns_where_it_plays_russian_roulette(
 
 
 # A sample of a scalar variant takes a third of a millisecond.
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variant", "spp"),
-    [pytest.param("scalar_rgb", 36, marks=pytest.mark.slow), (*RGB.values, 256)],
+    [("scalar_rgb", 36), (*RGB.values, 256)],
 )
 def test_variants_show_the_same_floor(
     variant: str, spp: int, path_traced: Any, llvm: object
@@ -248,6 +256,7 @@ def test_variants_show_the_same_floor(
     assert np.mean(deviation**2) < 2 * LARGEST_MEAN_SQUARE  # 16 pixels only
 
 
+@pytest.mark.slow
 def test_the_plugin_survives_changes_of_the_variant(llvm: object) -> None:
     import polywigner.mitsuba as pwm
 
