@@ -29,10 +29,10 @@ from polywigner.numerics import phases
 __all__ = ["DistantFrame", "DistantTables", "distant_parts", "pairs_by_difference", "pairs_by_mean"]
 
 # In one frame, the error is some ulps times the square of a source's size over its area, which may
-# be so large (docs/accuracy.md): 2e-13 of the area in double precision, 5e-6 in single. Below,
+# be so large (docs/accuracy.md): 4e-13 of the area in double precision, 5e-6 in single. Below,
 # kernels that find edges by cells lose little; sums over pairs take up to 16 times as long where
 # parts are a few of their sizes apart, and 50 times where they fill the source.
-_LEAST_SPREAD = {True: 256.0, False: 16.0}  # by double precision or not
+_LEAST_SPREAD = {True: 32.0, False: 16.0}  # by double precision or not
 # The source is so many times larger than its largest part, or more.
 _LEAST_RATIO = 3.0
 # Pairs of a part and a convex piece of another: their records take 128 bytes each.
