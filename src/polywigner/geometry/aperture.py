@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NoReturn, final
+from typing import Any, NoReturn, final
 
 import numpy as np
 import shapely
@@ -16,12 +16,10 @@ from polywigner.geometry.exact import Ring, orientations, total_area
 from polywigner.geometry.field import Field, checked_field, checked_shift, turned_points
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
+from polywigner.geometry.placed import PlacedAperture
 from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.rings import Part, polygon_of_part, rings_of_polygon
 from polywigner.geometry.winding import split_ring
-
-if TYPE_CHECKING:
-    from polywigner.geometry.placed import PlacedAperture
 
 __all__ = ["Aperture", "triangulate"]
 
@@ -185,8 +183,6 @@ class Aperture:
 
         Raises GeometryError for a matrix that is not a rotation and a translation.
         """
-        from polywigner.geometry.placed import PlacedAperture
-
         return PlacedAperture(self, rigid_pose(to_world))
 
     @cached_property

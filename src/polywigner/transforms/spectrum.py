@@ -86,7 +86,7 @@ def fourier(
     if isinstance(source, Differentiable):
         if obliquity is not None:
             raise ArgumentError("expected no obliquity for a differentiable source")
-        return fourier_of(source, nu, precision, engine)
+        return fourier_of(source, nu, precision, engine, fourier)
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     with np.errstate(invalid="ignore", over="ignore"):  # of waves that leave the floats
         values = _fourier(source, nu, how)
