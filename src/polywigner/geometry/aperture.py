@@ -178,6 +178,11 @@ class Aperture:
             )
         return copy if field is None else copy.with_illumination(field.turned(angle))
 
+    @property
+    def elements_in_plane(self) -> tuple[Aperture, ...]:
+        """The aperture itself; an Array has several elements."""
+        return (self,)
+
     def placed(self, to_world: Any) -> PlacedAperture:
         """This aperture in a rigid pose (4, 4), for transforms with three-component nu.
 
@@ -266,7 +271,6 @@ class Aperture:
         return _restored, (self._parts, self.illumination)
 
     def __repr__(self) -> str:
-        xmin, ymin, xmax, ymax = self.bounds
         parts, holes = len(self._parts), len(self.rings) - len(self._parts)
         counts = [f"{sum(map(len, self.rings))} vertices"]
         counts += [f"{parts} parts"] if parts > 1 else []
@@ -274,7 +278,7 @@ class Aperture:
         counts += [repr(self.illumination)] if self.illumination is not None else []
         return (
             f"Aperture({', '.join(counts)}, area {self.area:.6g}, "
-            f"bounds ({xmin:.6g}, {ymin:.6g}, {xmax:.6g}, {ymax:.6g}))"
+            f"bounds ({', '.join(f'{bound:.6g}' for bound in self.bounds)}))"
         )
 
 

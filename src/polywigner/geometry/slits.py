@@ -66,6 +66,11 @@ class Slits:
         field = None if self.illumination is None else self.illumination.moved(offset)
         return _restored(self.intervals + offset, field)
 
+    @property
+    def elements_in_plane(self) -> tuple[Slits, ...]:
+        """The slits themselves, as the one element on their line; an Array has several."""
+        return (self,)
+
     @cached_property
     def length(self) -> float:
         """Total width, the content of the set."""

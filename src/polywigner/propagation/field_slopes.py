@@ -99,11 +99,6 @@ class FieldSlopes:
     """Whether ``of_fields`` is of amplitudes of waves, instead of weights of elements."""
 
     @cached_property
-    def _elements(self) -> tuple[Aperture, ...]:
-        coplanar = (self.source,) if isinstance(self.source, Aperture) else self.source.coplanar
-        return tuple(element for element in coplanar if isinstance(element, Aperture))
-
-    @cached_property
     def _radiator(self) -> Radiator:
         return radiator_of(self.source)
 
@@ -133,7 +128,9 @@ class FieldSlopes:
     ) -> tuple[Complex, Floats]:
         """:meth:`of_points`, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2); those wanted."""
         slopes = np.zeros((len(points), 3), np.complex128)
-        vertices = np.zeros((sum(len(r) for e in self._elements for r in e.rings), 2))
+        vertices = np.zeros(
+            (sum(len(r) for e in self.source.elements_in_plane for r in e.rings), 2)
+        )
         if of_points:
             for axis in range(3):
                 slopes[:, axis] = self._carried(points, axis)
@@ -162,9 +159,9 @@ class FieldSlopes:
 
     def _parts(self) -> Iterator[Aperture]:
         if not self.by_waves:
-            yield from self._elements
+            yield from self.source.elements_in_plane
             return
-        (aperture,) = self._elements
+        (aperture,) = self.source.elements_in_plane
         assert aperture.illumination is not None
         for kappa in aperture.illumination.frequencies:
             yield aperture.with_illumination(Illumination([1.0], kappa[None]))
@@ -258,7 +255,7 @@ class FieldSlopes:
         )
 
     def _strips(self, longest: float) -> _Strips:
-        elements = self._elements
+        elements = self.source.elements_in_plane
         weights = np.ones(1) if isinstance(self.source, Aperture) else self.source.weights
         found: list[tuple[NDArray[Any], ...]] = []
         count = 0

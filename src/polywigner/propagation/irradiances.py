@@ -269,8 +269,7 @@ def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Val
 
     By Cauchy and Schwarz |F|^2 is at most area int |u|^2; near the source it is that on it.
     """
-    elements = (source,) if isinstance(source, Aperture) else source.coplanar
-    area = sum(element.area for element in elements if isinstance(element, Aperture))
+    area = sum(element.area for element in source.elements_in_plane)
     mean = float(np.real(lag_marginal(source, (0.0, 0.0)))) / area
     distance = np.linalg.norm(points - [*_centre(source), 0.0], axis=-1)
     return mean * np.minimum(1.0, (area / (wavelength * distance)) ** 2)

@@ -129,8 +129,8 @@ def _elements(source: PlaneSource) -> Iterator[_Element]:
         assert isinstance(outline, Aperture)  # no slits: checked_source
         yield _element(outline, source.repeated[1][lit], source.weights[lit])
         return
-    for element, weight in zip(source.coplanar, source.weights, strict=True):
-        if weight and isinstance(element, Aperture):
+    for element, weight in zip(source.elements_in_plane, source.weights, strict=True):
+        if weight:
             yield _element(element, np.zeros((1, 2)), np.array([weight]))
 
 

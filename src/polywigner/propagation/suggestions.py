@@ -222,7 +222,7 @@ def _phase_space_axes(
     most = _largest_frequency(wavelength, reach)
     bounds, waves = _bounds(source), most + _largest_wave(source)
     half = len(bounds) // 2
-    narrow = _OF_WIDTH * min(map(_narrowest, _elements(source)))
+    narrow = _OF_WIDTH * min(map(_narrowest, source.elements_in_plane))
     bands = []
     for k, suffix in enumerate(("",) if half == 1 else ("_x", "_y")):
         low, high = bounds[k], bounds[k + half]
@@ -251,13 +251,9 @@ def _largest_frequency(wavelength: Any, reach: Any) -> float:
     return 1 / checked_wavelength(wavelength)
 
 
-def _elements(source: Any) -> Any:
-    return source.coplanar if isinstance(source, Array) else (source,)
-
-
 def _bounds(source: Any) -> tuple[float, ...]:
     """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of others."""
-    boxes = np.array([element.bounds for element in _elements(source)], dtype=np.float64)
+    boxes = np.array([element.bounds for element in source.elements_in_plane], dtype=np.float64)
     half = boxes.shape[1] // 2
     return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
 
@@ -271,7 +267,7 @@ def _narrowest(element: Any) -> float:
 
 def _largest_wave(source: PhaseSpaceSource) -> float:
     """The largest component of a frequency of the waves on the elements, 1/m."""
-    fields = [element.illumination for element in _elements(source)]
+    fields = [element.illumination for element in source.elements_in_plane]
     return max((float(np.abs(f.frequencies).max()) for f in fields if f is not None), default=0.0)
 
 

@@ -43,7 +43,7 @@ def largest_lag(source: PlaneSource) -> float:
     if source.repeated is not None and isinstance(source.repeated[0], Aperture):
         element, sites = source.repeated
         return element.diameter + _diameter(sites)
-    corners = [np.concatenate(e.rings) for e in source.coplanar if isinstance(e, Aperture)]
+    corners = [np.concatenate(element.rings) for element in source.elements_in_plane]
     return _diameter(np.concatenate(corners))
 
 

@@ -76,16 +76,14 @@ class Field:
 
 def is_lit_by_waves(source: Any) -> bool:
     """Whether the field is not constant on an element of a source."""
-    elements = source.coplanar if isinstance(source, Array) else (source,)
-    return any(element.illumination is not None for element in elements)
+    return any(element.illumination is not None for element in source.elements_in_plane)
 
 
 def field_of(source: Aperture | Array) -> Field:
     """The outlines, with the waves on them, and weights of an aperture or array of one plane."""
     if isinstance(source, Aperture):
         return Field((source,), np.ones(1))
-    outlines = tuple(element for element in source.coplanar if isinstance(element, Aperture))
-    return Field(outlines, source.weights)
+    return Field(source.elements_in_plane, source.weights)
 
 
 def bound_of(source: Aperture | Array) -> Field:

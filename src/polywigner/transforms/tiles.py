@@ -301,7 +301,7 @@ def _line_content(source: Any) -> float:
     moduli = abs(source.weights)
     return float(
         moduli.sum()
-        * sum(m * _line_content(s) for m, s in zip(moduli, source.coplanar, strict=True))
+        * sum(m * _line_content(s) for m, s in zip(moduli, source.elements_in_plane, strict=True))
     )
 
 

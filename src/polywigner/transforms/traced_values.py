@@ -101,10 +101,9 @@ def _of_slits(
 
 def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:
     plain = source.source
-    elements = (plain,) if isinstance(plain, Aperture) else plain.coplanar
+    elements = plain.elements_in_plane
     start = 0
     for element in elements:
-        assert isinstance(element, Aperture)
         count = sum(len(ring) for ring in element.rings)
         own = source.vertices
         if own is not None and len(elements) > 1:

@@ -130,7 +130,7 @@ def distant_parts(source: Aperture | Array, double: bool) -> _Distant | None:
 
     ``double``: for results in double precision, which need them farther apart.
     """
-    elements: Sequence[Any] = (source,) if isinstance(source, Aperture) else source.coplanar
+    elements = source.elements_in_plane
     if not isinstance(elements[0], Aperture):
         return None
     low, high = _extent([element.bounds for element in elements])

@@ -66,8 +66,9 @@ def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
     else:
         elements = [
             Element(aperture.rings, aperture.convex_cover, weight, aperture.illumination)
-            for aperture, weight in zip(source.coplanar, source.weights.tolist(), strict=True)
-            if isinstance(aperture, Aperture)
+            for aperture, weight in zip(
+                source.elements_in_plane, source.weights.tolist(), strict=True
+            )
         ]
     return build_tables(elements, double=double)
 

@@ -124,11 +124,8 @@ class _Exact:
 
 @lru_cache(maxsize=256)
 def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
-    if isinstance(source, Slits):
-        groups: list[tuple[Slits, complex]] = [(source, 1.0)]
-    else:
-        pairs = zip(source.coplanar, source.weights.tolist(), strict=True)
-        groups = [(slits, weight) for slits, weight in pairs if isinstance(slits, Slits)]
+    weights = source.weights.tolist() if isinstance(source, Array) else [1.0]
+    groups = list(zip(source.elements_in_plane, weights, strict=True))
     low = min(slits.bounds[0] for slits, _ in groups)
     high = max(slits.bounds[1] for slits, _ in groups)
     (carrier,) = carrier_of((slits.illumination for slits, _ in groups), 1)
