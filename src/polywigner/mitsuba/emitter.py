@@ -85,18 +85,16 @@ def emitter_class(variant: str) -> Any:
             self._traced = TracedSource(m, radiator)
 
         def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
-            """(kernel, its constants, coefficients of h) of what adds up to the radiance.
+            """(kernel, its constants, forms of h) of what adds up to the radiance.
 
-            Keeps (source, coefficients) as well, for the integral over positions.
+            Keeps (source, forms) as well, for the integral over positions.
             """
             terms = []
-            self._fields = []
-            for term in emissions(self._source, wavelength, self.spec.obliquity):
-                self._fields.append((term.source, term.coefficients))
-                kernel = kernel_for("wigner", term.source)
+            self._fields = emissions(self._source, wavelength, self.spec.obliquity)
+            for source, forms in self._fields:
+                kernel = kernel_for("wigner", source)
                 kernel = kernel.in_one_frame or kernel  # with derivatives
-                tables = kernel.tables(term.source, self._ops.double)
-                terms.append((kernel, tables, term.coefficients))
+                terms.append((kernel, kernel.tables(source, self._ops.double), forms))
             return terms
 
         # ---- what a user may change ----------------------------------------------------------

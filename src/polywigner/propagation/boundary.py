@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
+from polywigner.illumination.obliquities import SHARES
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.fresnel import fresnel_edge_sum
 from polywigner.kernels.kernel import Kernel
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of
 
-__all__ = ["SHARES", "boundary_field", "strata_of"]
+__all__ = ["boundary_field", "strata_of"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Share of the second boundary term: (B3).
-SHARES = {"rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5, "rayleigh-sommerfeld-1": 1.0}
 # An edge costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
 # Of Fresnel fields a panel has at most so many turns of phase in half of it.
@@ -87,7 +86,7 @@ def boundary_field(
     task = _Task(radiator, wavelength, _kernel(method), paraxial, double or paraxial, engine)
     values = np.zeros(len(points), np.complex128)
     errors = np.full(len(points), np.inf)
-    allowed = tolerance * _size(radiator, points, wavelength, SHARES.get(method, 0.0))
+    allowed = tolerance * _size(radiator, points, wavelength, _share_of_field(method))
     if not paraxial:
         _check_panels(radiator, wavelength)
     for todo, longest in strata_of(radiator, points, wavelength, paraxial):
@@ -160,8 +159,13 @@ def _paraxial_strata(
         yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)
 
 
+def _share_of_field(method: str) -> float:
+    """The share of the second boundary term (B3); Fresnel fields have none."""
+    return SHARES[method].field if method in SHARES else 0.0
+
+
 def _kernel(method: str) -> Kernel:
-    share = SHARES.get(method, 0.0)
+    share = _share_of_field(method)
     edge_sum = fresnel_edge_sum if method == "fresnel" else integrals.edge_sum
     return Kernel(
         name=f"boundary integral, {method}",

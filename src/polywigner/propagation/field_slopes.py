@@ -15,6 +15,7 @@ from polywigner import execution
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
+from polywigner.illumination.obliquities import SHARES
 from polywigner.kernels.boundary.distances import (
     distance_of,
     paraxial_distance,
@@ -22,7 +23,7 @@ from polywigner.kernels.boundary.distances import (
 )
 from polywigner.kernels.boundary.edge_strips import FRESNEL_STRIPS, STRIPS
 from polywigner.numerics import phases
-from polywigner.propagation.boundary import SHARES, boundary_field, strata_of
+from polywigner.propagation.boundary import boundary_field, strata_of
 from polywigner.propagation.panels import (
     Radiator,
     cosines_of,
@@ -245,8 +246,8 @@ class FieldSlopes:
         if self._paraxial:
             kernel, by_length = (value / (1j * z) for value in found)
             return kernel, by_length, -0.5 * (across - away / z) * kernel
-        share = SHARES[self.method]
-        first, second = share * z / (2 * math.pi), -1j * (1 - share) * strips.cosine
+        share, of_slope = SHARES[self.method]
+        first, second = share * z / (2 * math.pi), -1j * of_slope * strips.cosine
         height = away * found[2] + 2j * math.pi * across * found[0]
         return (
             first * found[2] + second * found[0],

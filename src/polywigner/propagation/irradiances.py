@@ -22,10 +22,10 @@ from polywigner.execution import (
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
 from polywigner.propagation.arrangement import bounds_of
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
-from polywigner.propagation.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.places import (
     METHODS,
     check_reach,

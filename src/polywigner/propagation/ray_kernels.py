@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import Any
 
 from polywigner import kernels
+from polywigner.illumination.obliquities import irradiance_factor
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
 from polywigner.kernels.kernel import Values
@@ -83,9 +84,8 @@ def ray_factors(order: int) -> Callable[[Any, Any, Any, Values], Values]:
 
 def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
     """The factor of W: g/(wavelength |r|)^2, for 1/|r| ``inverse``."""
-    first, mixed, both, _ = forms
     density = inverse / wavelength
-    return ((first * c * c + mixed * c + both) * density * density,)
+    return (irradiance_factor(forms, c) * density * density,)
 
 
 def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:

@@ -13,9 +13,9 @@ from polywigner import execution
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import Forms
 from polywigner.kernels import WIGNER, Kernel, kernel_for, tables_of
 from polywigner.kernels.cut.slice_parts import slice_parts
-from polywigner.propagation.obliquities import Forms
 from polywigner.propagation.ray_kernels import part_kernel, ray_kernel
 from polywigner.propagation.rays_rules import Rule
 
@@ -35,7 +35,7 @@ class Rays:
     """What is summed, and how."""
 
     sources: Sequence[tuple[Aperture | Array, Forms]]
-    """Those of :func:`polywigner.propagation.obliquities.weighted_sources`."""
+    """Those of :func:`polywigner.illumination.obliquities.weighted_sources`."""
     wavelength: float
     order: int
     engine: Engine
