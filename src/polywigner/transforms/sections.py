@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
-from polywigner.kernels.functions.stokes import triangle_plane_wave
+from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import turns_to_centre
 from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
 from polywigner.transforms.fields import Field
@@ -220,7 +220,7 @@ def overlap_spectra(found: Overlaps, nu: Array, nu_y: float = 0.0) -> Complex:
 
     def term(chosen: Indices) -> tuple[Any, Any]:
         turns = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (found.begin, found.end)]
-        cosine, sine = triangle_plane_wave(_OPS, *turns)
+        cosine, sine = simplex_plane_wave(_OPS, *turns)
         return cosine * share[chosen, None], sine * share[chosen, None]
 
     return _row_sums(found.row, found.count, len(nu), term)

@@ -22,7 +22,7 @@ from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
 from polywigner.numerics import phases
 from polywigner.numerics.phases import Doubled, doubled
-from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.numerics.trigonometry import cos_sin_turns, sinc
 
 __all__ = [
     "PairTables",
@@ -240,11 +240,9 @@ def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
             real, imag = real * cosine - imag * sine, real * sine + imag * cosine
         whole = own[0] + own[1]
         length, aside = _overlap(ops, shift, gap, rest, half, other)
-        half_turns = 0.5 * whole * length
-        mean_wave, _ = mean_plane_wave(ops, -half_turns, half_turns)
         turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
         cosine, sine = cos_sin_turns(ops, turns)
-        size = mean_wave * length
+        size = sinc(ops, whole * length) * length
         return size * (cosine * real + sine * imag), size * (cosine * imag - sine * real)
 
     return ops.sum_over(tables.edges, term, 2, like=nu[0])
