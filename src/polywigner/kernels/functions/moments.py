@@ -25,13 +25,13 @@ from typing import Any
 from polywigner.kernels.cut.cells import clipper_for
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper
 from polywigner.kernels.functions.plane import WIGNER, tables_of
-from polywigner.kernels.functions.segment_moments import segment_moments
 from polywigner.kernels.functions.stokes import moved_off_zero
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge, Tables
 from polywigner.kernels.outline.waves import Beat, RowBeat, mean_beats, rows_of
 from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled
+from polywigner.numerics.segment_moments import segment_moments
 from polywigner.numerics.trigonometry import cos_sin_turns
 
 __all__ = ["LAG_MOMENTS", "lag_moments"]
@@ -148,7 +148,7 @@ class RayFrame:
         """
         ops = self.ops
         cosine, sine = cos_sin_turns(ops, middle)
-        means = segment_moments(ops, length)
+        means = segment_moments(ops, 0.5 * length, 4)
         real, imag = [], []
         for polynomial in self._integrals(p, q):
             even, odd = _contracted(ops, polynomial, means)
