@@ -10,6 +10,7 @@ length of the overlap is that of exact arithmetic to an ulp of itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -19,12 +20,13 @@ from typing import Any
 from polywigner.geometry import Slits
 from polywigner.illumination import Array
 from polywigner.kernels.outline.frame import power_of_two
-from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
+from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, field_of, waves_in_frame
 from polywigner.numerics import phases
 from polywigner.numerics.phases import Doubled, doubled
 from polywigner.numerics.trigonometry import cos_sin_turns, sinc
 
 __all__ = [
+    "Interval",
     "PairTables",
     "SlitFrame",
     "SlitTables",
@@ -45,6 +47,12 @@ class Interval:
     begin: float
     end: float
     waves: Waves
+
+    def field(self, ops: Any, x: Any) -> tuple[Any, Any]:
+        """(real, imaginary) part of u less the carrier; the begin has it and the end has not."""
+        inside = ops.select((x >= self.begin) & (x < self.end), 1.0, 0.0)
+        real, imag = field_of(ops, self.waves, (x,))
+        return inside * real, inside * imag
 
 
 @dataclass(frozen=True)
@@ -162,8 +170,12 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
     for (k, one), (m, other) in combinations_with_replacement(enumerate(slits), 2):
         gap, mean = 2 * (one.middle + other.middle), one.middle - other.middle
         row = _row(gap, 2 * one.half, 2 * other.half, mean, double)
-        for v, w in product(one.waves, other.waves):
-            mutual = v.amplitude * complex(w.amplitude).conjugate() * (1.0 if k == m else 2.0)
+        pairs: Iterable[tuple[Wave, Wave]] = product(one.waves, other.waves)
+        if k == m:  # waves (v, w) and (w, v) are conjugate as well
+            pairs = combinations_with_replacement(one.waves, 2)
+        for v, w in pairs:
+            twice = 1.0 if k == m and v is w else 2.0
+            mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
             middle, rate = _mean_and_difference(v, w)
             rows.append((*row, mutual.real, mutual.imag, middle, rate / 4))
     return PairTables(frame, _without_still_waves(rows))
