@@ -20,7 +20,7 @@ _FORMATS = ("nc", "zarr", "vti")
 
 
 def format_suffixes(formats: Sequence[str]) -> tuple[str, ...]:
-    """Of the files of values, each once.
+    """Suffixes of the files of values, each once.
 
     Raises
     ------

@@ -80,7 +80,7 @@ def emitter_class(variant: str) -> Any:
             ]
             self._positions = positions_of(m, radiator, spec.sampling, self._unit)
             self._source = radiator.centred
-            self._squints = depends_on_wavelength(self._source, spec.obliquity)
+            self._is_dispersive = depends_on_wavelength(self._source, spec.obliquity)
             self._terms = self._terms_at(wavelength)
             self._traced = TracedSource(m, radiator)
 
@@ -102,7 +102,7 @@ def emitter_class(variant: str) -> Any:
         def traverse(self, callback: Any) -> None:
             """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
             # Where it turns the directions of waves, these are constants of the kernel.
-            flag = "NonDifferentiable" if self._squints else "Differentiable"
+            flag = "NonDifferentiable" if self._is_dispersive else "Differentiable"
             callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
             # With `direct` alone: others do not move the samples along with the aperture, so that
@@ -120,7 +120,7 @@ def emitter_class(variant: str) -> Any:
             shape = self.get_shape() if self.spec.visible else None
             if "vertices" in keys or "weights" in keys:
                 self._reshape(shape)
-            if "wavelength" in keys and self._squints:
+            if "wavelength" in keys and self._is_dispersive:
                 self._terms = self._terms_at(_single(self.wavelength, "wavelength"))
             self._take_over()
             if "to_world" in keys and shape is not None:

@@ -18,7 +18,7 @@ from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
 __all__ = ["ImageFigure", "coloured", "palette", "plain_figure", "replaced"]
 
 _SIDE = 235
-"""Of the square that is drawn into, in pixels: three columns beside the controls."""
+"""Side of the square that is drawn into, in pixels: three columns beside the controls."""
 _MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight", "difference": SIGNED_MAP}
 _SIDES = {"level": "dB", "phase": "°", "difference": "dB"}
 _NO_COLOUR = "#dddddd"  # of what is not a number
