@@ -51,7 +51,7 @@ class State:
     wave: str = "94 GHz"
     """A frequency or a wavelength."""
     taper: str = ""
-    """Of the element, as :func:`polywigner.illumination.texts.fed` takes it; "" for none."""
+    """Taper of the element, as :func:`polywigner.illumination.texts.fed` takes it; "" for none."""
     array: str = ""
     window: str = ""
     steering: str = ""
@@ -62,9 +62,9 @@ class State:
     defocus: float = 0.0
     """W20 at the farthest vertex, in waves."""
     distance: float = 50.0
-    """Of the plane of the near field."""
+    """Distance of the plane of the near field from the source."""
     order: int = 1
-    """Of Wigner rays."""
+    """Order of Wigner rays in the lag, 1 or 3."""
     reach: float = 0.0
     """Largest direction cosine shown; 0: eight lobes, or all that propagates."""
     part: Part = "level"
@@ -117,7 +117,7 @@ class State:
         return length / self.per_metre
 
     def moved(self, **changes: Any) -> State:
-        """The same with other values."""
+        """A state with some values replaced."""
         return replace(self, **changes)
 
 

@@ -133,7 +133,7 @@ class Aperture:
         return cls._of_parts(split_ring(ring, winding))
 
     def with_illumination(self, illumination: Field | None) -> Aperture:
-        """The same aperture with another field on it, an Illumination; None for the field 1.
+        """A copy of the aperture with another field on it, an Illumination; None for the field 1.
 
         Raises ArgumentError for what is not an Illumination, IlluminationError for one of slits.
         """

@@ -51,7 +51,7 @@ class Slits:
         return _restored(intervals, None)
 
     def with_illumination(self, illumination: Field | None) -> Slits:
-        """The same slits with another field in them, an Illumination; None for the field 1.
+        """A copy of the slits with another field in them, an Illumination; None for the field 1.
 
         Raises ArgumentError for what is not an Illumination, IlluminationError for one in 2D.
         """

@@ -95,7 +95,7 @@ class Array:
 
     @property
     def dimension(self) -> int:
-        """Of the space of the elements: 1 for slits, 2 for apertures without a pose, else 3."""
+        """Dimension of the elements' space: 1 for slits, 2 for apertures without a pose, else 3."""
         if self.repeated is not None:
             return self.repeated[1].shape[1]
         kinds = {type(element) for element in self.elements}

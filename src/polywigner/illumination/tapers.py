@@ -263,7 +263,7 @@ def _axes(
 def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
-    """The same taper along each axis that has a length."""
+    """The field with one taper along each axis that has a length."""
     along = [_CONSTANT if size is None else taper(size) for size in _axes(width, height, dimension)]
     return Illumination(*along[0]) if dimension == 1 else _product(*along)
 

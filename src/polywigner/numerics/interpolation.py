@@ -41,7 +41,7 @@ class Interpolation:
     from the middle of the samples, -1 <= s <= 1."""
 
     def weights(self, ops: Any, s: Any) -> list[Any]:
-        """Of all samples around a place; those on either side are mirror images."""
+        """Weights of all samples around a place; those on either side are mirror images."""
         square = s * s
         first, last = [], []
         for row in self.coefficients[: (self.width + 1) // 2]:

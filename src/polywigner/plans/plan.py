@@ -45,7 +45,7 @@ class Way:
 
     @property
     def seconds(self) -> float:
-        """Of a first call."""
+        """Seconds of a first call."""
         return self.setup + self.run
 
 

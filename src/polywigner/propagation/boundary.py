@@ -142,7 +142,7 @@ def strata_of(
 def _paraxial_strata(
     radiator: Radiator, points: Floats, wavelength: float
 ) -> Iterator[tuple[Indices, float]]:
-    """The same for Fresnel fields: phases run as fast along an edge as it is seen aslant."""
+    """:func:`strata_of` Fresnel fields: phases run as fast along an edge as it is seen aslant."""
     steepest = wavelength * radiator.highest_frequency
     aside = np.maximum(points[:, :2] - radiator.low, radiator.high - points[:, :2])
     slope = np.linalg.norm(aside, axis=1) / points[:, 2] + steepest

@@ -32,9 +32,9 @@ class FieldOptions(TypedDict, total=False):
     quantity: Quantity
     """"irradiance" (default); "amplitude" or "phase", which "wigner" does not have."""
     obliquity: str | None
-    """Of "wigner" and "fraunhofer": see :func:`irradiance`."""
+    """Boundary condition of "wigner" and "fraunhofer": see :func:`irradiance`."""
     order: int
-    """Of "wigner": 1 or 3."""
+    """Order in the lag of "wigner": 1 or 3."""
     tolerance: float | None
     """None: that of :func:`irradiance` and :func:`amplitude`."""
     dtype: str

@@ -66,7 +66,7 @@ class _Strips:
     """Number of the vertex at which the panel's edge begins; where it ends."""
     last: NDArray[np.intp]
     share: Floats
-    """Of the edge before the panel, and in a wavelength of it."""
+    """Share of the edge before the panel, and (``rate``) in a wavelength of it."""
     rate: Floats
 
     @property
@@ -82,10 +82,10 @@ class _Sums:
     where: NDArray[np.intp]
     strips: _Strips
     kernel: Complex
-    """Of amplitude times u times the kernel K of the field; of t times that."""
+    """Integral of amplitude times u times the field's kernel K; ``by_length``: of t times that."""
     by_length: Complex
     height: Complex
-    """Of what edges contribute to the derivative in z."""
+    """Integral of the edges' part of the derivative in z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ class FieldSlopes:
     def _combined(
         self, found: list[Complex], places: Floats, strips: _Strips
     ) -> tuple[Complex, Complex, Complex]:
-        """Of integrals of 1 and t times u G and u (1/R - 2 pi i) G/R, those of :class:`_Sums`."""
+        """Integrals of :class:`_Sums` from those of 1 and t times u G and u (1/R - 2 pi i) G/R."""
         left = -strips.normal
         away = (strips.begin * left).sum(axis=1) - places[:, :2] @ left.T
         across = (strips.plane * left).sum(axis=1)

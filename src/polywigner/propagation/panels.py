@@ -47,7 +47,7 @@ class _Element:
 
     @property
     def edges(self) -> int:
-        """Of all copies, once for each wave."""
+        """Number of edges of all copies, once for each wave."""
         return sum(map(len, self.outline.rings)) * len(self.amplitudes) * len(self.weights)
 
 
@@ -81,7 +81,7 @@ class Radiator:
 
     @property
     def highest_frequency(self) -> float:
-        """Of all waves, in cycles per metre."""
+        """Highest frequency of all waves, in cycles per metre."""
         return max(float(np.linalg.norm(e.frequencies, axis=1).max()) for e in self.elements)
 
     @property
@@ -99,7 +99,7 @@ class Radiator:
         return np.sqrt(aside * aside + beside * beside + z * z)
 
     def distance_of_centre(self, points: Floats) -> Floats:
-        """Of points (n, 3)."""
+        """Distance of points (n, 3) from the centre of the box, (n,)."""
         x, y, z = points.T
         dx, dy = x - self.centre[0], y - self.centre[1]
         return np.sqrt(dx * dx + dy * dy + z * z)
@@ -234,9 +234,9 @@ class Pieces:
     owner: NDArray[np.intp]
     """Number of the edge, which is that of the vertex that it begins at."""
     share: Floats
-    """Of the edge before the piece begins, (n,)."""
+    """Share of the edge before the piece begins, (n,)."""
     step: Floats
-    """Of the edge, (n,)."""
+    """Share of the edge in the piece, (n,)."""
 
 
 def pieces_of(outline: Aperture, longest: float) -> Pieces:

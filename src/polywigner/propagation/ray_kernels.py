@@ -35,7 +35,7 @@ def ray_kernel(source: Any, order: int) -> Kernel:
 
 
 def part_kernel(order: int) -> Kernel:
-    """The same for one part of the lag slice at a place: ``x, y``, the part's columns, the rest."""
+    """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest."""
     return _composed(PART_WIGNER if order == 1 else PART_MOMENTS, order, PART_COLUMNS)
 
 

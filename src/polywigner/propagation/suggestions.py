@@ -45,7 +45,7 @@ class AxisSampling:
     """An evenly spaced axis of a grid."""
 
     name: str
-    """Of the coordinate, as in :func:`projections`, :func:`plane` and :func:`hemisphere`."""
+    """Name of the coordinate, as in :func:`projections`, :func:`plane` and :func:`hemisphere`."""
     unit: str
     """"m", "1/m" or "rad"."""
     low: float

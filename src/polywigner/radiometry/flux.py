@@ -109,12 +109,12 @@ class EnergyBudget:
 
     @property
     def propagating_share(self) -> float:
-        """Of the total; NaN for a source whose elements cancel each other."""
+        """Propagating part over the total; NaN for a source whose elements cancel each other."""
         return self.propagating / self.total if self.total > 0 else float("nan")
 
     @property
     def evanescent_share(self) -> float:
-        """Of the total; NaN for a source whose elements cancel each other."""
+        """Evanescent part over the total; NaN for a source whose elements cancel each other."""
         return self.evanescent / self.total if self.total > 0 else float("nan")
 
 

@@ -48,7 +48,7 @@ def largest_lag(source: PlaneSource) -> float:
 
 
 def _diameter(points: Array) -> float:
-    """Of a set of points (n, 2)."""
+    """Largest distance of two of a set of points (n, 2)."""
     hull = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)
     return max(float(np.hypot(*(hull - point).T).max()) for point in hull)
 

@@ -65,7 +65,7 @@ class ArrayCase:
 
     @cached_property
     def allowed(self) -> float:
-        """Of W and A."""
+        """Error allowed to A and, times 2^d, to W."""
         return self.tolerance * self.scale + self._moved
 
     @property

@@ -70,7 +70,7 @@ class Case:
 
     @property
     def allowed(self) -> float:
-        """Of W and A."""
+        """Error allowed to A and, times 2^d, to W."""
         return self.tolerance * self.scale
 
     @cached_property

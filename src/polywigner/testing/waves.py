@@ -73,7 +73,7 @@ class Waves:
         return int(self.frequencies.shape[1])
 
     def field(self) -> Illumination:
-        """The same as an Illumination."""
+        """The waves as an Illumination."""
         return Illumination(self.amplitudes, self.frequencies)
 
     def mapped(self, matrix: Array, shift: Array) -> Waves:

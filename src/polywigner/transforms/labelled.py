@@ -73,7 +73,7 @@ class LabelledArrays(Mapping[str, LabelledArray]):
 
 
 def labelled(found: LabelledArrays) -> Labelled:
-    """The same as an ``xarray.Dataset`` if xarray can be imported."""
+    """The arrays as an ``xarray.Dataset`` if xarray can be imported."""
     try:
         import xarray
     except ImportError:

@@ -29,8 +29,9 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 Pairing = Callable[[Array, Array], tuple[Array, Array]]
-"""Of the frequencies (m, 2) of the first and (m, 2) of the second wave of m pairs: what to subtract
-from the frequency of the overlap's transform (m, 2), and the cycles (m, r) along r coordinates."""
+"""From the frequencies (m, 2) of the first and (m, 2) of the second wave of m pairs to a shift, to
+subtract from the frequency of the overlap's transform (m, 2), and cycles (m, r) along r
+coordinates."""
 
 # Shifts that agree to this share of the largest are one: sums of the same terms in another order.
 _EQUAL = 1e-12

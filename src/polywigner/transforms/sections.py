@@ -161,7 +161,7 @@ class Overlaps:
 
 
 Copies = Callable[[float], Callable[[Array], Array]]
-"""Of a value, the map of points (m, 2) to one of the two images of the field."""
+"""From a value to the map of points (m, 2) to one of the two images of the field."""
 
 
 def overlaps(field: Field, at: Array, ahead: Copies, behind: Copies) -> Overlaps:

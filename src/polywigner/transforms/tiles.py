@@ -45,7 +45,7 @@ class Tile:
     units: str
     meaning: str
     label: str
-    """Of the equation in docs/projections.md."""
+    """Label of the equation in docs/projections.md."""
     compute: Values
     """(what is seen, values along the first, along the second, engine) -> (n, m)."""
     scale: Scale

@@ -109,7 +109,7 @@ def ends(curve: Curve) -> Points:
 
 
 def reversed_curve(curve: Curve) -> Curve:
-    """The same curve run through the other way."""
+    """The curve run through from its end to its begin."""
     if isinstance(curve, Arc):
         return Arc(curve.centre, curve.u, curve.v, curve.start + curve.sweep, -curve.sweep)
     if isinstance(curve, Bezier):

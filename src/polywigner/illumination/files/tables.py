@@ -50,7 +50,7 @@ __all__ = ["VERSION", "Source", "aperture_of_polygons", "source_of"]
 Source = Element | Array
 
 VERSION = 1
-"""Of the format; files of another are refused."""
+"""Version of the format; files of another are refused."""
 
 _HEAD = ("version", "frequency", "wavelength")
 

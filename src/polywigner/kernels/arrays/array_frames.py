@@ -68,7 +68,7 @@ class ArrayFrame:
     turns: Pair2
     """By which the phase of the weights grows from site to site, along each direction."""
     middle: tuple[phases.Doubled, ...]
-    """Of the elements' centres."""
+    """Middle of the elements' centres."""
     means: tuple[Window, Window]
     differences: tuple[Window, Window]
     sites: tuple[Window, Window]

@@ -143,7 +143,7 @@ class _Series:
     """
 
     packets: int
-    """Of a row."""
+    """Number of packets of a row."""
     p_real: _Table | None
     p_imag: _Table | None
     q_real: _Table | None

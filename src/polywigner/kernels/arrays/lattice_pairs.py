@@ -33,14 +33,14 @@ Floats = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Copies:
-    """Of places (rows,): those of row k are ``ends[k]`` to ``ends[k + 1]``."""
+    """Copies that hold places (rows,): row k has those from ``ends[k]`` to ``ends[k + 1]``."""
 
     ends: NDArray[np.intp]
     x: Floats
     """The place in the frame of each copy's element."""
     y: Floats
     number: NDArray[np.intp]
-    """Of its factor."""
+    """Number of the factor of each copy."""
     factors: tuple[Floats, ...]
     """(numbers, frequencies) each: real, and imaginary parts if there are any."""
 

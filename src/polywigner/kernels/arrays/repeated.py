@@ -27,7 +27,7 @@ class RepeatedTables(Generic[Sites]):
     sums_per_edge: int = 1
     """Sums over an edge that a kernel unrolls, for several copies: what splitting it counts."""
     terms: int = 1
-    """Of the sum over copies that a sample loops through: they count when an engine is chosen."""
+    """Terms of the sum over copies that a sample loops through, for the choice of an engine."""
 
     @property
     def part(self) -> ElementTables:

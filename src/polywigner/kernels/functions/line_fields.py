@@ -102,7 +102,7 @@ class _Beats:
         return Pair(real, imag)
 
     def whole(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
-        """The same times the length."""
+        """:meth:`total` times the length."""
         if not are_pairs(place, frequency):
             return self.total(ops, place, frequency, length).scaled(length)
         if place.shape[0] == 1:
@@ -111,7 +111,7 @@ class _Beats:
         return sum_of_pairs(ops, self.shifts, self._amplitudes(place), frequency, length)
 
     def _amplitudes(self, place: Any) -> Any:
-        """Of the shifts, at places (n, 1) of NumPy."""
+        """Amplitudes of all shifts at places (n, 1) of NumPy, (n, shifts)."""
         rates = 2j * math.pi * np.array(self.rates)
         waves = np.exp(np.asarray(place, np.float64) * rates)
         ahead, behind = np.zeros((2, len(self.rates), len(self.shifts)), np.complex128)

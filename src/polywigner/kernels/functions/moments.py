@@ -86,7 +86,7 @@ def _sum_over_rows(
     nu: Sequence[Any],
     ray: Sequence[Any],
 ) -> Values:
-    """The same with pairs of waves as rows of a table as well."""
+    """:func:`lag_moments` with pairs of waves as rows of a table as well."""
     totals: list[Any] = [0.0] * _COUNT
     for group in groups:
         for other, waves in enumerate(tables.groups):
@@ -230,7 +230,7 @@ class _Moments:
 
 
 def _real_part(real: Any, imag: Any, first: Any, second: Any) -> Any:
-    """Of (real + i imag)(first + i second)."""
+    """Real part of (real + i imag)(first + i second)."""
     if isinstance(imag, float) and imag == 0.0:
         return real * first
     return real * first - imag * second

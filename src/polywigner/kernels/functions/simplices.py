@@ -138,7 +138,7 @@ def _enter(ops: Any, frame: Any, *nu: Any) -> Values:
 
 
 def _enter_complex(ops: Any, frame: Any, *nu: Any) -> Values:
-    """The same with the growth of the centre, and the imaginary parts after the real ones."""
+    """(phase and growth of the centre, real and then imaginary parts of nu as two floats each)."""
     real, imag = nu[0::2], nu[1::2]
     turns = phases.turns_to_centre(ops, frame.centre, *real)
     inner = _in_frame(ops, frame, imag)

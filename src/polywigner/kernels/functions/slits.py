@@ -203,7 +203,7 @@ def _row(
 
 
 def _mean_and_difference(one: Wave, other: Wave) -> tuple[float, float]:
-    """Of the frequencies of two waves."""
+    """Mean and difference of the frequencies of two waves."""
     (a,), (b,) = one.frequency, other.frequency
     return (a + b) / 2, a - b
 

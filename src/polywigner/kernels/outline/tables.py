@@ -64,9 +64,9 @@ class Edge:
     length: Any
     """e = length u, with one unit vector u for all parallel edges."""
     offset: Any
-    """Of the edge's line."""
+    """Offset of the edge's line."""
     cluster: Any
-    """Of the edge's line."""
+    """Cluster of the edge's line."""
     real: Any = 1.0
     """The complex weight of the element that the edge bounds."""
     imag: Any = 0.0
@@ -117,7 +117,7 @@ class Tables:
     cut: str | None = None
     """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
-    """The same tables with other cuts, by cut."""
+    """Copies of these tables with other cuts, by cut."""
     terms: ClassVar[int] = 1  # of a sum over data, beside the edges, that a sample loops through
 
     @cached_property
@@ -131,7 +131,7 @@ class Tables:
 
     @property
     def cuts(self) -> int:
-        """The same without waves."""
+        """Number of (edge, side of a piece) pairs, waves not counted."""
         return len(self.edges) * sum(len(piece.sides) for piece in self.pieces)
 
     @cached_property
@@ -151,7 +151,7 @@ class Tables:
         return self.clips if simple else 0
 
     def cut_by(self, cut: str | None) -> Tables:
-        """The same tables, with edges to be cut in a given way; one object for each way."""
+        """A copy of the tables with edges to be cut in a given way; one object for each way."""
         if cut is None or cut == self.cut:
             return self
         return self.variants.setdefault(cut, replace(self, cut=cut))
@@ -257,7 +257,7 @@ class _Outline:
     rings: Sequence[npt.NDArray[np.float64]]
     pieces: Sequence[tuple[npt.NDArray[np.float64], float]]
     numbers: Sequence[npt.NDArray[np.intp]]
-    """Of each ring's vertices, among those of all rings of the element before rounding."""
+    """Numbers of each ring's vertices among those of all rings of the element before rounding."""
 
 
 def _in_frame(element: Element, frame: Frame) -> _Outline:

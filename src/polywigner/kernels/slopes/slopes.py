@@ -32,9 +32,9 @@ class Wanted:
 
     vertices: bool = False
     weights: bool = False
-    """Of the elements."""
+    """Derivatives in the weights of the elements."""
     amplitudes: bool = False
-    """Of the waves on the only element."""
+    """Derivatives in the amplitudes of the waves on the only element."""
 
 
 class Sink(Protocol):
