@@ -20,7 +20,7 @@ from polywigner.kernels.outline.frame import frame_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.exact import (
-    Lattice,
+    RoundingGrid,
     exact_cross,
     signed_convex_pieces,
     with_vertices_on_sides,
@@ -140,7 +140,7 @@ def test_nearly_parallel_vectors_have_an_accurate_cross_product() -> None:
 
 
 def test_pieces_bent_by_the_grid_keep_their_area_and_their_shared_sides() -> None:
-    step = Lattice.for_precision(True).step
+    step = RoundingGrid.for_precision(True).step
     bent = np.array([[0, 0], [0.25, -step], [0.5, 0], [0.5, 0.25], [0.25, 0.25 - step], [0, 0.25]])
     pieces = signed_convex_pieces([bent])
     area = sum(

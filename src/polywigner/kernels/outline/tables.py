@@ -28,7 +28,7 @@ from polywigner.kernels.outline.waves import (
     waves_in_frame,
 )
 from polywigner.numerics.exact import (
-    Lattice,
+    RoundingGrid,
     exact_cross,
     signed_convex_pieces,
     with_vertices_on_sides,
@@ -198,13 +198,13 @@ def build_tables(
     """
     if frame is None:
         frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
-    lattice = Lattice.for_precision(double)
+    grid = RoundingGrid.for_precision(double)
     frame = replace(frame, carrier=carrier_of((e.illumination for e in elements), 2))
     groups, members = grouped(elements, frame)
     plain = [_in_frame(element, frame) for element in elements]
     linked = linking_angle([ring for outline in plain for ring in outline.rings], double)
     gridded = LineBook(*_segments_of_all(plain), linked, double).has_exact_lines
-    outlines = [_on_grid(element, frame, lattice) for element in elements] if gridded else plain
+    outlines = [_on_grid(element, frame, grid) for element in elements] if gridded else plain
     book = LineBook(*_segments_of_all(outlines), linked, double)
     edges: list[Edge] = []
     pieces: list[Piece] = []
@@ -227,7 +227,7 @@ def build_tables(
         tuple(edges),
         tuple(book.lines),
         tuple(pieces),
-        lattice.step if gridded else None,
+        grid.step if gridded else None,
         uniform=all(weight == 1 for weight in weights),
         phased=any(weight.imag for weight in weights),
         groups=groups,
@@ -271,14 +271,12 @@ def _numbered(rings: Sequence[npt.NDArray[np.float64]]) -> list[npt.NDArray[np.i
     return [np.arange(end - len(ring), end) for end, ring in zip(ends, rings, strict=True)]
 
 
-def _on_grid(element: Element, frame: Frame, lattice: Lattice) -> _Outline:
+def _on_grid(element: Element, frame: Frame, grid: RoundingGrid) -> _Outline:
     points = [frame.vertices(ring) for ring in element.rings]
-    rings = [lattice.rounded(ring) for ring in points]
-    numbers = [
-        own[lattice.is_kept(ring)] for own, ring in zip(_numbered(points), points, strict=True)
-    ]
+    rings = [grid.rounded(ring) for ring in points]
+    numbers = [own[grid.is_kept(ring)] for own, ring in zip(_numbered(points), points, strict=True)]
     joined = with_vertices_on_sides(element.convex_cover, np.concatenate(list(element.rings)))
-    pieces = signed_convex_pieces([lattice.rounded(frame.vertices(piece)) for piece in joined])
+    pieces = signed_convex_pieces([grid.rounded(frame.vertices(piece)) for piece in joined])
     kept = [k for k, ring in enumerate(rings) if len(ring) > 2]
     return _Outline([rings[k] for k in kept], pieces, [numbers[k] for k in kept])
 
