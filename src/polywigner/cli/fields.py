@@ -1,4 +1,4 @@
-"""What commands write of fields: a picture, and the values in formats that others read."""
+"""Files of commands for fields: a picture, and the values in formats that others read."""
 
 from __future__ import annotations
 

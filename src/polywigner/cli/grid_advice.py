@@ -1,4 +1,4 @@
-"""As many samples as a field needs, where a command was not told how many."""
+"""Numbers of samples that a field needs, for commands that were not told how many."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class MethodText(NamedTuple):
 
     @property
     def options(self) -> dict[str, Any]:
-        """What :func:`polywigner.line` and its like take for it."""
+        """The argument that :func:`polywigner.line` and its like take for it."""
         if self.method != "wigner":
             return {"method": self.method}
         return {"method": self.method, "obliquity": self.obliquity, "order": self.order}

@@ -1,4 +1,4 @@
-"""What the explorer shows, as one immutable value; to and from the text of a link."""
+"""The state of the explorer as one immutable value; to and from the text of a link."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Point = tuple[float, float]
 Ring = tuple[Point, ...]
 
 MOST_VERTICES = 1000
-"""What handles can be dragged of; a transform of a thousand edges takes seconds."""
+"""Most vertices with handles to drag; a transform of a thousand edges takes seconds."""
 MOST_RINGS = 100
 LARGEST_QUERY = 48 * 1024
 """Bytes of a link: of a thousand vertices with all their digits."""
@@ -68,7 +68,7 @@ class State:
     reach: float = 0.0
     """Largest direction cosine shown; 0: eight lobes, or all that propagates."""
     part: Part = "level"
-    """What is shown of the Fourier transform."""
+    """The part of the Fourier transform that is shown."""
     snap: float = 0.0
     """Step of the raster that vertices are dragged to, in units; 0: none."""
 

@@ -77,7 +77,7 @@ class Picture:
     unit: str
     """Unit of the arrays; "" for none."""
     note: str = ""
-    """What a visitor should know about these values."""
+    """A note for the visitor about these values."""
 
     @property
     def samples(self) -> int:

@@ -177,7 +177,7 @@ def dims_of(found: Any) -> tuple[str, ...]:
 
 
 def quantity_of(array: Any) -> str:
-    """What a variable is: "irradiance" unless its attributes say something else."""
+    """The quantity of a variable: "irradiance" unless its attributes say something else."""
     return str(array.attrs.get("quantity", "irradiance"))
 
 

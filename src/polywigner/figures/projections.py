@@ -212,7 +212,7 @@ def _latex(name: str) -> str:
 
 
 def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
-    """What is shown, as a formula: the function and the coordinates it was integrated over."""
+    """The quantity shown, as a formula: the function and the coordinates it was integrated over."""
     letter = _LETTERS[kind]
     left_out = [n for n in _COORDINATES[kind] if n not in kept]
     real = r"\mathrm{Re}\," if is_complex else ""

@@ -22,7 +22,7 @@ from polywigner.illumination.tapers import checked_sidelobes
 __all__ = ["WINDOWS", "focusing_weights", "steering_weights", "window_weights"]
 
 WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
-"""What :func:`window_weights` knows."""
+"""Windows that :func:`window_weights` knows."""
 
 
 def steering_weights(positions: Any, direction: Any, wavelength: float) -> NDArray[np.complex128]:

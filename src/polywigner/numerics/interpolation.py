@@ -51,7 +51,7 @@ class Interpolation:
         return first + last[: self.width // 2][::-1]
 
     def transform(self, frequencies: Floats) -> Floats:
-        """What waves of so many periods a sample, summed over the samples, are multiplied with.
+        """The factor on waves of so many periods a sample when they are summed over the samples.
 
         Up to 1/(2 RATE) periods, the most that a table has.
         """

@@ -55,7 +55,7 @@ class _Panels:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is the same for all points."""
+    """Settings that all points share."""
 
     radiator: Radiator
     wavelength: float

@@ -25,7 +25,7 @@ WITH_OBLIQUITY = ("wigner", "fraunhofer")
 
 
 class FieldOptions(TypedDict, total=False):
-    """What :func:`plane` and its like take beside source, place and wavelength."""
+    """Options of :func:`plane` and its like beside source, place and wavelength."""
 
     method: str | Sequence[str]
     """"wigner" (default), or one of the methods of :func:`amplitude`, or several of them."""

@@ -175,7 +175,7 @@ class FieldSlopes:
         return values
 
     def _carried(self, points: Floats, axis: int) -> Complex | float:
-        """What waves change by as they go on, each by its own frequency along an axis."""
+        """The field of waves that are each multiplied by 2 pi i times their rate along an axis."""
         elements = []
         for element in self._radiator.elements:
             if axis < 2:
@@ -269,7 +269,7 @@ class FieldSlopes:
     def _strips_of(
         self, element: Aperture, weight: complex, count: int, longest: float
     ) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Those of each wave, in the order of :class:`_Strips`."""
+        """Strips of each wave, in the order of :class:`_Strips`."""
         field = element.illumination or Illumination([1.0], [[0.0, 0.0]])
         plane = field.frequencies * self.wavelength
         cosines = cosines_of(field.frequencies, self.wavelength, self._paraxial)

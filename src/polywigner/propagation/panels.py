@@ -106,7 +106,7 @@ class Radiator:
 
 
 def radiator_of(source: object) -> Radiator:
-    """What radiates of an Aperture, or of an Array in the plane z = 0.
+    """The radiating outlines of an Aperture, or of an Array in the plane z = 0.
 
     Raises ArgumentError for anything else, GeometryError for elements outside that plane.
     """
@@ -193,7 +193,7 @@ def _rests_of(
     cosines: NDArray[np.complex128],
     paraxial: bool,
 ) -> Floats:
-    """What rounding leaves out of p_x, p_y and p_z of waves, (m, 3).
+    """The parts of p_x, p_y and p_z of waves that rounding leaves out, (m, 3).
 
     Of evanescent waves, which do not travel along z, only of the first two.
     """

@@ -33,7 +33,7 @@ Lines = Iterator[str]
 
 @dataclass(frozen=True)
 class _Pattern:
-    """What is written, in the units of the files."""
+    """The values written, in the units of the files."""
 
     theta: Table
     """(n,) degrees."""

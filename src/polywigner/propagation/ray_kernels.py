@@ -1,4 +1,4 @@
-"""What one place on a source contributes to the irradiance at one point, as kernels for engines.
+"""The share of one place on a source in the irradiance at one point, as kernels for engines.
 
 The integrand of (T2): W, or the six moments (T1), for the ray from the place to the point, times
 factors that depend on the ray's geometry alone. Those are computed in float64, before the sums.

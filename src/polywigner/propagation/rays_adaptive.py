@@ -175,7 +175,7 @@ def _cells(
 def _errors_of_cells(
     cells: Triangles, rays: Rays, rate: float, points: Values
 ) -> tuple[Values, Values]:
-    """What two rules differ by on each cell at each point (cells, points), and the whole (points,).
+    """Difference of two rules on each cell at each point (cells, points), and the whole (points,).
 
     The rules are the first and the third that :func:`_raised` takes.
     """

@@ -1,4 +1,4 @@
-"""What a chunked array on disk looks like, and what makes two runs the same run."""
+"""The layout of a chunked array on disk, and the fingerprint that tells one run from another."""
 
 from __future__ import annotations
 

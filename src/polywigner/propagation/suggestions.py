@@ -53,7 +53,7 @@ class AxisSampling:
     high: float
     """Last value; that of a flat box is the first."""
     count: int
-    """How many, both ends included; odd where the axis is symmetric, so that 0 is among them."""
+    """Number of samples, both ends included; odd where the axis is symmetric, so that 0 is one."""
     nyquist: float
     """The largest step from which the values between follow (infinite: any)."""
     band_limited: bool
@@ -73,10 +73,10 @@ class AxisSampling:
 
 @dataclass(frozen=True)
 class Sampling:
-    """What :func:`suggest_sampling` returns; ``sampling["nu_x"]`` is the axis of that name."""
+    """The result of :func:`suggest_sampling`; ``sampling["nu_x"]`` is the axis of that name."""
 
     quantity: SampledQuantity
-    """What is sampled."""
+    """The quantity that is sampled."""
     axes: tuple[AxisSampling, ...]
     """In the order of the coordinates; none for "render"."""
     samples: int
@@ -177,7 +177,7 @@ def suggest_sampling(
 
 
 def _check_used(quantity: str, given: dict[str, Any]) -> None:
-    """What is not for a quantity is refused rather than passed over: nobody gives it in vain."""
+    """Refuses options that do not belong to a quantity, rather than pass them over."""
     used: tuple[str, ...] = ("reach",) if quantity in _PHASE_SPACE else ()
     used = ("box", "line", "radius") if quantity in _AT_PLACES else used
     for name, value in given.items():

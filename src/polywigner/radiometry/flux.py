@@ -95,7 +95,7 @@ def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") ->
 
 @dataclass(frozen=True)
 class EnergyBudget:
-    """Where int |u|^2 of a source goes, in W."""
+    """The shares of int |u|^2 of a source, in W."""
 
     total: float
     """int |u|^2 dx = int |F|^2 d nu."""

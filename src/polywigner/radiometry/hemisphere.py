@@ -97,7 +97,7 @@ def _rings(theta: Array, weight: Array, counts: NDArray[np.intp]) -> tuple[Array
 
 
 def _azimuths(phase: Array) -> NDArray[np.intp]:
-    """How many azimuths integrate exp(i phase cos(phi)) cos(phi)^m, m = 0, 1, 2, to 3e-15.
+    """Number of azimuths that integrate exp(i phase cos(phi)) cos(phi)^m, m = 0, 1, 2, to 3e-15.
 
     What n of them leave is 2 J_n(phase), negligible from a few phase^(1/3) beyond n = phase on. The
     numbers were found by trying phases from 0.1 to 3000.

@@ -70,7 +70,7 @@ class ArrayCase:
 
     @property
     def _moved(self) -> float:
-        """What rounding of the elements' places and of phases there adds to W and A."""
+        """Error in W and A from rounding of the elements' places and of phases there."""
         farthest = max(float(np.abs(corners_of(element)).max()) for element in self.elements)
         ulp = float(np.spacing(4 * farthest))
         rims = sum(s * rim_of(e) for s, e in zip(self.strengths, self.elements, strict=True))

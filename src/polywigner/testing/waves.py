@@ -45,7 +45,7 @@ class Waves:
 
     @property
     def spread(self) -> float:
-        """How far frequencies lie from the carrier at most, in 1/m."""
+        """Largest distance of a frequency from the carrier, in 1/m."""
         return float(np.linalg.norm(self.frequencies - self.carrier, axis=1).max())
 
     def pairs(self) -> Iterator[tuple[complex, Array, Array]]:

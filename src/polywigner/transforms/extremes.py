@@ -1,4 +1,4 @@
-"""What the kernels do not reach: places and frequencies near the largest float, and huge waves.
+"""Beyond the reach of the kernels: places and frequencies near the largest float, and huge waves.
 
 Kernels multiply frequencies, places and sizes, and products of finite numbers may overflow, which
 shows as NaN. There, and only there, values are found again here.

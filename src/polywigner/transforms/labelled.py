@@ -13,7 +13,7 @@ __all__ = ["Labelled", "LabelledArray", "LabelledArrays", "labelled"]
 
 
 class Labelled(Protocol):
-    """What :class:`LabelledArrays` and ``xarray.Dataset`` have in common.
+    """The interface that :class:`LabelledArrays` and ``xarray.Dataset`` have in common.
 
     ``found[name]`` has ``values``, ``dims``, ``attrs``; so has a coordinate, ``found[dim]``.
     """

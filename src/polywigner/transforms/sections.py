@@ -65,7 +65,7 @@ class _Upright:
     left: Array
     right: Array
     step: NDArray[Any]
-    """What the field rises by on passing the edge upwards."""
+    """Step of the field on passing the edge upwards."""
     element: Indices
 
 

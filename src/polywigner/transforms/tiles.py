@@ -51,7 +51,7 @@ class Tile:
     scale: Scale
     """(field, or slits) -> what the rounding error is proportional to, in the tile's units."""
     sees: Literal["source", "field", "transposed"] = "source"
-    """What ``compute`` gets: transposed, x and y change roles in it."""
+    """The field as ``compute`` takes it: transposed, x and y change roles in it."""
 
     @property
     def name(self) -> str:

@@ -1,4 +1,4 @@
-"""What visitors do, as edits of the state."""
+"""Acts of visitors, as edits of the state."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def plain_figure(title: str, name: str, **how: Any) -> Any:
 
 
 def _title(what: Shown, side: str) -> str:
-    """What is shown, and the unit of the colour bar."""
+    """The title of a picture: the quantity shown, and the unit of the colour bar."""
     if what.scale in ("signed", "phase"):
         return f"{what.title} ({side})"
     if what.scale == "unit":

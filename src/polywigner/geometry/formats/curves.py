@@ -96,7 +96,7 @@ def check_number(count: int) -> None:
 
 
 def count_of(curve: Curve) -> int:
-    """How many lines or curves it is."""
+    """Number of lines or curves in it."""
     return len(curve) - 1 if isinstance(curve, np.ndarray) else 1
 
 

@@ -1,4 +1,4 @@
-"""What a reader of a format hands over, and the library it needs."""
+"""The result of a reader of a format, and the library it needs."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ _LARGEST_COUNT = 4096
 
 @dataclass(frozen=True)
 class _File:
-    """What is the same for all tables of a file."""
+    """Settings that all tables of a file share."""
 
     folder: Path
     wavelength: float | None

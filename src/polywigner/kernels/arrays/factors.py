@@ -220,7 +220,7 @@ class _Rows:
     lengths: Indices
 
     def terms(self, rows: slice, number: Indices) -> Complexes:
-        """Those with a number (rows, terms), 0 where a row has none."""
+        """Packets of a number (rows, terms), 0 where a row has none."""
         exists = (number >= 0) & (number < self.lengths[rows, None])
         m = np.where(exists, number, 0)
         found: Complexes = self.one[self.begin[rows, None] + m]

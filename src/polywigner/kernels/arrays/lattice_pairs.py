@@ -75,7 +75,7 @@ class SharedCopies:
         return wanted * columns <= _MOST_FACTORS and wanted * _LEAST_USES <= len(row)
 
     def copies(self, ops: Any, tables: Any, inner: Values) -> Copies:
-        """Those of such places. ``ops``: of NumPy, in the precision of the factors."""
+        """The copies that hold such places. ``ops``: of NumPy, in the precision of the factors."""
         row, (x, y), steps = self._listed(tables.frame, inner)
         known, number = np.unique(steps, axis=1, return_inverse=True)
         turns = tuple(np.asarray(t, ops.dtype) for t in inner[self.turns])

@@ -1,4 +1,4 @@
-"""What strips along an aperture's edges radiate: derivatives of exact fields. Source: (G5), (G6).
+"""Fields of strips along an aperture's edges: derivatives of exact fields. Source: (G5), (G6).
 
 Lengths are in wavelengths, phases in turns, axes those of `boundary`. For a
 panel and a point these are the integrals of 1 and t, t the length from the panel's beginning, times

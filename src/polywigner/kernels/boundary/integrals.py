@@ -211,7 +211,7 @@ def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
 
 
 def square_along(row: Values, inner: Values) -> tuple[Any, Any]:
-    """What radius^2 - distance^2 is at a panel's beginning, and its slope there.
+    """radius^2 - distance^2 at a panel's beginning, and its slope there.
 
     At t along the panel it is constant + t (slope + t).
     """
@@ -280,6 +280,6 @@ def _edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """What comes from t along the panel, against the phase of the distance."""
+    """The wave at t along the panel, its phase relative to that of the distance."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return Pair(*cos_sin_turns(ops, turns))

@@ -74,7 +74,7 @@ class LineField:
 
 
 def _length(ops: Any, left: Any, scale: float) -> Any:
-    """What is left of an interval, 0 if nothing is; not a number where the place is none."""
+    """Length that is left of an interval, at least 0; not a number where the place is none."""
     return scale * ops.maximum(left, 0.0) + (left - left)
 
 

@@ -161,7 +161,7 @@ def slit_tables(source: Slits | Array, double: bool) -> SlitTables:
 
 @lru_cache(maxsize=256)
 def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """What pairs of slits contribute to the lag slice at x: 2(I_k - x) & 2(x - I_l).
+    """Pairs of slits and their shares in the lag slice at x: 2(I_k - x) & 2(x - I_l).
 
     The pair (l, k) gives the mirror image with the conjugate field, and is counted with (k, l).
     """
@@ -183,7 +183,7 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
 
 @lru_cache(maxsize=256)
 def position_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """What pairs of slits contribute to the position slice: (I_k - xi/2) & (I_l + xi/2)."""
+    """Pairs of slits and their shares in the position slice: (I_k - xi/2) & (I_l + xi/2)."""
     frame, slits = _exact_slits(source)
     rows = []
     for one, other in product(slits, slits):

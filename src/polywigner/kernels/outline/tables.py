@@ -173,14 +173,14 @@ _Member = tuple[complex, int, complex]
 
 @dataclass(frozen=True)
 class Element:
-    """What tables are built of: a polygon and the field on it."""
+    """A polygon and the field on it, of which tables are built."""
 
     rings: Sequence[npt.NDArray[np.float64]]
     """The polygon to their left."""
     convex_cover: Sequence[npt.NDArray[np.float64]]
     weight: complex = 1.0
     illumination: Any = None
-    """What the weight multiplies, an Illumination; None for 1."""
+    """The field that the weight multiplies, an Illumination; None for 1."""
 
 
 def _segments_of(polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
