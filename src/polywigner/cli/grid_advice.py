@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["samples_of_box", "samples_of_place"]
 
-# What a picture takes to look smooth, and what nobody waits for unasked: a factor of four in time.
+# Fewest samples, for a smooth picture, and most, for a short wait: a factor of four in time.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
 _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
 _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3

@@ -32,7 +32,7 @@ _EVEN = 1e-3
 """By how much of a step places may differ from even ones: single precision leaves 1e-5 on a hundred
 wavelengths of a thousand samples, and a tenth of a pixel is not seen."""
 
-# As printed: W m-2 is how files write it.
+# Units as printed; files write W m-2.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 
 

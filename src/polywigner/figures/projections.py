@@ -36,7 +36,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# What some of the tiles are known as.
+# Known names of some of the tiles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",

@@ -23,9 +23,9 @@ RATE = 2.5
 _WIDTH = {True: 13, False: 8}
 # Degree of the kernel's polynomials: a higher one changes nothing.
 _DEGREE = {True: 13, False: 8}
-# Of the kernel's transform: more change nothing.
+# Terms of the kernel's transform: more change nothing.
 _TERMS = 24
-# Of beta by Barnett's estimate, pi width (1 - 1/(2 rate)): the best, as measured
+# beta over Barnett's estimate, pi width (1 - 1/(2 rate)): the best, as measured
 _SHARE_OF_BETA = 0.99
 
 Floats = npt.NDArray[np.float64]

@@ -22,8 +22,8 @@ __all__ = ["SUMS", "Rules", "gauss_rules", "missed", "node_sums", "nodes_needed"
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 
-# Of the rules: so many to a factor of two, from the smallest on. On average a rule has a sixteenth
-# more nodes than are needed.
+# Sizes of the rules: so many to a factor of two, the smallest, the largest. On average a rule has a
+# sixteenth more nodes than are needed.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))

@@ -43,7 +43,7 @@ _OPS = execution.NumpyOperations(double=True)
 # By default, and the least that can be asked for: some tens of roundings.
 DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
 _LEAST = {True: 1e-13, False: 1e-6}
-# Of the Fourier transform, of the content.
+# Error of the Fourier transform, relative to the content.
 _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 
 

@@ -26,13 +26,13 @@ Indices = NDArray[np.intp]
 
 # An edge costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Of Fresnel fields a panel has at most so many turns of phase in half of it.
+# Most turns of phase on half a panel of Fresnel fields.
 _FRESNEL_TURNS = 60.0
 _MOST_ROWS = 1 << 20
-# Of other fields; so many take 2 GB, and a second of a core for each point.
+# Most panels of other fields: 2 GB, and a second of a core for each point.
 _MOST_PANELS = 1 << 24
-# Panels as long as twice the distance need the fewest nodes in all; upper ends of strata of
-# distance, and what is longest there, in wavelengths.
+# Panels as long as twice the distance need the fewest nodes in all; (upper end of a stratum of
+# distance, longest panel there), in wavelengths.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
 # Rows of a table at a time.
 _ROWS = 1 << 14

@@ -43,7 +43,7 @@ _OPS = execution.NumpyOperations(double=True)
 _PAIRS = 1 << 17
 # One costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Of the field's tolerance: integrals along edges may cancel.
+# Tolerance of integrals along edges over that of the field, since they may cancel.
 _SHARE = 1e-2
 
 

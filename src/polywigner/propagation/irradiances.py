@@ -47,7 +47,7 @@ Values = NDArray[np.float64]
 # Relative to the largest irradiance that there can be at a distance: below, errors are absolute.
 _FLOOR = 1e-3
 _TOLERANCE = 1e-3
-# What float32 kernels can promise, relative to the same.
+# Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
 _NEAREST = 2.0

@@ -29,9 +29,9 @@ Floats = NDArray[np.float64]
 Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]
 _OPS = NumpyOperations(double=True)
 
-# Of cosines so small rounding leaves few digits; waves that graze the plane have p_z = 0.
+# Rounding leaves few digits of smaller cosines; waves that graze the plane have p_z = 0.
 _GRAZING = 1e-6
-# Half a panel of so many turns of phase has the largest rule still far from full.
+# With so many turns of phase on half a panel, the largest rule still has nodes to spare.
 _TURNS = 48.0
 
 

@@ -23,9 +23,9 @@ __all__ = ["Index", "Layout", "chunks_within", "fingerprint_of", "source_setting
 Index = tuple[int, ...]
 """One number for each dimension: of a chunk, of its first sample, or of samples in it."""
 
-# What is written, and how; a number that changes with it.
+# Number of the format: it changes with the files' content and layout.
 _FORMAT = 1
-# Whose rounding a value may depend on.
+# Libraries on whose rounding a value may depend.
 _LIBRARIES = ("numpy", "drjit")
 # Beyond this a source is told by its digest alone.
 _LONGEST_SOURCE = 1 << 16

@@ -26,7 +26,7 @@ __all__ = ["directions_and_weights", "largest_lag"]
 
 Array = NDArray[np.float64]
 
-# Of a source across; 1.5e11 directions, half a day of two cores for the power of a square.
+# Largest width of a source: 1.5e11 directions, half a day of two cores for the power of a square.
 _MOST_WAVELENGTHS = 1e5
 # Directions at a time: some megabytes.
 _BLOCK = 1 << 17

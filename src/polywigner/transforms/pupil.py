@@ -16,8 +16,8 @@ from polywigner.transforms.phase_space import ambiguity, lag_marginal
 
 __all__ = ["otf"]
 
-# Of what the elements of an array would have one by one: rounding leaves 1e-15 where their fields
-# cancel, and what is normalised by a hundred of those has hardly a digit.
+# Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
+# cancel, and a value normalised by a hundred times that has hardly a digit.
 _DARK = 1e-13
 
 

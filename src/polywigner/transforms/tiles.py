@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 Values = Callable[[Any, Array, Array, Engine], Any]
 Scale = Callable[[Any], float]
 
-# Of a tile's scale: rounding errors measured over the shapes of the tests, |nu| times diameter up
-# to 1e3, reach 2e-13 of it.
+# Rounding error over a tile's scale: over the shapes of the tests, |nu| times diameter up to 1e3,
+# 2e-13 was the largest.
 _ROUNDING = 1e-12
 
 _LINE = "P1"

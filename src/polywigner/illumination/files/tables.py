@@ -57,7 +57,7 @@ _HEAD = ("version", "frequency", "wavelength")
 # A rotation that is the nearest one to within rounding is taken as it is.
 _ROUNDING = 1e-15
 
-# Of vertices, segments and so on of a shape by name: a slip of the keyboard must not fill memory.
+# Most vertices, segments and so on of a shape by name: a slip of the keyboard must not fill memory.
 _LARGEST_COUNT = 4096
 
 

@@ -17,9 +17,9 @@ from polywigner.numerics import phases
 
 __all__ = ["ArrayFrame", "Window", "array_frame", "steps_of"]
 
-# What lies within this of the edge of a region contributes less than rounding.
+# A place within this of the edge of a region contributes less than rounding.
 _EDGE = 4e-15
-# What an element's region counts as larger by, in its size: more than single precision rounds.
+# Margin around an element's region, in its size: more than single precision rounds.
 _MARGIN = 1e-4
 
 

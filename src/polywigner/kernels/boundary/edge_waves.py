@@ -33,7 +33,7 @@ _CLOSE = 0.5
 _LOW, _GRAZING = 1.0, 0.3
 # ... an evanescent one points at which it has lost less than a factor of exp(pi).
 _LOST = 0.5
-# Of an integrand without singularity, in half-lengths; beyond the largest ellipse of the rules.
+# Distance that stands for no singularity, in half-lengths: beyond the largest ellipse of the rules.
 _NONE = 100.0
 
 

@@ -36,7 +36,7 @@ from polywigner.numerics.trigonometry import cos_sin_turns
 
 __all__ = ["LAG_MOMENTS", "lag_moments"]
 
-# Of the six moments, which are of functions odd in the lag.
+# Whether each of the six moments is of a function odd in the lag.
 _ODD = (False, True, False, False, True, True)
 _COUNT = len(_ODD)
 
@@ -203,7 +203,7 @@ class _Moments:
         real: list[Any] = [0.0] * _COUNT
         imag: list[Any] = [0.0] * _COUNT
         for somewhere, extent, mutual_real, mutual_imag in cuts:
-            # What is left of an edge may be nothing in the far distance, whose powers overflow.
+            # A cut edge may be empty and far away, where powers overflow.
             middle = self.ops.select(extent == 0.0, 1.0, somewhere)
             extent = 2.0 * extent
             p = [fma(middle, step[0], start[0]), extent * step[0]]

@@ -39,7 +39,7 @@ __all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grou
 
 # Pairs of waves that are code, of some 20 ms to compile each, where edges are looked up in cells
 _WAVES_IN_CELLS = 16
-# What a further wave over what is left of an edge counts as, in cuts: 5 to 20 ms to compile.
+# Cost of a further wave on the cut edge, in cuts: 5 to 20 ms to compile.
 _CLIPS_PER_WAVE = 24
 
 
