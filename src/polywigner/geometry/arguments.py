@@ -29,7 +29,7 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# As many vertices as a file may have; a slip of a few zeros would fill the memory.
+# Most vertices, as of a file; a slip of a few zeros would fill the memory.
 _MOST = 1_000_000
 
 

@@ -54,7 +54,7 @@ class Kernel:
     on_grid: Callable[[Any], Any] | None = None
     """source -> constants for grids of arguments, or None where it has none; cached."""
     in_one_frame: Kernel | None = None
-    """The same transform with all of the source in one frame, where this has none of its own: it
+    """A kernel of this transform with all of the source in one frame, where this one has none: it
     is less accurate, and has derivatives."""
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:

@@ -80,23 +80,21 @@ def emitter_class(variant: str) -> Any:
             ]
             self._positions = positions_of(m, radiator, spec.sampling, self._unit)
             self._source = radiator.centred
-            self._squints = depends_on_wavelength(self._source, spec.obliquity)
+            self._is_dispersive = depends_on_wavelength(self._source, spec.obliquity)
             self._terms = self._terms_at(wavelength)
             self._traced = TracedSource(m, radiator)
 
         def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
-            """(kernel, its constants, coefficients of h) of what adds up to the radiance.
+            """(kernel, its constants, forms of h) of what adds up to the radiance.
 
-            Keeps (source, coefficients) as well, for the integral over positions.
+            Keeps (source, forms) as well, for the integral over positions.
             """
             terms = []
-            self._fields = []
-            for term in emissions(self._source, wavelength, self.spec.obliquity):
-                self._fields.append((term.source, term.coefficients))
-                kernel = kernel_for("wigner", term.source)
+            self._fields = emissions(self._source, wavelength, self.spec.obliquity)
+            for source, forms in self._fields:
+                kernel = kernel_for("wigner", source)
                 kernel = kernel.in_one_frame or kernel  # with derivatives
-                tables = kernel.tables(term.source, self._ops.double)
-                terms.append((kernel, tables, term.coefficients))
+                terms.append((kernel, kernel.tables(source, self._ops.double), forms))
             return terms
 
         # ---- what a user may change ----------------------------------------------------------
@@ -104,7 +102,7 @@ def emitter_class(variant: str) -> Any:
         def traverse(self, callback: Any) -> None:
             """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
             # Where it turns the directions of waves, these are constants of the kernel.
-            flag = "NonDifferentiable" if self._squints else "Differentiable"
+            flag = "NonDifferentiable" if self._is_dispersive else "Differentiable"
             callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
             # With `direct` alone: others do not move the samples along with the aperture, so that
@@ -122,7 +120,7 @@ def emitter_class(variant: str) -> Any:
             shape = self.get_shape() if self.spec.visible else None
             if "vertices" in keys or "weights" in keys:
                 self._reshape(shape)
-            if "wavelength" in keys and self._squints:
+            if "wavelength" in keys and self._is_dispersive:
                 self._terms = self._terms_at(_single(self.wavelength, "wavelength"))
             self._take_over()
             if "to_world" in keys and shape is not None:

@@ -100,7 +100,7 @@ class TracedSource:
         code = UnrolledOperations(ops.float_type)
         corners = iter(self._centred())
         total = Pair(0.0, 0.0)
-        for number, element in enumerate(_elements(self._radiator.centred)):
+        for number, element in enumerate(self._radiator.centred.elements_in_plane):
             outline = new_outline_of(element)
             own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
             x, y = zip(*own, strict=True)
@@ -115,7 +115,7 @@ class TracedSource:
         corners = self._centred()
         total: Any = 0.0
         start = 0
-        for number, element in enumerate(_elements(self._radiator.source)):
+        for number, element in enumerate(self._radiator.source.elements_in_plane):
             twice: Any = 0.0
             for ring in element.rings:
                 own = corners[start : start + len(ring)]
@@ -148,13 +148,8 @@ class TracedSource:
         return result
 
 
-def _elements(source: Aperture | Array) -> list[Aperture]:
-    coplanar = (source,) if isinstance(source, Aperture) else source.coplanar
-    return [element for element in coplanar if isinstance(element, Aperture)]
-
-
 def _corners(source: Aperture | Array) -> NDArray[np.float64]:
-    return np.concatenate([ring for element in _elements(source) for ring in element.rings])
+    return np.concatenate([ring for element in source.elements_in_plane for ring in element.rings])
 
 
 def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -163,7 +158,7 @@ def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 def _is_simple(source: Aperture | Array) -> bool:
     """Whether the field is constant on each element, and its energy the sum of theirs."""
-    elements = _elements(source)
+    elements = source.elements_in_plane
     if any(element.illumination is not None for element in elements):
         return False
     whole = shapely.union_all([element.polygons for element in elements]).area

@@ -1,4 +1,4 @@
-"""What each step of a computation takes: the one table of costs and limits.
+"""Costs and limits of each step of a computation, in one table.
 
 Seconds are of one quiet core of a processor of 2022; what counts is their ratios. Each entry names
 the script in ``benchmarks`` whose output it was read from.

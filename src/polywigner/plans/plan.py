@@ -45,7 +45,7 @@ class Way:
 
     @property
     def seconds(self) -> float:
-        """Of a first call."""
+        """Seconds of a first call."""
         return self.setup + self.run
 
 
@@ -66,7 +66,7 @@ class Plan:
 
     @property
     def key(self) -> Hashable:
-        """What has been set up when this has been carried out."""
+        """The name under which the ledger knows the set-ups of this plan."""
         return _key(self.way, self.request)
 
     def __str__(self) -> str:

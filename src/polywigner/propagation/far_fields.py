@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from polywigner.errors import IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.illumination.direction_cosines import times_direction_cosine
+from polywigner.illumination.obliquities import SHARES
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier, lag_marginal
@@ -43,14 +44,12 @@ def far_field(
             return 0.0
         return fourier(field, nu, precision=precision, engine=engine)
 
-    if obliquity == "rayleigh-sommerfeld-1":
-        total = front * spectrum(False)
-    elif obliquity == "paper":
+    if obliquity == "paper":
         total = np.sqrt(front) * spectrum(False)
-    elif obliquity == "rayleigh-sommerfeld-2":
-        total = spectrum(True)
     else:
-        total = (front * spectrum(False) + spectrum(True)) / 2
+        of_field, of_slope = SHARES[obliquity]
+        total = of_field * front * spectrum(False) if of_field else 0.0
+        total = total + of_slope * spectrum(True) if of_slope else total
     values = np.where(cosine < 0, 0.0, total / (1j * wavelength))
     return values.astype(np.complex64 if precision == "single" else np.complex128)
 

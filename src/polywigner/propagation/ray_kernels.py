@@ -1,4 +1,4 @@
-"""What one place on a source contributes to the irradiance at one point, as kernels for engines.
+"""The share of one place on a source in the irradiance at one point, as kernels for engines.
 
 The integrand of (T2): W, or the six moments (T1), for the ray from the place to the point, times
 factors that depend on the ray's geometry alone. Those are computed in float64, before the sums.
@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import Any
 
 from polywigner import kernels
+from polywigner.illumination.obliquities import irradiance_factor
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
 from polywigner.kernels.kernel import Values
@@ -34,7 +35,7 @@ def ray_kernel(source: Any, order: int) -> Kernel:
 
 
 def part_kernel(order: int) -> Kernel:
-    """The same for one part of the lag slice at a place: ``x, y``, the part's columns, the rest."""
+    """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest."""
     return _composed(PART_WIGNER if order == 1 else PART_MOMENTS, order, PART_COLUMNS)
 
 
@@ -83,9 +84,8 @@ def ray_factors(order: int) -> Callable[[Any, Any, Any, Values], Values]:
 
 def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
     """The factor of W: g/(wavelength |r|)^2, for 1/|r| ``inverse``."""
-    first, mixed, both, _ = forms
     density = inverse / wavelength
-    return ((first * c * c + mixed * c + both) * density * density,)
+    return (irradiance_factor(forms, c) * density * density,)
 
 
 def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:

@@ -39,10 +39,10 @@ _LEAST_RATIO = 3.0
 _MOST_PAIRS = 1 << 13
 # Pairs of waves are code, of some 20 ms to compile each.
 _MOST_BEATS = 16
-# What rounding to 24 bits moves a place by, in its distance from the middle, and some more: lists
+# Rounding to 24 bits moves a place by less than this share of its distance from the middle: lists
 # of pairs reach that much further.
 _MARGIN = 2.0**-21
-# Of the cells that list pairs; more find no fewer of them.
+# Most cells that list pairs; more of them find no fewer pairs.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 18, 64
 # Columns of a record, filled up so that four can be read at a time.
 _COLUMNS = 16
@@ -130,7 +130,7 @@ def distant_parts(source: Aperture | Array, double: bool) -> _Distant | None:
 
     ``double``: for results in double precision, which need them farther apart.
     """
-    elements: Sequence[Any] = (source,) if isinstance(source, Aperture) else source.coplanar
+    elements = source.elements_in_plane
     if not isinstance(elements[0], Aperture):
         return None
     low, high = _extent([element.bounds for element in elements])

@@ -94,7 +94,7 @@ class _Sum:
         return (abs(x) < width) & (abs(y) < height)
 
     def of_pair(self, record: Sequence[Any], *samples: Any) -> Values:
-        """What the edges of the pair contribute."""
+        """The sum over the edges of the pair."""
         ops, waves = self.ops, self._waves(samples)
         dx, dx_rest, dy, dy_rest, real, imag = record[4:10]
         first_edge, end_edge, first_side, end_side = map(ops.truncated, record[10:14])

@@ -19,7 +19,7 @@ __all__ = ["NUMBERS", "DistantWave", "Point", "less"]
 Point = tuple[phases.Doubled, phases.Doubled]
 
 NUMBERS = 8
-"""Of a wave: frequency, that off zero, amplitude."""
+"""Numbers that make up a wave: its frequency, the frequency moved off zero, its amplitude."""
 
 
 def less(ops: Any, value: Any, constant: float) -> phases.Doubled:

@@ -33,14 +33,14 @@ Floats = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Copies:
-    """Of places (rows,): those of row k are ``ends[k]`` to ``ends[k + 1]``."""
+    """Copies that hold places (rows,): row k has those from ``ends[k]`` to ``ends[k + 1]``."""
 
     ends: NDArray[np.intp]
     x: Floats
     """The place in the frame of each copy's element."""
     y: Floats
     number: NDArray[np.intp]
-    """Of its factor."""
+    """Number of the factor of each copy."""
     factors: tuple[Floats, ...]
     """(numbers, frequencies) each: real, and imaginary parts if there are any."""
 
@@ -75,7 +75,7 @@ class SharedCopies:
         return wanted * columns <= _MOST_FACTORS and wanted * _LEAST_USES <= len(row)
 
     def copies(self, ops: Any, tables: Any, inner: Values) -> Copies:
-        """Those of such places. ``ops``: of NumPy, in the precision of the factors."""
+        """The copies that hold such places. ``ops``: of NumPy, in the precision of the factors."""
         row, (x, y), steps = self._listed(tables.frame, inner)
         known, number = np.unique(steps, axis=1, return_inverse=True)
         turns = tuple(np.asarray(t, ops.dtype) for t in inner[self.turns])

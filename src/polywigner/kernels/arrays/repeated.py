@@ -1,4 +1,4 @@
-"""What kernels of one element repeated many times share, on a lattice or off it."""
+"""Common parts of the kernels of one element repeated many times, on a lattice or off it."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class RepeatedTables(Generic[Sites]):
     frame: Any
     element: ElementTables
     edges: tuple[Any, ...]
-    """Those of the element that this part of a sum is over."""
+    """Edges of the element over which this part of a sum runs."""
     sites: Sites
     sums_per_edge: int = 1
     """Sums over an edge that a kernel unrolls, for several copies: what splitting it counts."""
     terms: int = 1
-    """Of the sum over copies that a sample loops through: they count when an engine is chosen."""
+    """Terms of the sum over copies that a sample loops through, for the choice of an engine."""
 
     @property
     def part(self) -> ElementTables:

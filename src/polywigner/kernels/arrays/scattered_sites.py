@@ -37,7 +37,7 @@ class ScatterFrame:
 
     element: Frame
     middle: Vector
-    """Of the elements' frames."""
+    """Middle of the elements' frames."""
     exact_middle: tuple[phases.Doubled, ...]
 
     @property

@@ -6,10 +6,11 @@ On [-h, h], with waves c_m exp(2 pi i kappa_m x):
     A(v, xi) = sum_mn c_m c_n* exp(i pi s xi) l sinc(l (v - d))
 
 with s = kappa_m + kappa_n, d = kappa_m - kappa_n, L = 4(h - |x|) and l = 2h - |xi| (or 0), the
-lengths of the slices. Source: docs/theory.md, (I4).
+lengths of the slices. Source: docs/theory.md, (I4), which is (S2) for one interval around zero.
 
 Pairs with one mean (or difference) share their sinc, and pairs with one rate their wave: waves at
-multiples of one frequency, as tapers have them, take 2m - 1 of the one and m of the other.
+multiples of one frequency, as tapers have them, take 2m - 1 of the one and m of the other. W of
+seven waves takes a fifth of the time that it has pair by pair, as ``slits`` sums up many slits.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.kernels.functions.line_pairs import are_pairs, sum_of_pairs
-from polywigner.kernels.outline.waves import Beat, Waves, difference_beats, field_of, mean_beats
+from polywigner.kernels.functions.slits import Interval
+from polywigner.kernels.outline.waves import Beat, Waves, difference_beats, mean_beats
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns, sinc
 
@@ -66,13 +68,13 @@ class LineField:
 
     def field(self, ops: Any, x: Any) -> Pair:
         """u, which the lower end has and the upper one has not."""
-        inside = ops.select((x >= -self.half) & (x < self.half), 1.0, 0.0) + (x - x)
-        real, imag = field_of(ops, self.waves, (x,))
-        return Pair(real * inside, imag * inside)
+        undefined = x - x  # not a number where x is none
+        real, imag = Interval(-self.half, self.half, self.waves).field(ops, x)
+        return Pair(real + undefined, imag + undefined)
 
 
 def _length(ops: Any, left: Any, scale: float) -> Any:
-    """What is left of an interval, 0 if nothing is; not a number where the place is none."""
+    """Length that is left of an interval, at least 0; not a number where the place is none."""
     return scale * ops.maximum(left, 0.0) + (left - left)
 
 
@@ -100,7 +102,7 @@ class _Beats:
         return Pair(real, imag)
 
     def whole(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
-        """The same times the length."""
+        """:meth:`total` times the length."""
         if not are_pairs(place, frequency):
             return self.total(ops, place, frequency, length).scaled(length)
         if place.shape[0] == 1:
@@ -109,7 +111,7 @@ class _Beats:
         return sum_of_pairs(ops, self.shifts, self._amplitudes(place), frequency, length)
 
     def _amplitudes(self, place: Any) -> Any:
-        """Of the shifts, at places (n, 1) of NumPy."""
+        """Amplitudes of all shifts at places (n, 1) of NumPy, (n, shifts)."""
         rates = 2j * math.pi * np.array(self.rates)
         waves = np.exp(np.asarray(place, np.float64) * rates)
         ahead, behind = np.zeros((2, len(self.rates), len(self.shifts)), np.complex128)

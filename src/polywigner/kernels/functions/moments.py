@@ -25,18 +25,18 @@ from typing import Any
 from polywigner.kernels.cut.cells import clipper_for
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper
 from polywigner.kernels.functions.plane import WIGNER, tables_of
-from polywigner.kernels.functions.segment_moments import segment_moments
 from polywigner.kernels.functions.stokes import moved_off_zero
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge, Tables
 from polywigner.kernels.outline.waves import Beat, RowBeat, mean_beats, rows_of
 from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled
+from polywigner.numerics.segment_moments import segment_moments
 from polywigner.numerics.trigonometry import cos_sin_turns
 
 __all__ = ["LAG_MOMENTS", "lag_moments"]
 
-# Of the six moments, which are of functions odd in the lag.
+# Whether each of the six moments is of a function odd in the lag.
 _ODD = (False, True, False, False, True, True)
 _COUNT = len(_ODD)
 
@@ -86,7 +86,7 @@ def _sum_over_rows(
     nu: Sequence[Any],
     ray: Sequence[Any],
 ) -> Values:
-    """The same with pairs of waves as rows of a table as well."""
+    """:func:`lag_moments` with pairs of waves as rows of a table as well."""
     totals: list[Any] = [0.0] * _COUNT
     for group in groups:
         for other, waves in enumerate(tables.groups):
@@ -148,7 +148,7 @@ class RayFrame:
         """
         ops = self.ops
         cosine, sine = cos_sin_turns(ops, middle)
-        means = segment_moments(ops, length)
+        means = segment_moments(ops, 0.5 * length, 4)
         real, imag = [], []
         for polynomial in self._integrals(p, q):
             even, odd = _contracted(ops, polynomial, means)
@@ -203,7 +203,7 @@ class _Moments:
         real: list[Any] = [0.0] * _COUNT
         imag: list[Any] = [0.0] * _COUNT
         for somewhere, extent, mutual_real, mutual_imag in cuts:
-            # What is left of an edge may be nothing in the far distance, whose powers overflow.
+            # A cut edge may be empty and far away, where powers overflow.
             middle = self.ops.select(extent == 0.0, 1.0, somewhere)
             extent = 2.0 * extent
             p = [fma(middle, step[0], start[0]), extent * step[0]]
@@ -230,7 +230,7 @@ class _Moments:
 
 
 def _real_part(real: Any, imag: Any, first: Any, second: Any) -> Any:
-    """Of (real + i imag)(first + i second)."""
+    """Real part of (real + i imag)(first + i second)."""
     if isinstance(imag, float) and imag == 0.0:
         return real * first
     return real * first - imag * second

@@ -60,14 +60,18 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """The same, built anew: with vertices numbered as they are in this of all equal sources."""
+    """Tables as of :func:`tables_of`, built anew, with vertices numbered as in this very source.
+
+    Equal sources may begin their rings at other vertices.
+    """
     if isinstance(source, Aperture):
         elements = [Element(source.rings, source.convex_cover, 1.0, source.illumination)]
     else:
         elements = [
             Element(aperture.rings, aperture.convex_cover, weight, aperture.illumination)
-            for aperture, weight in zip(source.coplanar, source.weights.tolist(), strict=True)
-            if isinstance(aperture, Aperture)
+            for aperture, weight in zip(
+                source.elements_in_plane, source.weights.tolist(), strict=True
+            )
         ]
     return build_tables(elements, double=double)
 
@@ -107,7 +111,7 @@ class PlacedFrame:
 
     plane: Any
     centre: tuple[phases.Doubled, ...]
-    """Of the aperture, in the world."""
+    """Centre of the aperture, in the world."""
     rows: Matrix
     """From nu in the world to nu in the frame, ``Doubled``."""
 

@@ -45,7 +45,7 @@ _ROUNDINGS = 8
 # but waves that differ by more, in cycles per side, always are two.
 _LARGEST_ROUNDING = 1e-6
 _UNIT = np.finfo(np.float64).eps / 2
-# What a pair of waves counts as, in cuts of an edge.
+# Cost of a pair of waves, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5
 
 Floats = npt.NDArray[np.float64]

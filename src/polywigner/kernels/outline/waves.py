@@ -93,7 +93,7 @@ class Beat:
     """Pairs of waves that see the uniform source at one frequency."""
 
     shift: Vector
-    """What to subtract from the frequency."""
+    """The shift to subtract from the frequency."""
     terms: tuple[tuple[complex, Vector], ...]
     """Amplitudes, and frequencies along position (W) or lag (A)."""
     is_real: bool

@@ -14,7 +14,7 @@ __all__ = ["fourier_slopes"]
 def fourier_slopes(
     ops: Any, tables: OutlineTables, wanted: Wanted, sink: Sink, nu_x: Any, nu_y: Any
 ) -> Slopes:
-    """Of V = F(nu) in the frame."""
+    """Derivatives of V = F(nu) in the frame."""
     axes = Axes(ops, (nu_x, nu_y))
     rows = [
         (*edge[:4], float(begin), float(end))

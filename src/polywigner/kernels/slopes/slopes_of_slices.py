@@ -30,7 +30,7 @@ class _Slices:
     views: Views
     """What edges are cut, each moved by its number times T."""
     scale: float
-    """Of the outline in the slice."""
+    """Scale of the outline in the slice."""
     factor: float
     """V is the sum over these views times this."""
     per_place: float
@@ -51,14 +51,14 @@ _POSITION = _Slices(COPIES, 1.0, 1.0, 1.0, pairings)
 def wigner_slopes(
     ops: Any, tables: Tables, wanted: Wanted, sink: Sink, x: Any, y: Any, nu_x: Any, nu_y: Any
 ) -> Slopes:
-    """Of W(x, nu) in the frame, which is the real part of V."""
+    """Derivatives of W(x, nu) in the frame, which is the real part of V."""
     return _slopes(ops, tables, _LAG, wanted, sink, (2.0 * x, 2.0 * y), (nu_x, nu_y))
 
 
 def ambiguity_slopes(
     ops: Any, tables: Tables, wanted: Wanted, sink: Sink, v_x: Any, v_y: Any, xi_x: Any, xi_y: Any
 ) -> Slopes:
-    """Of V = A(upsilon, xi) in the frame."""
+    """Derivatives of V = A(upsilon, xi) in the frame."""
     return _slopes(ops, tables, _POSITION, wanted, sink, (xi_x, xi_y), (v_x, v_y))
 
 
