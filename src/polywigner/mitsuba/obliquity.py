@@ -70,7 +70,7 @@ def depends_on_wavelength(source: Aperture | Array, name: str) -> bool:
 
 
 def emissions(source: Aperture | Array, wavelength: float, name: str) -> tuple[Emission, ...]:
-    """What adds up to the radiance of a source, times wavelength^2, for an obliquity.
+    """Terms that add up to the radiance of a source, times wavelength^2, for an obliquity.
 
     One term if all its waves leave at one angle, as those of a steered aperture, of a TE10 mode and
     of elements without a field do; else up to three.

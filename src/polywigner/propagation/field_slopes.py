@@ -65,7 +65,7 @@ class _Strips:
     """Number of the vertex at which the panel's edge begins; where it ends."""
     last: NDArray[np.intp]
     share: Floats
-    """Of the edge before the panel, and in a wavelength of it."""
+    """The share of the edge before the panel, and in a wavelength of it."""
     rate: Floats
 
     @property
@@ -81,10 +81,10 @@ class _Sums:
     where: NDArray[np.intp]
     strips: _Strips
     kernel: Complex
-    """Of amplitude times u times the kernel K of the field; of t times that."""
+    """Amplitude times u times the kernel K of the field; and t times that."""
     by_length: Complex
     height: Complex
-    """Of what edges contribute to the derivative in z."""
+    """Contributions of edges to the derivative in z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,7 @@ class FieldSlopes:
         return values
 
     def _carried(self, points: Floats, axis: int) -> Complex | float:
-        """What waves change by as they go on, each by its own frequency along an axis."""
+        """Changes of waves as they go on, each by its own frequency along an axis."""
         elements = []
         for element in self._radiator.elements:
             if axis < 2:
@@ -240,7 +240,7 @@ class FieldSlopes:
     def _combined(
         self, found: list[Complex], places: Floats, strips: _Strips
     ) -> tuple[Complex, Complex, Complex]:
-        """Of integrals of 1 and t times u G and u (1/R - 2 pi i) G/R, those of :class:`_Sums`."""
+        """Integrals of :class:`_Sums` from those of 1 and t times u G and u (1/R - 2 pi i) G/R."""
         left = -strips.normal
         away = (strips.begin * left).sum(axis=1) - places[:, :2] @ left.T
         across = (strips.plane * left).sum(axis=1)
@@ -271,7 +271,7 @@ class FieldSlopes:
     def _strips_of(
         self, element: Aperture, weight: complex, count: int, longest: float
     ) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Those of each wave, in the order of :class:`_Strips`."""
+        """Strips of each wave, in the order of :class:`_Strips`."""
         field = element.illumination or Illumination([1.0], [[0.0, 0.0]])
         plane = field.frequencies * self.wavelength
         cosines = cosines_of(field.frequencies, self.wavelength, self._paraxial)
