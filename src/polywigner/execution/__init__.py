@@ -16,7 +16,7 @@ module               what is in it
 ``hosted_slopes``    the same with derivatives that the host computes as well
 ``derivatives``      functions with known derivatives as one custom operation
 ``gradients``        kernels with derivatives in closed form
-``accumulators``     what derivatives in vertices and fields are added up in, and ``strides`` how
+``accumulators``     what derivatives in vertices and fields are added up in
 ``end_slopes``       derivatives in the ends of slits
 ``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
 ``ray_sums``         sums over rays, with derivatives

@@ -71,8 +71,6 @@ class ReverseAccumulator:
         self.counts = vertices, fields
         self.targets = [self._zeros(count) for count in self.counts for _ in range(2)]
         self.waiting: dict[tuple[int, int], Any] = {}
-        self.in_strides: list[tuple[int, int]] | None = None
-        """Keys of all that may wait inside a loop over samples, whose sums come out of it."""
 
     @property
     def vertices(self) -> Sequence[Any]:
@@ -97,31 +95,8 @@ class ReverseAccumulator:
         self._add(3, number, contracted(self.cotangent, Pair(-turned.imag, turned.real)))
         return ()
 
-    def slots(self) -> int:
-        """How many sums there are, of all that may wait."""
-        self.in_strides = [
-            (2 * kind + part, number)
-            for kind, count in enumerate(self.counts)
-            for part in range(2)
-            for number in range(count)
-        ]
-        return len(self.in_strides)
-
-    def taken(self) -> list[Any]:
-        """What waits, for each of the slots."""
-        assert self.in_strides is not None
-        found = [self.ops.float_type(self.waiting.get(key, 0.0)) for key in self.in_strides]
-        self.waiting.clear()
-        return found
-
-    def put_back(self, sums: Sequence[Any]) -> None:
-        """What was taken, summed up."""
-        assert self.in_strides is not None
-        self.waiting.update(zip(self.in_strides, sums, strict=True))
-        self.in_strides = None
-
     def flush(self) -> None:
-        """What could wait, as its edges were not rows of a table."""
+        """Add what could wait, as its edges were not rows of a table."""
         for (slot, number), value in self.waiting.items():
             self._put(slot, number, value)
         self.waiting.clear()
@@ -141,10 +116,8 @@ class ReverseAccumulator:
     def _may_wait(self, number: Any) -> bool:
         import drjit as dr
 
-        if not isinstance(number, (int, float)):
-            return False
         # What a loop computes does not exist after it.
-        return self.in_strides is not None or not dr.flag(dr.JitFlag.SymbolicScope)
+        return isinstance(number, int | float) and not dr.flag(dr.JitFlag.SymbolicScope)
 
     def _put(self, slot: int, number: Any, value: Any) -> None:
         import drjit as dr
