@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.execution.aligned import array_of
 from polywigner.execution.drjit_ranges import DrjitRanges
 from polywigner.execution.ranges import NumpyRanges, ScalarRanges
 from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
@@ -280,8 +281,7 @@ class DrjitOperations(DrjitRanges):
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole numbers that are in range, floats or not."""
-        # A list: NumPy's memory would be used in place, and its alignment enters the kernel.
-        memory = self.float_type(list(table))
+        memory = array_of(self.float_type, table)
         return self._dr.gather(
             self.float_type, memory, self._dr.uint32_array_t(self.float_type)(index)
         )
@@ -323,8 +323,7 @@ class DrjitOperations(DrjitRanges):
         if unroll and unrolls_terms(len(rows)):
             return _unrolled_sum(rows, term)
         dr, real = self._dr, self.float_type
-        # Lists: NumPy's memory would be used in place, and its alignment enters the kernel.
-        columns = [real(list(column)) for column in zip(*rows, strict=True)]
+        columns = [array_of(real, column) for column in zip(*rows, strict=True)]
 
         def step(index: Any, *sums: Any) -> Values:
             terms = term(*(dr.gather(real, column, index) for column in columns))
