@@ -375,7 +375,6 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
     from polywigner.execution import by_cell
 
     monkeypatch.setattr(by_cell, "_CHUNK", 7000)
-    monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
     source = pw.shapes.regular_polygon(40, 1.0)
     rng = np.random.default_rng(5)
     x, nu = rng.uniform(-1, 1, (15_001, 2)), rng.uniform(-5, 5, (15_001, 2))
@@ -388,14 +387,11 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
 
 
 @pytest.mark.llvm
-def test_one_frequency_goes_with_all_sorted_positions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_frequency_goes_with_all_sorted_positions() -> None:
     import drjit.llvm as backend
 
-    from polywigner.execution import by_cell
-
-    monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
     source = pw.shapes.regular_polygon(40, 1.0)
-    x = np.random.default_rng(6).uniform(-1, 1, (2000, 2))
+    x = np.random.default_rng(6).uniform(-1, 1, (_ENOUGH_TO_SORT, 2))
     found = pw.wigner(source, backend.Array2f64(*(np.array(c) for c in x.T)), (0.3, 1.1))
     expected = pw.wigner(source, x, (0.3, 1.1), engine="numpy")
     assert np.abs(found.numpy() - expected).max() < TOLERANCE["double"] * source.area

@@ -14,20 +14,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import aligned, array_of
 from polywigner.execution.frozen import frozen, is_recording
 from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.cells import arrays_of
 from polywigner.kernels.cut.clipping import MIRRORED
 from polywigner.kernels.outline.tables import cut_of
+from polywigner.plans import sorts_samples
 
 __all__ = ["ByCell", "Groups", "grouped", "order_of", "sorts", "traced_by_cell"]
 
 # Samples at a time: they stay in the cache of a core while they are shuffled.
 _CHUNK = 1 << 18
-# With fewer, to sort them takes longer than it saves.
-_FEW = 1 << 13
 # Samples of one cell that a lane computes together: as many as Dr.Jit has packets for.
 _TOGETHER = 4
 # Numbers of a cache line: arrays of a multiple of them that follow each other are aligned alike.
@@ -93,7 +92,7 @@ def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any
         return False
     recording = drjit.flag(drjit.JitFlag.SymbolicScope) or drjit.flag(drjit.JitFlag.FreezingScope)
     widths = {drjit.width(component) for component in components}
-    whole = max(widths) >= _FEW and widths <= {1, max(widths)}
+    whole = sorts_samples(max(widths)) and widths <= {1, max(widths)}
     return whole and not recording and not any(map(drjit.grad_enabled, components))
 
 
@@ -183,7 +182,7 @@ class ByCell:
 
         number = drjit.uint32_array_t(self.ops.float_type)
         cells, order, first, last = (
-            _sent(number, values)
+            array_of(number, values)
             for values in (groups.cells, groups.order, groups.first, groups.last)
         )
         # modulo 2^32, where the first of a cell may lie before 0
@@ -234,9 +233,3 @@ def traced_by_cell(
             drjit.scatter(result, values, where)
         drjit.eval(results)
     return results
-
-
-def _sent(kind: Any, values: Numbers) -> Any:
-    memory = aligned(len(values), np.uint32)
-    memory[...] = values.astype(np.uint32)
-    return kind(memory)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import array_of
 from polywigner.execution.ranges import Table, Values
 
 __all__ = ["DrjitRanges"]
@@ -44,12 +44,7 @@ class DrjitRanges:
     def held(self, table: Table) -> Any:
         """(entries in a row, the entries of all rows one after the other)."""
         kind = self.float_type if table.dtype.kind == "f" else self._numbers
-        dtype: type[Any] = np.uint32
-        if table.dtype.kind == "f":
-            dtype = np.float64 if self._drjit.itemsize_v(self.float_type) == 8 else np.float32
-        flat = aligned(table.size, dtype)
-        flat[...] = table.ravel()
-        return table.shape[1], kind(flat)
+        return table.shape[1], array_of(kind, table)
 
     def gather(self, table: Any, row: Any) -> Values:
         width, flat = table

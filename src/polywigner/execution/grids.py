@@ -6,7 +6,6 @@ is recognised by its values, whatever its spacing, and computed from its axes.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +15,8 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import planned
 from polywigner.execution.operations import NumpyOperations
+from polywigner.execution.requests import request_for
 from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
-from polywigner.plans import Request
 from polywigner.plans.plan import GRID
 
 __all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
@@ -161,14 +160,13 @@ def evaluate_on_grid(
     plan = plan_for_grid(kernel, source, components, double)
     if plan is None:
         return None
-    request = Request(
-        kernel.name,
+    request = request_for(
+        kernel,
+        plan.tables,
         components[-1].size,
-        terms=plan.tables.edges,
-        families=plan.families,
         double=double,
         engine=engine,
-        loaded="drjit" in sys.modules,
+        families=plan.families,
     )
     if planned(request).way.name != GRID:
         return None

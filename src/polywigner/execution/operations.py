@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.execution.aligned import array_of
 from polywigner.execution.drjit_ranges import DrjitRanges
 from polywigner.execution.ranges import NumpyRanges, ScalarRanges
 from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
+from polywigner.plans import unrolls_cuts, unrolls_steps, unrolls_terms
 
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 
@@ -25,13 +27,6 @@ _FEW_SAMPLES = 256
 _BLOCK = 1 << 14
 # To pick samples out and put results back costs as much as a tenth of two sines.
 _MOST_LEFT = 0.85
-# Unrolled, a term of the Fourier transform takes some 20 ms to compile.
-UNROLLED_ROWS = 12
-# Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a
-# minute; as a loop 0.3 s and 0.7 s, and it runs as fast.
-_UNROLLED_STEPS = 8
-# Terms that are whole transforms are unrolled up to here: half a second to compile.
-_UNROLLED_CLIPS = 256
 
 Row = tuple[float, ...]
 Values = tuple[Any, ...]
@@ -270,7 +265,7 @@ class DrjitOperations(DrjitRanges):
 
     def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
         """The same for terms of much code, that of so many clips: a loop if that is too much."""
-        if len(rows) * clips <= _UNROLLED_CLIPS:
+        if unrolls_cuts(len(rows) * clips):
             return _unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
 
@@ -286,8 +281,7 @@ class DrjitOperations(DrjitRanges):
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole numbers that are in range, floats or not."""
-        # A list: NumPy's memory would be used in place, and its alignment enters the kernel.
-        memory = self.float_type(list(table))
+        memory = array_of(self.float_type, table)
         return self._dr.gather(
             self.float_type, memory, self._dr.uint32_array_t(self.float_type)(index)
         )
@@ -326,11 +320,10 @@ class DrjitOperations(DrjitRanges):
         nearly as fast where a term is long, and compiles at once. ``unroll=False``: a loop for any
         number of rows.
         """
-        if unroll and len(rows) <= UNROLLED_ROWS:
+        if unroll and unrolls_terms(len(rows)):
             return _unrolled_sum(rows, term)
         dr, real = self._dr, self.float_type
-        # Lists: NumPy's memory would be used in place, and its alignment enters the kernel.
-        columns = [real(list(column)) for column in zip(*rows, strict=True)]
+        columns = [array_of(real, column) for column in zip(*rows, strict=True)]
 
         def step(index: Any, *sums: Any) -> Values:
             terms = term(*(dr.gather(real, column, index) for column in columns))
@@ -349,7 +342,7 @@ class DrjitOperations(DrjitRanges):
         A loop of the kernel for many of them, unless derivatives in ``like`` are wanted: in reverse
         they would need all states.
         """
-        if count <= _UNROLLED_STEPS or self.needs_gradient(like):
+        if unrolls_steps(count) or self.needs_gradient(like):
             return _repeated(count, state, step)
         return self.fold(0, count, state, step)
 

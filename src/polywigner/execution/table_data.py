@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from polywigner.execution.aligned import array_of
 from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.frame import Frame
@@ -95,7 +96,7 @@ class _Held:
         return len(self.values) - 1
 
     def send(self) -> None:
-        self.memory = self.ops.float_type(self.values)
+        self.memory = array_of(self.ops.float_type, self.values)
 
     def __getitem__(self, index: int) -> Any:
         import drjit as dr

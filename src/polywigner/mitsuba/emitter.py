@@ -25,7 +25,7 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, differentiable, ops_for
+from polywigner.execution import Traced, kernel_with_derivatives, ops_for
 from polywigner.kernels import kernel_for
 from polywigner.mitsuba.emitter_sampling import sampled_emitter_class
 from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions
@@ -66,10 +66,10 @@ def emitter_class(variant: str) -> Any:
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             self._unit = spec.scene_unit
             self._ops = ops_for(m.Float)
-            self._shine_like(spec, spec.wavelength)
+            self._set_source(spec, spec.wavelength)
             self._take_over()
 
-        def _shine_like(self, spec: EmitterSpec, wavelength: float) -> None:
+        def _set_source(self, spec: EmitterSpec, wavelength: float) -> None:
             """Take over all that follows from the source."""
             self.spec = spec
             radiator = spec.radiator
@@ -137,7 +137,7 @@ def emitter_class(variant: str) -> Any:
             antithetic = len(spec.radiator.shifts) > 1
             radiator = radiator_of(source, spec.obliquity, antithetic)
             wavelength = _single(self.wavelength, "wavelength")
-            self._shine_like(replace(spec, radiator=radiator), wavelength)
+            self._set_source(replace(spec, radiator=radiator), wavelength)
             # the arrays that a user holds, and their derivatives
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
@@ -188,7 +188,7 @@ def emitter_class(variant: str) -> Any:
                 return kernel(self._ops, tables, *point)[0]
             if self._follows():
                 return self._traced.wigner(self._ops, *point)
-            return differentiable(kernel, self._ops, tables, point, Traced())[0]
+            return kernel_with_derivatives(kernel, self._ops, tables, point, Traced())[0]
 
         def _intensity(self, direction: Any) -> Any:
             """The integral of L over positions, |F|^2 in the place of W: radiance times area."""

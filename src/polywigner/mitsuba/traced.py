@@ -10,18 +10,17 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, UnrolledOperations, differentiable
+from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivatives
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
 from polywigner.mitsuba.radiator import Radiator
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.plans import exposes_numbers
 from polywigner.transforms import differentiable as differentiable_source
 
 __all__ = ["TracedSource"]
 
-# Of more clips, the derivatives in all vertices would be too much code for a render's kernel.
-_MOST_CLIPS = 1000
 # What overlaps by less than this fraction of an area does so by rounding.
 _APART = 1e-9
 
@@ -41,7 +40,7 @@ class TracedSource:
         if not dr.is_jit_v(m.Float) or not _is_simple(radiator.source):
             return
         self._tables = new_tables_of(radiator.centred, dr.itemsize_v(m.Float) == 8)
-        if self._tables.clips > _MOST_CLIPS:
+        if not exposes_numbers(self._tables.clips):
             return
         self.vertices = m.Float(_corners(radiator.source).ravel().tolist())
         if isinstance(radiator.source, Array):
@@ -92,7 +91,7 @@ class TracedSource:
             real, imag = zip(*self._scaled_weights(), strict=True)
             fields = real, imag
         traced = Traced((x, y), fields)
-        (value,) = differentiable(WIGNER, ops, self._tables, point, traced)
+        (value,) = kernel_with_derivatives(WIGNER, ops, self._tables, point, traced)
         return value
 
     def intensity(self, ops: Any, *nu: Any) -> Any:
@@ -104,7 +103,7 @@ class TracedSource:
             outline = new_outline_of(element)
             own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
             x, y = zip(*own, strict=True)
-            value = Pair(*differentiable(FOURIER, code, outline, nu, Traced((x, y))))
+            value = Pair(*kernel_with_derivatives(FOURIER, code, outline, nu, Traced((x, y))))
             if self.weights is not None:
                 value = value * Pair(*self._pair(self.weights, number))
             total = total + value

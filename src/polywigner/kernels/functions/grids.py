@@ -64,7 +64,8 @@ class GridTables:
     straight: tuple[Family, ...]
     """Edges along either axis."""
     oblique: tuple[Family, ...]
-    edges: int
+    terms: int
+    """One for each edge."""
     perimeter_over_area: float
     half: bool = False
     """Whether the edges are one half of a boundary that is its own mirror image in the origin."""

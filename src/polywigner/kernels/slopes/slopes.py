@@ -23,26 +23,32 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.segment_moments import segment_moments
 from polywigner.numerics.trigonometry import cos_sin_turns
 
-__all__ = ["Axes", "Segment", "Sink", "Slopes", "Wanted", "times_i"]
+__all__ = ["Axes", "GradientAccumulator", "Segment", "Slopes", "Wanted", "times_i"]
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Which derivatives a sink is to have."""
+    """Which derivatives an accumulator is to have."""
 
     vertices: bool = False
     weights: bool = False
-    """Derivatives in the weights of the elements."""
+    """Weights of the elements."""
     amplitudes: bool = False
-    """Derivatives in the amplitudes of the waves on the only element."""
+    """Amplitudes of the waves on the only element."""
+
+    @property
+    def fields(self) -> bool:
+        """Whether weights or amplitudes are among them."""
+        return self.weights or self.amplitudes
 
 
-class Sink(Protocol):
+class GradientAccumulator(Protocol):
     """Takes derivatives with respect to what samples have in common.
 
     Methods return what is to be summed over the edges, the same number of values each time.
     """
 
+    wanted: Wanted
     values: int
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Any:
@@ -59,7 +65,7 @@ class Slopes:
     frequency: list[Pair]
     place: list[Pair]
     shared: list[Any]
-    """What a sink has returned, summed."""
+    """The sums of what an accumulator has returned."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ class Axes:
         return self.ops.fma(c, x, s * y), self.ops.fma(c, y, -s * x)
 
     def segment(self, p: Any, q: Any, dp: Any, dq: Any) -> Segment:
-        """That with the middle (p, q) and the extent (dp, dq)."""
+        """A segment with the middle (p, q) and the extent (dp, dq)."""
         cosine, sine = cos_sin_turns(self.ops, self.norm * p)
         e0, e1, e2 = segment_moments(self.ops, self.half * dp, 2)
         wave = Pair(cosine, -sine)
