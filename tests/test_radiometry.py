@@ -72,8 +72,8 @@ def test_radiance_over_the_source_is_the_radiant_intensity(source: Any) -> None:
     total = pw.radiance(source, x, direction, WAVELENGTH).sum() * (axis[1] - axis[0]) ** 2
     found = pw.radiant_intensity(source, direction, WAVELENGTH)
     energy = pw.energy_budget(source, WAVELENGTH).total
-    rule = 5e-3  # W has kinks, the rule cells of 45 um
-    assert direction[2] * total == pytest.approx(found, abs=rule * energy**2 / WAVELENGTH**2 / 1e-4)
+    rule = 2e-4  # of the largest intensity: W has kinks, the rule cells of 45 um
+    assert abs(direction[2] * total - found) < rule * energy**2 / WAVELENGTH**2
 
 
 def test_the_papers_radiance_lacks_the_power_and_has_four_pi_too_many() -> None:
@@ -91,9 +91,10 @@ def test_a_source_much_smaller_than_the_wavelength_is_lambertian() -> None:
     for theta in (0.0, 0.7, 1.5):
         intensity = pw.radiant_intensity(speck, _direction(theta), WAVELENGTH)
         expected = math.cos(theta) * (speck.area / WAVELENGTH) ** 2
-        assert intensity == pytest.approx(expected, rel=1e-6)  # (k D)^2 of the speck is 2e-5
+        # (k D)^2 of the speck is 2e-5
+        assert intensity == pytest.approx(expected, rel=1e-6, abs=0.0)
     solid = math.pi * (speck.area / WAVELENGTH) ** 2
-    assert pw.power(speck, WAVELENGTH) == pytest.approx(solid, rel=1e-5)
+    assert pw.power(speck, WAVELENGTH) == pytest.approx(solid, rel=1e-5, abs=0.0)
 
 
 def test_single_precision_stays_single() -> None:
