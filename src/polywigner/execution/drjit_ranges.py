@@ -32,8 +32,6 @@ class DrjitRanges:
         self.key: Hashable = float_type
         """Two namespaces with one key share tables."""
         self._numbers = drjit.uint32_array_t(float_type)
-        self.run_sums: Any = None
-        """What stands for whole edges found by cells, while it is set."""
         self.cell: Any = None
         """The number of each lane's cell, while it is set."""
 

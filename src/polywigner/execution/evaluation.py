@@ -26,7 +26,7 @@ from polywigner.kernels import Kernel, SharedSlice, shared_slice
 from polywigner.kernels.arrays.lattice_pairs import SharedCopies, shared_copies
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import Plan, Request
-from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED, WHOLE_EDGES
+from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
 
 __all__ = ["evaluate", "explained"]
 
@@ -146,12 +146,9 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     else:
         compute, chunk = OnDrjit(call.kernel, tables, call.double, chosen.engine), _DRJIT_CHUNK
     shared = shared_slice(call.kernel)
-    if name in (LISTED, LISTED_COMPILED, WHOLE_EDGES):
+    if name in (LISTED, LISTED_COMPILED):
         assert shared is not None and call.pairs is not None and call.by_places is not None
         targets = _targets(call.pairs, call.by_places, results)
-        if name == WHOLE_EDGES:
-            assert isinstance(compute, OnDrjit)
-            return ((targets, (a, b), f) for a, b, f in compute.of_blocks(call.by_places))
         return _by_parts(compute, shared, call.source, call.by_places, targets)
     if name == POINTS_LISTED:
         assert shared is not None and isinstance(compute, OnNumpy)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any
@@ -17,9 +17,8 @@ from polywigner.execution.frozen import frozen, is_code, is_recording
 from polywigner.execution.on_drjit_shared import of_copies, of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
 from polywigner.execution.pairs import Pairs
-from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
+from polywigner.kernels import Kernel, SharedSlice, parts_of
 from polywigner.kernels.arrays.lattice_pairs import Copies, SharedCopies
-from polywigner.kernels.cut.run_sums import RunSums, edge_columns, edge_waves, has_run_sums
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import loops_over_edges
 
@@ -29,7 +28,6 @@ __all__ = ["OnDrjit"]
 _PAIRS_CHUNK = 1 << 20
 # To list the parts of a slice takes NumPy some microseconds, as much as so many samples gain.
 _LEAST_SHARED = 256
-_ROWS_FOR_SUMS = 64
 # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
 _FEW_CLIPS = 16
 # Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
@@ -113,105 +111,6 @@ class OnDrjit:
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
         inner = self.looked_up(entered, shape, *split(self.ops.float_type, *shape))
         return _fetching(self._of_inner(inner), shape)
-
-    def sums_whole_edges(self, pairs: Pairs) -> bool:
-        """Whether rows are many enough for sums along the outline, where edges are found by cells.
-
-        These cost as much as the whole edges of some tens of rows.
-        """
-        enough = pairs.rows >= _ROWS_FOR_SUMS and pairs.columns >= _LEAST_SHARED
-        known = shared_slice(self.kernel) is not None
-        return known and self._cuts_by_cells and enough and has_run_sums(self.tables)
-
-    def of_blocks(self, pairs: Pairs) -> Iterator[tuple[slice, slice, Fetch]]:
-        """Results of pairs block by block, with sums along the outline for runs of edges."""
-        shared = shared_slice(self.kernel)
-        assert shared is not None
-        edges = edge_columns(self.tables)
-        width = min(pairs.columns, max(1, _PAIRS_CHUNK // (len(edges) + 1)))
-        for start in range(0, pairs.columns, width):
-            columns = slice(start, min(start + width, pairs.columns))
-            nu = self.entered(pairs.block(slice(0, 1), columns))[shared.frequency]
-            prefixes = self._sums_along(edges, nu)
-            step = max(1, _PAIRS_CHUNK // width)
-            for k in range(0, pairs.rows, step):
-                rows = slice(k, k + step)
-                yield rows, columns, self._of_runs(pairs.block(rows, columns), shared, prefixes)
-
-    def _sums_along(self, edges: Array, nu: Sequence[Array]) -> tuple[Any, Any]:
-        """Sums of the edges' vectors, (n + 1, 2), and of their waves, for each frequency.
-
-        Rows of the waves are of four frequencies where a lane takes so many.
-        """
-        ops, kind = self.ops, self.ops.float_type
-        count, columns = len(edges), max(np.size(f) for f in nu)
-        entries = 4 if self._takes_fours(columns) else 1
-        row, column = split(kind, count, columns)
-        self.turn ^= 1  # the last chunk may still be on its way
-        held = [ops.held(values[:, None]) for values in edges.T]
-        frequency = self.looked_up(nu, (count, columns), row, column)
-        edge = tuple(ops.gather(table, row)[0] for table in held)
-        found = edge_waves(ops, self.kernel.copies == 1, edge, frequency)
-        self.turn ^= 1  # done with its memory when this returns
-        waves = tuple(
-            ops.held(_running_sum(values.numpy().reshape(count, columns)).reshape(-1, entries))
-            for values in found
-        )
-        return ops.held(_running_sum(edges[:, 2:4] * edges[:, 4:])), waves
-
-    def _of_runs(
-        self, arguments: Sequence[Array], shared: SharedSlice, prefixes: tuple[Any, Any]
-    ) -> Fetch:
-        import drjit
-
-        self.turn ^= 1
-        entered = self.entered(arguments)
-        shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
-        if self._takes_fours(shape[1]):
-            return self._of_fours(entered, shape, shared, prefixes)
-        row, column = split(self.ops.float_type, *shape)
-        inner = self.looked_up(entered, shape, row, column)
-        width = drjit.opaque(type(column), shape[1])
-        self.ops.run_sums = RunSums(self.ops, inner[shared.frequency], *prefixes, column, width)
-        try:
-            return _fetching(self._of_inner(inner), shape)
-        finally:
-            self.ops.run_sums = None
-
-    def _takes_fours(self, columns: int) -> bool:
-        """Whether a lane takes four frequencies of one place: W, whose copies share a cell."""
-        return self.kernel.copies == 1 and columns % 4 == 0
-
-    def _of_fours(
-        self,
-        entered: Sequence[Array],
-        shape: tuple[int, int],
-        shared: SharedSlice,
-        prefixes: tuple[Any, Any],
-    ) -> Fetch:
-        import drjit
-
-        ops = DrjitOperations(self.ops.float_type, sorted_by_cell=True, together=True)
-        kind, (rows, columns) = ops.float_type, shape
-        row, column = split(kind, rows, columns // 4)
-        count = len(entered[shared.place])
-        place = self.looked_up(entered[shared.place], (rows, 1), row, column)
-        nu = tuple(
-            drjit.gather(ops.value_type, self._sent(count + k, values.ravel(), kind), column)
-            for k, values in enumerate(entered[shared.frequency])
-        )
-        assert self.kernel.order is not None
-        ops.cell = self.kernel.order(self.ops, self.tables, *place, *nu)
-        width = drjit.opaque(type(column), columns // 4)
-        ops.run_sums = RunSums(ops, nu, *prefixes, column, width)
-        inner = (*(ops.value_type(p, p, p, p) for p in place), *nu)
-        sums = self.kernel.edge_sum(ops, self.tables, *inner)
-        found = self.kernel.leave(ops, self.tables.frame, inner, sums)
-        results = tuple(drjit.empty(kind, rows * columns) for _ in found)
-        lane = drjit.arange(type(column), rows * columns // 4)
-        for result, values in zip(results, found, strict=True):
-            drjit.scatter(result, values, lane, mode=drjit.ReduceMode.Permute)
-        return _fetching(results, shape)
 
     def lists_copies(self) -> bool:
         """Whether an element is little enough code for a loop over its copies."""
@@ -311,12 +210,3 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
     drjit.eval(results)
     return lambda: tuple(np.asarray(r.numpy()).reshape(shape) for r in results)
-
-
-def _running_sum(values: Array) -> Array:
-    """0 and the sums of the first rows, in float64: row by row, NumPy's cumsum jumps in memory."""
-    found = np.empty((len(values) + 1, values.shape[1]))
-    found[0] = 0.0
-    for k, row in enumerate(values):
-        np.add(found[k], row, out=found[k + 1])
-    return found

@@ -29,7 +29,6 @@ class NumpyRanges:
 
     target = "numpy"
     dtype: np.dtype[Any]
-    run_sums: Any = None
     cell: Any = None
     at_once = 0
     """Samples computed at a time, where what they share comes as shorter arrays."""
@@ -182,7 +181,6 @@ class ScalarRanges:
 
     target = "scalar"
     key: Hashable = float
-    run_sums: Any = None
     cell: Any = None
 
     def count(self, like: Any) -> int:

@@ -9,7 +9,6 @@ from polywigner.execution.ledger import Account
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, shared_slice
 from polywigner.kernels.arrays.repeated import RepeatedTables
-from polywigner.kernels.cut.run_sums import has_run_sums
 from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Outline, Request
 
@@ -63,5 +62,4 @@ def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
         kernel.copies,
         allows_cells=kernel.order is not None and tables.clips_for_cells > 0,
         allows_lists=shared_slice(kernel) is not None,
-        allows_whole_edges=has_run_sums(tables),
     )

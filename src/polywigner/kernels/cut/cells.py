@@ -134,15 +134,11 @@ class _Pass:
         ops, held = self.ops, self.held
         if len(self.lists.runs):
             first, end = self._range(held.first_run)
-            if ops.run_sums is None:
-                yield ops.sum_over_runs(first, end, held.runs, self._whole, self.values)
-            else:
-                yield ops.plain_sum(first, end, self._run, self.values)
+            yield ops.sum_over_runs(first, end, held.runs, self._whole, self.values)
         for kind, cuts in enumerate((self.lists.plain, self.lists.special)):
             if len(cuts.records):
                 first, end = self._range(held.cuts[kind][0])
-                total = ops.sum_over_range if ops.run_sums is None else ops.plain_sum
-                yield total(first, end, self._part(kind, cuts), self.values)
+                yield ops.sum_over_range(first, end, self._part(kind, cuts), self.values)
 
     def _range(self, table: Any) -> tuple[Any, Any]:
         (first,), (end,) = (self.ops.gather(table, self.cell + k) for k in (0, 1))
@@ -153,13 +149,6 @@ class _Pass:
         area, real, imag = (self.ops.gather(column, number)[0] for column in self.held.rest)
         # e = length u with length 1: what the kernels compute of u and length stays the same
         return Edge(ax, ay, ax + ex, ay + ey, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag)
-
-    def _run(self, number: Any) -> tuple[Any, ...]:
-        """A run of whole edges, from the sums along the outline."""
-        begin, end, weight, _ = self.ops.gather(self.held.runs, number)
-        offset = self.clipper.tx, self.clipper.ty
-        found = self.ops.run_sums.of_run(self.view, offset, begin, end)
-        return tuple(self._weight(weight)[0] * value for value in found)
 
     def _whole(self, number: Any, weight: Any) -> tuple[Any, ...]:
         return self._term(number, 1.0, 1.0, weight)
