@@ -23,7 +23,6 @@ from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.pairs import Pairs, one_row_of, pairs_of
 from polywigner.execution.requests import request_for
 from polywigner.kernels import Kernel, SharedSlice, shared_slice
-from polywigner.kernels.arrays.lattice_pairs import SharedCopies, shared_copies
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import Plan, Request
 from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
@@ -35,11 +34,6 @@ __all__ = ["evaluate", "explained"]
 _DRJIT_CHUNK = 1 << 18
 # NumPy: of fewer samples it is not worth finding those for which there is nothing to do.
 _LEAST_APART = 256
-
-# To list the copies of an element takes NumPy some microseconds a row.
-_LEAST_FOR_COPIES = 64
-# So many rows' copies are listed at a time: some arrays of a few MB.
-_ROWS_OF_COPIES = 1 << 15
 
 # Parts of slices in memory at a time.
 _MOST_PARTS = 1 << 18
@@ -155,12 +149,8 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
         return _listed(compute, shared, call.source, call.components, results)
     # one place is short enough to be sent with each sample
     pairs = None if isinstance(compute, OnDrjit) and _is_one_row(call.pairs) else call.pairs
-    if pairs is not None:
-        copies = _by_copies(compute, pairs, results)
-        if copies is not None:
-            return copies
-        if compute.takes(pairs):
-            return _paired(compute, pairs, results)
+    if pairs is not None and compute.takes(pairs):
+        return _paired(compute, pairs, results)
     return _chunked(compute, call.components, results, chunk)
 
 
@@ -215,36 +205,6 @@ def _targets(pairs: Pairs, by_places: Pairs, results: Sequence[Array]) -> list[A
     """The results in the shape of the pairs with each place a row."""
     tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
     return tables if by_places is pairs else [table.T for table in tables]
-
-
-def _by_copies(
-    compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]
-) -> Launched | None:
-    """Arrays on a lattice, with the copies that count listed once for each row or column."""
-    shared = shared_copies(compute.kernel)
-    if shared is None or pairs.columns < _LEAST_FOR_COPIES or not compute.lists_copies():
-        return None
-    by_places = _with_places_as_rows(pairs, shared.arguments)
-    if by_places is None:
-        return None
-    some = by_places.block(slice(0, _ROWS_OF_COPIES), slice(0, by_places.columns))
-    if not shared.gains(compute.tables, compute.entered(some)):
-        return None
-    return _launched_copies(compute, shared, by_places, _targets(pairs, by_places, results))
-
-
-def _launched_copies(
-    compute: OnNumpy | OnDrjit, shared: SharedCopies, pairs: Pairs, targets: Sequence[Array]
-) -> Launched:
-    host = NumpyOperations(compute.ops.double)
-    for start in range(0, pairs.rows, _ROWS_OF_COPIES):
-        rows = slice(start, min(start + _ROWS_OF_COPIES, pairs.rows))
-        entered = compute.entered(pairs.block(rows, slice(0, pairs.columns)))
-        copies = shared.copies(host, compute.tables, entered)
-        own = Pairs(tuple(entered), rows.stop - start, pairs.columns)
-        mine = [target[rows] for target in targets]
-        for block in own.blocks(compute.copies_block):
-            yield mine, block, compute.of_copies(shared, copies, entered, block)
 
 
 def _by_parts(

@@ -14,11 +14,10 @@ from polywigner.execution.aligned import aligned
 from polywigner.execution.by_cell import ByCell
 from polywigner.execution.choice import drjit_float
 from polywigner.execution.frozen import frozen, is_code, is_recording
-from polywigner.execution.on_drjit_shared import of_copies, of_parts, split
+from polywigner.execution.on_drjit_shared import of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, SharedSlice, parts_of
-from polywigner.kernels.arrays.lattice_pairs import Copies, SharedCopies
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import loops_over_edges
 
@@ -26,14 +25,9 @@ __all__ = ["OnDrjit"]
 
 # Samples at a time where arguments are pairs: nothing is fed from memory.
 _PAIRS_CHUNK = 1 << 20
-# To list the parts of a slice takes NumPy some microseconds, as much as so many samples gain.
-_LEAST_SHARED = 256
-# A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
-_FEW_CLIPS = 16
 # Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
 # than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
 _CLIPS_PER_KERNEL = 1000
-_CLIPS_IN_A_LOOP = 256
 
 Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
@@ -42,7 +36,7 @@ Fetch = Callable[[], tuple[Array, ...]]
 class OnDrjit:
     """A kernel of a source, traced with Dr.Jit."""
 
-    block = shared_block = copies_block = _PAIRS_CHUNK
+    block = shared_block = _PAIRS_CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
         self.kernel, self.tables = kernel, tables
@@ -112,21 +106,6 @@ class OnDrjit:
         inner = self.looked_up(entered, shape, *split(self.ops.float_type, *shape))
         return _fetching(self._of_inner(inner), shape)
 
-    def lists_copies(self) -> bool:
-        """Whether an element is little enough code for a loop over its copies."""
-        return self.kernel.copies * self.tables.clips <= _CLIPS_IN_A_LOOP
-
-    def of_copies(
-        self,
-        shared: SharedCopies,
-        copies: Copies,
-        entered: tuple[Any, ...],
-        block: tuple[slice, slice],
-    ) -> Fetch:
-        """Results for a block of rows and columns, which are ``entered`` into the frame."""
-        self.turn ^= 1
-        return of_copies(self, shared, copies, entered, block)
-
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
     ) -> Fetch:
@@ -160,11 +139,6 @@ class OnDrjit:
         few = slice(0, 2)
         inner = self.entered(pairs.block(few, few))
         return np.shape(kernel.order(NumpyOperations(double=True), tables, *inner))[-1] == 1
-
-    def shares(self, samples: int) -> bool:
-        """Whether a slice is worth cutting apart from its so many samples."""
-        clips = self.kernel.copies * self.tables.clips
-        return samples >= _LEAST_SHARED and clips > _FEW_CLIPS
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""

@@ -12,16 +12,13 @@ import numpy.typing as npt
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, PartSum, SharedSlice
-from polywigner.kernels.arrays.lattice_pairs import Copies, SharedCopies
 
-__all__ = ["CHUNK", "OnNumpy", "block_of"]
+__all__ = ["CHUNK", "OnNumpy"]
 
 CHUNK = 1 << 14
 """Samples at a time: a temporary array stays in the cache of one core."""
 # Where slices are cut once for many samples: rows enough to cut at a time.
 _SHARED_CHUNK = 1 << 18
-# To list the parts of a slice takes some microseconds, as much as so many samples gain.
-_LEAST_SHARED = 64
 
 Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
@@ -32,7 +29,6 @@ class OnNumpy:
 
     block = CHUNK
     shared_block = _SHARED_CHUNK
-    copies_block = 2 * CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
         self.kernel, self.tables = kernel, tables
@@ -58,10 +54,6 @@ class OnNumpy:
     def takes(self, pairs: Pairs) -> bool:
         return True
 
-    def shares(self, samples: int) -> bool:
-        """Whether a slice is worth cutting apart from its so many samples."""
-        return samples >= _LEAST_SHARED
-
     def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
         """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns).
 
@@ -77,35 +69,6 @@ class OnNumpy:
         """The arguments in the frame, in the shapes that they have."""
         with np.errstate(invalid="ignore", over="ignore"):
             return self.kernel.enter(self.host, self.tables.frame, *arguments)
-
-    def lists_copies(self) -> bool:
-        """Whether copies of an element are worth listing for each place."""
-        return True
-
-    def of_copies(
-        self,
-        shared: SharedCopies,
-        copies: Copies,
-        entered: tuple[Any, ...],
-        block: tuple[slice, slice],
-    ) -> Fetch:
-        """Results for a block of rows and columns, which are ``entered`` into the frame."""
-        rows, columns = block
-        inner = tuple(np.asarray(a, self.ops.dtype) for a in block_of(entered, block))
-        nu, place = inner[shared.frequency], inner[shared.place]
-        ends = copies.ends[rows.start : rows.stop + 1]
-        mine = slice(ends[0], ends[-1])
-        own = tuple(c[mine, None].astype(self.ops.dtype) for c in (copies.x, copies.y))
-        factors = tuple(f[:, columns][copies.number[mine]] for f in copies.factors)
-        with np.errstate(invalid="ignore", over="ignore"):
-            self.ops.at_once = factors[0].size
-            terms = shared.term(self.ops, self.tables.part, own, nu, factors)
-            self.ops.at_once = 0
-            # what lies at infinity or is not a number is so in the result
-            lost = sum(a - a for a in (*place, *nu))
-            sums = [_summed(np.broadcast_to(t, factors[0].shape), ends) + lost for t in terms]
-            values = self.kernel.leave(self.ops, self.tables.frame, inner, tuple(sums))
-        return lambda: values
 
     def listed(self, shared: SharedSlice, exact: Any, arguments: Sequence[Array]) -> Fetch:
         """Results for a chunk of samples, (n,) or one number each, from the parts of each slice."""
@@ -153,25 +116,6 @@ class OnNumpy:
 
 def _slices(length: int, step: int) -> Iterator[slice]:
     return (slice(k, k + step) for k in range(0, length, step))
-
-
-def block_of(entered: Sequence[Any], block: tuple[slice, slice]) -> Iterator[Any]:
-    """Rows and columns of arrays of shape (rows, 1), (1, columns) or both."""
-    for whole in entered:
-        own = [
-            part if n > 1 else slice(None) for part, n in zip(block, np.shape(whole), strict=True)
-        ]
-        yield whole[tuple(own)]
-
-
-def _summed(terms: Array, ends: Array) -> Array:
-    """The sums of rows ``ends[k]`` to ``ends[k + 1]``."""
-    counts, first = np.diff(ends), ends[:-1] - ends[0]
-    found = np.zeros((len(counts), terms.shape[1]), terms.dtype)
-    for k in range(int(counts.max(initial=0))):
-        (rows,) = np.nonzero(counts > k)
-        found[rows] += terms[first[rows] + k]
-    return found
 
 
 def _sum_parts(run: PartSum, ends: Array, table: Array, sums: Sequence[Array]) -> None:
