@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -17,17 +16,13 @@ from polywigner.execution.frozen import frozen, is_code, is_recording
 from polywigner.execution.on_drjit_shared import of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
 from polywigner.execution.pairs import Pairs
-from polywigner.kernels import Kernel, SharedSlice, parts_of
+from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables, cut_of
-from polywigner.plans import loops_over_edges
 
 __all__ = ["OnDrjit"]
 
 # Samples at a time where arguments are pairs: nothing is fed from memory.
 _PAIRS_CHUNK = 1 << 20
-# Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
-# than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
-_CLIPS_PER_KERNEL = 1000
 
 Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]
@@ -55,14 +50,6 @@ class OnDrjit:
     def _cuts_by_cells(self) -> bool:
         return self.cut.endswith("cells")
 
-    @cached_property
-    def parts(self) -> list[Any]:
-        """Tables whose sums add up to the whole, as much code in each as compiles well."""
-        in_a_loop = self.kernel.copies and loops_over_edges(self.tables.clips)
-        if in_a_loop or self.cut == "rows" or self.by_cell is not None:
-            return [self.tables]
-        return parts_of(self.kernel, self.tables, _CLIPS_PER_KERNEL)
-
     def __call__(self, arguments: Sequence[Array]) -> Fetch:
         """Begins to compute the results of a chunk; waits for them when they are fetched.
 
@@ -71,11 +58,11 @@ class OnDrjit:
         self.turn ^= 1
         if self.by_cell is not None:
             return _fetching(self.by_cell(self._sent_all(arguments)))
-        whole: Callable[..., tuple[Any, ...]] = self._whole
+        whole: Callable[..., tuple[Any, ...]] = self.traced
         kind = self.ops.float_type
         if self.is_code and not is_recording(kind):
             owners = (self.kernel, self.tables)
-            whole = frozen(lambda: (self._kept()._whole, ()), owners, kind)
+            whole = frozen(lambda: (self._kept().traced, ()), owners, kind)
         return _fetching(whole(*self._sent_all(arguments)))
 
     def _kept(self) -> OnDrjit:
@@ -84,19 +71,12 @@ class OnDrjit:
         kept.memory = {}
         return kept
 
-    def _whole(self, *arguments: Any) -> tuple[Any, ...]:
+    def traced(self, *arguments: Any) -> tuple[Any, ...]:
+        """Results for arrays of ``entry``'s type."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
         return self._of_inner(inner)
-
-    def traced(self, part: Any, arguments: Sequence[Any]) -> tuple[Any, ...]:
-        """What one of the ``parts`` contributes to the results, for arrays of ``entry``'s type."""
-        inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
-        if not self.ops.double:
-            inner = tuple(self.ops.float_type(a) for a in inner)
-        sums = self.kernel.edge_sum(self.ops, part, *inner)
-        return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
         """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns)."""
@@ -146,18 +126,8 @@ class OnDrjit:
             return self.kernel.enter(NumpyOperations(double=True), self.tables.frame, *arguments)
 
     def _of_inner(self, inner: tuple[Any, ...]) -> tuple[Any, ...]:
-        import drjit
-
-        frame = self.tables.frame
-        if len(self.parts) > 1:
-            drjit.eval(inner)
-        sums: tuple[Any, ...] = ()
-        for part in self.parts:
-            terms = self.kernel.edge_sum(self.ops, part, *inner)
-            sums = tuple(a + b for a, b in zip(sums, terms, strict=True)) if sums else terms
-            if len(self.parts) > 1:
-                drjit.eval(sums)
-        return self.kernel.leave(self.ops, frame, inner, sums)
+        sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
+        return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
         kind = self.entry.float_type

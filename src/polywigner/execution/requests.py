@@ -27,13 +27,12 @@ def request_for(
     account: Account | None = None,
 ) -> Request:
     """What is asked for; ``pairs``: with each place a row."""
-    outline, terms, is_array = None, len(tables.edges), False
+    outline, is_array = None, False
+    terms = getattr(tables, "terms", 0) or len(tables.edges)
     if isinstance(tables, Tables) and kernel.copies:
         outline = _outline_of(kernel, tables)
     elif isinstance(tables, RepeatedTables) and isinstance(tables.element, Tables):
-        outline, terms, is_array = _outline_of(kernel, tables.element), tables.terms, True
-    elif kernel.copies:
-        terms = tables.terms
+        outline, is_array = _outline_of(kernel, tables.element), True
     return Request(
         kernel.name,
         samples,

@@ -32,7 +32,7 @@ from polywigner.kernels.functions.plane import (
 )
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.functions.shared_slices import PartSum, SharedSlice, shared_slice
-from polywigner.kernels.kernel import Kernel, parts_of
+from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Tables
 
 __all__ = [
@@ -49,7 +49,6 @@ __all__ = [
     "kernel_for",
     "new_outline_of",
     "new_tables_of",
-    "parts_of",
     "shared_slice",
     "tables_of",
     "wigner",

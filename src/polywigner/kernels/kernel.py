@@ -1,7 +1,7 @@
 """What a transform is to an engine: how arguments enter the frame, a sum, and the way out.
 
 A kernel is evaluated in three steps so that an engine may do the first in float64 and the second
-in float32, and may split the sum when a source has too many edges to trace at once.
+in float32.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ __all__ = [
     "leave_parts",
     "leave_real",
     "leave_wave",
-    "parts_of",
 ]
 
 Values = tuple[Any, ...]
@@ -44,8 +43,6 @@ class Kernel:
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
     copies: int = 0
     """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
-    clips_per_term: int = 1
-    """Code for a whole edge, or for what is left of one in a piece, in units of one cut's code."""
     order: Callable[..., Any] | None = None
     """(ops, tables, *arguments in the frame) -> numbers by which samples are best sorted where
     edges are looked up in cells."""
@@ -61,22 +58,6 @@ class Kernel:
         """The whole transform with one namespace of operations."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
-
-
-def parts_of(kernel: Kernel, tables: Any, size: int) -> list[Any]:
-    """Tables whose edge sums add up to that of ``tables``, each of about ``size`` clips or less.
-
-    What a kernel does with an edge, or with the part of it in one piece, counts as
-    ``kernel.clips_per_term`` clips.
-    """
-    per_edge = kernel.clips_per_term
-    if kernel.copies:
-        code = kernel.clips_per_term * tables.waves_per_cut
-        per_copy = sum(len(piece.sides) + code for piece in tables.pieces)
-        per_edge = kernel.copies * per_copy
-    count = max(1, size // max(1, per_edge))
-    edges = tables.edges
-    return [replace(tables, edges=edges[k : k + count]) for k in range(0, len(edges), count)]
 
 
 def at_zero_frequency(kernel: Kernel, name: str, *, leads: bool) -> Kernel:

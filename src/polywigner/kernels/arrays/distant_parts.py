@@ -81,11 +81,6 @@ class DistantTables:
     lists: tuple[tuple[View, PairLists], ...]
     """Pairs of the edges of a part and a piece, for each way in which copies lie."""
     held: dict[Any, Any] = field(default_factory=dict)
-    edges: tuple[int, ...] = (0,)
-    """One sum, of nothing that could be split."""
-    pieces: tuple[Any, ...] = ()
-    clips: int = 0
-    waves_per_cut: int = 1
 
     @cached_property
     def terms(self) -> int:

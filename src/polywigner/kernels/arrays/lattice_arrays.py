@@ -47,8 +47,6 @@ __all__ = [
 _LEAST_ELEMENTS = 4
 
 ArrayTables = RepeatedTables[LatticeSites]
-# A kernel unrolls the element's sum over edges for the copies around a place; two stand for them.
-_SUMS_PER_EDGE = 2
 
 
 def _lattice(array: Array) -> Lattice | None:
@@ -86,7 +84,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
     sites = LatticeSites(factors, Weights(values))
     by_pairs = factors is None and not fits_a_table(values.shape, double)
     terms = values.size if by_pairs else 1
-    return RepeatedTables(frame, tables, tables.edges, sites, _SUMS_PER_EDGE, terms)
+    return RepeatedTables(frame, tables, sites, terms)
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
@@ -127,7 +125,7 @@ def _wigner_sum(
     nu_x: Any,
     nu_y: Any,
 ) -> Values:
-    frame, part = tables.frame, tables.part
+    frame, element = tables.frame, tables.element
 
     factor = tables.sites.at_means(ops, (turns_1, turns_2))
 
@@ -135,9 +133,9 @@ def _wigner_sum(
         left = (x - dx, y - dy)
         counts = frame.may_count(*left)
         weight = factor((k, m), (first + k, second + m), counts)
-        return (weight * wigner(ops, part, *left, nu_x, nu_y),)
+        return (weight * wigner(ops, element, *left, nu_x, nu_y),)
 
-    total: Values = ops.sum_of_long(steps_of(frame, frame.means, 0.5), term, part.clips)
+    total: Values = ops.sum_of_long(steps_of(frame, frame.means, 0.5), term, element.clips)
     return total
 
 
@@ -169,7 +167,7 @@ def _ambiguity_sum(
     upsilon_x: Any,
     upsilon_y: Any,
 ) -> Values:
-    frame, part = tables.frame, tables.part
+    frame, element = tables.frame, tables.element
     slope = frame.slope
 
     factor_of = tables.sites.at_differences(ops, (turns_1, turns_2))
@@ -180,12 +178,12 @@ def _ambiguity_sum(
         if any(slope):
             phase = steps[0] * slope[0] + steps[1] * slope[1]
             factor = factor * Pair(*cos_sin_turns(ops, phase))
-        cosine, sine = ambiguity(ops, part, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
+        cosine, sine = ambiguity(ops, element, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
         part_here = factor * Pair(cosine, -sine)
         return part_here.real, -part_here.imag
 
     rows = steps_of(frame, frame.differences, 1.0)
-    total: Values = ops.sum_of_long(rows, term, 4 * part.clips)
+    total: Values = ops.sum_of_long(rows, term, 4 * element.clips)
     return total
 
 
@@ -207,13 +205,13 @@ def _enter_both_ends(ops: Any, frame: ArrayFrame, x: Any, y: Any, xi_x: Any, xi_
 
 def _field(ops: Any, tables: ArrayTables, first: Any, second: Any, x: Any, y: Any) -> Values:
     """u at one place, less the carrier: that of the elements around it, which may overlap."""
-    frame, part = tables.frame, tables.part
+    frame, element = tables.frame, tables.element
     total = Pair(0.0, 0.0)
     for k, m, dx, dy in steps_of(frame, frame.sites, 1.0):
         i, j = first + k, second + m
         weight, exists = tables.sites.weights.at(ops, i, j)
         phase = ops.select(exists, i * frame.slope[0] + j * frame.slope[1], 0.0)
-        own = Pair(*field(ops, part, x - dx, y - dy))
+        own = Pair(*field(ops, element, x - dx, y - dy))
         total = total + own * weight * Pair(*cos_sin_turns(ops, phase))
     return total.real, total.imag
 
@@ -226,7 +224,6 @@ WIGNER = Kernel(
     _wigner_sum,
     leave_real,
     copies=1,
-    clips_per_term=4,
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a lattice", leads=False)
 AMBIGUITY = Kernel(
@@ -237,7 +234,6 @@ AMBIGUITY = Kernel(
     _ambiguity_sum,
     leave_wave,
     copies=2,
-    clips_per_term=16,
 )
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a lattice", leads=True)
 AUTOCORRELATION = Kernel(

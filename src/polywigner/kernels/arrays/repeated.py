@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from polywigner.kernels.functions.elements import ElementTables
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline.tables import Piece
 
 __all__ = ["RepeatedTables", "at_both_ends"]
 
@@ -21,30 +20,13 @@ class RepeatedTables(Generic[Sites]):
 
     frame: Any
     element: ElementTables
-    edges: tuple[Any, ...]
-    """Those of the element that this part of a sum is over."""
     sites: Sites
-    sums_per_edge: int = 1
-    """Sums over an edge that a kernel unrolls, for several copies: what splitting it counts."""
     terms: int = 1
     """Of the sum over copies that a sample loops through: they count when an engine is chosen."""
 
     @property
-    def part(self) -> ElementTables:
-        """The element with these edges only."""
-        return replace(self.element, edges=self.edges)
-
-    @property
-    def pieces(self) -> tuple[Piece, ...]:
-        return self.element.pieces
-
-    @property
     def clips(self) -> int:
-        return self.part.clips
-
-    @property
-    def waves_per_cut(self) -> int:
-        return self.element.waves_per_cut * self.sums_per_edge
+        return self.element.clips
 
 
 def at_both_ends(field: Callable[..., Values]) -> Callable[..., Values]:

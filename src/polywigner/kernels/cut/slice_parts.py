@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +128,7 @@ class PartTables:
     frame: Frame
     is_aligned: bool
     is_real: bool
-    edges: tuple[int, ...] = (0,)  # one sum, of nothing that could be split
+    terms: ClassVar[int] = 1
 
 
 @lru_cache(maxsize=256)

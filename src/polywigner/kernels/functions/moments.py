@@ -277,6 +277,5 @@ LAG_MOMENTS = Kernel(
     lag_moments,
     _leave,
     copies=1,
-    clips_per_term=24,
     order=WIGNER.order,
 )

@@ -235,7 +235,6 @@ WIGNER = Kernel(
     lambda ops, tables, *inner: (wigner_sums.wigner(ops, tables, *inner),),
     leave_real,
     copies=1,
-    clips_per_term=4,
     order=_mirrored_order,
     within=_within_support,
 )
@@ -275,7 +274,6 @@ AMBIGUITY = Kernel(
     lambda ops, tables, turns, *inner: ambiguity.ambiguity(ops, tables, *inner),
     leave_wave,
     copies=2,
-    clips_per_term=16,
     order=_shifted_order,
     within=_within_lags,
 )

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -118,7 +118,6 @@ class Tables:
     """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
     """The same tables with other cuts, by cut."""
-    terms: ClassVar[int] = 1  # of a sum over data, beside the edges, that a sample loops through
 
     @cached_property
     def clips(self) -> int:
