@@ -23,8 +23,6 @@ __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 _FEW_SAMPLES = 256
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
-# To pick samples out and put results back costs as much as a tenth of two sines.
-_MOST_LEFT = 0.85
 # Unrolled, a term of the Fourier transform takes some 20 ms to compile.
 UNROLLED_ROWS = 12
 # Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a
@@ -59,10 +57,6 @@ class _Unfused:
     def repeated(self, count: int, state: Values, step: Callable[..., Values], _: Any) -> Values:
         """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
         return _repeated(count, state, step)
-
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0."""
-        return compute(*arguments)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
@@ -125,31 +119,6 @@ class NumpyOperations(_Unfused, NumpyRanges):
     def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
         """The same for terms of much code, that of so many clips: one after the other."""
         return _unrolled_sum(rows, term)
-
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0; elsewhere mostly 0.
-
-        Where the last argument is not finite the results tell so, whatever the extent.
-        """
-        shape = np.shape(extent)
-        is_one = [np.size(argument) == 1 for argument in arguments]
-        whole = all(one or np.shape(a) == shape for one, a in zip(is_one, arguments, strict=True))
-        if np.size(extent) <= _FEW_SAMPLES or not whole:
-            return compute(*arguments)
-        left = (extent != 0.0) | ~np.isfinite(arguments[-1])
-        (found,) = np.nonzero(left.ravel())
-        if len(found) > _MOST_LEFT * left.size:
-            return compute(*arguments)
-        some = (
-            np.ravel(a)[0] if one else np.ravel(a)[found]
-            for one, a in zip(is_one, arguments, strict=True)
-        )
-        results = []
-        for values in compute(*some):
-            result = np.zeros(left.size, self.dtype)
-            result[found] = values
-            results.append(result.reshape(shape))
-        return tuple(results)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
@@ -273,10 +242,6 @@ class DrjitOperations(DrjitRanges):
         if len(rows) * clips <= _UNROLLED_CLIPS:
             return _unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
-
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0."""
-        return compute(*arguments)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any

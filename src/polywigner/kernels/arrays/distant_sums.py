@@ -141,14 +141,10 @@ class _Sum:
         for wave in waves:
             q = self.scale * wave.along(ex, ey)
             start = self.scale * wave.along(ax + self.side * tx, ay + self.side * ty)
-            sine, cosine = ops.where_left(extent, self._wave, extent, middle, q, start)
+            sine, cosine = segment_wave(ops, extent * q, ops.fma(0.5 * middle, q, start))
             across = self.scale * ops.fma(wave.x, ey, wave.y * -ex) * extent
             values += [across * sine, across * cosine]
         return tuple(values)
-
-    def _wave(self, extent: Any, middle: Any, q: Any, start: Any) -> tuple[Any, Any]:
-        ops = self.ops
-        return segment_wave(ops, extent * q, ops.fma(0.5 * middle, q, start))
 
     def _interval(
         self, edge: Sequence[Any], sides: tuple[Any, Any], tx: Any, ty: Any

@@ -131,8 +131,9 @@ class _Beat:
         for side, cuts in sides:
             start = ops.fma(self.shift, side, at_vertex)
             for middle, extent, real, imag in cuts:
-                wave = ops.where_left(extent, self._wave, extent, middle, q, start)
-                wave_sine, wave_cosine = wave
+                wave_sine, wave_cosine = segment_wave(
+                    ops, extent * q, ops.fma(0.5 * middle, q, start)
+                )
                 share = times(real, extent)
                 real_sum = ops.fma(share, wave_sine, real_sum)
                 imag_sum = ops.fma(share, wave_cosine, imag_sum)
@@ -141,10 +142,6 @@ class _Beat:
                     real_sum = ops.fma(-turned, wave_cosine, real_sum)
                     imag_sum = ops.fma(turned, wave_sine, imag_sum)
         return c * real_sum, c * imag_sum
-
-    def _wave(self, extent: Any, middle: Any, q: Any, start: Any) -> tuple[Any, Any]:
-        ops = self.ops
-        return segment_wave(ops, extent * q, ops.fma(0.5 * middle, q, start))
 
     def value(self, sums: tuple[Any, Any], lag: tuple[Any, Any]) -> Pair:
         scale = 1.0 / (2 * math.pi * self.ops.fma(self.v_x, self.v_x, self.v_y * self.v_y))

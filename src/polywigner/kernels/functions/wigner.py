@@ -107,14 +107,10 @@ class _EvenBeat:
         start = ops.fma(nu_x, 2 * edge.ax, ops.fma(nu_y, 2 * edge.ay, -self.nu_t))
         total: Any = None
         for middle, extent, mutual, _ in cuts:
-            size, phase = ops.where_left(extent, self._sines, extent, middle, q, start)
-            size = times(mutual, size)
+            size = times(mutual, sin_turns(ops, extent * q))
+            phase = sin_turns(ops, ops.fma(middle, q, start))
             total = size * phase if total is None else ops.fma(size, phase, total)
         return (0.0 if total is None else ratio * total,)
-
-    def _sines(self, extent: Any, middle: Any, q: Any, start: Any) -> tuple[Any, Any]:
-        ops = self.ops
-        return sin_turns(ops, extent * q), sin_turns(ops, ops.fma(middle, q, start))
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> Any:
         square = self.ops.fma(self.nu_x, self.nu_x, self.nu_y * self.nu_y)
@@ -142,15 +138,11 @@ class _PhasedBeat:
         first: Any = 0.0
         second: Any = 0.0
         for middle, extent, real, imag in cuts:
-            sine, cosine = ops.where_left(extent, self._wave, extent, middle, q, start)
+            sine, cosine = segment_wave(ops, 2.0 * extent * q, ops.fma(middle, q, start))
             first = ops.fma(extent, real * sine - imag * cosine, first)
             if self.values == 2:
                 second = ops.fma(extent, real * cosine + imag * sine, second)
         return (c * first, c * second) if self.values == 2 else (c * first,)
-
-    def _wave(self, extent: Any, middle: Any, q: Any, start: Any) -> tuple[Any, Any]:
-        ops = self.ops
-        return segment_wave(ops, 2.0 * extent * q, ops.fma(middle, q, start))
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> Any:
         square = self.ops.fma(self.nu_x, self.nu_x, self.nu_y * self.nu_y)
