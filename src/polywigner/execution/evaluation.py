@@ -22,7 +22,7 @@ from polywigner.execution.on_numpy import CHUNK, OnNumpy
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.pairs import Pairs, one_row_of, pairs_of
 from polywigner.execution.requests import request_for
-from polywigner.kernels import Kernel, SharedSlice, shared_slice
+from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import Plan, Request
 from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
@@ -32,6 +32,7 @@ __all__ = ["evaluate", "explained"]
 # Samples at a time. Dr.Jit: launching costs little against computing, and the arguments of a chunk
 # take some 10 MB.
 _DRJIT_CHUNK = 1 << 18
+
 # NumPy: of fewer samples it is not worth finding those for which there is nothing to do.
 _LEAST_APART = 256
 
@@ -104,7 +105,7 @@ def _call_of(
     grid = None
     if engine in ("auto", "numpy") and components[-1].shape == shape:
         grid = plan_for_grid(kernel, source, components, double)
-    pairs, shared = _pairs_of(kernel, components, shape), shared_slice(kernel)
+    pairs, shared = _pairs_of(kernel, components, shape), _listed_by(kernel)
     by_places = None
     if shared is not None and pairs is not None:
         by_places = _with_places_as_rows(pairs, shared.arguments)
@@ -121,9 +122,14 @@ def _call_of(
     return _Call(kernel, source, tables, components, double, pairs, by_places, grid, request)
 
 
+def _listed_by(kernel: Kernel) -> SharedSlice | None:
+    """How the parts of a kernel's slices are listed; None where they are not."""
+    return None if kernel.slices is None else kernel.slices.listed
+
+
 def _pairs_of(kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
     """The arguments as rows and columns; None where they are points."""
-    pairs, shared = pairs_of(components, shape), shared_slice(kernel)
+    pairs, shared = pairs_of(components, shape), _listed_by(kernel)
     if pairs is None and shared and all(c.size == 1 for c in components[shared.arguments]):
         return one_row_of(components, shape)
     return pairs
@@ -139,7 +145,7 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
         compute, chunk = OnNumpy(call.kernel, tables, call.double), CHUNK
     else:
         compute, chunk = OnDrjit(call.kernel, tables, call.double, chosen.engine), _DRJIT_CHUNK
-    shared = shared_slice(call.kernel)
+    shared = _listed_by(call.kernel)
     if name in (LISTED, LISTED_COMPILED):
         assert shared is not None and call.pairs is not None and call.by_places is not None
         targets = _targets(call.pairs, call.by_places, results)
@@ -251,22 +257,21 @@ def _order(compute: OnNumpy, arguments: Sequence[Array], count: int) -> Any:
 
     Without those that lie too far off to have a value other than 0.
     """
-    kernel, tables = compute.kernel, compute.tables
-    by_cells = kernel.order is not None and cut_of(compute.ops, tables, count).endswith("cells")
-    if not by_cells and (kernel.within is None or count < _LEAST_APART):
+    slices, tables = compute.kernel.slices, compute.tables
+    if slices is None:
         return ...
-    host = NumpyOperations(double=True)
+    by_cells = cut_of("numpy", tables, count).endswith("cells")
+    if not by_cells and count < _LEAST_APART:
+        return ...
+    inner = compute.entered(arguments)
+    if by_cells:
+        return order_of(slices.cell_index(compute.host, tables, *inner))
     with np.errstate(invalid="ignore", over="ignore"):
-        inner = kernel.enter(host, tables.frame, *arguments)
-        if by_cells:
-            assert kernel.order is not None
-            return order_of(kernel.order(host, tables, *inner))
-        assert kernel.within is not None
-        within = kernel.within(tables, *inner)
-        for argument in inner:  # 0 times what is not finite is not 0
-            within |= ~np.isfinite(argument)
-    (order,) = np.nonzero(within)
-    return ... if len(order) == len(within) else order
+        mask = slices.support_mask(tables, *inner)
+    for argument in inner:  # 0 times what is not finite is not 0
+        mask |= ~np.isfinite(argument)
+    (order,) = np.nonzero(mask)
+    return ... if len(order) == len(mask) else order
 
 
 def _chunked(
@@ -295,10 +300,10 @@ def _chunked(
 
 def _is_one_frequency(compute: OnNumpy | OnDrjit, components: Sequence[Array]) -> slice | None:
     """Where components are a frequency that NumPy need not repeat for each place; None if none."""
-    shared = shared_slice(compute.kernel)
+    shared = _listed_by(compute.kernel)
     if shared is None or not isinstance(compute, OnNumpy):
         return None
-    if cut_of(compute.ops, compute.tables, CHUNK).endswith("cells"):
+    if cut_of("numpy", compute.tables, CHUNK).endswith("cells"):
         return None
     half = len(components) // 2
     frequency = slice(half, None) if shared.arguments.start == 0 else slice(0, half)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import planned
 from polywigner.execution.operations import NumpyOperations
-from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
+from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 from polywigner.plans import Request
 from polywigner.plans.plan import GRID
 
@@ -131,9 +131,9 @@ def plan_for_grid(
 
 def _tables_for_grid(kernel: Kernel, source: Any, place: Sequence[Array]) -> GridTables | None:
     """Of a source, or of its slice at a place, from whose cut edges what is far off is missing."""
-    if kernel.on_grid is not None:
-        return kernel.on_grid(source)
-    shared = shared_slice(kernel)
+    if isinstance(kernel.edge_sum, OutlineSum):
+        return kernel.edge_sum.on_grid(source)
+    shared = None if kernel.slices is None else kernel.slices.listed
     if shared is None or not np.isfinite(place).all():
         return None
     host, exact = NumpyOperations(double=True), kernel.tables(source, True)

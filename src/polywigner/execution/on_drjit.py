@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from polywigner.execution.on_drjit_shared import of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, SharedSlice
+from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.outline.tables import Tables, cut_of
 
 __all__ = ["OnDrjit"]
@@ -34,21 +36,16 @@ class OnDrjit:
     block = shared_block = _PAIRS_CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
-        self.kernel, self.tables = kernel, tables
-        self.ops = DrjitOperations(drjit_float(engine, double), sorted_by_cell=True)
+        self.kernel, self.tables = kernel, _cut(tables)
+        self.ops = DrjitOperations(drjit_float(engine, double))
         self.entry = DrjitOperations(drjit_float(engine, double=True))
         self.dtype = np.dtype(np.float64 if double else np.float32)
         self.memory: dict[tuple[int, int], Array] = {}
         self.turn = 0
-        self.cut = cut_of(self.ops, tables) if isinstance(tables, Tables) else ""
-        self.is_code = is_code(kernel, self.ops, tables)
+        self.is_code = is_code(kernel, self.ops, self.tables)
         self.by_cell: ByCell | None = None
-        if kernel.order is not None and self._cuts_by_cells:
-            self.by_cell = ByCell(kernel, tables, self.entry, self.ops.float_type)
-
-    @property
-    def _cuts_by_cells(self) -> bool:
-        return self.cut.endswith("cells")
+        if kernel.slices is not None and self.tables.cut.endswith("cells"):
+            self.by_cell = ByCell(kernel, self.tables, self.entry, self.ops.float_type)
 
     def __call__(self, arguments: Sequence[Array]) -> Fetch:
         """Begins to compute the results of a chunk; waits for them when they are fetched.
@@ -113,12 +110,13 @@ class OnDrjit:
 
     def takes(self, pairs: Pairs) -> bool:
         """Whether samples of one row lie in one cell, where edges are looked up by cells."""
-        kernel, tables = self.kernel, self.tables
-        if kernel.order is None or not self._cuts_by_cells:
+        slices = self.kernel.slices
+        if slices is None or self.by_cell is None:
             return True
         few = slice(0, 2)
         inner = self.entered(pairs.block(few, few))
-        return np.shape(kernel.order(NumpyOperations(double=True), tables, *inner))[-1] == 1
+        host = NumpyOperations(double=True)
+        return np.shape(slices.cell_index(host, self.tables, *inner))[-1] == 1
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""
@@ -154,3 +152,10 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
     drjit.eval(results)
     return lambda: tuple(np.asarray(r.numpy()).reshape(shape) for r in results)
+
+
+def _cut(tables: Any) -> Any:
+    """Tables with edges to be cut as planned, or as suits samples that are sorted by cell."""
+    if isinstance(tables, RepeatedTables):
+        return replace(tables, element=_cut(tables.element))
+    return tables.cut_by(cut_of("sorted", tables)) if isinstance(tables, Tables) else tables

@@ -42,14 +42,17 @@ class OnNumpy:
 
     def values(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         """The results of a chunk."""
+        return self._values(self.ops, arguments)
+
+    def _values(self, ops: NumpyOperations, arguments: Sequence[Array]) -> tuple[Array, ...]:
         frame = self.tables.frame
         # what lies at infinity or is not a number is so in the result; no need to warn
         with np.errstate(invalid="ignore", over="ignore"):
             inner = self.kernel.enter(self.host, frame, *arguments)
-            if not self.ops.double:
+            if not ops.double:
                 inner = tuple(a.astype(np.float32) for a in inner)
-            sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
-            return self.kernel.leave(self.ops, frame, inner, sums)
+            sums = self.kernel.edge_sum(ops, self.tables, *inner)
+            return self.kernel.leave(ops, frame, inner, sums)
 
     def takes(self, pairs: Pairs) -> bool:
         return True
@@ -60,9 +63,8 @@ class OnNumpy:
         NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
         for each row.
         """
-        self.ops.at_once = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
-        values = self.values(arguments)
-        self.ops.at_once = 0
+        size = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
+        values = self._values(NumpyOperations(self.ops.double, size), arguments)
         return lambda: values
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:

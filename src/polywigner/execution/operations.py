@@ -84,8 +84,8 @@ class _Unfused:
 class NumpyOperations(_Unfused, NumpyRanges):
     """NumPy arrays of float64 (``double``) or float32."""
 
-    def __init__(self, double: bool) -> None:
-        self.double = double
+    def __init__(self, double: bool, broadcast_size: int = 0) -> None:
+        self.double, self.broadcast_size = double, broadcast_size
         self.dtype = np.dtype(np.float64 if double else np.float32)
 
     def sum_over(
@@ -102,7 +102,7 @@ class NumpyOperations(_Unfused, NumpyRanges):
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
         # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
-        samples = max(np.size(like), self.at_once)
+        samples = max(np.size(like), self.broadcast_size)
         table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, samples))
@@ -224,16 +224,10 @@ class ScalarOperations(_Unfused, ScalarRanges):
 class DrjitOperations(DrjitRanges):
     """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
 
-    def __init__(
-        self, float_type: Any, sorted_by_cell: bool = False, together: bool = False
-    ) -> None:
-        """``sorted_by_cell``: neighbouring samples mostly lie in the same cell.
-
-        ``together``: values are arrays of four, samples of one cell that a lane computes together.
-        """
+    def __init__(self, float_type: Any) -> None:
         import drjit
 
-        super().__init__(float_type, sorted_by_cell, together)
+        super().__init__(float_type)
         self._dr = drjit
         self.double = drjit.itemsize_v(float_type) == 8
 

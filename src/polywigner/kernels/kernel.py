@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.numerics import phases
 
 __all__ = [
@@ -38,21 +39,18 @@ class Kernel:
     enter: Callable[..., Values]
     """(ops, frame, *arguments) -> arguments in the frame."""
     edge_sum: Callable[..., Values]
-    """(ops, tables, *arguments in the frame) -> sums; may ignore leading arguments."""
+    """(ops, tables, *arguments in the frame) -> sums; may ignore leading arguments. A `SliceSum`
+    where edges are cut, an `OutlineSum` where grids of arguments are computed from their axes."""
     leave: Callable[..., Values]
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
-    copies: int = 0
-    """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
-    order: Callable[..., Any] | None = None
-    """(ops, tables, *arguments in the frame) -> numbers by which samples are best sorted where
-    edges are looked up in cells."""
-    within: Callable[..., Any] | None = None
-    """(tables, *arguments in the frame) -> where, on NumPy arrays, the sums may differ from 0."""
-    on_grid: Callable[[Any], Any] | None = None
-    """source -> constants for grids of arguments, or None where it has none; cached."""
     in_one_frame: Kernel | None = None
     """The same transform with all of the source in one frame, where this has none of its own: it
     is less accurate, and has derivatives."""
+
+    @property
+    def slices(self) -> SliceSum | None:
+        """Its sum over edges if they are cut."""
+        return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
         """The whole transform with one namespace of operations."""
@@ -68,7 +66,10 @@ def at_zero_frequency(kernel: Kernel, name: str, *, leads: bool) -> Kernel:
         arguments = (*zero, *point) if leads else (*point, *zero)
         return kernel.enter(ops, frame, *arguments)
 
-    return replace(kernel, name=name, enter=enter)
+    edge_sum = kernel.edge_sum
+    if isinstance(edge_sum, SliceSum):
+        edge_sum = replace(edge_sum, listed=None)  # there is one frequency
+    return replace(kernel, name=name, enter=enter, edge_sum=edge_sum)
 
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:

@@ -22,7 +22,7 @@ from polywigner.kernels.arrays.distant_waves import NUMBERS, DistantWave, Point,
 from polywigner.kernels.arrays.pair_lists import sum_over_near_pairs
 from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
 from polywigner.kernels.functions import plane
-from polywigner.kernels.functions.stokes import segment_wave
+from polywigner.kernels.functions.edge_terms import WaveTerms
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
 from polywigner.kernels.outline.waves import difference_beats, mean_beats
 from polywigner.numerics import phases
@@ -139,11 +139,13 @@ class _Sum:
         middle, extent = low + high, ops.maximum(high - low, 0.0)
         values: list[Any] = []
         for wave in waves:
-            q = self.scale * wave.along(ex, ey)
+            terms = WaveTerms(ops, (wave.x, wave.y), 2)
+            along = terms.along(ex, ey)
+            per_edge = (0.5 * self.scale) * along[0]
             start = self.scale * wave.along(ax + self.side * tx, ay + self.side * ty)
-            sine, cosine = segment_wave(ops, extent * q, ops.fma(0.5 * middle, q, start))
-            across = self.scale * ops.fma(wave.x, ey, wave.y * -ex) * extent
-            values += [across * sine, across * cosine]
+            turns = ops.fma(middle, per_edge, start)
+            sums = terms.added(None, extent * per_edge, turns, extent, (1.0, 0.0))
+            values += terms.of_edge(along, self.scale, sums)
         return tuple(values)
 
     def _interval(
@@ -240,7 +242,6 @@ WIGNER = Kernel(
     _enter_wigner,
     _wigner_sum,
     leave_real,
-    copies=1,
     in_one_frame=plane.WIGNER,
 )
 AMBIGUITY = Kernel(
@@ -250,7 +251,6 @@ AMBIGUITY = Kernel(
     _enter_ambiguity,
     _ambiguity_sum,
     leave_wave,
-    copies=2,
     in_one_frame=plane.AMBIGUITY,
 )
 POSITION_MARGINAL = replace(

@@ -18,9 +18,10 @@ from polywigner.illumination import Array
 from polywigner.illumination.lattices import Lattice, Profile, separated
 from polywigner.kernels.arrays.array_frames import ArrayFrame, array_frame, steps_of
 from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
-from polywigner.kernels.arrays.repeated import RepeatedTables, at_both_ends
+from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables, at_both_ends
 from polywigner.kernels.arrays.site_weights import LatticeSites, Weights
 from polywigner.kernels.arrays.weight_tables import fits_a_table
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED
 from polywigner.kernels.functions.elements import ambiguity, element_tables, field, wigner
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import (
@@ -221,9 +222,8 @@ WIGNER = Kernel(
     2,
     _tables,
     _enter_wigner,
-    _wigner_sum,
+    ElementSum((MIRRORED,), _wigner_sum),
     leave_real,
-    copies=1,
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a lattice", leads=False)
 AMBIGUITY = Kernel(
@@ -231,9 +231,8 @@ AMBIGUITY = Kernel(
     2,
     _tables,
     _enter_ambiguity,
-    _ambiguity_sum,
+    ElementSum((BEHIND, AHEAD), _ambiguity_sum),
     leave_wave,
-    copies=2,
 )
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a lattice", leads=True)
 AUTOCORRELATION = Kernel(

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from polywigner.kernels.cut.clipping import View
 from polywigner.kernels.functions.elements import ElementTables
 from polywigner.kernels.kernel import Values
 
-__all__ = ["RepeatedTables", "at_both_ends"]
+__all__ = ["ElementSum", "RepeatedTables", "at_both_ends"]
 
 Sites = TypeVar("Sites")
 
@@ -27,6 +28,17 @@ class RepeatedTables(Generic[Sites]):
     @property
     def clips(self) -> int:
         return self.element.clips
+
+
+@dataclass(frozen=True, eq=False)
+class ElementSum:
+    """A kernel's sum over the copies of an element, whose edges are cut in one view or in two."""
+
+    views: tuple[View, ...]
+    summed: Callable[..., Values]
+
+    def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
+        return self.summed(ops, tables, *inner)
 
 
 def at_both_ends(field: Callable[..., Values]) -> Callable[..., Values]:

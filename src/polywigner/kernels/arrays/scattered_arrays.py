@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.arrays.pair_lists import sum_over_pairs
-from polywigner.kernels.arrays.repeated import at_both_ends
+from polywigner.kernels.arrays.repeated import ElementSum, at_both_ends
 from polywigner.kernels.arrays.scattered_sites import (
     ScatterFrame,
     ScatterTables,
@@ -19,6 +19,7 @@ from polywigner.kernels.arrays.scattered_sites import (
     pairs_by_difference,
     pairs_by_mean,
 )
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED
 from polywigner.kernels.functions.elements import ambiguity, field, wigner
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import (
@@ -146,9 +147,8 @@ WIGNER = Kernel(
     2,
     pairs_by_mean,
     _enter_wigner,
-    _wigner_sum,
+    ElementSum((MIRRORED,), _wigner_sum),
     leave_real,
-    copies=1,
 )
 POSITION_MARGINAL = at_zero_frequency(
     WIGNER, "position marginal of scattered elements", leads=False
@@ -158,9 +158,8 @@ AMBIGUITY = Kernel(
     2,
     pairs_by_difference,
     _enter_ambiguity,
-    _ambiguity_sum,
+    ElementSum((BEHIND, AHEAD), _ambiguity_sum),
     leave_wave,
-    copies=2,
 )
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of scattered elements", leads=True)
 AUTOCORRELATION = Kernel(

@@ -9,33 +9,17 @@ lag for many frequency shifts.
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
 from polywigner.kernels.cut.cut_matrix import CutMatrix
-from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame
-from polywigner.kernels.functions.plane import tables_of
-from polywigner.kernels.functions.stokes import moved_off_zero, segment_wave
-from polywigner.kernels.kernel import Kernel, Values, leave_real
-from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import difference_beats, mean_beats
-from polywigner.numerics.trigonometry import sin_turns, sinc
 
-__all__ = [
-    "PART_COLUMNS",
-    "PART_MOMENTS",
-    "PART_WIGNER",
-    "position_slice_parts",
-    "slice_parts",
-    "wigner_of_part",
-]
+__all__ = ["PART_COLUMNS", "position_slice_parts", "slice_parts"]
 
 PART_COLUMNS = 8
 """Middle and vector of a part, in the frame and as a lag; the complex weight; the shift of nu."""
@@ -119,63 +103,3 @@ def _stacked(columns: list[Any], shift: tuple[float, ...]) -> Rows:
     table[:, :6] = np.stack(columns, axis=-1)
     table[:, 6:] = shift
     return table
-
-
-@dataclass(frozen=True)
-class PartTables:
-    """What the kernels of parts need to know of a source: whether waves and weights differ."""
-
-    frame: Frame
-    is_aligned: bool
-    is_real: bool
-    terms: ClassVar[int] = 1
-
-
-@lru_cache(maxsize=256)
-def _part_tables(source: Any, double: bool) -> PartTables:
-    tables = tables_of(source, True)
-    still = all(not any(wave.frequency) for group in tables.groups for wave in group)
-    is_real = len(tables.groups) == 1 and not tables.phased
-    return PartTables(tables.frame, still and not any(tables.frame.carrier), is_real)
-
-
-def _enter(ops: Any, frame: Frame, *arguments: Any) -> Values:
-    """(part, detuned frequency of its waves, whole frequency)."""
-    part, nu = arguments[:6], arguments[PART_COLUMNS:]
-    detuned = frame.detuned(ops, *nu)
-    shifted = (n - s for n, s in zip(detuned, arguments[6:PART_COLUMNS], strict=True))
-    return (*part, *shifted, *frame.frequency(ops, *nu))
-
-
-def wigner_of_part(ops: Any, is_real: bool, part: Values, nu: Values) -> Any:
-    """A part's term of (W2) at a detuned frequency: ``part`` is (x, y, dx, dy, real, imag)."""
-    x, y, dx, dy, real, imag = part
-    nu_x, nu_y = moved_off_zero(ops, *nu)
-    fma = ops.fma
-    length, middle = fma(nu_x, dx, nu_y * dy), fma(nu_x, x, nu_y * y)
-    if is_real:
-        wave = real * sinc(ops, length) * sin_turns(ops, middle)
-    else:
-        sine, cosine = segment_wave(ops, length, middle)
-        wave = fma(real, sine, -imag * cosine)
-    square = math.pi * fma(nu_x, nu_x, nu_y * nu_y)
-    return fma(nu_x, dy, -nu_y * dx) * wave / square
-
-
-def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
-    return (wigner_of_part(ops, tables.is_real, inner[:6], inner[6:8]),)
-
-
-def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:
-    """A part's term of (T3)."""
-    x, y, dx, dy, real, imag = inner[:6]
-    axes = RayFrame(ops, tables.frame, inner[6:8], inner[8:10], tables.is_aligned)
-    (p, q), (dp, dq) = axes.turned(x, y), axes.turned(dx, dy)
-    found = axes.of_part([p, dp], [q, dq], axes.turns(x, y), axes.turns(dx, dy))
-    even = [2.0 * (real * a - imag * b) for a, b in zip(*found, strict=True)]
-    odd = [-2.0 * (real * b + imag * a) for a, b in zip(*found, strict=True)]
-    return (even[0], odd[1], even[2], even[3], odd[4], odd[5])
-
-
-PART_WIGNER = Kernel("wigner by parts", 0, _part_tables, _enter, _wigner, leave_real)
-PART_MOMENTS = Kernel("lag moments by parts", 0, _part_tables, _enter, _moments, LAG_MOMENTS.leave)

@@ -95,10 +95,10 @@ class Piece:
     sign: float = 1.0  # -1 for a triangle turned over by rounding
 
 
-def cut_of(ops: Any, tables: Any, samples: int = 0) -> str:
-    """How edges are cut: as planned, or as suits the namespace; ``samples`` of NumPy at a time."""
+def cut_of(target: str, tables: Tables, samples: int = 0) -> str:
+    """How edges are cut: as planned, or as suits a target; ``samples`` of NumPy at a time."""
     found: str | None = tables.cut
-    return found or cut_for(ops.target, tables.clips, tables.clips_for_cells, samples)
+    return found or cut_for(target, tables.clips, tables.clips_for_cells, samples)
 
 
 @dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long

@@ -129,6 +129,10 @@ class RowBeat:
     rate_x: Any
     rate_y: Any
 
+    @property
+    def shift(self) -> tuple[Any, Any]:
+        return self.shift_x, self.shift_y
+
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
         cosine, sine = cos_sin_turns(ops, self.rate_x * point[0] + self.rate_y * point[1])
         real = cosine * self.real - sine * self.imag

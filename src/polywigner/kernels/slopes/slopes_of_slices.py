@@ -9,7 +9,7 @@ from typing import Any
 
 from polywigner.kernels.cut.cells import clipper_for
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper, View
-from polywigner.kernels.functions.ambiguity import COPIES, Views, pairings
+from polywigner.kernels.functions.wave_sums import COPIES, Views, difference_pairings
 from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of
 from polywigner.kernels.outline.waves import Beat, Wave, difference_beats, mean_beats
 from polywigner.kernels.slopes.slopes import Axes, Sink, Slopes, Wanted
@@ -45,7 +45,7 @@ def _mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Seq
 
 # Of W the edges of one copy are half the boundary, those of the other give the conjugate.
 _LAG = _Slices(((MIRRORED, -1.0),), 2.0, 2.0, 2.0, _mean_pairings)
-_POSITION = _Slices(COPIES, 1.0, 1.0, 1.0, pairings)
+_POSITION = _Slices(COPIES, 1.0, 1.0, 1.0, difference_pairings)
 
 
 def wigner_slopes(
@@ -110,7 +110,7 @@ def _clipper(
     """Edges by name where that matters, by cells otherwise."""
     if not (wanted.vertices or wanted.weights):
         return clipper_for(ops, tables, *shift, *(view for view, _ in slices.views))
-    cut = cut_of(ops, tables)
+    cut = cut_of(ops.target, tables)
     rows = cut == "rows" or (cut != "code" and loops_over_edges(tables.clips))
     return (RowClipper if rows else Clipper)(ops, tables, *shift)
 
