@@ -13,6 +13,7 @@ import numpy.typing as npt
 from polywigner.execution.aligned import aligned
 from polywigner.execution.by_cell import ByCell
 from polywigner.execution.choice import drjit_float
+from polywigner.execution.chunks import Fetch, Launched, parts_of_results
 from polywigner.execution.frozen import frozen, is_code, is_recording
 from polywigner.execution.on_drjit_shared import of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
@@ -23,11 +24,13 @@ from polywigner.kernels.outline.tables import Tables, cut_of
 
 __all__ = ["OnDrjit"]
 
+# Samples at a time: launching costs little against computing, and the arguments of a chunk
+# take some 10 MB.
+_CHUNK = 1 << 18
 # Samples at a time where arguments are pairs: nothing is fed from memory.
 _PAIRS_CHUNK = 1 << 20
 
 Array = npt.NDArray[Any]
-Fetch = Callable[[], tuple[Array, ...]]
 
 
 class OnDrjit:
@@ -47,7 +50,12 @@ class OnDrjit:
         if kernel.slices is not None and self.tables.cut.endswith("cells"):
             self.by_cell = ByCell(kernel, self.tables, self.entry, self.ops.float_type)
 
-    def __call__(self, arguments: Sequence[Array]) -> Fetch:
+    def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
+        """Results for components that broadcast to their shape, chunk by chunk."""
+        for arguments, targets in parts_of_results(components, results, _CHUNK):
+            yield targets, ..., self._begun(arguments)
+
+    def _begun(self, arguments: Sequence[Array]) -> Fetch:
         """Begins to compute the results of a chunk; waits for them when they are fetched.
 
         Meanwhile the next chunk may begin, but not yet the one after it.
@@ -108,7 +116,7 @@ class OnDrjit:
 
         return tuple(found(slot, values) for slot, values in enumerate(inner))
 
-    def takes(self, pairs: Pairs) -> bool:
+    def allows_outer_product(self, pairs: Pairs) -> bool:
         """Whether samples of one row lie in one cell, where edges are looked up by cells."""
         slices = self.kernel.slices
         if slices is None or self.by_cell is None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.execution.chunks import Fetch
 from polywigner.kernels import SharedSlice
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ __all__ = ["of_parts", "split"]
 _TOGETHER = 4
 
 Array = npt.NDArray[Any]
-Fetch = Callable[[], tuple[Array, ...]]
 
 
 @dataclass(frozen=True)
