@@ -63,9 +63,9 @@ class Groups:
     cells: Numbers
     """The cell of each group; there are a multiple of a cache line's numbers."""
     first: Numbers
-    """Of each cell, where in the order the group 0 would begin if all groups were of this cell."""
+    """Where in the order group 0 would begin, for each cell, if all groups were of this cell."""
     last: Numbers
-    """Of each cell, where in the order its samples end."""
+    """Where in the order the samples of each cell end."""
 
 
 def grouped(cell: Numbers, size: int) -> Groups:

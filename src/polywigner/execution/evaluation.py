@@ -85,7 +85,7 @@ class _Call:
     pairs: Pairs | None
     """The arguments as rows and columns, where they are such."""
     by_places: Pairs | None
-    """The same with each place a row, where slices are those of places."""
+    """These pairs with each place a row, where slices are those of places."""
     grid: GridPlan | None
     request: Request
 

@@ -77,7 +77,7 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Of edges that are equal up to a translation; all that run along the axes are one."""
+        """Families of edges that are equal up to a translation; all along the axes are one."""
         return len(self.tables.oblique) + bool(self.tables.straight)
 
     def keeps_digits(self) -> bool:
@@ -130,7 +130,7 @@ def plan_for_grid(
 
 
 def _tables_for_grid(kernel: Kernel, source: Any, place: Sequence[Array]) -> GridTables | None:
-    """Of a source, or of its slice at a place, from whose cut edges what is far off is missing."""
+    """Constants of a source, or of its slice at a place; None where there are none."""
     if isinstance(kernel.edge_sum, OutlineSum):
         return kernel.edge_sum.on_grid(source)
     shared = None if kernel.slices is None else kernel.slices.listed

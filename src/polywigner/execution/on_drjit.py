@@ -71,7 +71,7 @@ class OnDrjit:
         return _fetching(whole(*self._sent_all(arguments)))
 
     def _kept(self) -> OnDrjit:
-        """The same for a frozen function, which is to keep no memory of chunks."""
+        """A copy for a frozen function, which is to keep no memory of chunks."""
         kept = copy(self)
         kept.memory = {}
         return kept
@@ -84,7 +84,7 @@ class OnDrjit:
         return self._of_inner(inner)
 
     def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
-        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns)."""
+        """Results (rows, columns) for arguments of shape (rows, 1) and (1, columns)."""
         self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))

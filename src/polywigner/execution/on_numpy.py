@@ -105,7 +105,7 @@ class OnNumpy:
         return True
 
     def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
-        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns).
+        """Results (rows, columns) for arguments of shape (rows, 1) and (1, columns).
 
         NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
         for each row.

@@ -116,8 +116,10 @@ class NumpyOperations(_Unfused, NumpyRanges):
             ]
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips: one after the other."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips: one after the other."""
         return _unrolled_sum(rows, term)
 
     def refined(
@@ -188,8 +190,10 @@ class ScalarOperations(_Unfused, ScalarRanges):
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
         return _unrolled_sum(rows, term)
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips."""
         return _unrolled_sum(rows, term)
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
@@ -231,8 +235,10 @@ class DrjitOperations(DrjitRanges):
         self._dr = drjit
         self.double = drjit.itemsize_v(float_type) == 8
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips: a loop if that is too much."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips: a loop if that is too much."""
         if len(rows) * clips <= _UNROLLED_CLIPS:
             return _unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)

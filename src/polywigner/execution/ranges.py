@@ -113,7 +113,7 @@ class NumpyRanges:
         values: int,
         like: Any = None,
     ) -> list[Any]:
-        """The same over all rows of the runs ``first`` to ``end``; ``term(row, weight number)``.
+        """The sums over all rows of the runs ``first`` to ``end`` of ``term(row, weight number)``.
 
         ``runs``: a table of first row, end of the rows, number of the weight.
         """

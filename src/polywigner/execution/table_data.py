@@ -32,7 +32,7 @@ class UnrolledOperations(DrjitOperations):
 
     def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
         if unroll:
-            return self.sum_of_long(rows, term, 0)
+            return self.sum_large_terms(rows, term, 0)
         return super().sum_over(rows, term, values, like, unroll=False)
 
 

@@ -44,7 +44,7 @@ class Kernel:
     leave: Callable[..., Values]
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
     in_one_frame: Kernel | None = None
-    """The same transform with all of the source in one frame, where this has none of its own: it
+    """This transform with all of the source in one frame, where this kernel has none: that one
     is less accurate, and has derivatives."""
 
     @property

@@ -43,7 +43,7 @@ class Way:
 
     @property
     def seconds(self) -> float:
-        """Of a first call."""
+        """What a first call takes."""
         return self.setup + self.run
 
 

@@ -24,7 +24,7 @@ from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
 from polywigner.kernels.functions import plane
 from polywigner.kernels.functions.edge_terms import WaveTerms
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
-from polywigner.kernels.outline.waves import difference_beats, mean_beats
+from polywigner.kernels.outline.waves import difference_pairs, mean_pairs
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 
@@ -215,16 +215,16 @@ def _unknown(place: Point, waves: Sequence[DistantWave]) -> Any:
 
 def _wigner_sum(ops: Any, tables: DistantTables, *inner: Any) -> Values:
     place, nu = _points(inner)
-    beats = mean_beats(tables.waves, tables.waves)
-    waves = [DistantWave.of(ops, beat, nu, place) for beat in beats]
+    wave_pairs = mean_pairs(tables.waves, tables.waves)
+    waves = [DistantWave.of(ops, wave_pair, nu, place) for wave_pair in wave_pairs]
     # pairs come in both orders, of which one is the other's conjugate; so do those of waves
     return (2.0 * _total(ops, tables, place, waves, 1)[0],)
 
 
 def _ambiguity_sum(ops: Any, tables: DistantTables, turns: Any, *inner: Any) -> Values:
     upsilon, lag = _points(inner)
-    beats = difference_beats(tables.waves, tables.waves)
-    waves = [DistantWave.of(ops, beat, upsilon, lag) for beat in beats]
+    wave_pairs = difference_pairs(tables.waves, tables.waves)
+    waves = [DistantWave.of(ops, wave_pair, upsilon, lag) for wave_pair in wave_pairs]
     real, imag = _total(ops, tables, lag, waves, 2)
     return real, -imag
 

@@ -136,7 +136,7 @@ def _wigner_sum(
         weight = factor((k, m), (first + k, second + m), counts)
         return (weight * wigner(ops, element, *left, nu_x, nu_y),)
 
-    total: Values = ops.sum_of_long(steps_of(frame, frame.means, 0.5), term, element.clips)
+    total: Values = ops.sum_large_terms(steps_of(frame, frame.means, 0.5), term, element.clips)
     return total
 
 
@@ -184,7 +184,7 @@ def _ambiguity_sum(
         return part_here.real, -part_here.imag
 
     rows = steps_of(frame, frame.differences, 1.0)
-    total: Values = ops.sum_of_long(rows, term, 4 * element.clips)
+    total: Values = ops.sum_large_terms(rows, term, 4 * element.clips)
     return total
 
 

@@ -23,7 +23,7 @@ class RepeatedTables(Generic[Sites]):
     element: ElementTables
     sites: Sites
     terms: int = 1
-    """Of the sum over copies that a sample loops through: they count when an engine is chosen."""
+    """Terms of the sum over copies that a sample loops through: plans count them."""
 
     @property
     def clips(self) -> int:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
 from polywigner.kernels.cut.cut_matrix import CutMatrix
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.waves import difference_beats, mean_beats
+from polywigner.kernels.outline.waves import difference_pairs, mean_pairs
 
 __all__ = ["PART_COLUMNS", "position_slice_parts", "slice_parts"]
 
@@ -35,26 +35,26 @@ def slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.in
     found = _Parts(ops, tables, (2.0 * x, 2.0 * y), (x, y))
     for own in range(len(tables.groups)):
         for other in range(len(tables.groups)):
-            beats = mean_beats(tables.groups[own], tables.groups[other])
-            found.add(MIRRORED, own, other, _amplitudes(ops, beats, (x, y)), -0.5, 2.0)
+            wave_pairs = mean_pairs(tables.groups[own], tables.groups[other])
+            found.add(MIRRORED, own, other, _amplitudes(ops, wave_pairs, (x, y)), -0.5, 2.0)
     return found.table()
 
 
 def position_slice_parts(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[NDArray[np.intp], Rows]:
-    """The same for the position slices at lags (n,); vectors and middles are those of positions."""
+    """Parts of the position slices at lags (n,); vectors and middles are those of positions."""
     found = _Parts(ops, tables, (x, y), (x, y))
     for own in range(len(tables.groups)):
         for other in range(len(tables.groups)):
             fields = tables.groups[own], tables.groups[other]
             # the edges' field is the first factor in the view BEHIND, the second in AHEAD
             for view, side, pair in ((BEHIND, -0.5, fields), (AHEAD, 0.5, fields[::-1])):
-                beats = _amplitudes(ops, difference_beats(*pair), (x, y))
-                found.add(view, own, other, beats, side, 1.0)
+                wave_pairs = _amplitudes(ops, difference_pairs(*pair), (x, y))
+                found.add(view, own, other, wave_pairs, side, 1.0)
     return found.table()
 
 
-def _amplitudes(ops: Any, beats: Any, place: tuple[Any, Any]) -> list[tuple[Any, Any, Any]]:
-    return [(beat.shift, *beat.amplitude(ops, place)) for beat in beats]
+def _amplitudes(ops: Any, wave_pairs: Any, place: tuple[Any, Any]) -> list[tuple[Any, Any, Any]]:
+    return [(wave_pair.shift, *wave_pair.amplitude(ops, place)) for wave_pair in wave_pairs]
 
 
 class _Parts:
@@ -71,7 +71,7 @@ class _Parts:
         view: View,
         group: int,
         other: int,
-        beats: list[tuple[Any, Any, Any]],
+        wave_pairs: list[tuple[Any, Any, Any]],
         side: float,
         scale: float,
     ) -> None:
@@ -86,7 +86,7 @@ class _Parts:
                 s * edge.ex,
                 s * edge.ey,
             ]
-            for shift, cosine, sine in beats:
+            for shift, cosine, sine in wave_pairs:
                 a, b = (np.broadcast_to(v, self.count)[owner] for v in (cosine, sine))
                 weight = [a * found.real - b * found.imag, a * found.imag + b * found.real]
                 self.owners.append(owner)

@@ -23,7 +23,7 @@ from polywigner.kernels.functions.wave_sums import (
     sum_over_waves,
 )
 from polywigner.kernels.outline.tables import Edge
-from polywigner.kernels.outline.waves import Beat, RowBeat
+from polywigner.kernels.outline.waves import WavePair, WavePairRow
 
 __all__ = ["AMBIGUITY_SUM", "POSITION_SLICE_AREA"]
 
@@ -38,7 +38,7 @@ def _lag(*inner: Any) -> tuple[Any, Any]:
 def _ambiguity(clipper: Clipper, turns: Any, v_x: Any, v_y: Any, *xi: Any) -> Values:
     """A(upsilon, xi) in the frame, as (cosine part, sine part) with A = cosine - i sine."""
 
-    def sum_of(pair: Beat | RowBeat, is_even: bool) -> TermSum:
+    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> TermSum:
         terms = ambiguity_terms(clipper.ops, pair.detuned((v_x, v_y)))
         return TermSum(clipper, terms, pair, 1.0)
 

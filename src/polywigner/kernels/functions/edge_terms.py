@@ -31,7 +31,7 @@ class EdgeTerms(Protocol):
     nu: Values
     """The frequency, moved off 0."""
     values: int
-    """Of each sum: the real part, or both parts."""
+    """How many numbers a sum is: the real part, or both parts."""
 
     def along(self, ux: Any, uy: Any) -> Values:
         """nu.u, and what else the parts of edges along a vector u share."""

@@ -32,7 +32,7 @@ from polywigner.kernels.functions.wigner import doubled_position
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge
-from polywigner.kernels.outline.waves import Beat, RowBeat
+from polywigner.kernels.outline.waves import WavePair, WavePairRow
 from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled
 from polywigner.numerics.trigonometry import cos_sin_turns
 
@@ -53,7 +53,7 @@ def _lag_moments(clipper: Clipper, x: Any, y: Any, *frequencies: Any) -> Values:
     """
     nu, ray = frequencies[:2], frequencies[2:]
 
-    def sum_of(pair: Beat | RowBeat, is_even: bool) -> _Moments:
+    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> _Moments:
         return _Moments(clipper, pair, nu, ray)
 
     return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), _COUNT))
@@ -141,15 +141,19 @@ class _Moments:
     """The sums over edges at one frequency."""
 
     def __init__(
-        self, clipper: Clipper, beat: Beat | RowBeat, nu: Sequence[Any], ray: Sequence[Any]
+        self,
+        clipper: Clipper,
+        wave_pair: WavePair | WavePairRow,
+        nu: Sequence[Any],
+        ray: Sequence[Any],
     ) -> None:
-        self.ops, self.beat = clipper.ops, beat
+        self.ops, self.wave_pair = clipper.ops, wave_pair
         self.offset = clipper.tx, clipper.ty
         frame = clipper.tables.frame
-        is_detuned = any(frame.carrier) or isinstance(beat, RowBeat)
-        is_aligned = not is_detuned and not any(beat.detuned((0.0, 0.0)))
-        self.axes = RayFrame(self.ops, frame, beat.detuned(nu), ray, is_aligned)
-        self.values = _COUNT if beat.is_real else 2 * _COUNT
+        is_detuned = any(frame.carrier) or isinstance(wave_pair, WavePairRow)
+        is_aligned = not is_detuned and not any(wave_pair.detuned((0.0, 0.0)))
+        self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray, is_aligned)
+        self.values = _COUNT if wave_pair.is_real else 2 * _COUNT
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Cuts]]) -> tuple[Any, ...]:
         ((_, cuts),) = sides
@@ -176,7 +180,7 @@ class _Moments:
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> list[Any]:
         """2 Re of amplitude times sum for even functions, -2 Im for odd ones."""
-        real, imag = self.beat.amplitude(self.ops, position)
+        real, imag = self.wave_pair.amplitude(self.ops, position)
         if self.values == _COUNT:
             return [(-2.0 if odd else 2.0) * real * s for odd, s in zip(_ODD, sums, strict=True)]
         pairs = zip(_ODD, sums[:_COUNT], sums[_COUNT:], strict=True)
@@ -187,7 +191,7 @@ class _Moments:
 
 
 def _real_part(real: Any, imag: Any, first: Any, second: Any) -> Any:
-    """Of (real + i imag)(first + i second)."""
+    """The real part of (real + i imag)(first + i second)."""
     if isinstance(imag, float) and imag == 0.0:
         return real * first
     return real * first - imag * second

@@ -58,7 +58,7 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """The same, built anew: with vertices numbered as they are in this of all equal sources."""
+    """Tables built anew: with vertices numbered as they are in this of all equal sources."""
     if isinstance(source, Aperture):
         elements = [Element(source.rings, source.convex_cover, 1.0, source.illumination)]
     else:
@@ -105,7 +105,7 @@ class PlacedFrame:
 
     plane: Any
     centre: tuple[phases.Doubled, ...]
-    """Of the aperture, in the world."""
+    """The centre of the aperture in the world."""
     rows: Matrix
     """From nu in the world to nu in the frame, ``Doubled``."""
 

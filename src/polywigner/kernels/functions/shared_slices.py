@@ -30,9 +30,9 @@ class SharedSlice:
     arguments: slice
     """Which components are the place on which the parts depend, as the caller gives them."""
     place: slice
-    """The same in the frame."""
+    """Which arguments in the frame are this place."""
     frequency: slice
-    """The frequency in the frame."""
+    """Which arguments in the frame are the frequency."""
     list_parts: Callable[..., Listed]
     """(ops of NumPy in double precision, tables, *place) -> whose, (k, 8) rows."""
     terms: Callable[[Any, Values, bool], EdgeTerms]

@@ -21,7 +21,13 @@ from polywigner.kernels.cut.clipping import (
 )
 from polywigner.kernels.functions.edge_terms import EdgeTerms
 from polywigner.kernels.outline.tables import Edge, Tables
-from polywigner.kernels.outline.waves import Beat, RowBeat, difference_beats, mean_beats, rows_of
+from polywigner.kernels.outline.waves import (
+    WavePair,
+    WavePairRow,
+    difference_pairs,
+    mean_pairs,
+    rows_of,
+)
 from polywigner.numerics.complex_pairs import Pair
 
 __all__ = [
@@ -39,7 +45,7 @@ __all__ = [
 Values = tuple[Any, ...]
 Views = tuple[tuple[View, float], ...]
 """Views, and which copy of the edges each is of: its points are p + side T."""
-Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[Beat]]]]
+Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[WavePair]]]]
 """(group of edges, tables) -> for each group of pieces the views that it cuts the edges in, and the
 pairs of waves there."""
 
@@ -59,27 +65,29 @@ class PairSum(Protocol):
         """The pair's share of the result at a position or lag."""
 
 
-def mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[Beat]]]:
+def mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
     """Pairs of waves for W and the moments of the lag slice."""
     for other, waves in enumerate(tables.groups):
-        yield other, MIRROR, mean_beats(tables.groups[group], waves)
+        yield other, MIRROR, mean_pairs(tables.groups[group], waves)
 
 
-def difference_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[Beat]]]:
+def difference_pairings(
+    group: int, tables: Tables
+) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
     """Pairs of waves for A: the edges' field is the first factor BEHIND, the second AHEAD."""
     own = tables.groups[group]
     for other, waves in enumerate(tables.groups):
         if other == group:
-            yield other, COPIES, difference_beats(own, own)
+            yield other, COPIES, difference_pairs(own, own)
         else:
-            yield other, COPIES[:1], difference_beats(own, waves)
-            yield other, COPIES[1:], difference_beats(waves, own)
+            yield other, COPIES[:1], difference_pairs(own, waves)
+            yield other, COPIES[1:], difference_pairs(waves, own)
 
 
 def sum_over_waves(
     clipper: Clipper,
     pairings: Pairings,
-    sum_of: Callable[[Beat | RowBeat, bool], PairSum],
+    sum_of: Callable[[WavePair | WavePairRow, bool], PairSum],
     place: Values,
     count: int,
 ) -> list[Any]:
@@ -140,7 +148,7 @@ def _sums_of_rows(
             views: Views = views,
             real: bool = pairs[0].is_real,
         ) -> Values:
-            run = sum_of(RowBeat(real, *row), False)
+            run = sum_of(WavePairRow(real, *row), False)
             cuts = [(side, list(clipper.intervals(edge, view, other))) for view, side in views]
             return tuple(run.value(run.terms(edge, cuts), place)[:count])
 
@@ -151,7 +159,7 @@ class TermSum:
     """The sum for a pair of waves of `EdgeTerms`: W or A."""
 
     def __init__(
-        self, clipper: Clipper, terms: EdgeTerms, pair: Beat | RowBeat, scale: float
+        self, clipper: Clipper, terms: EdgeTerms, pair: WavePair | WavePairRow, scale: float
     ) -> None:
         """A point of an edge lies in the slice at ``scale (p + side T)``."""
         self.clipper, self.ops, self.function, self.pair = clipper, clipper.ops, terms, pair

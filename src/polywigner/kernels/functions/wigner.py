@@ -19,7 +19,7 @@ from polywigner.kernels.functions.edge_terms import wigner_terms
 from polywigner.kernels.functions.shared_slices import SharedSlice
 from polywigner.kernels.functions.wave_sums import TermSum, mean_pairings, sum_over_waves
 from polywigner.kernels.outline.tables import Edge
-from polywigner.kernels.outline.waves import Beat, RowBeat
+from polywigner.kernels.outline.waves import WavePair, WavePairRow
 
 __all__ = ["LAG_SLICE_AREA", "WIGNER_SUM", "doubled_position"]
 
@@ -34,7 +34,7 @@ def doubled_position(x: Any, y: Any, *frequency: Any) -> tuple[Any, Any]:
 def _wigner(clipper: Clipper, x: Any, y: Any, *nu: Any) -> Values:
     """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2), (I2)."""
 
-    def sum_of(pair: Beat | RowBeat, is_even: bool) -> TermSum:
+    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> TermSum:
         terms = wigner_terms(clipper.ops, pair.detuned(nu), is_even, pair.is_real)
         return TermSum(clipper, terms, pair, 2.0)
 

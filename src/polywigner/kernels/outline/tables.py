@@ -24,7 +24,7 @@ from polywigner.kernels.outline.waves import (
     Waves,
     carrier_of,
     common_factor,
-    difference_beats,
+    difference_pairs,
     waves_in_frame,
 )
 from polywigner.numerics.exact import (
@@ -137,7 +137,7 @@ class Tables:
     def waves_per_cut(self) -> int:
         """How many plane waves are integrated over what is left of an edge in a piece."""
         return max(
-            sum(len(difference_beats(one, other)) for other in self.groups) for one in self.groups
+            sum(len(difference_pairs(one, other)) for other in self.groups) for one in self.groups
         )
 
     @property

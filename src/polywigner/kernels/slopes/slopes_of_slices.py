@@ -11,7 +11,7 @@ from polywigner.kernels.cut.cells import clipper_for
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper, View
 from polywigner.kernels.functions.wave_sums import COPIES, Views, difference_pairings
 from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of
-from polywigner.kernels.outline.waves import Beat, Wave, difference_beats, mean_beats
+from polywigner.kernels.outline.waves import Wave, WavePair, difference_pairs, mean_pairs
 from polywigner.kernels.slopes.slopes import Axes, Sink, Slopes, Wanted
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
@@ -20,7 +20,7 @@ from polywigner.plans import loops_over_edges
 __all__ = ["ambiguity_slopes", "wigner_slopes"]
 
 _ZERO = Pair(0.0, 0.0)
-_Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[Beat]]]]
+_Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[WavePair]]]]
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class _Slices:
     pairings: _Pairings
 
 
-def _mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[Beat]]]:
+def _mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
     for other, waves in enumerate(tables.groups):
-        yield other, _LAG.views, mean_beats(tables.groups[group], waves)
+        yield other, _LAG.views, mean_pairs(tables.groups[group], waves)
 
 
 # Of W the edges of one copy are half the boundary, those of the other give the conjugate.
@@ -126,7 +126,7 @@ class _Beat:
         sink: Sink,
         other: int,
         views: Views,
-        beat: Beat,
+        beat: WavePair,
         point: tuple[tuple[Any, Any], tuple[Any, Any]],
     ) -> None:
         self.clipper, self.ops, self.slices = clipper, clipper.ops, slices
@@ -263,7 +263,7 @@ def _wave_slopes(
     """To the sink, of the amplitudes of the waves on the only element."""
     waves = tables.groups[0]
     by_mean = slices is _LAG
-    beats = (mean_beats if by_mean else difference_beats)(waves, waves)
+    beats = (mean_pairs if by_mean else difference_pairs)(waves, waves)
     for m, one in enumerate(waves):
         for n, other in enumerate(waves):
             shift, rate = _mean(one, other), _difference(one, other)
