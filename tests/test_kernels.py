@@ -90,7 +90,7 @@ def test_wave_over_a_triangle_continues_to_complex_frequencies(u: complex, v: co
 
 @given(length=turns, middle=turns)
 def test_wave_over_a_segment_keeps_its_digits_near_zero(length: float, middle: float) -> None:
-    sine, cosine_less_one = segment_wave(SCALAR, length, middle)
+    sine, cosine_less_one = segment_wave(SCALAR, 0.5 * length, middle)
     with mpmath.workdps(40):
         sinc = mpmath.sincpi(length)
         exact_sine = sinc * mpmath.sinpi(2 * mpmath.mpf(middle))

@@ -104,7 +104,7 @@ class WaveTerms:
         self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
     ) -> Values:
         ops, (real, imag) = self.ops, weight
-        sine, cosine = segment_wave(ops, 2.0 * half, middle)
+        sine, cosine = segment_wave(ops, half, middle)
         found = _with(ops, sums, times(real, extent), sine, cosine)
         if isinstance(imag, float) and imag == 0.0:
             return found

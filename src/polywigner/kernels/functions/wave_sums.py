@@ -165,7 +165,8 @@ class TermSum:
         self.clipper, self.ops, self.function, self.pair = clipper, clipper.ops, terms, pair
         self.scale, self.values = scale, terms.values
         nu_x, nu_y = terms.nu
-        self.nu_t = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
+        turns = self.ops.fma(nu_x, clipper.tx, nu_y * clipper.ty)
+        self.moved = {side: times(scale * side, turns) for side in (-0.5, 0.5)}
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
         ops, function, scale = self.ops, self.function, self.scale
@@ -175,10 +176,10 @@ class TermSum:
         )
         length = scale * edge.length
         per_edge = (0.5 * length) * along[0]
-        at_vertex = ops.fma(nu_x, scale * edge.ax, nu_y * (scale * edge.ay))
         sums: Values | None = None
         for side, cuts in sides:
-            start = ops.fma(self.nu_t, scale * side, at_vertex)
+            start = ops.fma(nu_y, scale * edge.ay, self.moved[side])
+            start = ops.fma(nu_x, scale * edge.ax, start)
             for middle, extent, *weight in cuts:
                 turns = ops.fma(middle, per_edge, start)
                 sums = function.added(sums, extent * per_edge, turns, extent, weight)
