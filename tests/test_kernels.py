@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import polywigner as pw
 from polywigner.execution import NumpyOperations, ScalarOperations
-from polywigner.kernels import AMBIGUITY, WIGNER, parts_of, tables_of
+from polywigner.kernels import tables_of
 from polywigner.kernels.functions.stokes import segment_wave
 from polywigner.kernels.outline.frame import frame_of
 from polywigner.numerics.complex_pairs import Pair
@@ -101,7 +101,7 @@ def test_wave_over_a_tetrahedron_is_the_third_divided_difference(
 
 @given(length=turns, middle=turns)
 def test_wave_over_a_segment_keeps_its_digits_near_zero(length: float, middle: float) -> None:
-    sine, cosine_less_one = segment_wave(SCALAR, length, middle)
+    sine, cosine_less_one = segment_wave(SCALAR, 0.5 * length, middle)
     with mpmath.workdps(40):
         sinc = mpmath.sincpi(length)
         exact_sine = sinc * mpmath.sinpi(2 * mpmath.mpf(middle))
@@ -200,20 +200,6 @@ def test_the_phase_of_a_far_shape_is_reduced_without_loss(ops: NumpyOperations) 
     error = (Fraction(got) - exact) % 1
     # the rest of the centre beyond two floats is what is left in float32
     assert min(error, 1 - error) < (1e-15 if ops.double else 5e-7)
-
-
-@pytest.mark.parametrize("kernel", [WIGNER, AMBIGUITY], ids=lambda k: k.name)
-def test_edge_sums_of_the_parts_of_a_table_add_up(kernel) -> None:
-    tables = tables_of(pw.shapes.star(5, 1.0, 0.4), True)
-    parts = parts_of(kernel, tables, 100)
-    assert len(parts) > 1
-    assert sum(len(part.edges) for part in parts) == len(tables.edges)
-    rng = np.random.default_rng(3)
-    inner = kernel.enter(DOUBLE, tables.frame, *rng.uniform(-0.4, 0.4, (4, 50)))
-    whole = kernel.edge_sum(DOUBLE, tables, *inner)
-    pieces = [kernel.edge_sum(DOUBLE, part, *inner) for part in parts]
-    for k, total in enumerate(whole):
-        assert sum(piece[k] for piece in pieces) == pytest.approx(total, abs=1e-13)
 
 
 def test_parallel_edges_of_a_turned_rectangle_share_one_direction() -> None:

@@ -6,6 +6,7 @@ module               what is in it
 ``operations``       the operations namespaces that kernels are written over
 ``choice``           which engine and precision a call runs on
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
+``chunks``           samples chunk by chunk
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` the same, compiled
 ``pairs``            every position with every frequency
 ``sums``             weighted sums over places, for many points

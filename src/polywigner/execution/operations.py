@@ -25,8 +25,6 @@ __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 _FEW_SAMPLES = 256
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
-# To pick samples out and put results back costs as much as a tenth of two sines.
-_MOST_LEFT = 0.85
 
 Row = tuple[float, ...]
 Values = tuple[Any, ...]
@@ -55,10 +53,6 @@ class _Unfused:
         """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
         return _repeated(count, state, step)
 
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0."""
-        return compute(*arguments)
-
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
     ) -> Any:
@@ -85,8 +79,8 @@ class _Unfused:
 class NumpyOperations(_Unfused, NumpyRanges):
     """NumPy arrays of float64 (``double``) or float32."""
 
-    def __init__(self, double: bool) -> None:
-        self.double = double
+    def __init__(self, double: bool, broadcast_size: int = 0) -> None:
+        self.double, self.broadcast_size = double, broadcast_size
         self.dtype = np.dtype(np.float64 if double else np.float32)
 
     def sum_over(
@@ -103,7 +97,7 @@ class NumpyOperations(_Unfused, NumpyRanges):
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
         # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
-        samples = max(np.size(like), self.at_once)
+        samples = max(np.size(like), self.broadcast_size)
         table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, samples))
@@ -117,34 +111,11 @@ class NumpyOperations(_Unfused, NumpyRanges):
             ]
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips: one after the other."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips: one after the other."""
         return _unrolled_sum(rows, term)
-
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0; elsewhere mostly 0.
-
-        Where the last argument is not finite the results tell so, whatever the extent.
-        """
-        shape = np.shape(extent)
-        is_one = [np.size(argument) == 1 for argument in arguments]
-        whole = all(one or np.shape(a) == shape for one, a in zip(is_one, arguments, strict=True))
-        if np.size(extent) <= _FEW_SAMPLES or not whole:
-            return compute(*arguments)
-        left = (extent != 0.0) | ~np.isfinite(arguments[-1])
-        (found,) = np.nonzero(left.ravel())
-        if len(found) > _MOST_LEFT * left.size:
-            return compute(*arguments)
-        some = (
-            np.ravel(a)[0] if one else np.ravel(a)[found]
-            for one, a in zip(is_one, arguments, strict=True)
-        )
-        results = []
-        for values in compute(*some):
-            result = np.zeros(left.size, self.dtype)
-            result[found] = values
-            results.append(result.reshape(shape))
-        return tuple(results)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
@@ -214,8 +185,10 @@ class ScalarOperations(_Unfused, ScalarRanges):
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
         return _unrolled_sum(rows, term)
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips."""
         return _unrolled_sum(rows, term)
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
@@ -250,28 +223,20 @@ class ScalarOperations(_Unfused, ScalarRanges):
 class DrjitOperations(DrjitRanges):
     """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
 
-    def __init__(
-        self, float_type: Any, sorted_by_cell: bool = False, together: bool = False
-    ) -> None:
-        """``sorted_by_cell``: neighbouring samples mostly lie in the same cell.
-
-        ``together``: values are arrays of four, samples of one cell that a lane computes together.
-        """
+    def __init__(self, float_type: Any) -> None:
         import drjit
 
-        super().__init__(float_type, sorted_by_cell, together)
+        super().__init__(float_type)
         self._dr = drjit
         self.double = drjit.itemsize_v(float_type) == 8
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips: a loop if that is too much."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips: a loop if that is too much."""
         if unrolls_cuts(len(rows) * clips):
             return _unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
-
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0."""
-        return compute(*arguments)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any

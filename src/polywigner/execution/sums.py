@@ -103,18 +103,17 @@ def _looped(
     # Opaque, or each wavelength and each rule would have a kernel of its own.
     fixed = [dr.opaque(real, value) for value in constants]
     last = start + dr.opaque(number, length)
-    total: Any = 0.0
-    for part in run.parts:
 
-        def step(row: Any, sum_: Any, part: Any = part) -> tuple[Any, Any]:
-            *place, weight = (dr.gather(real, column, row) for column in columns)
-            (value,) = run.traced(part, (*place, *point, *fixed))
-            return row + 1, dr.fma(real(value), weight, sum_)
+    def step(row: Any, sum_: Any) -> tuple[Any, Any]:
+        *place, weight = (dr.gather(real, column, row) for column in columns)
+        (value,) = run.traced(*place, *point, *fixed)
+        return row + 1, dr.fma(real(value), weight, sum_)
 
-        _, found = dr.while_loop((number(start), dr.zeros(real, len(start))), _before(last), step)
-        dr.eval(found)
-        total = total + np.asarray(found.numpy())
-    result: Array = total.reshape(parts, len(points)).sum(axis=0)
+    _, total = dr.while_loop(
+        (number(start), dr.zeros(real, len(start))), lambda row, _: row < last, step
+    )
+    dr.eval(total)
+    result: Array = np.asarray(total.numpy()).reshape(parts, len(points)).sum(axis=0)
     return result
 
 

@@ -22,9 +22,7 @@ __all__ = ["TracedOperations", "UnrolledOperations", "as_data"]
 class TracedOperations(DrjitOperations):
     """Edges are rows of tables, and never code."""
 
-    def __init__(self, float_type: Any) -> None:
-        super().__init__(float_type)
-        self.target = "data"
+    target = "data"
 
     def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
         return super().sum_over(rows, term, values, like, unroll=False)
@@ -35,7 +33,7 @@ class UnrolledOperations(DrjitOperations):
 
     def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
         if unroll:
-            return self.sum_of_long(rows, term, 0)
+            return self.sum_large_terms(rows, term, 0)
         return super().sum_over(rows, term, values, like, unroll=False)
 
 

@@ -49,6 +49,9 @@ COSTS: dict[str, Cost] = {
     "compiled term": Cost(2e-9, "sample and term of a plain sum", _REGRET),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
+    "compiled edge in cells, pairs": Cost(
+        1.2e-9, "the same where places meet frequencies", "outer_products.py"
+    ),
     "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
     "compiled copy": Cost(0.5e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(0.1e-6, "sample and pair of elements near it", "array_cost.py"),
@@ -81,7 +84,6 @@ LIMITS: dict[str, float] = {
     # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
     "most cuts not worth listing": 16,
     "least columns of a compiled list": 256,
-    "least rows for whole edges": 64,
     # Traced kernels. An outline as code runs 3 to 4 times as fast as one that is data, and takes
     # 0.2 to 1 s to compile whenever it changes (gradient_cost.py).
     "least samples for an outline as code": 1 << 22,

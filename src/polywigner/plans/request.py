@@ -27,8 +27,6 @@ class Outline:
     """Whether the field is simple enough for lists by cells."""
     allows_lists: bool = True
     """Whether slices can be listed once for many frequencies."""
-    allows_whole_edges: bool = True
-    """Whether sums along the outline can stand for runs of whole edges."""
 
 
 @dataclass(frozen=True)

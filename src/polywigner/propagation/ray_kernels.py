@@ -15,7 +15,9 @@ from typing import Any
 from polywigner import kernels
 from polywigner.illumination.obliquities import irradiance_factor
 from polywigner.kernels import Kernel
-from polywigner.kernels.cut.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
+from polywigner.kernels.cut.slice_parts import PART_COLUMNS
+from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.functions.part_kernels import PART_MOMENTS, PART_WIGNER
 from polywigner.kernels.kernel import Values
 
 __all__ = ["part_kernel", "ray_factors", "ray_kernel"]
@@ -56,24 +58,21 @@ def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
         inner = base.enter(ops, frame, *place, along_x * scale, along_y * scale)
         return (*factors(point[2] * inverse, inverse, wavelength, forms), *inner)
 
+    own = base.edge_sum
+
     def edge_sum(ops: Any, tables: Any, *inner: Any) -> Values:
-        return base.edge_sum(ops, tables, *inner[count:])
+        return own(ops, tables, *inner[count:])
 
     def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
         values = base.leave(ops, frame, inner[count:], sums)
         return (sum(a * b for a, b in zip(inner[:count], values, strict=True)),)
 
-    def sorted_by(ops: Any, tables: Any, *inner: Any) -> Any:
-        assert base.order is not None
-        return base.order(ops, tables, *inner[count:])
-
     return replace(
         base,
         name=f"{base.name} along rays",
         enter=enter,
-        edge_sum=edge_sum,
+        edge_sum=own.after(count) if isinstance(own, SliceSum) else edge_sum,
         leave=leave,
-        order=None if base.order is None else sorted_by,
     )
 
 

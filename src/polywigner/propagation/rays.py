@@ -14,7 +14,7 @@ from polywigner.execution import Engine
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Forms
-from polywigner.kernels import WIGNER, Kernel, kernel_for, tables_of
+from polywigner.kernels import Kernel, kernel_for, tables_of
 from polywigner.kernels.cut.slice_parts import slice_parts
 from polywigner.propagation.ray_kernels import part_kernel, ray_kernel
 from polywigner.propagation.rays_rules import Rule
@@ -80,7 +80,7 @@ class Rays:
 
         And there are not so many edges that finding those which matter is most of the work.
         """
-        by_edges = self.order == 3 or kernel_for("wigner", source) is WIGNER
+        by_edges = self.order == 3 or kernel_for("wigner", source).slices is not None
         return by_edges and tables_of(source, True).clips * places <= _MOST_CUTS
 
     def integrand(self, places: Values, points: Values) -> Values:

@@ -162,7 +162,7 @@ def _tables(
     table = tuple(tuple(row) for row in rows.tolist())
     found = ScatteredSites(lists, table)
     terms = len(sites.places)
-    return RepeatedTables(sites.frame, sites.tables, sites.tables.edges, found, terms=terms)
+    return RepeatedTables(sites.frame, sites.tables, found, terms)
 
 
 def _split(values: Floats, double: bool) -> tuple[Floats, Floats]:

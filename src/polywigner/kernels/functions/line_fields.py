@@ -24,7 +24,7 @@ import numpy as np
 
 from polywigner.kernels.functions.line_pairs import are_pairs, sum_of_pairs
 from polywigner.kernels.functions.slits import Interval
-from polywigner.kernels.outline.waves import Beat, Waves, difference_beats, mean_beats
+from polywigner.kernels.outline.waves import WavePair, Waves, difference_pairs, mean_pairs
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns, sinc
 
@@ -40,8 +40,8 @@ class LineField:
 
     half: float
     waves: Waves
-    means: _Beats
-    differences: _Beats
+    means: _WavePairs
+    differences: _WavePairs
 
     @property
     def pairs(self) -> int:
@@ -79,7 +79,7 @@ def _length(ops: Any, left: Any, scale: float) -> Any:
 
 
 @dataclass(frozen=True)
-class _Beats:
+class _WavePairs:
     """Pairs of waves by what is subtracted from the frequency, and by their rates."""
 
     rates: tuple[float, ...]
@@ -136,8 +136,8 @@ def _amplitude(
     return Pair(real, imag)
 
 
-def _beats(found: Sequence[Beat], is_real: bool) -> _Beats:
-    sizes = sorted({abs(rate) for beat in found for _, (rate,) in beat.terms})
+def _wave_pairs(found: Sequence[WavePair], is_real: bool) -> _WavePairs:
+    sizes = sorted({abs(rate) for wave_pair in found for _, (rate,) in wave_pair.terms})
     tolerance = _EQUAL * max(1.0, sizes[-1])
     rates: list[float] = []
     for size in sizes:
@@ -150,14 +150,16 @@ def _beats(found: Sequence[Beat], is_real: bool) -> _Beats:
     terms = tuple(
         tuple(
             (amplitude, number(abs(rate)), -1.0 if rate < 0.0 else 1.0)
-            for amplitude, (rate,) in beat.terms
+            for amplitude, (rate,) in wave_pair.terms
         )
-        for beat in found
+        for wave_pair in found
     )
-    return _Beats(tuple(rates), tuple(beat.shift[0] for beat in found), terms, is_real)
+    return _WavePairs(
+        tuple(rates), tuple(wave_pair.shift[0] for wave_pair in found), terms, is_real
+    )
 
 
 def line_field(half: float, waves: Waves) -> LineField:
     """The field of waves, each of one frequency, on an interval."""
-    means, differences = mean_beats(waves, waves), difference_beats(waves, waves)
-    return LineField(half, waves, _beats(means, True), _beats(differences, False))
+    means, differences = mean_pairs(waves, waves), difference_pairs(waves, waves)
+    return LineField(half, waves, _wave_pairs(means, True), _wave_pairs(differences, False))

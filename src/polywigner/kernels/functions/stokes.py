@@ -13,16 +13,16 @@ __all__ = [
 ]
 
 
-def segment_wave(ops: Any, length: Any, middle: Any) -> tuple[Any, Any]:
-    """sinc(length) sin(2 pi middle) and sinc(length) cos(2 pi middle) - 1, lengths in turns.
+def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
+    """sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, for half of l and m in turns.
 
     The second without cancellation where both are near 1. Series of sinc - 1 below a quarter
     turn: first omitted term 0.62^9/19! = 1e-19, in float32 0.62^6/13! = 9e-12.
     """
-    small = abs(length) < 0.25
-    series = sinc_less_one(ops, ops.select(small, length, 0.0), 8 if ops.double else 5)
-    divisor = math.pi * ops.select(small, 1.0, length)
-    less_one = ops.select(small, series, sin_turns(ops, 0.5 * length) / divisor - 1.0)
+    small = abs(half) < 0.125
+    series = sinc_less_one(ops, ops.select(small, 2.0 * half, 0.0), 8 if ops.double else 5)
+    divisor = 2 * math.pi * ops.select(small, 1.0, half)
+    less_one = ops.select(small, series, sin_turns(ops, half) / divisor - 1.0)
     half_sine = sin_turns(ops, 0.5 * middle)
     cosine_less_one = -2.0 * half_sine * half_sine
     sine = sin_turns(ops, middle)

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ from polywigner.kernels.outline.waves import (
     Waves,
     carrier_of,
     common_factor,
-    difference_beats,
+    difference_pairs,
     waves_in_frame,
 )
 from polywigner.numerics.exact import (
@@ -95,10 +95,10 @@ class Piece:
     sign: float = 1.0  # -1 for a triangle turned over by rounding
 
 
-def cut_of(ops: Any, tables: Any, samples: int = 0) -> str:
-    """How edges are cut: as planned, or as suits the namespace; ``samples`` of NumPy at a time."""
+def cut_of(target: str, tables: Tables, samples: int = 0) -> str:
+    """How edges are cut: as planned, or as suits a target; ``samples`` of NumPy at a time."""
     found: str | None = tables.cut
-    return found or cut_for(ops.target, tables.clips, tables.clips_for_cells, samples)
+    return found or cut_for(target, tables.clips, tables.clips_for_cells, samples)
 
 
 @dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long
@@ -118,7 +118,6 @@ class Tables:
     """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
     """Copies of these tables with other cuts, by cut."""
-    terms: ClassVar[int] = 1  # of a sum over data, beside the edges, that a sample loops through
 
     @cached_property
     def clips(self) -> int:
@@ -138,7 +137,7 @@ class Tables:
     def waves_per_cut(self) -> int:
         """How many plane waves are integrated over what is left of an edge in a piece."""
         return max(
-            sum(len(difference_beats(one, other)) for other in self.groups) for one in self.groups
+            sum(len(difference_pairs(one, other)) for other in self.groups) for one in self.groups
         )
 
     @property

@@ -9,9 +9,9 @@ from typing import Any
 
 from polywigner.kernels.cut.cells import clipper_for
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper, View
-from polywigner.kernels.functions.ambiguity import COPIES, Views, pairings
+from polywigner.kernels.functions.wave_sums import COPIES, Views, difference_pairings
 from polywigner.kernels.outline.tables import Edge, Piece, Tables
-from polywigner.kernels.outline.waves import Beat, Wave, difference_beats, mean_beats
+from polywigner.kernels.outline.waves import Wave, WavePair, difference_pairs, mean_pairs
 from polywigner.kernels.slopes.slopes import Axes, GradientAccumulator, Slopes, Wanted
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
@@ -20,7 +20,7 @@ from polywigner.plans import cut_for
 __all__ = ["ambiguity_slopes", "wigner_slopes"]
 
 _ZERO = Pair(0.0, 0.0)
-_Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[Beat]]]]
+_Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[WavePair]]]]
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class _Slices:
     pairings: _Pairings
 
 
-def _mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[Beat]]]:
+def _mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
     for other, waves in enumerate(tables.groups):
-        yield other, _LAG.views, mean_beats(tables.groups[group], waves)
+        yield other, _LAG.views, mean_pairs(tables.groups[group], waves)
 
 
 # Of W the edges of one copy are half the boundary, those of the other give the conjugate.
 _LAG = _Slices(((MIRRORED, -1.0),), 2.0, 2.0, 2.0, _mean_pairings)
-_POSITION = _Slices(COPIES, 1.0, 1.0, 1.0, pairings)
+_POSITION = _Slices(COPIES, 1.0, 1.0, 1.0, difference_pairings)
 
 
 def wigner_slopes(
@@ -125,7 +125,7 @@ class _PairSlopes:
         accumulator: GradientAccumulator,
         other: int,
         views: Views,
-        beat: Beat,
+        beat: WavePair,
         point: tuple[tuple[Any, Any], tuple[Any, Any]],
     ) -> None:
         self.clipper, self.ops, self.slices = clipper, clipper.ops, slices
@@ -262,7 +262,7 @@ def _wave_slopes(
     """Tell the accumulator the derivatives in the amplitudes of the only element's waves."""
     waves = tables.groups[0]
     by_mean = slices is _LAG
-    beats = (mean_beats if by_mean else difference_beats)(waves, waves)
+    beats = (mean_pairs if by_mean else difference_pairs)(waves, waves)
     for m, one in enumerate(waves):
         for n, other in enumerate(waves):
             shift, rate = _mean(one, other), _difference(one, other)
