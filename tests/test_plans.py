@@ -13,7 +13,7 @@ import pytest
 import polywigner
 import polywigner as pw
 import polywigner.plans
-from polywigner.plans import COSTS, Outline, Plan, Request, forced, launch_for, plan
+from polywigner.plans import COSTS, Outline, Plan, Request, cut_for, forced, launch_for, plan
 from polywigner.plans.plan import LISTED
 
 TABLE = Path(__file__).parent / "data" / "plans.txt"
@@ -206,6 +206,16 @@ def test_an_outline_that_changes_is_data_unless_samples_are_very_many() -> None:
     changing = {"changes": True, "sortable": False, "recordable": False}
     assert launch_for(100_000, **changing) == "data"
     assert launch_for(10_000_000, **changing) == "code"
+
+
+def test_derivatives_are_found_by_cells_from_fewer_edges_on() -> None:
+    """Their code for each cut is some ten times that of the function."""
+    assert cut_for("derivatives", 48, 48) == cut_for("compiled", 48, 48) == "code"
+    assert (cut_for("derivatives", 1024, 1024), cut_for("compiled", 1024, 1024)) == (
+        "cells",
+        "code",
+    )
+    assert cut_for("derivatives", 10_000, 0) == "rows"
 
 
 def test_explain_tells_what_a_call_does() -> None:
