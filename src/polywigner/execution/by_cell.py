@@ -22,7 +22,6 @@ from polywigner.kernels import Kernel
 from polywigner.kernels.cut.cells import arrays_of
 from polywigner.kernels.cut.clipping import MIRRORED
 from polywigner.kernels.outline.tables import cut_of
-from polywigner.plans import sorts_samples
 
 __all__ = ["ByCell", "Groups", "grouped", "order_of", "sorts", "traced_by_cell"]
 
@@ -80,7 +79,7 @@ def grouped(cell: Numbers, size: int) -> Groups:
 
 
 def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any]) -> bool:
-    """Whether Dr.Jit arrays are worth evaluating and sorting.
+    """Whether Dr.Jit arrays may be evaluated and sorted, and edges are looked up in cells.
 
     Not where derivatives are taken, nor within a function that is being recorded.
     """
@@ -91,9 +90,7 @@ def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any
     if not cut_of("sorted", tables).endswith("cells"):
         return False
     recording = drjit.flag(drjit.JitFlag.SymbolicScope) or drjit.flag(drjit.JitFlag.FreezingScope)
-    widths = {drjit.width(component) for component in components}
-    whole = sorts_samples(max(widths)) and widths <= {1, max(widths)}
-    return whole and not recording and not any(map(drjit.grad_enabled, components))
+    return not recording and not any(map(drjit.grad_enabled, components))
 
 
 @dataclass(frozen=True, eq=False)
