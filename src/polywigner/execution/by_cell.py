@@ -118,9 +118,10 @@ class ByCell:
         assert kernel.slices is not None
         self.kernel, self.slices, self.entry = kernel, kernel.slices, entry
         self.tables = tables.cut_by(cut_of("sorted", tables))
-        # of two copies, each has a cell of its own
         on_cpu = drjit.backend_v(kind) == drjit.JitBackend.LLVM
-        self.size = _TOGETHER if len(self.slices.views) == 1 and on_cpu else 1
+        self.packet = _TOGETHER if on_cpu else 1
+        # of two copies, each has a cell of its own
+        self.size = self.packet if len(self.slices.views) == 1 else 1
         self.ops = DrjitOperations(kind)
 
     def __call__(self, arguments: Sequence[Any]) -> tuple[Any, ...]:
@@ -168,9 +169,9 @@ class ByCell:
         columns = zip(*(ops.gather((width, rows), one) for one in where), strict=True)
         kind = packet_type(ops.float_type) if self.size > 1 else ops.float_type
         inner = [kind(*column) for column in columns][:count]
-        cell = cells if self.size > 1 else None
+        known = [cells] if self.size > 1 else None
         # lists of its own: while Dr.Jit records, it puts other arrays in their place
-        sums = self.slices.in_cell(ops, self.tables, cell, self.kernel.name, *inner)
+        sums = self.slices.in_cells(ops, self.tables, known, self.kernel.name, *inner)
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _samples(self, groups: Groups) -> tuple[Any, list[Any]]:

@@ -50,7 +50,7 @@ COSTS: dict[str, Cost] = {
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
     "compiled edge in cells, pairs": Cost(
-        1.2e-9, "the same where places meet frequencies", "outer_products.py"
+        0.7e-9, "the same where places meet frequencies", "outer_products.py"
     ),
     "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
     "compiled copy": Cost(0.5e-6, "sample of an array of copies", "array_cost.py"),
