@@ -2,9 +2,10 @@
 
 A matrix of sources, functions, numbers of samples and layouts. Each call runs in a process of its
 own, forked after polywigner's own modules are there: the first call, with Dr.Jit's import, tables
-and compiling, and the best of the next calls (up to a second of them), in processor seconds of all
-threads (shared machines have no other clock). Regret is the time of ``engine="auto"`` over the
-shortest time of all engines; calls below 20 ms do not count.
+and compiling (no kernel is on disk from an earlier process), and the best of the next calls (up to
+a second of them), in processor seconds of all threads: shared machines have no other clock. Regret
+is the time of ``engine="auto"`` over the shortest time of all engines; calls below 20 ms do not
+count.
 
 With ``--estimates``: what :mod:`polywigner.plans` believes of each engine's way and what is
 measured, first call and next calls; `plans/costs.py` is calibrated by it.
@@ -21,7 +22,9 @@ import math
 import os
 import pickle
 import select
+import shutil
 import signal
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -40,7 +43,7 @@ SIZES = (1, 100, 1_000, 10_000, 100_000, 1_000_000)
 QUICK_SIZES = (100, 10_000)
 COUNTED = 20e-3
 """Seconds below which nobody notices a regret."""
-PATIENCE = 25.0
+PATIENCE = 12.0
 """Seconds after which a case is stopped, and counts as so long."""
 CYCLES = 10.0
 """|nu| times the diameter, at most."""
@@ -174,9 +177,11 @@ class Timed:
 def timed(case: Case, engine: str) -> Timed:
     """A case by one engine."""
     reader, writer = os.pipe()
+    home = tempfile.mkdtemp()
     child = os.fork()
     if child == 0:
         os.close(reader)
+        os.environ["HOME"] = home  # Dr.Jit keeps compiled kernels there
         try:
             source = SOURCES[case.source]()
             given = arguments(case, source)
@@ -200,6 +205,7 @@ def timed(case: Case, engine: str) -> Timed:
     if not answer:
         os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
+    shutil.rmtree(home, ignore_errors=True)
     return pickle.loads(answer) if answer else Timed(PATIENCE, PATIENCE)
 
 

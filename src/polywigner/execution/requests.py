@@ -60,6 +60,7 @@ def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
         max(1, tables.clips),
         max(1, len(tables.lines)),
         exact / max(1, len(tables.lines)),
+        tables.waves_per_cut,
         len(cut.views) if isinstance(cut, (SliceSum, ElementSum)) else 0,
         allows_cells=slices is not None and tables.clips_for_cells > 0,
         allows_lists=slices is not None and slices.listed is not None,

@@ -25,36 +25,39 @@ _CUTS = "wigner_cost.py"
 
 COSTS: dict[str, Cost] = {
     # NumPy
-    "call": Cost(0.3e-3, "call with few samples", _REGRET),
-    "term": Cost(0.2e-6, "sample and term of a plain sum", _REGRET),
+    "call": Cost(0.5e-3, "call with few samples", _REGRET),
+    "term": Cost(0.13e-6, "sample and term of a plain sum", _REGRET),
     "cut": Cost(3e-9, "sample, edge and line", _REGRET),
     "exact cut": Cost(20e-9, "sample, edge and line of a cluster of nearly parallel ones", _REGRET),
-    "edge": Cost(40e-9, "sample and edge that is left in a slice", _REGRET),
+    "edge": Cost(35e-9, "sample and edge that is left in a slice", _REGRET),
     "pair in Python": Cost(5e-6, "edge and convex piece, for 16384 samples", _REGRET),
     "box": Cost(7e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
-    "listed cut": Cost(0.1e-6, "place, edge and side near it", _REGRET),
-    "listed term": Cost(30e-9, "sample and part of its slice", _REGRET),
-    "edge in cells": Cost(0.15e-6, "sample and edge, looked up in cells", _REGRET),
-    "copy": Cost(2.5e-6, "sample of an array of copies, and copy of the outline", _REGRET),
-    "pair of copies": Cost(6e-6, "sample and pair of elements near it", _REGRET),
+    "listed cut": Cost(0.2e-6, "place, edge and side near it", _REGRET),
+    "listed term": Cost(20e-9, "sample and part of its slice", _REGRET),
+    "edge in cells": Cost(0.4e-6, "sample and edge, looked up in cells", _REGRET),
+    "call on copies": Cost(2e-3, "call of an array with few samples, and copy of edges", _REGRET),
+    "copy": Cost(0.8e-6, "sample of an array of copies, and copy of the outline", _REGRET),
+    "pair of copies": Cost(0.5e-6, "sample and pair of elements near it", _REGRET),
     "family": Cost(0.2e-3, "family of parallel edges on a grid of frequencies", _REGRET),
-    "point of a family": Cost(8e-9, "point of the grid and family", _REGRET),
+    "point of a family": Cost(20e-9, "point of the grid and family", _REGRET),
     # compiled
-    "load": Cost(0.07, "process, to import Dr.Jit", "questions/latency.py"),
-    "compile": Cost(0.13, "kernel", "questions/latency.py"),
+    "load": Cost(0.05, "process, to import Dr.Jit", "questions/latency.py"),
+    "compile": Cost(0.1, "kernel", "questions/latency.py"),
     "compile a clip": Cost(0.5e-3, "edge and side in single precision", _CUTS),
     "compile a clip, double": Cost(1.5e-3, "the same in double precision", _CUTS),
+    "compile a wave": Cost(30e-3, "wave of the field on an edge", _REGRET),
+    "compiled call": Cost(0.5e-3, "call of a compiled kernel", _REGRET),
     "compiled clip": Cost(0.25e-9, "sample, edge and side as code", _CUTS),
     "compiled row": Cost(1.5e-9, "sample, edge and side as rows of a table", _CUTS),
-    "compiled term": Cost(2e-9, "sample and term of a plain sum", _REGRET),
+    "compiled term": Cost(9e-9, "sample and term of a plain sum", _REGRET),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
     "compiled edge in cells, pairs": Cost(
         0.7e-9, "the same where places meet frequencies", "outer_products.py"
     ),
     "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
-    "compiled copy": Cost(0.5e-6, "sample of an array of copies", "array_cost.py"),
-    "compiled pair of copies": Cost(0.1e-6, "sample and pair of elements near it", "array_cost.py"),
+    "compiled copy": Cost(0.08e-6, "sample of an array of copies", "array_cost.py"),
+    "compiled pair of copies": Cost(10e-9, "sample and pair of elements near it", "array_cost.py"),
     "cell pair": Cost(1.1e-6, "edge, side and cell in which they meet", _CUTS),
 }
 
@@ -81,6 +84,8 @@ LIMITS: dict[str, float] = {
     # NumPy: of few samples, calls cost more than what they compute.
     "least cuts as rows, NumPy": 64,
     "most samples as rows, NumPy": 256,
+    # Terms of A are complex: on NumPy each of its edges takes twice as long as one of W.
+    "waves of A on NumPy": 2,
     # Samples at a time of NumPy.
     "chunk": 1 << 14,
     # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.

@@ -166,16 +166,18 @@ def _ways(request: Request) -> Iterator[Way]:
 def _sums(request: Request) -> Iterator[Way]:
     count = request.samples * max(1, request.terms)
     yield Way("sum on NumPy", "numpy", 0.0, _cost("call", 1) + _cost("term", count))
-    yield Way("sum, compiled", "llvm", _compiling(request), _cost("compiled term", count))
+    run = _cost("compiled call", 1) + _cost("compiled term", count)
+    yield Way("sum, compiled", "llvm", _compiling(request), run)
 
 
 def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
     n, pairs = request.samples * outline.copies, request.samples * outline.copies**2
     more = max(0, request.terms - 1)
-    run = _cost("call", 1) + _cost("copy", n) + _cost("pair of copies", pairs * more)
-    run += _cost("cut", n * outline.cuts)
+    run = _cost("call on copies", outline.copies) + _cost("pair of copies", pairs * more)
+    run += _cost("copy", n * outline.waves) + _cost("cut", n * outline.cuts)
     yield Way("copies on NumPy", "numpy", 0.0, run)
-    run = _cost("compiled copy", n) + _cost("compiled pair of copies", n * more)
+    run = _cost("compiled call", 2) + _cost("compiled copy", n * outline.waves)
+    run += _cost("compiled pair of copies", n * more)
     yield Way("copies, compiled", "llvm", _compiling(request), run)
 
 
@@ -184,9 +186,10 @@ def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
 
 def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     n, views = request.samples, outline.copies
+    waves = outline.waves * LIMITS["waves of A on NumPy"] if views > 1 else outline.waves
     if outline.allows_lists:
         places = request.rows or n
-        terms = _cost("listed term", n * outline.edges * views)
+        terms = _cost("listed term", n * outline.edges * views * waves)
         name = LISTED if request.rows else POINTS_LISTED
         yield Way(name, "numpy", 0.0, _cost("call", 2) + _listing(request, places) + terms)
     if request.rows and outline.allows_lists:
@@ -194,13 +197,13 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     cells = outline.cuts if outline.allows_cells else 0
     cut = cut_for("numpy", outline.cuts, cells, n)
     if cut == "cells":
-        run = _cost("edge in cells", n * views * outline.edges)
+        run = _cost("edge in cells", n * views * outline.edges * waves)
         yield Way("cells on NumPy", "numpy", _cells(outline), run, "cells")
         cut = "code"
     chunks = math.ceil(n / LIMITS["chunk"])
     lines = n * views * outline.edges * outline.lines
     run = _cost("call", 1) + _cost("cut", lines) + _cost("exact cut", lines * outline.exact)
-    run += _cost("edge", n * views * outline.edges * min(outline.pieces, 2))
+    run += _cost("edge", n * views * outline.edges * min(outline.pieces, 2) * waves)
     pairs = outline.edges * outline.pieces if cut == "code" else outline.pieces
     run += _cost("pair in Python", chunks * views * pairs)
     name = "edges one by one, on NumPy" if cut == "code" else "edges as rows, on NumPy"
@@ -211,32 +214,37 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     n, views = request.samples, outline.copies
     cells = outline.cuts if outline.allows_cells else 0
     cut = cut_for("sorted", outline.cuts, cells)
-    edges = n * views * outline.edges
+    edges = n * views * outline.edges * outline.waves
+    call = _cost("compiled call", 1)
+    compiling = _compiling(request) + _cost("compile a wave", (outline.waves - 1) * views)
     if request.rows and outline.allows_lists and cut != "cells":
         enough = request.columns >= LIMITS["least columns of a compiled list"]
         if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
-            run = _listing(request, request.rows) + _cost("compiled listed term", edges)
-            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
+            run = 2 * call + _listing(request, request.rows)
+            run += _cost("compiled listed term", edges)
+            yield Way(LISTED_COMPILED, "llvm", compiling, run, cut)
             return
     if cut == "code":
         clip = "compile a clip, double" if request.double else "compile a clip"
         setup = _compiling(request) + _cost(clip, outline.cuts * views)
-        run = _cost("compiled clip", n * views * outline.cuts)
+        run = call + _cost("compiled clip", n * views * outline.cuts)
         yield Way("edges as code", "llvm", setup, run, cut)
     elif cut == "rows":
-        run = _cost("compiled row", n * views * outline.cuts)
+        run = call + _cost("compiled row", n * views * outline.cuts)
         yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)
     else:
-        setup = _compiling(request)
+        setup = compiling
         pairs = request.rows > 1
-        run = _cost("compiled edge in cells, pairs" if pairs else "compiled edge in cells", edges)
+        name = "compiled edge in cells, pairs" if pairs else "compiled edge in cells"
+        run = call + _cost(name, edges)
         yield Way("cells", "llvm", setup + _cells(outline), run, "cells")
         setup += LIMITS["share in coarse cells"] * _cells(outline)
-        run = _cost("compiled edge in coarse cells", edges)
+        run = call + _cost("compiled edge in coarse cells", edges)
         yield Way("coarse cells", "llvm", setup, run, "coarse cells")
         if request.rows and outline.allows_lists:
-            run = _listing(request, request.rows) + _cost("compiled listed term", edges)
-            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
+            run = 2 * call + _listing(request, request.rows)
+            run += _cost("compiled listed term", edges)
+            yield Way(LISTED_COMPILED, "llvm", compiling, run, cut)
 
 
 def _listing(request: Request, places: int) -> float:

@@ -21,6 +21,8 @@ class Outline:
     """Different lines of the sides."""
     exact: float = 0.0
     """The share of the lines whose cuts need twice the digits: nearly parallel ones."""
+    waves: int = 1
+    """Waves of the field on a cut edge: each takes as long as a uniform one."""
     copies: int = 1
     """Number of copies of the edges that are cut: 1 for W, 2 for A."""
     allows_cells: bool = True

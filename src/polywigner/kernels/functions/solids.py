@@ -64,6 +64,11 @@ class SolidTables:
     frame: SolidFrame
     edges: tuple[tuple[float, ...], ...]
 
+    @property
+    def terms(self) -> int:
+        """Terms of the sum, as plans count them: a tetrahedron takes as long as eight edges."""
+        return 8 * len(self.edges)
+
 
 @lru_cache(maxsize=64)
 def solid_tables(body: Polyhedron, double: bool) -> SolidTables:
