@@ -18,8 +18,9 @@ from polywigner.kernels.outline.tables import Tables, cut_of
 
 __all__ = ["CHUNK", "OnNumpy"]
 
-CHUNK = 1 << 14
-"""Samples at a time: a temporary array stays in the cache of one core."""
+CHUNK = 3 << 12
+"""Samples at a time: a temporary array stays in the cache of one core, and below 128 KiB, from
+which on the C library maps memory anew: page faults cost more than what is computed."""
 # Of fewer samples it is not worth finding those for which there is nothing to do.
 _LEAST_MASKED = 256
 # Parts of slices in memory at a time.

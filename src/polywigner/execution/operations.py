@@ -49,6 +49,12 @@ class _Unfused:
     double: bool
     round: Any
 
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips: one after the other."""
+        return _unrolled_sum(rows, term)
+
     def repeated(self, count: int, state: Values, step: Callable[..., Values], _: Any) -> Values:
         """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
         return _repeated(count, state, step)
@@ -110,12 +116,6 @@ class NumpyOperations(_Unfused, NumpyRanges):
                 for total, part in zip(totals, terms, strict=True)
             ]
         return tuple(np.asarray(total, self.dtype) for total in totals)
-
-    def sum_large_terms(
-        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
-    ) -> Values:
-        """Sums of terms of much code, that of so many clips: one after the other."""
-        return _unrolled_sum(rows, term)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
@@ -183,12 +183,6 @@ class ScalarOperations(_Unfused, ScalarRanges):
         unroll: bool = True,
     ) -> Values:
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
-        return _unrolled_sum(rows, term)
-
-    def sum_large_terms(
-        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
-    ) -> Values:
-        """Sums of terms of much code, that of so many clips."""
         return _unrolled_sum(rows, term)
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:

@@ -30,7 +30,7 @@ COSTS: dict[str, Cost] = {
     "cut": Cost(3e-9, "sample, edge and line", _REGRET),
     "exact cut": Cost(20e-9, "sample, edge and line of a cluster of nearly parallel ones", _REGRET),
     "edge": Cost(35e-9, "sample and edge that is left in a slice", _REGRET),
-    "pair in Python": Cost(5e-6, "edge and convex piece, for 16384 samples", _REGRET),
+    "pair in Python": Cost(5e-6, "edge and convex piece, for 12288 samples", _REGRET),
     "box": Cost(7e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
     "listed cut": Cost(0.2e-6, "place, edge and side near it", _REGRET),
     "listed term": Cost(20e-9, "sample and part of its slice", _REGRET),
@@ -87,7 +87,7 @@ LIMITS: dict[str, float] = {
     # Terms of A are complex: on NumPy each of its edges takes twice as long as one of W.
     "waves of A on NumPy": 2,
     # Samples at a time of NumPy.
-    "chunk": 1 << 14,
+    "chunk": 3 << 12,
     # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
     "most cuts not worth listing": 16,
     "least columns of a compiled list": 256,
