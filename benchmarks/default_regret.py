@@ -2,8 +2,8 @@
 
 A matrix of sources, functions, numbers of samples and layouts. Each call runs in a process of its
 own, forked after polywigner's own modules are there: the first call, with Dr.Jit's import, tables
-and compiling (no kernel is on disk from an earlier process), and the best of the next calls (up to
-a second of them), in processor seconds of all threads: shared machines have no other clock. Regret
+and compiling (no kernel is on disk from an earlier process), and the best of the next calls (three
+seconds of them), in processor seconds of all threads: shared machines have no other clock. Regret
 is the time of ``engine="auto"`` over the shortest time of all engines; calls below 20 ms do not
 count.
 
@@ -188,7 +188,7 @@ def timed(case: Case, engine: str) -> Timed:
             function = getattr(pw, case.function)
             way = _way(source, given, case.function, engine)
             times = []
-            while len(times) < 2 or (len(times) < 20 and sum(times) < 1.0):
+            while len(times) < 2 or (len(times) < 60 and sum(times) < 3.0):
                 start = time.process_time()
                 function(source, *given, engine=engine)
                 times.append(time.process_time() - start)
