@@ -39,13 +39,17 @@ if TYPE_CHECKING:
     )
     from polywigner.propagation import (
         AxisSampling,
+        BeamMetrics,
+        CutMetrics,
         Sampling,
         ambiguity_table,
         amplitude,
+        beam_metrics,
         hemisphere,
         irradiance,
         line,
         plane,
+        radiated_power,
         radiation_pattern,
         suggest_sampling,
         volume,
@@ -54,6 +58,7 @@ if TYPE_CHECKING:
         write_pattern,
         write_vti,
     )
+    from polywigner.quantities import SPEED_OF_LIGHT
     from polywigner.radiometry import (
         EnergyBudget,
         energy_budget,
@@ -85,6 +90,7 @@ _HOMES = {
     "Illumination": "polywigner.illumination",
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
+    "SPEED_OF_LIGHT": "polywigner.quantities",
     "automean": "polywigner.geometry",
     "cite": "polywigner.citations",
     "irradiance": "polywigner.propagation",
@@ -111,7 +117,11 @@ _HOMES = {
     "radiance": "polywigner.radiometry",
     "radiant_intensity": "polywigner.radiometry",
     "amplitude": "polywigner.propagation",
+    "beam_metrics": "polywigner.propagation",
     "radiation_pattern": "polywigner.propagation",
+    "radiated_power": "polywigner.propagation",
+    "CutMetrics": "polywigner.propagation",
+    "BeamMetrics": "polywigner.propagation",
     "write_pattern": "polywigner.propagation",
     "ambiguity_table": "polywigner.propagation",
     "wigner_table": "polywigner.propagation",
@@ -139,9 +149,12 @@ _HOMES = {
 }
 
 __all__ = [
+    "SPEED_OF_LIGHT",
     "Aperture",
     "Array",
     "AxisSampling",
+    "BeamMetrics",
+    "CutMetrics",
     "EnergyBudget",
     "Illumination",
     "Polyhedron",
@@ -155,6 +168,7 @@ __all__ = [
     "arrays",
     "autocorrelation",
     "automean",
+    "beam_metrics",
     "cite",
     "cosine_taper",
     "differentiable",
@@ -178,6 +192,7 @@ __all__ = [
     "projections",
     "radiance",
     "radiant_intensity",
+    "radiated_power",
     "radiation_pattern",
     "read_aperture",
     "read_polyhedron",
