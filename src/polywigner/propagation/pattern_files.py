@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,7 @@ def write_pattern(
             DeprecationWarning,
             stacklevel=2,
         )
-        pattern, path = path, pattern
+        pattern, path = cast(Any, path), pattern
     file = Path(path)
     writers = {
         ".csv": _csv, ".txt": _cst, ".ffd": _ffd, ".cut": _grasp, ".msi": _msi, ".pln": _msi,
