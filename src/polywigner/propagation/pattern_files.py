@@ -96,7 +96,7 @@ def write_pattern(
             DeprecationWarning,
             stacklevel=2,
         )
-        pattern, path = cast(Any, path), pattern
+        pattern, path = cast(Any, path), cast(Any, pattern)
     file = Path(path)
     writers = {
         ".csv": _csv, ".txt": _cst, ".ffd": _ffd, ".cut": _grasp, ".msi": _msi, ".pln": _msi,
