@@ -6,6 +6,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, cast
 
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
@@ -83,7 +84,7 @@ def run_pattern(
     reach_of_theta = 2 * quarter if ".ffd" in suffixes else quarter
     theta = np.radians(np.arange(reach_of_theta + 1) * 90.0 / quarter)
     phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
-    pattern = pw.radiation_pattern(radiator, length, theta, phi, obliquity=obliquity)  # type: ignore[arg-type]
+    pattern = pw.radiation_pattern(radiator, length, theta, phi, obliquity=cast(Any, obliquity))
     metrics = pw.beam_metrics(pattern, power=watts, efficiency=efficiency)
     figure = draw_pattern(
         pattern, metrics=metrics, floor_db=floor_db, title=field_title(source, length)
@@ -92,7 +93,7 @@ def run_pattern(
         figure.savefig(picture, format="png")
         for path, partial in zip(files[1:], values, strict=True):
             named = partial.with_name(partial.name + path.suffix)  # the suffix chooses the format
-            pw.write_pattern(pattern, named, polarisation=polarisation)  # type: ignore[arg-type]
+            pw.write_pattern(pattern, named, polarisation=cast(Any, polarisation))
             named.replace(partial)
     print(metrics)
     for path in files:

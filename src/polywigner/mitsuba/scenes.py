@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import (
@@ -37,6 +38,7 @@ _GPU_VARIANT = "cuda_ad_mono"
 _PLAIN_VARIANT = "scalar_rgb"
 
 
+@takes_frequency
 def aperture(
     source: Aperture | Array | npt.ArrayLike,
     wavelength: float,

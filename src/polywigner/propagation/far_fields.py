@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from polywigner.errors import IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.direction_cosines import times_direction_cosine, warn_of_slopes
 from polywigner.propagation.obliquities import Obliquity
 from polywigner.propagation.places import checked_name
@@ -58,6 +59,7 @@ def far_field(
     return values.astype(np.complex64 if precision == "single" else np.complex128)
 
 
+@takes_frequency
 def radiated_power(
     source: PlaneSource, wavelength: float, obliquity: Obliquity = "rayleigh-sommerfeld-1"
 ) -> float:

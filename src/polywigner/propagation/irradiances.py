@@ -21,6 +21,7 @@ from polywigner.execution import (
 )
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
 from polywigner.propagation.arrangement import bounds_of
@@ -56,6 +57,7 @@ _NEAREST = 2.0
 _THIRD_ORDER_FROM = 0.9
 
 
+@takes_frequency
 def irradiance(
     source: Aperture | Array | Differentiable,
     points: Any,

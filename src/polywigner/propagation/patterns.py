@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.direction_cosines import warn_of_slopes
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.far_fields import far_field, powers_of
@@ -24,6 +25,7 @@ __all__ = ["radiation_pattern"]
 Values = NDArray[Any]
 
 
+@takes_frequency
 def radiation_pattern(
     source: PlaneSource,
     wavelength: float,
