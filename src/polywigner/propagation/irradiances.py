@@ -90,8 +90,10 @@ def irradiance(
     wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
         the numbers of a :func:`differentiable` source, but for vertices with order 3; by the other
         methods in points and numbers alone, and by "fraunhofer" in none.
-    method : "wigner", "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel" or
-        "fraunhofer".
+    method : "wigner" (the default), "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff",
+        "fresnel" or "fraunhofer"; or "auto", the exact field of the boundary condition that
+        ``obliquity`` names. Rays are for study: behind an outline of many edges the exact field is
+        a hundred times as fast (300 vertices, 50 points: 0.19 s instead of 19.7 s).
     obliquity : the boundary condition that the rays are matched to: "rayleigh-sommerfeld-1" (the
         default), "kirchhoff" or "rayleigh-sommerfeld-2"; or "paper", a factor cos(theta) of no
         boundary condition, for order 1 only. Of fields of several waves it is applied to each pair
@@ -130,6 +132,9 @@ def irradiance(
     source's bounds; where a tolerance cannot be met; and where :func:`amplitude` does of fits.
     """
     how: dict[str, Any]
+    if method == "auto":
+        method = checked_obliquity(obliquity, checked_order(order))
+        method, obliquity = ("wigner", "paper") if method == "paper" else (method, None)
     if has_derivatives(source, points, wavelength):
         if sampling != "gauss" or return_error:
             raise ArgumentError(
