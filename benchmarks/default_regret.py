@@ -1,18 +1,23 @@
 """How much longer does a call take with the default engine than with the best engine for it?
 
 A matrix of sources, functions, numbers of samples and layouts. Each call runs in a process of its
-own, forked after ``import polywigner``: the first call, with Dr.Jit's import, tables and compiling,
-and the best of the next calls, by the clock on the wall. Regret is the time of ``engine="auto"``
-over the shortest time of all engines; calls below 20 ms do not count.
+own, forked after polywigner's own modules are there: the first call, with Dr.Jit's import, tables
+and compiling, and the best of the next calls (up to a second of them), in processor seconds of all
+threads (shared machines have no other clock). Regret is the time of ``engine="auto"`` over the
+shortest time of all engines; calls below 20 ms do not count.
 
-    python benchmarks/default_regret.py [--quick] [--only SOURCE ...] [--functions wigner ...]
-                                        [--sizes 1 100 ...] [--layouts points ...]
+With ``--estimates``: what :mod:`polywigner.plans` believes of each engine's way and what is
+measured, first call and next calls; `plans/costs.py` is calibrated by it.
+
+    python benchmarks/default_regret.py [--quick] [--estimates] [--only SOURCE ...]
+                            [--functions wigner ...] [--sizes 1 100 ...] [--layouts points ...]
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import os
 import pickle
 import select
@@ -26,6 +31,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
+from polywigner.errors import ArgumentError
 
 LAYOUTS = ("points", "one place", "outer", "grid")
 FUNCTIONS = ("wigner", "ambiguity", "fourier")
@@ -154,8 +160,19 @@ def _extent(source: Any) -> Any:
     return np.concatenate([np.reshape(element.bounds, (2, 2)) for element in elements])
 
 
-def seconds(case: Case, engine: str) -> tuple[float, float]:
-    """Of the first call in a process of its own, and the best of the next calls."""
+@dataclass(frozen=True)
+class Timed:
+    """Seconds of a first call in a process of its own, of the best of the next, and estimates."""
+
+    first: float
+    next: float
+    way: str = "stopped"
+    setup: float = math.nan
+    run: float = math.nan
+
+
+def timed(case: Case, engine: str) -> Timed:
+    """A case by one engine."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
@@ -164,39 +181,73 @@ def seconds(case: Case, engine: str) -> tuple[float, float]:
             source = SOURCES[case.source]()
             given = arguments(case, source)
             function = getattr(pw, case.function)
+            way = _way(source, given, case.function, engine)
             times = []
-            while len(times) < 2 or (len(times) < 4 and sum(times[1:]) < 0.2):
-                start = time.perf_counter()
+            while len(times) < 2 or (len(times) < 20 and sum(times) < 1.0):
+                start = time.process_time()
                 function(source, *given, engine=engine)
-                times.append(time.perf_counter() - start)
-            os.write(writer, pickle.dumps((times[0], min(times[1:]))))
+                times.append(time.process_time() - start)
+            found = Timed(times[0], min(times[1:]), *way)
+            os.write(writer, pickle.dumps(found))
         except Exception:
             traceback.print_exc()
         finally:
             os._exit(0)
     os.close(writer)
     ready, _, _ = select.select([reader], [], [], PATIENCE)
-    found = os.read(reader, 1 << 12) if ready else b""
+    answer = os.read(reader, 1 << 12) if ready else b""
     os.close(reader)
-    if not found:
+    if not answer:
         os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
-    return pickle.loads(found) if found else (PATIENCE, PATIENCE)
+    return pickle.loads(answer) if answer else Timed(PATIENCE, PATIENCE)
+
+
+def _way(source: Any, given: Any, function: str, engine: str) -> tuple[str, float, float]:
+    """The name, the set-up and the run of the way that the plan takes."""
+    try:
+        way = pw.explain(source, *given, function=function, engine=engine).way
+    except ArgumentError:  # a sum of several calls
+        return "several", math.nan, math.nan
+    return way.name, way.setup, way.run
+
+
+def print_estimates(chosen: argparse.Namespace) -> None:
+    """For each case and engine: the way, and seconds estimated and measured."""
+    print("source | function | layout | samples | way | first: estimated, measured | next")
+    for case in cases(chosen):
+        for engine in ENGINES[1:]:
+            found = timed(case, engine)
+            print(
+                f"{case.source} | {case.function} | {case.layout} | {case.samples} | {found.way} | "
+                f"{found.setup + found.run:.2g}, {found.first:.2g} | "
+                f"{found.run:.2g}, {found.next:.2g}",
+                flush=True,
+            )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--estimates", action="store_true")
     parser.add_argument("--only", nargs="+", default=list(SOURCES), choices=list(SOURCES))
     parser.add_argument("--functions", nargs="+", default=FUNCTIONS, choices=FUNCTIONS)
     parser.add_argument("--layouts", nargs="+", default=LAYOUTS, choices=LAYOUTS)
     parser.add_argument("--sizes", nargs="+", type=int)
     chosen = parser.parse_args()
+    square, origin = SOURCES["square"](), np.zeros(2)
+    for function in FUNCTIONS:
+        given = (origin,) if function == "fourier" else (origin, origin)
+        getattr(pw, function)(square, *given, engine="numpy")
+    if chosen.estimates:
+        print_estimates(chosen)
+        return
     print("load average", *(f"{value:.1f}" for value in os.getloadavg()))
     print("source | function | layout | samples | first: auto, numpy, llvm | next | regrets")
     worst = [0.0, 0.0]
     for case in cases(chosen):
-        times = {engine: seconds(case, engine) for engine in ENGINES}
+        runs = {engine: timed(case, engine) for engine in ENGINES}
+        times = {engine: (found.first, found.next) for engine, found in runs.items()}
         regrets = []
         for k in (0, 1):
             best = min(found[k] for found in times.values())

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.execution import drjit_arrays
+from polywigner.plans.costs import LIMITS
 from polywigner.toolchain.llvm import prepare
 
 RESULTS = Path(__file__).parent / "results" / "gradient_cost.json"
@@ -41,7 +41,7 @@ def _tasks(source: pw.Aperture, double: bool, as_data: bool) -> list[Callable[[]
     import drjit.llvm.ad as backend
 
     kind = backend.Array2f64 if double else backend.Array2f
-    drjit_arrays._WORTH_COMPILING = (1 << 31) if as_data else 0
+    LIMITS["least samples for an outline as code"] = (1 << 31) if as_data else 0
     rng = np.random.default_rng(0)
     low, high = np.reshape(source.bounds, (2, 2))
     reach = CYCLES / source.diameter / np.sqrt(2)

@@ -29,12 +29,26 @@ _MARKERS = {
     "drjit": "imports drjit or mitsuba, be it for scalar variants only",
 }
 _LEFT_OUT = pytest.StashKey[Counter[str]]()
+# Renders and whole figures: few tests, each of many seconds.
+_LONG = (
+    "test_examples.py",
+    "test_mitsuba_gradients.py",
+    "test_mitsuba_rendering.py",
+    "test_mitsuba_sources.py",
+    "test_paper_figures.py",
+)
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[_LEFT_OUT] = Counter()
     for name, meaning in _MARKERS.items():
         config.addinivalue_line("markers", f"{name}: {meaning}")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files of the longest tests first, then those of the most tests: no worker ends alone."""
+    count = Counter(item.path for item in items)
+    items.sort(key=lambda item: (item.path.name not in _LONG, -count[item.path], item.path.name))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

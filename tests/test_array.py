@@ -368,6 +368,16 @@ def test_elements_posed_within_the_plane_are_coplanar() -> None:
     assert turned_over.support.polygons.equals_exact(mirrored.polygons, 1e-15)
 
 
+def test_every_source_of_the_plane_or_the_line_names_its_elements() -> None:
+    slits = pw.Slits([[0, 1], [2, 3]])
+    assert SQUARE.elements_in_plane == (SQUARE,)
+    assert slits.elements_in_plane == (slits,)
+    for source in (SQUARE, slits):
+        assert pw.Array([source, source]).elements_in_plane == (source, source)
+        with pytest.warns(DeprecationWarning, match="elements_in_plane"):
+            assert pw.Array([source]).coplanar == (source,)
+
+
 def test_support_of_overlapping_elements_and_its_automean() -> None:
     array = COLLECTIONS["overlapping"]
     union = shapely.union_all([e.polygons for e in array.elements])

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dask.callbacks import Callback
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, MissingExtraError, PolywignerError, PolywignerWarning
@@ -154,22 +155,15 @@ def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path: Path) -> None:
     assert xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf").identical(found)
 
 
-def test_a_lazy_volume_computes_only_what_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    calls = []
-    compute = datasets.field_on
-
-    def counted(source: Any, points: Any, *rest: Any) -> Any:
-        calls.append(points.shape)
-        return compute(source, points, *rest)
-
-    monkeypatch.setattr(datasets, "field_on", counted)
+def test_a_lazy_volume_computes_only_what_is_asked_for() -> None:
+    tasks: list[Any] = []
     eager = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="kirchhoff")
-    calls.clear()
-    lazy = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="kirchhoff", chunks=2)
-    assert not calls
-    assert lazy["kirchhoff"].chunks == ((2, 2), (2, 1), (2, 2, 1))
-    part = lazy["kirchhoff"][3, 2, :2].values
-    assert calls == [(2, 1, 2, 3)]
+    with Callback(posttask=lambda key, *_: tasks.append(key)):
+        lazy = pw.volume(CHEVRONS, BOX, SHAPE, WAVELENGTH, method="kirchhoff", chunks=2)
+        assert not tasks
+        assert lazy["kirchhoff"].chunks == ((2, 2), (2, 1), (2, 2, 1))
+        part = lazy["kirchhoff"][3, 2, :2].values
+        assert len(tasks) <= 2  # of 12 blocks one, and what takes its place in the answer
     assert part == pytest.approx(eager["kirchhoff"].values[3, 2, :2], rel=1e-6)
     assert lazy["kirchhoff"].values == pytest.approx(eager["kirchhoff"].values, rel=1e-6)
     assert lazy["kirchhoff"].dtype == eager["kirchhoff"].dtype == np.float32

@@ -21,7 +21,7 @@ from polywigner.kernels import tables_of, wigner
 from polywigner.kernels.cut.cell_finder import Segments
 from polywigner.kernels.cut.cell_lists import cell_lists
 from polywigner.kernels.cut.cell_tree import _PAIRS_PER_EDGE, divided
-from polywigner.kernels.functions.wigner import ratio_along
+from polywigner.kernels.functions.edge_terms import EvenTerms
 from polywigner.plans import forced
 
 # Relative to the area: what the package promises; times diameter perimeter/area where that is more,
@@ -375,7 +375,6 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
     from polywigner.execution import by_cell
 
     monkeypatch.setattr(by_cell, "_CHUNK", 7000)
-    monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
     source = pw.shapes.regular_polygon(40, 1.0)
     rng = np.random.default_rng(5)
     x, nu = rng.uniform(-1, 1, (15_001, 2)), rng.uniform(-5, 5, (15_001, 2))
@@ -388,14 +387,11 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
 
 
 @pytest.mark.llvm
-def test_one_frequency_goes_with_all_sorted_positions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_frequency_goes_with_all_sorted_positions() -> None:
     import drjit.llvm as backend
 
-    from polywigner.execution import by_cell
-
-    monkeypatch.setattr(by_cell, "_FEW", 1 << 10)
     source = pw.shapes.regular_polygon(40, 1.0)
-    x = np.random.default_rng(6).uniform(-1, 1, (2000, 2))
+    x = np.random.default_rng(6).uniform(-1, 1, (_ENOUGH_TO_SORT, 2))
     found = pw.wigner(source, backend.Array2f64(*(np.array(c) for c in x.T)), (0.3, 1.1))
     expected = pw.wigner(source, x, (0.3, 1.1), engine="numpy")
     assert np.abs(found.numpy() - expected).max() < TOLERANCE["double"] * source.area
@@ -459,10 +455,28 @@ def test_groups_of_one_cell_have_every_sample_once_and_fill_up_with_their_last(
     assert (np.sort(sample[inside <= last]) == np.arange(len(cell))).all()
 
 
+@engines
+@pytest.mark.parametrize("cut", ["code", "rows", "cells"])
+def test_what_is_not_finite_is_so_in_the_result_even_where_no_slice_is(
+    engine: str, cut: str
+) -> None:
+    source = pw.shapes.regular_polygon(9, 1.0)
+    x, nu = np.array([[0.1, 0.2], [5.0, 5.0]] * 3), np.full((6, 2), 0.5)
+    nu[:2, 0], nu[2:4, 1] = np.inf, np.nan
+    expected = np.arange(6) < 4
+    with forced(cut):
+        for values in (
+            pw.wigner(source, x, nu, engine=engine),
+            pw.ambiguity(source, nu, x, engine=engine),
+        ):
+            np.testing.assert_array_equal(np.isnan(values), expected)
+
+
 @pytest.mark.parametrize("double", [True, False])
 def test_edges_across_the_frequency_make_no_subnormal_numbers(double: bool) -> None:
     """Lanes that wait in a loop see such edges, of no length, and would hold up all others."""
-    along, ratio = ratio_along(NumpyOperations(double), *map(_typed(double), (0.3, 0.0, 0.0, 0.0)))
+    zero, nu_x = _typed(double)(0.0), _typed(double)(0.3)
+    along, ratio = EvenTerms(NumpyOperations(double), (nu_x, zero)).along(zero, zero)
     assert ratio == 0
     assert along * along >= np.finfo(along.dtype).tiny
 

@@ -154,8 +154,7 @@ def _taper() -> pw.Aperture:
 
 
 def _corners(source: Any) -> np.ndarray:
-    elements = source.coplanar if isinstance(source, pw.Array) else (source,)
-    return np.concatenate([ring for element in elements for ring in element.rings])
+    return np.concatenate([ring for element in source.elements_in_plane for ring in element.rings])
 
 
 def _traced(source: Any, vertices: Any, fields: Any) -> Any:

@@ -6,8 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from itertools import product
 
 import numpy as np
 import pytest
@@ -25,11 +24,10 @@ LIVE_POSITIONS, LIVE_LAGS = 6, 4
 shapes = pytest.mark.parametrize("name", awkward_names())
 
 
-def _engines(compiled: Iterable[str]) -> Any:
-    """All shapes on NumPy; on each other engine some in double, and a few in single precision."""
-    everything = [(name, precision) for name in awkward_names() for precision in TOLERANCE]
-    some = [(name, "double") for name in compiled] + [(name, "single") for name in FEW]
-    return pytest.mark.parametrize(("name", "precision", "engine"), numpy_and_few(everything, some))
+engines = pytest.mark.parametrize(
+    ("name", "precision", "engine"),
+    numpy_and_few(product(awkward_names(), TOLERANCE), product(FEW, TOLERANCE)),
+)
 
 
 def _worst(reference: Reference, got: np.ndarray, expected: np.ndarray) -> tuple[float, int]:
@@ -38,7 +36,7 @@ def _worst(reference: Reference, got: np.ndarray, expected: np.ndarray) -> tuple
     return float(error.max()), int(error.argmax())
 
 
-@_engines(awkward_names())
+@engines
 def test_wigner_does_not_jump_where_edges_coincide(name: str, engine: str, precision: str) -> None:
     case = awkward(name)
     x, nu = case.x, case.x_nu
@@ -47,7 +45,7 @@ def test_wigner_does_not_jump_where_edges_coincide(name: str, engine: str, preci
     assert error < TOLERANCE[precision], (x[worst].tolist(), nu[worst].tolist())
 
 
-@_engines(FEW)  # a kernel of A takes twice as long to compile
+@engines
 def test_ambiguity_does_not_jump_where_edges_coincide(
     name: str, engine: str, precision: str
 ) -> None:

@@ -79,6 +79,27 @@ def test_a_second_call_compiles_nothing(
     assert found == []
 
 
+def test_points_of_numpy_beside_arrays_of_the_engine_compile_nothing_anew(llvm: Any) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    source, rng = SOURCES["square"](), np.random.default_rng(4)
+    kept = []  # so that memory begins elsewhere in each call
+
+    def call(count: int) -> None:
+        kept.append(np.empty(count))
+        x = backend.Array2f64(*rng.uniform(-0.5, 0.5, (2, count)).tolist())
+        dr.enable_grad(x)
+        dr.backward(pw.wigner(source, x, rng.normal(size=(count, 2))))
+        dr.eval(dr.grad(x))
+
+    call(50)
+    with compiled() as found:
+        for count in range(51, 60):
+            call(count)
+    assert found == []
+
+
 _PROGRAM = """
 import numpy as np, polywigner as pw
 from polywigner.toolchain.llvm import prepare

@@ -8,6 +8,13 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.illumination.direction_cosines import direction_cosines, times_direction_cosine
+from polywigner.illumination.obliquities import (
+    SHARES,
+    emission_factor,
+    irradiance_factor,
+    weighted_sources,
+)
+from polywigner.propagation.far_fields import far_field
 
 WAVELENGTH = 3e-3
 # Sums of a few terms of order one, rounded once each.
@@ -103,3 +110,29 @@ def test_bodies_and_wavelengths_of_zero_are_refused() -> None:
             times_direction_cosine(source, WAVELENGTH)
     with pytest.raises(ArgumentError, match="wavelength"):
         times_direction_cosine(pw.shapes.square(1.0), 0.0)
+
+
+@pytest.mark.parametrize("name", SHARES)
+def test_obliquity_factors_of_pairs_of_waves_are_those_of_their_far_fields(name: str) -> None:
+    """Sum of g |F|^2 over the weighted sources, and |a c F + b F_p|^2 of the field itself."""
+    angles = np.linspace(-80, 80, 33)
+    directions = np.column_stack(
+        [np.sin(np.radians(angles)), 0 * angles, np.cos(np.radians(angles))]
+    )
+    nu, cosine = directions[:, :2] / WAVELENGTH, directions[:, 2]
+    square = pw.shapes.square(4e-3)
+    steered = square.with_illumination(pw.steering((0.6, 0.0, 0.8), WAVELENGTH))
+    for source in (square, steered, square.with_illumination(WAVES)):
+        amplitude = WAVELENGTH * far_field(source, directions, WAVELENGTH, name)
+        terms = weighted_sources(source, name, WAVELENGTH)
+        got = sum(irradiance_factor(f, cosine) * abs(pw.fourier(s, nu)) ** 2 for s, f in terms)
+        assert np.abs(got - abs(amplitude) ** 2).max() < ROUNDING * (abs(amplitude) ** 2).max()
+        assert len(terms) == 1 or source.illumination == WAVES
+
+
+def test_kirchhoff_s_mean_lets_grazing_waves_radiate() -> None:
+    grazing = pw.Illumination([1], [(1 / WAVELENGTH, 0)])
+    ((_, forms),) = weighted_sources(
+        pw.shapes.square(1e-3).with_illumination(grazing), "kirchhoff", WAVELENGTH
+    )
+    assert emission_factor(forms, 0.5) == 0.25

@@ -339,20 +339,15 @@ def test_between_strips_of_the_near_field_others_have_their_turn() -> None:
     assert picture is not None and picture.value.samples == coarsest
 
 
-def test_the_near_field_is_summed_once_for_the_page_its_files_and_other_places(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_near_field_is_one_for_all_places_frequencies_and_defocus() -> None:
     state = State(distance=77.0)
-    first = views.near_field(state, 9)
-
-    def summed_again(*of: Any, **how: Any) -> None:
-        raise AssertionError
-
-    monkeypatch.setattr(pw, "irradiance", summed_again)
-    again = views.near_field(state.moved(x=(1.0, 2.0), nu=(0.1, 0.0), defocus=1.0), 9)
-    assert np.array_equal(first.arrays["rays"], again.arrays["rays"])
-    with pytest.raises(AssertionError):
-        views.near_field(state.moved(distance=78.0), 9)
+    elsewhere = state.moved(x=(1.0, 2.0), nu=(0.1, 0.0), defocus=1.0)
+    assert needed(elsewhere, "near") == needed(state, "near")
+    first, again = (views.near_field(s, 9).arrays["rays"] for s in (state, elsewhere))
+    assert np.array_equal(first, again)
+    farther = state.moved(distance=78.0)
+    assert needed(farther, "near") != needed(state, "near")
+    assert not np.array_equal(first, views.near_field(farther, 9).arrays["rays"])
 
 
 @pytest.mark.parametrize("name", ["fourier", "wigner_nu", "wigner_x", "otf"])

@@ -45,12 +45,8 @@ def _backend() -> Any:
     return backend
 
 
-def _elements(source: Any) -> Any:
-    return source.coplanar if isinstance(source, pw.Array) else (source,)
-
-
 def _corners(source: Any) -> np.ndarray:
-    return np.concatenate([ring for element in _elements(source) for ring in element.rings])
+    return np.concatenate([ring for element in source.elements_in_plane for ring in element.rings])
 
 
 def _moved(source: Any, corners: np.ndarray) -> Any:

@@ -131,6 +131,22 @@ def test_a_process_that_remembers_kernels_ends_in_silence() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+def test_points_of_numpy_in_a_function_that_a_caller_records_do_not_end_the_process() -> None:
+    code = (
+        "import numpy as np, polywigner as pw\n"
+        "from polywigner.toolchain.llvm import prepare\n"
+        "prepare()\n"
+        "import drjit, drjit.llvm as backend\n"
+        "nu = np.array([0.3, 0.2])\n"
+        "value = drjit.freeze(lambda x: pw.wigner(pw.shapes.square(1.0), x, nu))\n"
+        "x = backend.Array2f64([0.1, 0.2, 0.3], [0.0, 0.1, 0.2])\n"
+        "assert np.array_equal(value(x), value(x))\n"
+        "assert np.allclose(value(x), pw.wigner(pw.shapes.square(1.0), x, nu))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import polywigner
-
-PACKAGE = Path(polywigner.__file__).parent
+from package_imports import PACKAGE, imports_of, sources
 
 # A room may import from those above it in this list, never from those below or beside it.
 ROOMS = [
@@ -65,56 +63,9 @@ STANDARD_LIBRARY_ONLY = {
 }
 
 
-def sources() -> list[Path]:
-    return sorted(path for path in PACKAGE.rglob("*.py"))
-
-
 def room_of(path: Path) -> str:
     first = path.relative_to(PACKAGE).parts[0]
     return first.removesuffix(".py")
-
-
-def imports_of(tree: ast.AST, package: str) -> Iterator[str]:
-    """Absolute dotted names of everything that a module imports, wherever it stands.
-
-    ``package`` is the module's package, for relative imports.
-    """
-    aliases = {"polywigner"}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name
-                if alias.name == "polywigner":
-                    aliases.add(alias.asname or alias.name)
-        elif isinstance(node, ast.ImportFrom):
-            base = node.module or ""
-            if node.level:
-                parents = package.split(".")
-                base = ".".join([*parents[: len(parents) - node.level + 1], *filter(None, [base])])
-            for alias in node.names:
-                yield f"{base}.{alias.name}"
-        elif isinstance(node, ast.Call):
-            yield from dynamic_import(node)
-    for node in ast.walk(tree):
-        if (
-            isinstance(node, ast.Attribute)
-            and isinstance(node.value, ast.Name)
-            and node.value.id in aliases
-        ):
-            yield f"polywigner.{node.attr}"
-
-
-def dynamic_import(call: ast.Call) -> Iterator[str]:
-    """The module that ``import_module("...")`` or ``__import__("...")`` names, its literal part."""
-    function = call.func
-    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
-    if name not in ("import_module", "__import__") or not call.args:
-        return
-    text = call.args[0]
-    if isinstance(text, ast.JoinedStr) and text.values:
-        text = text.values[0]
-    if isinstance(text, ast.Constant) and isinstance(text.value, str):
-        yield text.value.rstrip(".")
 
 
 def room_imported(name: str) -> str | None:
@@ -148,12 +99,15 @@ def test_every_file_stands_in_a_known_room() -> None:
     assert not strays, f"give these a place in ROOMS: {sorted(strays)}"
 
 
-@pytest.mark.parametrize("path", sources(), ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_imports_run_only_downwards(path: Path) -> None:
-    file = path.relative_to(PACKAGE).as_posix()
-    if file == "__init__.py":
-        return  # the public names: it may name every room, lazily (checked below)
-    assert breaches(ast.parse(path.read_text(encoding="utf-8")), file) == []
+def test_imports_run_only_downwards() -> None:
+    files = {path.relative_to(PACKAGE).as_posix(): path for path in sources()}
+    del files["__init__.py"]  # the public names: it may name every room, lazily (checked below)
+    found = [
+        breach
+        for file, path in files.items()
+        for breach in breaches(ast.parse(path.read_text(encoding="utf-8")), file)
+    ]
+    assert found == []
 
 
 def test_the_public_names_are_loaded_lazily() -> None:

@@ -14,16 +14,13 @@ from hypothesis import strategies as st
 
 import polywigner as pw
 from polywigner.execution import NumpyOperations, ScalarOperations
-from polywigner.kernels import AMBIGUITY, WIGNER, parts_of, tables_of
-from polywigner.kernels.functions.stokes import (
-    segment_wave,
-    triangle_complex_wave,
-    triangle_plane_wave,
-)
+from polywigner.kernels import tables_of
+from polywigner.kernels.functions.stokes import segment_wave
 from polywigner.kernels.outline.frame import frame_of
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.exact import (
-    Lattice,
+    RoundingGrid,
     exact_cross,
     signed_convex_pieces,
     with_vertices_on_sides,
@@ -42,18 +39,20 @@ turns = (st.floats(-1e3, 1e3) | st.floats(-1, 1) | st.floats(-1e-6, 1e-6)).map(
 )
 
 
-def _exact_wave(u: complex, v: complex) -> complex:
-    """exp[0, -2 pi i u, -2 pi i v] by the recursion of divided differences, with many digits."""
+def _exact_wave(*corners: complex) -> complex:
+    """exp[0, -2 pi i u, ...] by the recursion of divided differences, with many digits."""
     with mpmath.workdps(120):
-        # Nodes moved apart by 1e-25, far below rounding: no two coincide, and the two quotients
-        # still have 70 digits.
-        a, b, c = (
+        # Nodes moved apart by 1e-25, far below rounding: no two coincide, and the quotients
+        # still have 45 digits.
+        nodes = [
             -2j * mpmath.pi * mpmath.mpmathify(z) + mpmath.mpf(10) ** -25 * k
-            for k, z in enumerate((0, u, v))
-        )
-        first = (mpmath.exp(b) - mpmath.exp(a)) / (b - a)
-        second = (mpmath.exp(c) - mpmath.exp(b)) / (c - b)
-        return complex((second - first) / (c - a))
+            for k, z in enumerate((0, *corners))
+        ]
+        values = [mpmath.exp(node) for node in nodes]
+        for order in range(1, len(nodes)):
+            pairs = zip(values, values[1:], nodes, nodes[order:], strict=False)
+            values = [(b - a) / (z - y) for a, b, y, z in pairs]
+        return complex(values[0])
 
 
 @pytest.mark.parametrize("ops", [DOUBLE, SINGLE], ids=["double", "single"])
@@ -69,10 +68,10 @@ def test_sine_and_cosine_of_turns_have_the_stated_error(ops: NumpyOperations) ->
 @given(u=turns, v=turns)
 def test_wave_over_a_triangle_is_the_second_divided_difference(u: float, v: float) -> None:
     exact = _exact_wave(u, v)
-    cosine, sine = triangle_plane_wave(SCALAR, u, v)
+    cosine, sine = simplex_plane_wave(SCALAR, u, v)
     assert complex(cosine, -sine) == pytest.approx(exact, abs=WAVE_ERROR[True])
     u32, v32 = np.float32(u), np.float32(v)
-    cosine, sine = triangle_plane_wave(SINGLE, np.array([u32]), np.array([v32]))
+    cosine, sine = simplex_plane_wave(SINGLE, np.array([u32]), np.array([v32]))
     exact = _exact_wave(float(u32), float(v32))
     assert complex(cosine[0], -sine[0]) == pytest.approx(exact, abs=WAVE_ERROR[False])
 
@@ -82,15 +81,27 @@ complex_turns = st.complex_numbers(max_magnitude=5) | st.complex_numbers(max_mag
 
 @given(u=complex_turns, v=complex_turns)
 def test_wave_over_a_triangle_continues_to_complex_frequencies(u: complex, v: complex) -> None:
-    got = triangle_complex_wave(SCALAR, Pair(u.real, u.imag), Pair(v.real, v.imag))
+    got = simplex_complex_wave(SCALAR, Pair(u.real, u.imag), Pair(v.real, v.imag))
     largest = max(1.0, *(math.exp(2 * math.pi * z.imag) for z in (u, v)))
     expected = _exact_wave(u, v)
     assert complex(got.real, got.imag) == pytest.approx(expected, abs=1e-14 * largest)
 
 
+@given(u=turns, v=turns, w=turns)
+def test_wave_over_a_tetrahedron_is_the_third_divided_difference(
+    u: float, v: float, w: float
+) -> None:
+    exact = _exact_wave(u, v, w)
+    cosine, sine = simplex_plane_wave(SCALAR, u, v, w)
+    assert complex(cosine, -sine) == pytest.approx(exact, abs=WAVE_ERROR[True])
+    got = simplex_complex_wave(SCALAR, *(Pair(p, -1e-3 * abs(p)) for p in (u, v, w)))
+    exact = _exact_wave(*(complex(p, -1e-3 * abs(p)) for p in (u, v, w)))
+    assert complex(got.real, got.imag) == pytest.approx(exact, abs=1e-14)
+
+
 @given(length=turns, middle=turns)
 def test_wave_over_a_segment_keeps_its_digits_near_zero(length: float, middle: float) -> None:
-    sine, cosine_less_one = segment_wave(SCALAR, length, middle)
+    sine, cosine_less_one = segment_wave(SCALAR, 0.5 * length, middle)
     with mpmath.workdps(40):
         sinc = mpmath.sincpi(length)
         exact_sine = sinc * mpmath.sinpi(2 * mpmath.mpf(middle))
@@ -129,7 +140,7 @@ def test_nearly_parallel_vectors_have_an_accurate_cross_product() -> None:
 
 
 def test_pieces_bent_by_the_grid_keep_their_area_and_their_shared_sides() -> None:
-    step = Lattice.for_precision(True).step
+    step = RoundingGrid.for_precision(True).step
     bent = np.array([[0, 0], [0.25, -step], [0.5, 0], [0.5, 0.25], [0.25, 0.25 - step], [0, 0.25]])
     pieces = signed_convex_pieces([bent])
     area = sum(
@@ -189,20 +200,6 @@ def test_the_phase_of_a_far_shape_is_reduced_without_loss(ops: NumpyOperations) 
     error = (Fraction(got) - exact) % 1
     # the rest of the centre beyond two floats is what is left in float32
     assert min(error, 1 - error) < (1e-15 if ops.double else 5e-7)
-
-
-@pytest.mark.parametrize("kernel", [WIGNER, AMBIGUITY], ids=lambda k: k.name)
-def test_edge_sums_of_the_parts_of_a_table_add_up(kernel) -> None:
-    tables = tables_of(pw.shapes.star(5, 1.0, 0.4), True)
-    parts = parts_of(kernel, tables, 100)
-    assert len(parts) > 1
-    assert sum(len(part.edges) for part in parts) == len(tables.edges)
-    rng = np.random.default_rng(3)
-    inner = kernel.enter(DOUBLE, tables.frame, *rng.uniform(-0.4, 0.4, (4, 50)))
-    whole = kernel.edge_sum(DOUBLE, tables, *inner)
-    pieces = [kernel.edge_sum(DOUBLE, part, *inner) for part in parts]
-    for k, total in enumerate(whole):
-        assert sum(piece[k] for piece in pieces) == pytest.approx(total, abs=1e-13)
 
 
 def test_parallel_edges_of_a_turned_rectangle_share_one_direction() -> None:

@@ -14,7 +14,7 @@ from oracles.references import numpy_and_few
 from polywigner import execution, kernels
 from polywigner.execution import NumpyOperations
 from polywigner.geometry.aperture import triangulate
-from polywigner.kernels.functions.segment_moments import segment_moments
+from polywigner.numerics.segment_moments import segment_moments
 
 # Of area times diameter^2 and turns^3: some roundings of each term; in float32 with phases of some
 # turns, which are rounded as well.
@@ -129,16 +129,23 @@ def test_complex_weights_turn_moments_as_steering_does() -> None:
     assert abs(one - other).max() < 1e-3 * abs(one).max()
 
 
-@pytest.mark.slow
-def test_segment_moments_keep_all_digits_where_series_and_recurrence_meet() -> None:
-    turns = np.concatenate([[0.0, 1e-200, 1e-9], np.linspace(0.05, 2.3, 10), [2 / np.pi, 17.3]])
-    found = np.array(segment_moments(NumpyOperations(double=True), turns))
-    for k, value in enumerate(turns):
-        for n in range(5):
-            with mpmath.workdps(30):
-                wave = mpmath.quad(
-                    lambda t, n=n, v=value: t**n * mpmath.expjpi(-2 * mpmath.mpf(float(v)) * t),
-                    mpmath.linspace(-0.5, 0.5, 3 + int(2 * value)),
-                )
-            expected = wave.imag if n % 2 else wave.real
-            assert abs(found[n, k] - float(expected)) < 1e-15 * 2.0**-n
+def _segment_moment(n: int, turns: float) -> float:
+    """The integral of t^n exp(-2 pi i turns t) over the unit segment, its part that is not zero."""
+    with mpmath.workdps(90):
+        w = 2 * mpmath.pi * mpmath.mpf(turns)
+        half = mpmath.mpf(1) / 2
+        terms = (
+            (-1) ** ((k + 1) // 2) * w**k / mpmath.factorial(k) * half ** (n + k) / (n + k + 1)
+            for k in range(n % 2, 400, 2)
+        )
+        return float(mpmath.fsum(terms))
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_segment_moments_keep_all_digits_where_series_and_recurrence_meet(order: int) -> None:
+    meet = [1 / np.pi, 2 / np.pi]
+    turns = np.concatenate([[0.0, 1e-200, 1e-9], np.linspace(0.05, 2.3, 10), meet, [17.3]])
+    found = np.array(segment_moments(NumpyOperations(double=True), turns / 2, order))
+    for n in range(order + 1):
+        expected = [_segment_moment(n, value) for value in turns.tolist()]
+        assert abs(found[n] - expected).max() < 1e-15 * 2.0**-n

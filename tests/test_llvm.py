@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,15 @@ def library(folder: Path, name: str, content: str = "not a library") -> str:
     path = folder / name
     path.write_text(content)
     return str(path)
+
+
+@pytest.fixture
+def trials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
+    """How many processes have tried out a library so far; in each the kernels end the process."""
+    log = tmp_path / "trials"
+    note = f"with open({str(log)!r}, 'a') as log: log.write('.')\n"
+    monkeypatch.setattr(verdicts, "_KERNELS", note + ABORTING_KERNELS)
+    return lambda: len(log.read_text()) if log.exists() else 0
 
 
 @pytest.fixture
@@ -160,22 +170,22 @@ def test_the_remedy_is_one_sentence_with_this_systems_command(
 
 
 def test_a_library_too_old_by_its_name_is_refused_without_a_trial(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, trials: Callable[[], int]
 ) -> None:
-    monkeypatch.setattr(verdicts, "run_probe", None)  # a trial would be a TypeError
     for name in ("libLLVM-15.so.1", "libLLVM-16.so.1", "libLLVM-14.0.6.so.1"):
         path = library(tmp_path, name)
         verdict = judge(Candidate(path, "system", version_of_name(path)))
         assert not verdict.usable
         assert "too old" in (verdict.reason or "")
+    assert trials() == 0
 
 
 def test_a_file_that_is_not_there_is_refused_without_a_trial(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, trials: Callable[[], int]
 ) -> None:
-    monkeypatch.setattr(verdicts, "run_probe", None)
     verdict = judge(Candidate(str(tmp_path / "libLLVM.so.19.1"), "variable", (19, 1)))
     assert verdict == Verdict(False, None, "there is no such file")
+    assert trials() == 0
 
 
 def test_a_bad_library_ends_the_trial_but_not_this_process(
@@ -203,29 +213,20 @@ def test_a_file_that_is_no_library_is_refused_for_now(own_cache: Path, tmp_path:
 
 
 def test_a_verdict_is_remembered_until_the_library_changes(
-    own_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    own_cache: Path, tmp_path: Path, trials: Callable[[], int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trials = []
-    probe = verdicts.run_probe
-
-    def counted(script: str, **options: Any) -> tuple[int | None, str, str]:
-        trials.append(script)
-        return probe(script, **options)
-
-    monkeypatch.setattr(verdicts, "run_probe", counted)
-    monkeypatch.setattr(verdicts, "_KERNELS", ABORTING_KERNELS)
     path = library(tmp_path, "libLLVM.so.19.1")
     candidate = Candidate(path, "system", (19, 1))
     first = judge(candidate)
     assert not first.usable and "fminimum" in (first.reason or "")
     assert judge(candidate) == first
-    assert len(trials) == 1
+    assert trials() == 1
     library(tmp_path, "libLLVM.so.19.1", content="another library")
     judge(candidate)
-    assert len(trials) == 2
+    assert trials() == 2
     monkeypatch.setattr(verdicts, "drjit_release", lambda: "another Dr.Jit")
     judge(candidate)
-    assert len(trials) == 3
+    assert trials() == 3
 
 
 @pytest.mark.parametrize("spoilt", [b"", b"{", b"[1, 2]", b'{"usable": true, "colour": "red"}'])

@@ -112,7 +112,7 @@ def test_the_emitted_power_is_that_of_the_far_field(
     samples = np.array(weight, dtype=float).ravel() * MILLIMETRE**2
     error = samples.std() / np.sqrt(count)
     if isinstance(source, pw.Array):  # for nu of two components
-        source = pw.Array(source.coplanar, source.weights)
+        source = pw.Array(source.elements_in_plane, source.weights)
     expected = propagating_part(source)
     assert error < 0.03 * expected
     assert abs(samples.mean() - expected) < 4 * error

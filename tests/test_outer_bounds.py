@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.kernels.cut.outer_bounds import may_hold_lags, may_overlap
+from polywigner.kernels.cut.clipping import BEHIND, MIRRORED
+from polywigner.kernels.cut.outer_bounds import may_meet
 from polywigner.kernels.functions.plane import tables_of
 
 FEW = 200  # so many samples at a time are all cut
@@ -65,8 +66,8 @@ def test_bounds_hold_all_that_has_a_slice_and_leave_out_much(name: str) -> None:
     source = SOURCES[name]
     x, xi = _points(source)
     tables = tables_of(source, True)
-    inside = may_hold_lags(tables, *tables.frame.position(None, *x.T))
-    overlap = may_overlap(tables, *tables.frame.vector(None, *xi.T))
+    inside = may_meet(tables, MIRRORED, *(2.0 * c for c in tables.frame.position(None, *x.T)))
+    overlap = may_meet(tables, BEHIND, *tables.frame.vector(None, *xi.T))
     assert inside[_by_parts(lambda p: pw.position_marginal(source, p), x) > 0].all()
     assert overlap[_by_parts(lambda p: pw.lag_marginal(source, p), xi) > 0].all()
     assert inside.mean() < 0.6 and overlap.mean() < 0.6

@@ -114,7 +114,7 @@ ARRAYS: dict[str, Callable[[], Any]] = {
     + [(engine, "steered", pw.ambiguity, "single") for engine in ("numpy", "llvm")],
 )
 @pytest.mark.parametrize("positions_lead", [True, False])
-def test_copies_listed_for_a_place_have_the_values_of_single_points(
+def test_arrays_on_a_lattice_have_the_values_of_single_points_at_pairs(
     request: pytest.FixtureRequest,
     engine: str,
     positions_lead: bool,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.pair_sums import ambiguity_of_copies, wigner_of_copies
 from oracles.references import ENGINES, numpy_and_few
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution.operations import NumpyOperations
@@ -151,10 +152,8 @@ def test_functions_of_an_array_are_sums_over_pairs_of_elements(
     ),
 )
 def test_tables_of_weights_agree_with_the_sum_over_pairs(
-    shape: tuple[int, int], precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
+    shape: tuple[int, int], precision: str, engine: str
 ) -> None:
-    from polywigner.kernels.arrays import lattice_arrays, site_weights
-
     count = shape[0] * shape[1]
     weights = _random(count)
     if shape[1] > 1:
@@ -162,42 +161,25 @@ def test_tables_of_weights_agree_with_the_sum_over_pairs(
     array = pw.phased_array(SQUARE, grid(*shape, 1.3), weights)
     x, xi, nu = _points(array, 60, 8)
     nu[:20] = np.round(nu[:20] * 4) / 4 / 1.3  # where sums repeat themselves
-
-    def values(**how: str) -> np.ndarray:
-        w = pw.wigner(array, x, nu, **how)  # type: ignore[arg-type]
-        return np.concatenate([w, pw.ambiguity(array, nu, xi, **how)])  # type: ignore[arg-type]
-
-    got = values(precision=precision, engine=engine)
-    monkeypatch.setattr(site_weights, "_LEAST_TABULATED", 10**6)
-    lattice_arrays._tables.cache_clear()
-    expected = values(engine="numpy")
-    lattice_arrays._tables.cache_clear()
-    assert np.abs(expected[60:]).max() > 1.0
-    energy = float((np.abs(weights) ** 2).sum())
-    assert np.abs(got - expected).max() < (1e-12 if precision == "double" else 2e-6) * energy
+    allowed = (1e-12 if precision == "double" else 2e-6) * float((np.abs(weights) ** 2).sum())
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
+    found = pw.wigner(array, x, nu, **how)
+    assert np.abs(found - wigner_of_copies(array, x, nu)).max() < allowed
+    expected = ambiguity_of_copies(array, nu, xi)
+    assert np.abs(expected).max() > 1.0
+    assert np.abs(pw.ambiguity(array, nu, xi, **how) - expected).max() < allowed
 
 
-def test_rows_of_any_weights_take_their_factors_from_a_table_or_a_sum(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Rows above some length are tabulated; both ways give one W, and A has sums only."""
-    from polywigner.kernels.arrays import lattice_arrays, site_weights
-
-    weights = _random(300)
-    row = pw.phased_array(SQUARE, grid(300, 1, 1.3), weights)
+@pytest.mark.parametrize("count", [200, 300])  # of which one sums terms, the other has a table
+def test_rows_of_any_weights_agree_with_the_sum_over_pairs(count: int) -> None:
+    row = pw.phased_array(SQUARE, grid(count, 1, 1.3), _random(count))
     x, _, nu = _points(row, 60, 8)
-    energy = float((np.abs(weights) ** 2).sum())
+    energy = float((np.abs(row.weights) ** 2).sum())
     found = pw.wigner(row, x, nu, engine="numpy")
-    monkeypatch.setattr(site_weights, "_LONGEST_SUM", 1000)
-    lattice_arrays._tables.cache_clear()
-    by_sum = pw.wigner(row, x, nu, engine="numpy")
-    lattice_arrays._tables.cache_clear()
-    assert np.abs(found - by_sum).max() < 1e-12 * energy
+    assert np.abs(found - wigner_of_copies(row, x, nu)).max() < 1e-12 * energy
 
 
-def test_rows_of_terms_beyond_what_single_precision_counts_are_read_where_they_are(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_rows_of_terms_beyond_what_single_precision_counts_are_read_where_they_are() -> None:
     """A row of 8192 sites has 2^24 packets of four terms, beyond which float32 has no odd number.
 
     So many take a gigabyte; here is what would be read of them.
@@ -206,15 +188,15 @@ def test_rows_of_terms_beyond_what_single_precision_counts_are_read_where_they_a
     assert rows[-1] * packets > 1 << 24
     read: list[Any] = []
 
-    def noted(self: Any, table: Any, row: Any) -> Any:
-        read.append(row)
-        return np.zeros((4, *np.shape(row)), np.float32)
+    class OfALongTable(NumpyOperations):
+        def gather(self, table: Any, row: Any) -> Any:
+            read.append(row)
+            return np.zeros((4, *np.shape(row)), np.float32)
 
-    monkeypatch.setattr(NumpyOperations, "gather", noted)
     table = _Table(np.zeros((1, 4)))
     series = _Series(packets, table, None, None, None)
     turns = np.float32([0.1, 0.2, 0.3])
-    series.value(NumpyOperations(double=False), rows, 16_400.0, np.float32(5.0), turns)
+    series.value(OfALongTable(double=False), rows, 16_400.0, np.float32(5.0), turns)
     expected = rows.astype(int) * packets + np.arange(packets)[::-1, None]
     np.testing.assert_array_equal(read, expected)
 
@@ -222,22 +204,15 @@ def test_rows_of_terms_beyond_what_single_precision_counts_are_read_where_they_a
 @pytest.mark.slow
 @pytest.mark.llvm
 @pytest.mark.parametrize("transform", [pw.wigner, pw.ambiguity])
-def test_long_sums_over_a_row_are_a_loop_of_the_kernel(
-    transform: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_sums_over_a_row_are_a_loop_of_the_kernel(transform: Any) -> None:
     """Unrolled, thousands of terms would take a minute to compile; derivatives still unroll."""
     import drjit as dr
     import drjit.llvm.ad as backend
 
-    from polywigner.execution import operations
-    from polywigner.kernels.arrays import site_weights
-
-    monkeypatch.setattr(site_weights, "_LONGEST_SUM", 1000)
-    row = pw.phased_array(SQUARE, grid(300, 1, 1.3), _random(300))
+    row = pw.phased_array(SQUARE, grid(240, 1, 1.3), _random(240))  # longer ones have tables
     x, xi, nu = _points(row, 60, 8)
     points = (x, nu) if transform is pw.wigner else (nu, xi)
     expected = transform(row, *points, engine="numpy")
-    assert len(row.elements) / 8 > operations._UNROLLED_STEPS
     found = transform(row, *points, engine="llvm")
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
     if transform is pw.wigner:
@@ -289,11 +264,7 @@ def test_making_a_table_of_weights_takes_memory_for_the_table_alone(shape: tuple
 
 
 @pytest.mark.parametrize(("precision", "engine"), numpy_and_few(TOLERANCE, ["single"]))
-def test_tables_of_weights_hold_for_waves_of_the_highest_rate(
-    precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from polywigner.kernels.arrays import lattice_arrays, site_weights
-
+def test_tables_of_weights_hold_for_waves_of_the_highest_rate(precision: str, engine: str) -> None:
     weights = 1e-9 * _random(81)
     weights[[0, -1]] = 1.0, 1j  # opposite corners alone
     assert separated(weights.reshape(9, 9)) is None
@@ -302,10 +273,7 @@ def test_tables_of_weights_hold_for_waves_of_the_highest_rate(
     x = SQUARE.centre + rng.uniform(-0.4, 0.4, (400, 2))
     nu = rng.uniform(-2, 2, (400, 2))
     got = pw.wigner(array, x, nu, precision=precision, engine=engine)
-    monkeypatch.setattr(site_weights, "_LEAST_TABULATED", 10**6)
-    lattice_arrays._tables.cache_clear()
-    expected = pw.wigner(array, x, nu, engine="numpy")
-    lattice_arrays._tables.cache_clear()
+    expected = wigner_of_copies(array, x, nu)
     assert np.abs(expected).max() > 0.5
     # of what this one pair of sites contributes at most, 2 times 4 times the element's area: the
     # interpolation along two directions; rounding of its phase, 2 pi 16 steps times 2^-25

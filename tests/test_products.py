@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.pair_sums import (
+    ambiguity_of_copies,
+    ambiguity_of_waves,
+    fourier_of_waves,
+    wigner_of_copies,
+    wigner_of_waves,
+)
 from oracles.references import numpy_and_few
 from polywigner.kernels import is_separable
-from polywigner.kernels.catalogue import kernel_for
-from polywigner.kernels.functions import plane, separable
 
 # Of int |u|^2 dx; for F of sqrt(area int |u|^2 dx), which bounds it.
 TOLERANCE = {"double": 1e-13, "single": 3e-6}
@@ -71,17 +76,6 @@ def _energy(source: pw.Aperture) -> float:
     return float(pw.lag_marginal(source, (0.0, 0.0)).real)
 
 
-def _by_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """From here on fields are sums over pairs of waves."""
-    from polywigner.kernels import catalogue
-    from polywigner.kernels.functions import elements
-    from polywigner.transforms import spectrum
-
-    for module in (catalogue, spectrum):
-        monkeypatch.setattr(module, "is_separable", lambda source: False)
-    monkeypatch.setattr(elements, "separable_tables", lambda aperture, double: None)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "precision", "engine"),
@@ -91,23 +85,23 @@ def _by_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     ),
 )
 def test_products_agree_with_the_sum_over_all_pairs_of_waves(
-    name: str, precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
+    name: str, precision: str, engine: str
 ) -> None:
     source = SOURCES[name]
     assert is_separable(source)
     x, nu, xi = _points(source)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
+    upsilon = nu - source.illumination.frequencies.mean(axis=0)  # type: ignore[union-attr]
     found = (
         pw.wigner(source, x, nu, **how),
-        pw.ambiguity(source, nu - source.illumination.frequencies.mean(axis=0), xi, **how),
+        pw.ambiguity(source, upsilon, xi, **how),
         pw.fourier(source, nu, **how),
     )
     scale, energy = pw.shapes.rectangle(*SIDES).area, _energy(source)
-    _by_pairs(monkeypatch)
     expected = (
-        pw.wigner(source, x, nu, engine="numpy"),
-        pw.ambiguity(source, nu - source.illumination.frequencies.mean(axis=0), xi, engine="numpy"),
-        pw.fourier(source, nu, engine="numpy"),
+        wigner_of_waves(source, x, nu),
+        ambiguity_of_waves(source, upsilon, xi),
+        fourier_of_waves(source, nu),
     )
     sizes = (energy, energy, np.sqrt(scale * energy))
     for got, wanted, size in zip(found, expected, sizes, strict=True):
@@ -199,8 +193,6 @@ def test_what_is_no_product_or_no_rectangle_is_summed_over_pairs() -> None:
     )
     for source in others:
         assert not is_separable(source)
-        assert kernel_for("wigner", source) is plane.WIGNER
-    assert kernel_for("wigner", SOURCES["taylor"]).tables is separable.separable_tables
 
 
 # --- rectangles that are known to the rounding of their coordinates only
@@ -238,7 +230,7 @@ def test_tapers_on_rectangles_are_products_at_any_angle_and_place(
     ("aspect", "distance"), [(1.0, 1e4), (10.0, 1e4), (1000.0, 0.0), (1000.0, 1e4), (100.0, 1e6)]
 )
 def test_products_on_turned_rectangles_are_those_of_the_vertices_as_given(
-    aspect: float, distance: float, monkeypatch: pytest.MonkeyPatch
+    aspect: float, distance: float
 ) -> None:
     rng = np.random.default_rng(9)
     steering = np.array([3.3, -7.1])
@@ -250,24 +242,26 @@ def test_products_on_turned_rectangles_are_those_of_the_vertices_as_given(
         inside = _turned(x, angle) + source.centre
         cases.append((source, (inside, _turned(nu, angle), _turned(2 * xi, angle))))
 
-    def values(source: pw.Aperture, x: Any, nu: Any, xi: Any) -> Any:
-        middle = source.illumination.frequencies.mean(axis=0)  # type: ignore[union-attr]
-        root = np.sqrt(source.area / _energy(source))
-        return np.stack(
-            [
-                pw.wigner(source, x, nu, engine="numpy"),
-                pw.ambiguity(source, nu - middle, xi, engine="numpy"),
-                pw.fourier(source, nu, engine="numpy") / root,
-            ]
-        )
-
-    assert all(is_separable(source) for source, _ in cases)
-    found = [values(source, *points) for source, points in cases]
-    energies = [_energy(source) for source, _ in cases]
-    _by_pairs(monkeypatch)
     tolerance = max(STATED, VERTICES * distance)
-    for (source, points), got, energy in zip(cases, found, energies, strict=True):
-        assert np.abs(got - values(source, *points)).max() < tolerance * energy
+    for source, (x, nu, xi) in cases:
+        assert is_separable(source)
+        upsilon = nu - source.illumination.frequencies.mean(axis=0)  # type: ignore[union-attr]
+        energy = _energy(source)
+        how: dict[str, Any] = {"engine": "numpy"}
+        for found, expected, size in (
+            (pw.wigner(source, x, nu, **how), wigner_of_waves(source, x, nu), energy),
+            (
+                pw.ambiguity(source, upsilon, xi, **how),
+                ambiguity_of_waves(source, upsilon, xi),
+                energy,
+            ),
+            (
+                pw.fourier(source, nu, **how),
+                fourier_of_waves(source, nu),
+                np.sqrt(source.area * energy),
+            ),
+        ):
+            assert np.abs(found - expected).max() < tolerance * size
 
 
 def test_phases_rounded_at_the_origin_leave_a_product_a_product() -> None:
@@ -311,10 +305,8 @@ POSITIONS = {
     ),
 )
 def test_arrays_of_products_agree_with_the_sum_over_all_pairs_of_waves(
-    name: str, precision: str, engine: str, monkeypatch: pytest.MonkeyPatch
+    name: str, precision: str, engine: str
 ) -> None:
-    from polywigner.kernels.arrays import lattice_arrays, scattered_sites
-
     places = POSITIONS[name]
     weights = np.exp(1j * np.arange(len(places)) ** 2)
     array = pw.phased_array(ELEMENT, places, weights)
@@ -323,28 +315,32 @@ def test_arrays_of_products_agree_with_the_sum_over_all_pairs_of_waves(
     x, xi = rng.uniform(-1, 1, (200, 2)) * reach, rng.uniform(-2, 2, (200, 2)) * reach
     nu = rng.uniform(-2, 2, (200, 2))
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    caches = (lattice_arrays._tables, scattered_sites.sites_of, scattered_sites.pairs_by_mean)
-    caches = (*caches, scattered_sites.pairs_by_difference)
-
-    def values(**how: Any) -> tuple[Any, ...]:
-        for cache in caches:
-            cache.cache_clear()
-        return (
-            pw.wigner(array, x, nu, **how),
-            pw.ambiguity(array, nu, xi, **how),
-            pw.autocorrelation(array, x, xi / 4, **how),
-        )
-
-    found = values(**how)
     energy = _energy(ELEMENT) * len(places) ** 2
-    peak = np.abs(ELEMENT.illumination.amplitudes).sum() ** 2
-    _by_pairs(monkeypatch)
-    expected = values(engine="numpy")
-    monkeypatch.undo()
-    for cache in caches:
-        cache.cache_clear()
-    for got, wanted, size in zip(found, expected, (energy, energy, peak), strict=True):
-        assert np.abs(got - wanted).max() < TOLERANCE[precision] * size
+    peak = np.abs(ELEMENT.illumination.amplitudes).sum() ** 2  # type: ignore[union-attr]
+    for found, expected, size in (
+        (pw.wigner(array, x, nu, **how), wigner_of_copies(array, x, nu, wigner_of_waves), energy),
+        (
+            pw.ambiguity(array, nu, xi, **how),
+            ambiguity_of_copies(array, nu, xi, ambiguity_of_waves),
+            energy,
+        ),
+        (
+            pw.autocorrelation(array, x, xi / 4, **how),
+            _field_of(array, x + xi / 8) * _field_of(array, x - xi / 8).conj(),
+            peak,
+        ),
+    ):
+        assert np.abs(found - expected).max() < TOLERANCE[precision] * size
+
+
+def _field_of(array: pw.Array, x: np.ndarray) -> np.ndarray:
+    """(n,) u(x) of copies of the element, which is an upright rectangle."""
+    total = np.zeros(len(x), complex)
+    for place, weight in zip(array.repeated[1], array.weights, strict=True):
+        own = x - place
+        inside = (np.abs(own) < np.array(SIDES) / 2).all(axis=-1)
+        total += weight * inside * ELEMENT.illumination(own)  # type: ignore[misc]
+    return total
 
 
 @pytest.mark.slow

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,7 +14,6 @@ from scipy.special import j0, j1
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
 from polywigner.errors import ArgumentError, GeometryError, PolywignerError
-from polywigner.radiometry import hemisphere
 from polywigner.radiometry.hemisphere import directions_and_weights
 
 WAVELENGTH = 299792458 / 94e9
@@ -75,8 +72,8 @@ def test_radiance_over_the_source_is_the_radiant_intensity(source: Any) -> None:
     total = pw.radiance(source, x, direction, WAVELENGTH).sum() * (axis[1] - axis[0]) ** 2
     found = pw.radiant_intensity(source, direction, WAVELENGTH)
     energy = pw.energy_budget(source, WAVELENGTH).total
-    rule = 5e-3  # W has kinks, the rule cells of 45 um
-    assert direction[2] * total == pytest.approx(found, abs=rule * energy**2 / WAVELENGTH**2 / 1e-4)
+    rule = 2e-4  # of the largest intensity: W has kinks, the rule cells of 45 um
+    assert abs(direction[2] * total - found) < rule * energy**2 / WAVELENGTH**2
 
 
 def test_the_papers_radiance_lacks_the_power_and_has_four_pi_too_many() -> None:
@@ -94,9 +91,10 @@ def test_a_source_much_smaller_than_the_wavelength_is_lambertian() -> None:
     for theta in (0.0, 0.7, 1.5):
         intensity = pw.radiant_intensity(speck, _direction(theta), WAVELENGTH)
         expected = math.cos(theta) * (speck.area / WAVELENGTH) ** 2
-        assert intensity == pytest.approx(expected, rel=1e-6)  # (k D)^2 of the speck is 2e-5
+        # (k D)^2 of the speck is 2e-5
+        assert intensity == pytest.approx(expected, rel=1e-6, abs=0.0)
     solid = math.pi * (speck.area / WAVELENGTH) ** 2
-    assert pw.power(speck, WAVELENGTH) == pytest.approx(solid, rel=1e-5)
+    assert pw.power(speck, WAVELENGTH) == pytest.approx(solid, rel=1e-5, abs=0.0)
 
 
 def test_single_precision_stays_single() -> None:
@@ -130,23 +128,12 @@ def test_what_takes_long_shows_on_a_terminal_how_far_it_is(
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     monkeypatch.setenv("TERM", "xterm")
-    nodes = list(directions_and_weights(10.0, 1.0, places))
-    assert sum(map(len, (w for _, w in nodes))) > 1000
-    assert ("directions" in capsys.readouterr().err) == is_shown
-
-
-def test_the_bar_counts_all_directions(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[int] = []
-
-    @contextmanager
-    def counted(title: str, total: int, show: bool | None) -> Iterator[Callable[[int], None]]:
-        done: list[int] = []
-        yield done.append
-        seen.extend([total, sum(done)])
-
-    monkeypatch.setattr(hemisphere, "progress_bar", counted)
-    directions = sum(len(w) for _, w in directions_and_weights(30.0, 1.0))
-    assert seen == [directions, directions]
+    monkeypatch.setenv("COLUMNS", "200")
+    count = sum(len(w) for _, w in directions_and_weights(10.0, 1.0, places))
+    assert count > 1000
+    told = capsys.readouterr().err
+    assert (told != "") == is_shown
+    assert not is_shown or ("directions" in told and f"{count}/{count}" in told)
 
 
 def _power_by_lags(width: float, wavelength: float) -> float:

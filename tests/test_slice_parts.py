@@ -11,7 +11,8 @@ import polywigner as pw
 from polywigner import execution, kernels
 from polywigner.execution import NumpyOperations
 from polywigner.kernels import tables_of
-from polywigner.kernels.cut.slice_parts import PART_MOMENTS, PART_WIGNER, slice_parts
+from polywigner.kernels.cut.slice_parts import slice_parts
+from polywigner.kernels.functions.part_kernels import PART_MOMENTS, PART_WIGNER
 
 WAVES = pw.Illumination([1, 0.5j, 0.3], [(0.3, 0.1), (-0.2, 0.9), (1.3, -0.5)])
 CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)

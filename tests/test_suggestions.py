@@ -16,7 +16,7 @@ from shapely.affinity import rotate
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.enough import samples_of_box, samples_of_place
+from polywigner.cli.grid_advice import samples_of_box, samples_of_place
 from polywigner.cli.where import parse_place
 from polywigner.errors import ArgumentError
 from polywigner.illumination.support import mutual_support
@@ -77,9 +77,8 @@ def worst(f: Function, points: np.ndarray, steps: list[float], coarser: float = 
     return float(np.abs(found - values).max() / np.abs(values).max())
 
 
-def box_of(source: object) -> tuple[np.ndarray, np.ndarray]:
-    elements = source.coplanar if isinstance(source, pw.Array) else [source]
-    bounds = np.array([element.bounds for element in elements])
+def box_of(source: pw.Aperture | pw.Slits | pw.Array) -> tuple[np.ndarray, np.ndarray]:
+    bounds = np.array([element.bounds for element in source.elements_in_plane])
     half = bounds.shape[1] // 2
     return bounds[:, :half].min(axis=0), bounds[:, half:].max(axis=0)
 

@@ -66,21 +66,21 @@ def test_arrays_obey_all_identities_in_single_precision() -> None:
 
 
 def _without_weights(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
-    return right(pw.Array(array.coplanar, np.abs(array.weights)), *places, **keywords)
+    return right(pw.Array(array.elements_in_plane, np.abs(array.weights)), *places, **keywords)
 
 
 def _conjugate_weights(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
-    return right(pw.Array(array.coplanar, array.weights.conj()), *places, **keywords)
+    return right(pw.Array(array.elements_in_plane, array.weights.conj()), *places, **keywords)
 
 
 def _no_cross_terms(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
     """The elements as if they were incoherent."""
-    pairs = zip(array.coplanar, np.abs(array.weights) ** 2, strict=True)
+    pairs = zip(array.elements_in_plane, np.abs(array.weights) ** 2, strict=True)
     return sum(factor * right(element, *places, **keywords) for element, factor in pairs)
 
 
 def _one_element_nudged(right: Any, array: Any, *places: Any, **keywords: Any) -> Any:
-    first, *others = array.coplanar
+    first, *others = array.elements_in_plane
     nudge = np.full(1 if isinstance(first, pw.Slits) else 2, 1e-8)
     return right(pw.Array([first.moved(nudge), *others], array.weights), *places, **keywords)
 

@@ -23,9 +23,6 @@ class _Operations(NumpyOperations):
 
     target = "code"
 
-    def where_left(self, extent: Any, compute: Callable[..., Any], *arguments: Any) -> Any:
-        return compute(*arguments)  # which samples are left is not known while tracing
-
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         import jax.numpy as jnp
 

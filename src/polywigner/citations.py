@@ -1,4 +1,4 @@
-"""What to cite for work made with polywigner, from the bibliography that the docs show too."""
+"""Citations for work made with polywigner, from the bibliography that the docs show too."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def field_by_quadrature(source: Any, points: Any, wavelength: float, condition: 
     """U at points (n, 3): the field and its normal derivative integrated over the source."""
     elements, weights = [source], [1.0]
     if isinstance(source, pw.Array):
-        elements, weights = list(source.coplanar), list(source.weights)
+        elements, weights = list(source.elements_in_plane), list(source.weights)
     pairs = zip(elements, weights, strict=True)
     return sum(w * _of_element(e, points, wavelength, condition) for e, w in pairs)
 

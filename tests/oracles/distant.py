@@ -26,7 +26,7 @@ def distant_fields(source: Any, point: Any, wavelength: float) -> dict[str, comp
         found = {name: mpmath.mpc(0) for name in _names()}
         elements, weights = [source], [1.0]
         if isinstance(source, pw.Array):
-            elements, weights = list(source.coplanar), source.weights.tolist()
+            elements, weights = list(source.elements_in_plane), source.weights.tolist()
         corners = np.array([element.bounds for element in elements])
         low, high = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
         centre = [mpmath.mpf(float(c)) for c in low / 2 + high / 2]

@@ -44,7 +44,7 @@ def _triangles(outline: pw.Aperture, point: np.ndarray, longest: float) -> np.nd
 def surface_fields(source: Any, point: Any, wavelength: float) -> np.ndarray:
     """U of an aperture or an array at one point (3,): Rayleigh-Sommerfeld I, II, and Kirchhoff."""
     if isinstance(source, pw.Array):
-        terms = zip(source.coplanar, source.weights, strict=True)
+        terms = zip(source.elements_in_plane, source.weights, strict=True)
         return np.sum([w * surface_fields(e, point, wavelength) for e, w in terms], axis=0)
     place = np.asarray(point, float)
     field = source.illumination or pw.Illumination([1.0], [(0.0, 0.0)])

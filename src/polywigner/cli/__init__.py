@@ -105,5 +105,5 @@ def _closed_pipe() -> int:
 
 
 def _drop_output() -> None:
-    # What stdout still holds must not be flushed again at exit.
+    # The rest in stdout's buffer must not be flushed again at exit.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,4 +1,4 @@
-"""What commands write of fields: a picture, and the values in formats that others read."""
+"""Files of commands for fields: a picture, and the values in formats that others read."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FORMATS = ("nc", "zarr", "vti")
 
 
 def format_suffixes(formats: Sequence[str]) -> tuple[str, ...]:
-    """Of the files of values, each once.
+    """Suffixes of the files of values, each once.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple
 
 from polywigner.cli.where import shown
 from polywigner.errors import ArgumentError
@@ -23,7 +23,7 @@ class MethodText(NamedTuple):
 
     @property
     def options(self) -> dict[str, Any]:
-        """What :func:`polywigner.line` and its like take for it."""
+        """The argument that :func:`polywigner.line` and its like take for it."""
         if self.method != "wigner":
             return {"method": self.method}
         return {"method": self.method, "obliquity": self.obliquity, "order": self.order}
@@ -43,11 +43,11 @@ def parse_methods(
     ------
     ArgumentError for other names, and for one method twice.
     """
+    from polywigner.illumination.obliquities import OBLIQUITIES
     from polywigner.propagation import METHODS
-    from polywigner.propagation.obliquities import Obliquity
 
-    known, obliquities = ("wigner", *METHODS), get_args(Obliquity)
-    methods = tuple(_method(text, known, obliquities, obliquity, order) for text in texts)
+    known = ("wigner", *METHODS)
+    methods = tuple(_method(text, known, OBLIQUITIES, obliquity, order) for text in texts)
     names = [method.name for method in methods]
     twice = [name for name in names if names.count(name) > 1]
     if twice:

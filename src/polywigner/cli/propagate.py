@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from polywigner.cli.enough import samples_of_place
 from polywigner.cli.fields import check_files, format_suffixes, write_field
+from polywigner.cli.grid_advice import samples_of_place
 from polywigner.cli.methods import (
     MethodText,
     compared_with,

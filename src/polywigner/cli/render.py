@@ -162,7 +162,7 @@ def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
 
 @contextmanager
 def _progress_bar() -> Iterator[Callable[[int, int], None]]:
-    """What to call after each part: moves a bar on a terminal, does nothing elsewhere."""
+    """A function to call after each part: moves a bar on a terminal, does nothing elsewhere."""
     if not sys.stderr.isatty():
         yield lambda done, total: None
         return
@@ -203,7 +203,7 @@ def _record(
     radiance: npt.NDArray[Any],
     reference: float | None,
 ) -> dict[str, Any]:
-    """What NAME.json says of the settings and the picture."""
+    """The content of NAME.json: the settings and figures of the picture."""
     import numpy as np
 
     from polywigner.figures.levels import PEAK_RULE

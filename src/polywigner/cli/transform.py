@@ -75,7 +75,7 @@ def run_transform(
 
 
 def _samples(given: int | None, aperture: Aperture, wavelength: float | None) -> int:
-    """What was asked for, else as many as are needed within bounds; a warning of too few."""
+    """The number asked for, else as many as are needed within bounds; a warning of too few."""
     from polywigner.figures import LARGEST_SAMPLES, samples_needed
 
     needed = samples_needed(aperture, wavelength)

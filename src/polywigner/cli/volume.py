@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from polywigner.cli.enough import samples_of_box
 from polywigner.cli.fields import format_suffixes, write_field
+from polywigner.cli.grid_advice import samples_of_box
 from polywigner.cli.methods import compared_with, parse_methods, print_differences
 from polywigner.cli.output import check_writable, output_stem, targets
 from polywigner.cli.plausibility import check_wavelength

@@ -6,6 +6,7 @@ module               what is in it
 ``operations``       the operations namespaces that kernels are written over
 ``choice``           which engine and precision a call runs on
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
+``chunks``           samples chunk by chunk
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` the same, compiled
 ``pairs``            every position with every frequency
 ``sums``             weighted sums over places, for many points
@@ -14,8 +15,9 @@ module               what is in it
 ``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``hosted_slopes``    the same with derivatives that the host computes as well
-``gradients``        kernels as custom operations, with derivatives in closed form
-``sinks``            what derivatives in vertices and fields are added up in, and ``strides`` how
+``derivatives``      functions with known derivatives as one custom operation
+``gradients``        kernels with derivatives in closed form
+``accumulators``     what derivatives in vertices and fields are added up in
 ``end_slopes``       derivatives in the ends of slits
 ``parameters``       vertices, weights and amplitudes of sources that are Dr.Jit arrays
 ``ray_sums``         sums over rays, with derivatives
@@ -32,7 +34,7 @@ from polywigner.execution.drjit_points import host_points, in_plane, is_drjit, s
 from polywigner.execution.drjit_results import product_of_complex, times_complex
 from polywigner.execution.end_slopes import with_end_slopes
 from polywigner.execution.evaluation import evaluate, explained
-from polywigner.execution.gradients import differentiable
+from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted_slopes import TracedField, hosted_field
 from polywigner.execution.operations import (
@@ -76,7 +78,6 @@ __all__ = [
     "checked_engine",
     "checked_precision",
     "complex_numbers",
-    "differentiable",
     "evaluate",
     "evaluate_hosted",
     "evaluate_on_grid",
@@ -90,6 +91,7 @@ __all__ = [
     "in_plane",
     "is_drjit",
     "kernel_threads",
+    "kernel_with_derivatives",
     "ops_for",
     "plane_points",
     "product_of_complex",

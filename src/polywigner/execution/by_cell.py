@@ -14,20 +14,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import aligned, array_of
+from polywigner.execution.drjit_ranges import packet_type
 from polywigner.execution.frozen import frozen, is_recording
 from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.cells import arrays_of
 from polywigner.kernels.cut.clipping import MIRRORED
 from polywigner.kernels.outline.tables import cut_of
+from polywigner.plans import sorts_samples
 
 __all__ = ["ByCell", "Groups", "grouped", "order_of", "sorts", "traced_by_cell"]
 
 # Samples at a time: they stay in the cache of a core while they are shuffled.
 _CHUNK = 1 << 18
-# With fewer, to sort them takes longer than it saves.
-_FEW = 1 << 13
 # Samples of one cell that a lane computes together: as many as Dr.Jit has packets for.
 _TOGETHER = 4
 # Numbers of a cache line: arrays of a multiple of them that follow each other are aligned alike.
@@ -62,9 +62,9 @@ class Groups:
     cells: Numbers
     """The cell of each group; there are a multiple of a cache line's numbers."""
     first: Numbers
-    """Of each cell, where in the order the group 0 would begin if all groups were of this cell."""
+    """Where in the order group 0 would begin, for each cell, if all groups were of this cell."""
     last: Numbers
-    """Of each cell, where in the order its samples end."""
+    """Where in the order the samples of each cell end."""
 
 
 def grouped(cell: Numbers, size: int) -> Groups:
@@ -86,14 +86,13 @@ def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any
     """
     import drjit
 
-    if kernel.order is None or drjit.backend_v(float_type) != drjit.JitBackend.LLVM:
+    if kernel.slices is None or drjit.backend_v(float_type) != drjit.JitBackend.LLVM:
         return False  # on a GPU the numbers of the cells would have to come over
-    ops = DrjitOperations(float_type, sorted_by_cell=True)
-    if not cut_of(ops, tables).endswith("cells"):
+    if not cut_of("sorted", tables).endswith("cells"):
         return False
     recording = drjit.flag(drjit.JitFlag.SymbolicScope) or drjit.flag(drjit.JitFlag.FreezingScope)
     widths = {drjit.width(component) for component in components}
-    whole = max(widths) >= _FEW and widths <= {1, max(widths)}
+    whole = sorts_samples(max(widths)) and widths <= {1, max(widths)}
     return whole and not recording and not any(map(drjit.grad_enabled, components))
 
 
@@ -119,13 +118,13 @@ class ByCell:
         """Arguments enter the frame by ``entry``; sums are of the float type ``kind``."""
         import drjit
 
-        self.kernel, self.tables, self.entry = kernel, tables, entry
+        assert kernel.slices is not None
+        self.kernel, self.slices, self.entry = kernel, kernel.slices, entry
+        self.tables = tables.cut_by(cut_of("sorted", tables))
         # of two copies, each has a cell of its own
         on_cpu = drjit.backend_v(kind) == drjit.JitBackend.LLVM
-        self.size = _TOGETHER if kernel.copies == 1 and on_cpu else 1
-        self.ops = DrjitOperations(kind, sorted_by_cell=True, together=self.size > 1)
-        # lists of its own: while Dr.Jit records, it puts other arrays in their place
-        self.ops.key = kind, kernel.name
+        self.size = _TOGETHER if len(self.slices.views) == 1 and on_cpu else 1
+        self.ops = DrjitOperations(kind)
 
     def __call__(self, arguments: Sequence[Any]) -> tuple[Any, ...]:
         """Results for a chunk of samples; not yet evaluated."""
@@ -139,8 +138,7 @@ class ByCell:
         kernel, frame, ops = self.kernel, self.tables.frame, self.ops
         inner = [ops.float_type(a) for a in kernel.enter(self.entry, frame, *arguments)]
         count = max(map(drjit.width, inner))
-        assert kernel.order is not None
-        cell = kernel.order(ops, self.tables, *inner)
+        cell = self.slices.cell_index(ops, self.tables, *inner, owner=kernel.name)
         width, rows = ops.packed(inner, count)
         drjit.eval(rows, cell)
         return Begun(np.broadcast_to(cell.numpy(), count), rows, width, len(inner))
@@ -154,7 +152,7 @@ class ByCell:
         traced = partial(self._summed, begun.width, begun.arguments)
         summed: Callable[..., tuple[Any, ...]] = traced
         if self.size > 1 and not is_recording(ops.float_type):
-            memory = partial(arrays_of, ops, self.tables, MIRRORED)
+            memory = partial(arrays_of, ops, self.tables, MIRRORED, kernel.name)
             owners = (kernel, self.tables)
             summed = frozen(lambda: (traced, memory()), owners, ops.float_type, "by cell")
         found = summed(begun.rows, cells, *where)
@@ -171,10 +169,11 @@ class ByCell:
         """Results for groups of samples, whose ``count`` arguments are in rows of a table."""
         ops, frame = self.ops, self.tables.frame
         columns = zip(*(ops.gather((width, rows), one) for one in where), strict=True)
-        inner = [ops.value_type(*column) for column in columns][:count]
-        ops.cell = cells if self.size > 1 else None
-        sums = self.kernel.edge_sum(ops, self.tables, *inner)
-        ops.cell = None
+        kind = packet_type(ops.float_type) if self.size > 1 else ops.float_type
+        inner = [kind(*column) for column in columns][:count]
+        cell = cells if self.size > 1 else None
+        # lists of its own: while Dr.Jit records, it puts other arrays in their place
+        sums = self.slices.in_cell(ops, self.tables, cell, self.kernel.name, *inner)
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _samples(self, groups: Groups) -> tuple[Any, list[Any]]:
@@ -183,7 +182,7 @@ class ByCell:
 
         number = drjit.uint32_array_t(self.ops.float_type)
         cells, order, first, last = (
-            _sent(number, values)
+            array_of(number, values)
             for values in (groups.cells, groups.order, groups.first, groups.last)
         )
         # modulo 2^32, where the first of a cell may lie before 0
@@ -234,9 +233,3 @@ def traced_by_cell(
             drjit.scatter(result, values, where)
         drjit.eval(results)
     return results
-
-
-def _sent(kind: Any, values: Numbers) -> Any:
-    memory = aligned(len(values), np.uint32)
-    memory[...] = values.astype(np.uint32)
-    return kind(memory)

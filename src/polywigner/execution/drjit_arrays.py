@@ -26,11 +26,12 @@ from polywigner.execution.drjit_points import (
 )
 from polywigner.execution.drjit_results import as_complex, as_tensor
 from polywigner.execution.frozen import freezes, frozen, is_code
-from polywigner.execution.gradients import differentiable
+from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameters, Traced, tensor_of
 from polywigner.execution.table_data import TracedOperations, as_data
 from polywigner.kernels import Kernel
+from polywigner.plans import compiles_outline
 from polywigner.toolchain import llvm
 
 __all__ = [
@@ -39,10 +40,6 @@ __all__ = [
     "common_float",
     "evaluate_traced",
 ]
-
-# A kernel with edges as code is 3 to 4 times as fast as one that reads them, which gains more than
-# the 0.2 to 1 s that it takes to compile for each new outline from so many samples on.
-_WORTH_COMPILING = 1 << 22
 
 
 def evaluate_traced(
@@ -97,7 +94,7 @@ def evaluate_traced(
         if parameters is not None and _is_data(parameters, components):
             ops = TracedOperations(float_type)
             tables = as_data(ops, tables)
-        results = differentiable(kernel, ops, tables, components, traced)
+        results = kernel_with_derivatives(kernel, ops, tables, components, traced)
     if tensors:
         return as_tensor(results, shape, points)
     if complex_result:
@@ -123,7 +120,7 @@ def _follows(components: Sequence[Any]) -> bool:
 
 
 def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | None) -> Any:
-    """Those of the kernel, with vertices numbered as the parameters are.
+    """Tables of the kernel, with vertices numbered as the parameters are.
 
     Equal apertures may begin their rings elsewhere, and share tables of the cache.
     """
@@ -137,7 +134,7 @@ def _is_data(parameters: Parameters, components: Sequence[Any]) -> bool:
     import drjit
 
     changes = parameters.vertices is not None or parameters.fields is not None
-    return changes and max(map(drjit.width, components)) < _WORTH_COMPILING
+    return changes and not compiles_outline(max(map(drjit.width, components)))
 
 
 def common_float(points: Sequence[tuple[str, Any]], parameters: Parameters | None) -> Any:

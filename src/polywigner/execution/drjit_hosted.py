@@ -26,7 +26,7 @@ def evaluate_hosted(
     precision: str | None,
     engine: str,
 ) -> Any:
-    """What a function of NumPy points makes of Dr.Jit points, as the kinds of arrays they have.
+    """Results of a function of NumPy points for Dr.Jit points, as the kinds of arrays they have.
 
     Parameters
     ----------
@@ -58,5 +58,5 @@ def evaluate_hosted(
     found = compute(host if is_tensor else host.T, precision="double" if double else "single")
     parts = found if isinstance(found, tuple) else (found,)
     tensor = (type(points), own[:-1]) if is_tensor else None
-    made = tuple(from_components(np.asarray(part), float_type, double, tensor) for part in parts)
+    made = tuple(from_components(np.asarray(part), float_type, tensor) for part in parts)
     return made if isinstance(found, tuple) else made[0]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import array_of
 from polywigner.execution.parameters import tensor_of
 from polywigner.geometry.numbers import real_numbers
 
@@ -100,7 +100,7 @@ def point_components(name: str, value: Any, float_type: Any, dimension: int) -> 
         if array.ndim not in (1, 2) or array.shape[-1] != dimension:
             hint = f"an array of shape {array.shape}; use ({dimension},) or (n, {dimension})"
             raise _wrong_components(name, dimension, hint)
-        return tuple(float_type(np.array(row)) for row in np.atleast_2d(array).T)
+        return tuple(array_of(float_type, row) for row in np.atleast_2d(array).T)
     import drjit
 
     if drjit.depth_v(value) == 1 and dimension == 1:
@@ -129,7 +129,7 @@ def tensor_components(
             )
         else:
             array = host_points(name, value)
-            shape, flat = array.shape, float_type(np.array(array.ravel()))
+            shape, flat = array.shape, array_of(float_type, array)
         if not shape or shape[-1] != dimension:
             hint = f"a tensor of shape {shape}; use (..., {dimension})"
             raise _wrong_components(name, dimension, hint)
@@ -144,9 +144,7 @@ def tensor_components(
     index_type = drjit.uint32_array_t(float_type)
     components = []
     for flat, own in zip(flats, shapes, strict=True):
-        memory = aligned(int(np.prod(shape)), np.uint32)
-        memory[...] = np.broadcast_to(_indices(own), shape).ravel()
-        where = index_type(memory)
+        where = array_of(index_type, np.broadcast_to(_indices(own), shape))
         components += [
             drjit.gather(float_type, flat, dimension * where + k) for k in range(dimension)
         ]
@@ -193,17 +191,17 @@ def shifted_points(points: Any, shift: Any) -> Any:
 
     if drjit.width(points) == 0:
         return points
-    offset = np.asarray(shift, dtype=np.float64).tolist()
+    offset = np.asarray(shift, dtype=np.float64)
     if is_tensor(points):
         if not points.shape or points.shape[-1] != len(offset):
             return points  # refused with advice further on
         flat = points.array
         component = drjit.arange(drjit.uint32_array_t(type(flat)), len(flat)) % len(offset)
-        table = drjit.gather(type(flat), type(flat)(offset), component)
+        table = drjit.gather(type(flat), array_of(type(flat), offset), component)
         return type(points)(flat + table, points.shape)
     if drjit.depth_v(points) == 2 and len(points) == len(offset):
-        return type(points)(*(points[k] + value for k, value in enumerate(offset)))
-    return points + offset[0] if drjit.depth_v(points) == 1 and len(offset) == 1 else points
+        return type(points)(*(points[k] + value for k, value in enumerate(offset.tolist())))
+    return points + float(offset[0]) if drjit.depth_v(points) == 1 and len(offset) == 1 else points
 
 
 def _wrong_components(name: str, dimension: int, got: object) -> ArgumentError:

@@ -11,31 +11,25 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import array_of
 from polywigner.execution.ranges import Table, Values
 
-__all__ = ["DrjitRanges"]
+__all__ = ["DrjitRanges", "packet_type"]
 
 
 class DrjitRanges:
     """Ranges for Dr.Jit arrays: loops of the kernel that is being traced."""
 
-    def __init__(self, float_type: Any, sorted_by_cell: bool, together: bool) -> None:
+    target = "compiled"
+
+    def __init__(self, float_type: Any) -> None:
         import drjit
 
         self._drjit = drjit
-        module = sys.modules[float_type.__module__]
-        self.value_type = getattr(module, _PACKETS[float_type.__name__]) if together else float_type
-        """What a lane computes: the value of one sample, or of four."""
-        self.target = "sorted" if sorted_by_cell else "compiled"
         self.float_type = float_type
         self.key: Hashable = float_type
         """Two namespaces with one key share tables."""
         self._numbers = drjit.uint32_array_t(float_type)
-        self.run_sums: Any = None
-        """What stands for whole edges found by cells, while it is set."""
-        self.cell: Any = None
-        """The number of each lane's cell, while it is set."""
 
     def count(self, like: Any) -> int:
         """Samples computed at a time: they do not matter to a compiled kernel."""
@@ -44,12 +38,7 @@ class DrjitRanges:
     def held(self, table: Table) -> Any:
         """(entries in a row, the entries of all rows one after the other)."""
         kind = self.float_type if table.dtype.kind == "f" else self._numbers
-        dtype: type[Any] = np.uint32
-        if table.dtype.kind == "f":
-            dtype = np.float64 if self._drjit.itemsize_v(self.float_type) == 8 else np.float32
-        flat = aligned(table.size, dtype)
-        flat[...] = table.ravel()
-        return table.shape[1], kind(flat)
+        return table.shape[1], array_of(kind, table)
 
     def gather(self, table: Any, row: Any) -> Values:
         width, flat = table
@@ -57,16 +46,14 @@ class DrjitRanges:
         if width % 4:
             return tuple(self._drjit.gather(kind, flat, width * row + k) for k in range(width))
         # four entries at a time: one load, where each alone would be another
-        module = sys.modules[kind.__module__]
-        four = getattr(module, _PACKETS[kind.__name__])
-        packets = width // 4
+        four, packets = packet_type(kind), width // 4
         found = (self._drjit.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in found for entry in packet)
 
     def packed(self, columns: Sequence[Any], rows: int) -> tuple[int, Any]:
         """A table of computed columns of floats, as :meth:`gather` wants it; not yet evaluated."""
         dr, kind = self._drjit, self.float_type
-        four = getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__])
+        four = packet_type(kind)
         packets = -(-len(columns) // 4)
         flat, row = dr.empty(kind, 4 * packets * rows), dr.arange(self._numbers, rows)
         for k in range(packets):
@@ -86,11 +73,17 @@ class DrjitRanges:
     def detached(self, value: Any) -> Any:
         return self._drjit.detach(value)
 
+    def filled(self, like: Any, value: float) -> Any:
+        return self._kind(like)(value)
+
+    def _kind(self, like: Any) -> Any:
+        return self.float_type if like is None or isinstance(like, float) else type(like)
+
     def sum_over_range(
-        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int, like: Any = None
     ) -> list[Any]:
         if self._drjit.itemsize_v(self.float_type) == 8:
-            return self.plain_sum(first, end, term, values)
+            return self.plain_sum(first, end, term, values, like)
 
         # what rounding of the sum loses is summed up as well: of terms that cancel, it is the most
         def step(row: Any, *sums: Any) -> Values:
@@ -100,7 +93,7 @@ class DrjitRanges:
             )
             return row + 1, *(a + b for a, b in added), *lost
 
-        sums = self._loop(first, end, step, 2 * values)
+        sums = self._loop(first, end, step, 2 * values, like)
         return [a + b for a, b in zip(sums[:values], sums[values:], strict=True)]
 
     def sum_over_some(
@@ -122,17 +115,19 @@ class DrjitRanges:
         return (a - (total - of_b)) + (b - of_b)
 
     def plain_sum(
-        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int, like: Any = None
     ) -> list[Any]:
         """:meth:`sum_over_range` for so few terms that rounding of the sum does not matter."""
 
         def step(row: Any, *sums: Any) -> Values:
             return row + 1, *(a + b for a, b in zip(sums, term(row), strict=True))
 
-        return self._loop(first, end, step, values)
+        return self._loop(first, end, step, values, like)
 
-    def _loop(self, first: Any, end: Any, step: Callable[..., Values], values: int) -> list[Any]:
-        zeros = (self.value_type(0.0) for _ in range(values))
+    def _loop(
+        self, first: Any, end: Any, step: Callable[..., Values], values: int, like: Any
+    ) -> list[Any]:
+        zeros = (self._kind(like)(0.0) for _ in range(values))
         # max_iterations=-1: a sum, so that its reverse-mode derivative is a sum as well
         _, *totals = self._drjit.while_loop(
             (self._numbers(first), *zeros), lambda row, *_: row < end, step, max_iterations=-1
@@ -140,13 +135,19 @@ class DrjitRanges:
         return totals
 
     def sum_over_runs(
-        self, first: Any, end: Any, runs: Any, term: Callable[[Any, Any], Values], values: int
+        self,
+        first: Any,
+        end: Any,
+        runs: Any,
+        term: Callable[[Any, Any], Values],
+        values: int,
+        like: Any = None,
     ) -> list[Any]:
         def of_run(number: Any) -> Values:
             begin, stop, weight, _ = self.gather(runs, number)
-            return tuple(self.plain_sum(begin, stop, lambda row: term(row, weight), values))
+            return tuple(self.plain_sum(begin, stop, lambda row: term(row, weight), values, like))
 
-        return self.sum_over_range(first, end, of_run, values)
+        return self.sum_over_range(first, end, of_run, values, like)
 
     def sum_over_rule(
         self,
@@ -178,8 +179,13 @@ class DrjitRanges:
         return tuple(result)
 
     def _initial(self, value: Any) -> Any:
-        kinds = {float: self.value_type, int: self._numbers}
+        kinds = {float: self.float_type, int: self._numbers}
         return kinds[type(value)](value) if type(value) in kinds else value
+
+
+def packet_type(kind: Any) -> Any:
+    """The type of four values of a type, which a lane computes together or loads at once."""
+    return getattr(sys.modules[kind.__module__], _PACKETS[kind.__name__])
 
 
 _PACKETS = {"Float": "Array4f", "Float64": "Array4f64", "UInt": "Array4u"}

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.execution.aligned import array_of
 from polywigner.execution.drjit_points import is_drjit, is_tensor
 from polywigner.execution.parameters import tensor_of
 
@@ -40,20 +41,15 @@ def as_result(value: Any, shape: tuple[int, ...] | None, like: Any, float_type: 
 
 
 def from_components(
-    values: np.ndarray, float_type: Any, double: bool, tensor: tuple[Any, tuple[int, ...]] | None
+    values: np.ndarray, float_type: Any, tensor: tuple[Any, tuple[int, ...]] | None
 ) -> Any:
     """NumPy values as a ``Float``, a ``Complex2f`` or, of (type, shape), a tensor."""
     is_complex = np.iscomplexobj(values)
     parts = (values.real, values.imag) if is_complex else (values,)
-    floats = [
-        float_type(np.array(part, np.float64 if double else np.float32).ravel()) for part in parts
-    ]
+    floats = tuple(array_of(float_type, part) for part in parts)
     if tensor is not None:
-        return as_tensor_of(tensor[0], tuple(floats), tensor[1])
-    if not is_complex:
-        return floats[0]
-    module = sys.modules[float_type.__module__]
-    return (module.Complex2f64 if double else module.Complex2f)(*floats)
+        return as_tensor_of(tensor[0], floats, tensor[1])
+    return as_complex((floats[0], floats[1]), None, None) if is_complex else floats[0]
 
 
 def as_tensor(results: tuple[Any, ...], shape: tuple[int, ...], points: Any) -> Any:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from polywigner.execution.accumulators import contracted
+from polywigner.execution.derivatives import DerivativeRule, with_derivatives
 from polywigner.execution.drjit_points import is_tensor, point_components, tensor_components
 from polywigner.execution.drjit_results import as_complex, as_tensor
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameter
-from polywigner.execution.sinks import contracted
 from polywigner.numerics.complex_pairs import Pair
 
 __all__ = ["with_end_slopes"]
@@ -41,36 +42,30 @@ def with_end_slopes(
     places = [double.float_type(dr.detach(c)) for c in components]
     count = 2 if complex_result else 1
 
-    class Ends(dr.CustomOp):
-        """Nothing, with the derivatives of the whole."""
+    def value(*_: Any) -> Any:
+        return tuple(dr.zeros(real, max(map(dr.width, places))) for _ in range(count))
 
-        def eval(self, begins: Any, ends: Any) -> Any:
-            return tuple(dr.zeros(real, max(map(dr.width, places))) for _ in range(count))
+    def forward(_: Any, change: Any) -> Any:
+        columns = [double.float_type(part) for part in change]
+        total = Pair(double.float_type(0.0), double.float_type(0.0))
+        number = dr.uint32_array_t(real)
+        for k, both in enumerate(slopes(double, *places)):
+            for slope, column in zip(both, columns, strict=True):
+                own = dr.gather(double.float_type, column, number(k))
+                total = total + slope.scaled(own)
+        return tuple(real(part) for part in (total.real, total.imag)[:count])
 
-        def forward(self) -> None:
-            changes = [double.float_type(self.grad_in(name)) for name in ("begins", "ends")]
-            total = Pair(double.float_type(0.0), double.float_type(0.0))
-            number = dr.uint32_array_t(real)
-            for k, both in enumerate(slopes(double, *places)):
-                for slope, change in zip(both, changes, strict=True):
-                    own = dr.gather(double.float_type, change, number(k))
-                    total = total + slope.scaled(own)
-            self.set_grad_out(tuple(real(part) for part in (total.real, total.imag)[:count]))
+    def reverse(_: Any, gradient: Any) -> Any:
+        out = [double.float_type(part) for part in gradient]
+        cotangent = Pair(out[0], out[1] if count == 2 else 0.0)
+        sums = [
+            [dr.sum(double.float_type(contracted(cotangent, slope))) for slope in both]
+            for both in slopes(double, *places)
+        ]
+        return tuple(real(dr.concat(list(column))) for column in zip(*sums, strict=True))
 
-        def backward(self) -> None:
-            out = [double.float_type(part) for part in self.grad_out()]
-            cotangent = Pair(out[0], out[1] if count == 2 else 0.0)
-            sums = [
-                [dr.sum(double.float_type(contracted(cotangent, slope))) for slope in both]
-                for both in slopes(double, *places)
-            ]
-            for name, column in zip(("begins", "ends"), zip(*sums, strict=True), strict=True):
-                self.set_grad_in(name, real(dr.concat(list(column))))
-
-        def name(self) -> str:
-            return "polywigner ends of slits"
-
-    parts = dr.custom(Ends, intervals.first, intervals.second)
+    rule = DerivativeRule("ends of slits", value, forward, reverse)
+    parts = with_derivatives(rule, intervals.first, intervals.second)
     if shape is not None:
         return values + as_tensor(parts, shape, points)
     return values + (as_complex(parts, None, None) if complex_result else parts[0])

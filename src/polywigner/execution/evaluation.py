@@ -6,43 +6,31 @@ Memory is bounded by the result plus one chunk: broadcast arguments are never ex
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.by_cell import order_of
 from polywigner.execution.choice import planned
+from polywigner.execution.chunks import Launched, store
 from polywigner.execution.grids import GridPlan, plan_for_grid
 from polywigner.execution.ledger import account_of
 from polywigner.execution.on_drjit import OnDrjit
-from polywigner.execution.on_numpy import CHUNK, OnNumpy
+from polywigner.execution.on_numpy import OnNumpy
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.pairs import Pairs, one_row_of, pairs_of
 from polywigner.execution.requests import request_for
-from polywigner.kernels import Kernel, SharedSlice, shared_slice
-from polywigner.kernels.arrays.lattice_pairs import SharedCopies, shared_copies
-from polywigner.kernels.outline.tables import Tables, cut_of
+from polywigner.kernels import Kernel, SharedSlice
+from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Plan, Request
-from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED, WHOLE_EDGES
+from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
 
 __all__ = ["evaluate", "explained"]
 
-# Samples at a time. Dr.Jit: launching costs little against computing, and the arguments of a chunk
-# take some 10 MB.
-_DRJIT_CHUNK = 1 << 18
-# NumPy: of fewer samples it is not worth finding those for which there is nothing to do.
-_LEAST_APART = 256
-
-# To list the copies of an element takes NumPy some microseconds a row.
-_LEAST_FOR_COPIES = 64
-# So many rows' copies are listed at a time: some arrays of a few MB.
-_ROWS_OF_COPIES = 1 << 15
-
-# Parts of slices in memory at a time.
-_MOST_PARTS = 1 << 18
+# Samples of one row at a time, of which nothing is gained by longer blocks.
+_ROW_BLOCK = 1 << 18
 
 Array = npt.NDArray[Any]
 
@@ -73,7 +61,7 @@ def evaluate(
         assert call.grid is not None
         call.grid.fill(results, _by_points(kernel, call.tables, components[:-2], double))
     else:
-        _store(_launched(call, chosen, results))
+        store(_launched(call, chosen, results))
     account_of(kernel.name, call.tables).book(chosen)
     return results
 
@@ -97,7 +85,7 @@ class _Call:
     pairs: Pairs | None
     """The arguments as rows and columns, where they are such."""
     by_places: Pairs | None
-    """The same with each place a row, where slices are those of places."""
+    """These pairs with each place a row, where slices are those of places."""
     grid: GridPlan | None
     request: Request
 
@@ -110,7 +98,7 @@ def _call_of(
     grid = None
     if engine in ("auto", "numpy") and components[-1].shape == shape:
         grid = plan_for_grid(kernel, source, components, double)
-    pairs, shared = _pairs_of(kernel, components, shape), shared_slice(kernel)
+    pairs, shared = _pairs_of(kernel, components, shape), _listed_by(kernel)
     by_places = None
     if shared is not None and pairs is not None:
         by_places = _with_places_as_rows(pairs, shared.arguments)
@@ -127,9 +115,14 @@ def _call_of(
     return _Call(kernel, source, tables, components, double, pairs, by_places, grid, request)
 
 
+def _listed_by(kernel: Kernel) -> SharedSlice | None:
+    """How the parts of a kernel's slices are listed; None where they are not."""
+    return None if kernel.slices is None else kernel.slices.listed
+
+
 def _pairs_of(kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
     """The arguments as rows and columns; None where they are points."""
-    pairs, shared = pairs_of(components, shape), shared_slice(kernel)
+    pairs, shared = pairs_of(components, shape), _listed_by(kernel)
     if pairs is None and shared and all(c.size == 1 for c in components[shared.arguments]):
         return one_row_of(components, shape)
     return pairs
@@ -142,29 +135,21 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
         tables = tables.cut_by(chosen.way.cut)
     compute: OnNumpy | OnDrjit
     if chosen.engine == "numpy":
-        compute, chunk = OnNumpy(call.kernel, tables, call.double), CHUNK
+        compute = OnNumpy(call.kernel, tables, call.double)
     else:
-        compute, chunk = OnDrjit(call.kernel, tables, call.double, chosen.engine), _DRJIT_CHUNK
-    shared = shared_slice(call.kernel)
-    if name in (LISTED, LISTED_COMPILED, WHOLE_EDGES):
-        assert shared is not None and call.pairs is not None and call.by_places is not None
+        compute = OnDrjit(call.kernel, tables, call.double, chosen.engine)
+    if name in (LISTED, LISTED_COMPILED):
+        assert call.pairs is not None and call.by_places is not None
         targets = _targets(call.pairs, call.by_places, results)
-        if name == WHOLE_EDGES:
-            assert isinstance(compute, OnDrjit)
-            return ((targets, (a, b), f) for a, b, f in compute.of_blocks(call.by_places))
-        return _by_parts(compute, shared, call.source, call.by_places, targets)
+        return _by_parts(compute, call.kernel.tables(call.source, True), call.by_places, targets)
     if name == POINTS_LISTED:
-        assert shared is not None and isinstance(compute, OnNumpy)
-        return _listed(compute, shared, call.source, call.components, results)
+        assert isinstance(compute, OnNumpy)
+        return compute.listed(call.kernel.tables(call.source, True), call.components, results)
     # one place is short enough to be sent with each sample
     pairs = None if isinstance(compute, OnDrjit) and _is_one_row(call.pairs) else call.pairs
-    if pairs is not None:
-        copies = _by_copies(compute, pairs, results)
-        if copies is not None:
-            return copies
-        if compute.takes(pairs):
-            return _paired(compute, pairs, results)
-    return _chunked(compute, call.components, results, chunk)
+    if pairs is not None and compute.allows_outer_product(pairs):
+        return _paired(compute, pairs, results)
+    return compute.points(call.components, results)
 
 
 def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool) -> Any:
@@ -175,26 +160,6 @@ def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool
         return compute.values([*(np.full(len(nu[0]), c.item()) for c in place), *nu])
 
     return values
-
-
-Launched = Iterator[tuple[Sequence[Array], Any, Callable[[], Sequence[Array]]]]
-"""(results, where in them, how to fetch them); there the work has begun already."""
-
-
-def _store(launched: Launched) -> None:
-    """Fetch each chunk while the next one is computed."""
-    last: Any = None
-    for chunk in launched:
-        if last is not None:
-            _write(*last)
-        last = chunk
-    if last is not None:
-        _write(*last)
-
-
-def _write(results: Sequence[Array], where: Any, fetch: Callable[[], Sequence[Array]]) -> None:
-    for result, values in zip(results, fetch(), strict=True):
-        result[where] = values
 
 
 def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]) -> Launched:
@@ -220,47 +185,13 @@ def _targets(pairs: Pairs, by_places: Pairs, results: Sequence[Array]) -> list[A
     return tables if by_places is pairs else [table.T for table in tables]
 
 
-def _by_copies(
-    compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]
-) -> Launched | None:
-    """Arrays on a lattice, with the copies that count listed once for each row or column."""
-    shared = shared_copies(compute.kernel)
-    if shared is None or pairs.columns < _LEAST_FOR_COPIES or not compute.lists_copies():
-        return None
-    by_places = _with_places_as_rows(pairs, shared.arguments)
-    if by_places is None:
-        return None
-    some = by_places.block(slice(0, _ROWS_OF_COPIES), slice(0, by_places.columns))
-    if not shared.gains(compute.tables, compute.entered(some)):
-        return None
-    return _launched_copies(compute, shared, by_places, _targets(pairs, by_places, results))
-
-
-def _launched_copies(
-    compute: OnNumpy | OnDrjit, shared: SharedCopies, pairs: Pairs, targets: Sequence[Array]
-) -> Launched:
-    host = NumpyOperations(compute.ops.double)
-    for start in range(0, pairs.rows, _ROWS_OF_COPIES):
-        rows = slice(start, min(start + _ROWS_OF_COPIES, pairs.rows))
-        entered = compute.entered(pairs.block(rows, slice(0, pairs.columns)))
-        copies = shared.copies(host, compute.tables, entered)
-        own = Pairs(tuple(entered), rows.stop - start, pairs.columns)
-        mine = [target[rows] for target in targets]
-        for block in own.blocks(compute.copies_block):
-            yield mine, block, compute.of_copies(shared, copies, entered, block)
-
-
 def _by_parts(
-    compute: OnNumpy | OnDrjit,
-    shared: SharedSlice,
-    source: Any,
-    pairs: Pairs,
-    targets: Sequence[Array],
+    compute: OnNumpy | OnDrjit, exact: Tables, pairs: Pairs, targets: Sequence[Array]
 ) -> Launched:
-    exact = compute.kernel.tables(source, True)
-    host = NumpyOperations(double=True)
-    # of one row, nothing is gained by longer blocks, which take memory
-    size = compute.shared_block if pairs.rows > 1 else _DRJIT_CHUNK
+    """The slice of each place listed once, from tables in double precision."""
+    shared, host = _listed_by(compute.kernel), NumpyOperations(double=True)
+    assert shared is not None
+    size = compute.shared_block if pairs.rows > 1 else _ROW_BLOCK
     for block in pairs.blocks(size):
         inner = compute.entered(pairs.block(*block))
         count = len(range(*block[0].indices(pairs.rows)))
@@ -268,105 +199,3 @@ def _by_parts(
         (owners, table), is_real = shared.parts(host, exact, *place)
         ends = np.searchsorted(owners, np.arange(count + 1))
         yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
-
-
-def _listed(
-    compute: OnNumpy,
-    shared: SharedSlice,
-    source: Any,
-    components: Sequence[Array],
-    results: Sequence[Array],
-) -> Launched:
-    """NumPy: every slice's parts are listed, and summed at the slice's own frequency."""
-    exact = compute.kernel.tables(source, True)
-    flat = [result.reshape(-1) for result in results]
-    size = max(1, min(CHUNK, _MOST_PARTS // len(exact.edges)))
-    start = 0
-    for arguments in _chunks(components, results[0].shape, size):
-        count = len(arguments[0])
-        targets = [result[start : start + count] for result in flat]
-        yield targets, ..., compute.listed(shared, exact, arguments)
-        start += count
-
-
-def _order(compute: OnNumpy, arguments: Sequence[Array], count: int) -> Any:
-    """The order in which to take the samples: all, or by the cell in which each has its edges.
-
-    Without those that lie too far off to have a value other than 0.
-    """
-    kernel, tables = compute.kernel, compute.tables
-    by_cells = kernel.order is not None and cut_of(compute.ops, tables, count).endswith("cells")
-    if not by_cells and (kernel.within is None or count < _LEAST_APART):
-        return ...
-    host = NumpyOperations(double=True)
-    with np.errstate(invalid="ignore", over="ignore"):
-        inner = kernel.enter(host, tables.frame, *arguments)
-        if by_cells:
-            assert kernel.order is not None
-            return order_of(kernel.order(host, tables, *inner))
-        assert kernel.within is not None
-        within = kernel.within(tables, *inner)
-        for argument in inner:  # 0 times what is not finite is not 0
-            within |= ~np.isfinite(argument)
-    (order,) = np.nonzero(within)
-    return ... if len(order) == len(within) else order
-
-
-def _chunked(
-    compute: OnNumpy | OnDrjit,
-    components: Sequence[Array],
-    results: Sequence[Array],
-    size: int,
-) -> Launched:
-    flat = [result.reshape(-1) for result in results]
-    start = 0
-    one_frequency = _is_one_frequency(compute, components)
-    for arguments in _chunks(components, results[0].shape, size):
-        if one_frequency is not None:  # one number in all: so is what depends on it alone
-            arguments[one_frequency] = [f[:1] for f in arguments[one_frequency]]
-        count = max(map(len, arguments))
-        order = _order(compute, arguments, count) if isinstance(compute, OnNumpy) else ...
-        targets = [result[start : start + count] for result in flat]
-        if order is not ... and len(order) < count:
-            for target in targets:
-                target[:] = 0.0
-        if order is ... or len(order):
-            some = [a if len(a) < count else a[order] for a in arguments]
-            yield targets, order, compute(some)
-        start += count
-
-
-def _is_one_frequency(compute: OnNumpy | OnDrjit, components: Sequence[Array]) -> slice | None:
-    """Where components are a frequency that NumPy need not repeat for each place; None if none."""
-    shared = shared_slice(compute.kernel)
-    if shared is None or not isinstance(compute, OnNumpy):
-        return None
-    if cut_of(compute.ops, compute.tables, CHUNK).endswith("cells"):
-        return None
-    half = len(components) // 2
-    frequency = slice(half, None) if shared.arguments.start == 0 else slice(0, half)
-    return frequency if all(c.size == 1 for c in components[frequency]) else None
-
-
-def _chunks(
-    components: Sequence[Array], shape: tuple[int, ...], size: int
-) -> Iterator[list[Array]]:
-    """The components in float64, broadcast to a shape, chunk by chunk in C order."""
-    whole = [c if c.shape == shape else np.broadcast_to(c, shape) for c in components]
-    arguments: list[Any]
-    if 0 < whole[0].size <= size:
-        yield [c.astype(np.float64, copy=False).reshape(-1) for c in whole]
-        return
-    with np.nditer(
-        whole,
-        flags=["external_loop", "buffered", "zerosize_ok"],
-        op_flags=[["readonly"]] * len(whole),
-        op_dtypes=[np.dtype(np.float64)] * len(whole),
-        order="C",
-        buffersize=size,
-    ) as iterator:
-        for chunk in iterator:
-            # of one operand nditer gives the array itself
-            arguments = list(chunk) if len(whole) > 1 else [chunk]
-            if arguments[0].size:
-                yield arguments

@@ -14,16 +14,14 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from polywigner.execution.operations import UNROLLED_ROWS, DrjitOperations
+from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables, cut_of
+from polywigner.plans import is_recorded, unrolls_terms
 
 __all__ = ["freezes", "frozen", "is_code", "is_recording"]
 
-# Of more samples, arrays of the engine are better computed with what they are used for, without
-# being stored.
-_FEW = 1 << 16
 # What is remembered: of so many sources and kinds of arrays, and of each so many configurations
 # (arguments that are one number, and others).
 _MOST, _MOST_RECORDINGS = 64, 8
@@ -119,9 +117,9 @@ def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
     """Whether all that a kernel is told of a source is constants of its code, not memory."""
     if not isinstance(tables, (Tables, OutlineTables)):
         return False
-    if isinstance(tables, Tables) and kernel.copies:
-        return cut_of(ops, tables) == "code"
-    return len(tables.edges) <= UNROLLED_ROWS
+    if kernel.slices is not None and isinstance(tables, Tables):
+        return cut_of(ops.target, tables) == "code"
+    return unrolls_terms(len(tables.edges))
 
 
 def is_recording(kind: Any) -> bool:
@@ -136,7 +134,7 @@ def freezes(components: Sequence[Any]) -> bool:
     """Whether a function of these arrays is worth freezing: few numbers, known, no derivatives."""
     import drjit
 
-    if is_recording(components[0]) or max(map(drjit.width, components)) > _FEW:
+    if is_recording(components[0]) or not is_recorded(max(map(drjit.width, components))):
         return False
     # what is yet to be computed is so together with the kernel
     known = (drjit.VarState.Evaluated, drjit.VarState.Literal)

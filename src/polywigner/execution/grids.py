@@ -6,7 +6,6 @@ is recognised by its values, whatever its spacing, and computed from its axes.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +15,8 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import planned
 from polywigner.execution.operations import NumpyOperations
-from polywigner.kernels import GridTables, Kernel, fourier_on_grid, shared_slice
-from polywigner.plans import Request
+from polywigner.execution.requests import request_for
+from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 from polywigner.plans.plan import GRID
 
 __all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
@@ -77,7 +76,7 @@ class GridPlan:
 
     @property
     def families(self) -> int:
-        """Of edges that are equal up to a translation; all that run along the axes are one."""
+        """Families of edges that are equal up to a translation; all along the axes are one."""
         return len(self.tables.oblique) + bool(self.tables.straight)
 
     def keeps_digits(self) -> bool:
@@ -130,10 +129,10 @@ def plan_for_grid(
 
 
 def _tables_for_grid(kernel: Kernel, source: Any, place: Sequence[Array]) -> GridTables | None:
-    """Of a source, or of its slice at a place, from whose cut edges what is far off is missing."""
-    if kernel.on_grid is not None:
-        return kernel.on_grid(source)
-    shared = shared_slice(kernel)
+    """Constants of a source, or of its slice at a place; None where there are none."""
+    if isinstance(kernel.edge_sum, OutlineSum):
+        return kernel.edge_sum.on_grid(source)
+    shared = None if kernel.slices is None else kernel.slices.listed
     if shared is None or not np.isfinite(place).all():
         return None
     host, exact = NumpyOperations(double=True), kernel.tables(source, True)
@@ -161,14 +160,13 @@ def evaluate_on_grid(
     plan = plan_for_grid(kernel, source, components, double)
     if plan is None:
         return None
-    request = Request(
-        kernel.name,
+    request = request_for(
+        kernel,
+        plan.tables,
         components[-1].size,
-        terms=plan.tables.edges,
-        families=plan.families,
         double=double,
         engine=engine,
-        loaded="drjit" in sys.modules,
+        families=plan.families,
     )
     if planned(request).way.name != GRID:
         return None

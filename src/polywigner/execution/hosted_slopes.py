@@ -8,6 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.execution.aligned import array_of
+from polywigner.execution.derivatives import DerivativeRule, with_derivatives
 from polywigner.execution.drjit_arrays import check_request, common_float
 from polywigner.execution.drjit_points import components_of
 from polywigner.execution.drjit_results import as_complex
@@ -23,18 +25,18 @@ class HostSlopes(Protocol):
     """Derivatives of a complex field at points (n, 3)."""
 
     def of_points(self, points: Floats) -> Complex:
-        """(n, 3)."""
+        """Derivatives in the points, (n, 3)."""
 
     def forward(self, points: Floats, change: Floats) -> Complex:
-        """Along a change (v, 2) of all vertices, (n,)."""
+        """Derivatives along a change (v, 2) of all vertices, (n,)."""
 
     def reverse(
         self, points: Floats, cotangent: Complex, of_points: bool, of_vertices: bool
     ) -> tuple[Complex, Floats]:
-        """:meth:`of_points`, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2); those wanted."""
+        """Derivatives in points, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2), as wanted."""
 
     def of_fields(self, points: Floats) -> Complex:
-        """Of weights or amplitudes, in which the field is linear, (n, k)."""
+        """Derivatives in weights or amplitudes, in which the field is linear, (n, k)."""
 
 
 class TracedField:
@@ -90,8 +92,8 @@ def hosted_field(
     where = _read(wide)
     values = np.broadcast_to(compute(where, precision="double" if double else "single"), len(where))
     inputs = (wide, _pair(parameters.vertices), _pair(parameters.fields))
-    operation = _operation(where, values, slopes, float_type, tuple(map(dr.grad_enabled, inputs)))
-    parts = dr.custom(operation, *inputs)
+    rule = _rule(where, values, slopes, float_type, tuple(map(dr.grad_enabled, inputs)))
+    parts = with_derivatives(rule, *inputs)
     like = points if shape is None or dr.is_tensor_v(points) else tensor_of(float_type, [0.0])
     return TracedField(parts, shape, like)
 
@@ -100,57 +102,43 @@ def _pair(parameter: Parameter | None) -> tuple[Any, Any] | None:
     return None if parameter is None else (parameter.first, parameter.second)
 
 
-def _operation(
-    where: Floats,
-    values: Complex,
-    slopes: HostSlopes,
-    real: Any,
-    needed: Sequence[bool],
-) -> Any:
-    import drjit as dr
+def _rule(
+    where: Floats, values: Complex, slopes: HostSlopes, real: Any, needed: Sequence[bool]
+) -> DerivativeRule:
+    """A field whose values and derivatives are NumPy's."""
 
-    dtype = np.float64 if dr.itemsize_v(real) == 8 else np.float32
+    def sent(values: Complex) -> Any:
+        return array_of(real, values.real), array_of(real, values.imag)
 
-    def sent(values: Floats) -> Any:
-        return real(np.array(values, dtype))
+    def forward(_: Any, changes: Any) -> Any:
+        of_points, of_vertices, of_fields = (
+            _read(change) if is_needed else None
+            for change, is_needed in zip(changes, needed, strict=True)
+        )
+        total = np.zeros(len(where), np.complex128)
+        if of_points is not None:
+            total += (slopes.of_points(where) * of_points).sum(axis=1)
+        if of_vertices is not None:
+            total += slopes.forward(where, of_vertices)
+        if of_fields is not None:
+            total += slopes.of_fields(where) @ (of_fields @ np.array([1, 1j]))
+        return sent(total)
 
-    class HostedField(dr.CustomOp):
-        """A field whose values and derivatives are NumPy's."""
+    def reverse(_: Any, gradient: Any) -> Any:
+        out = _read(gradient)
+        cotangent: Complex = np.broadcast_to(out @ np.array([1, 1j]), len(where))
+        of_points, of_vertices = slopes.reverse(where, cotangent, *needed[:2])
+        found: list[Any] = [None, None, None]
+        if needed[0]:
+            along = (cotangent.conj()[:, None] * of_points).real
+            found[0] = tuple(array_of(real, column) for column in along.T)
+        if needed[1]:
+            found[1] = tuple(array_of(real, column) for column in of_vertices.T)
+        if needed[2]:
+            found[2] = sent(cotangent @ slopes.of_fields(where).conj())
+        return tuple(found)
 
-        def eval(self, points: Any, vertices: Any, fields: Any) -> Any:
-            return sent(values.real), sent(values.imag)
-
-        def forward(self) -> None:
-            change = [
-                _read(self.grad_in(name)) if is_needed else None
-                for name, is_needed in zip(("points", "vertices", "fields"), needed, strict=True)
-            ]
-            total = np.zeros(len(where), np.complex128)
-            if change[0] is not None:
-                total += (slopes.of_points(where) * change[0]).sum(axis=1)
-            if change[1] is not None:
-                total += slopes.forward(where, change[1])
-            if change[2] is not None:
-                total += slopes.of_fields(where) @ (change[2] @ np.array([1, 1j]))
-            self.set_grad_out((sent(total.real), sent(total.imag)))
-
-        def backward(self) -> None:
-            out = _read(self.grad_out())
-            cotangent: Complex = np.broadcast_to(out @ np.array([1, 1j]), len(where))
-            of_points, of_vertices = slopes.reverse(where, cotangent, *needed[:2])
-            if needed[0]:
-                found = cotangent.conj()[:, None] * of_points
-                self.set_grad_in("points", tuple(map(sent, found.real.T)))
-            if needed[1]:
-                self.set_grad_in("vertices", tuple(map(sent, of_vertices.T)))
-            if needed[2]:
-                of_fields = cotangent @ slopes.of_fields(where).conj()
-                self.set_grad_in("fields", (sent(of_fields.real), sent(of_fields.imag)))
-
-        def name(self) -> str:
-            return "polywigner field"
-
-    return HostedField
+    return DerivativeRule("field", lambda *_: sent(values), forward, reverse)
 
 
 def _read(columns: Any) -> Floats:

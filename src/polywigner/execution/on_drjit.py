@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
-from functools import cached_property
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,65 +13,49 @@ import numpy.typing as npt
 from polywigner.execution.aligned import aligned
 from polywigner.execution.by_cell import ByCell
 from polywigner.execution.choice import drjit_float
+from polywigner.execution.chunks import Fetch, Launched, parts_of_results
 from polywigner.execution.frozen import frozen, is_code, is_recording
-from polywigner.execution.on_drjit_shared import of_copies, of_parts, split
+from polywigner.execution.on_drjit_shared import of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
 from polywigner.execution.pairs import Pairs
-from polywigner.kernels import Kernel, SharedSlice, parts_of, shared_slice
-from polywigner.kernels.arrays.lattice_pairs import Copies, SharedCopies
-from polywigner.kernels.cut.run_sums import RunSums, edge_columns, edge_waves, has_run_sums
+from polywigner.kernels import Kernel, SharedSlice
+from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.outline.tables import Tables, cut_of
-from polywigner.plans import loops_over_edges
 
 __all__ = ["OnDrjit"]
 
+# Samples at a time: launching costs little against computing, and the arguments of a chunk
+# take some 10 MB.
+_CHUNK = 1 << 18
 # Samples at a time where arguments are pairs: nothing is fed from memory.
 _PAIRS_CHUNK = 1 << 20
-# To list the parts of a slice takes NumPy some microseconds, as much as so many samples gain.
-_LEAST_SHARED = 256
-_ROWS_FOR_SUMS = 64
-# A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
-_FEW_CLIPS = 16
-# Edges are traced in groups of about this many clips: beyond it, compilation time grows faster
-# than linearly (0.4 s for one group of 1000 in float32, 1 s in float64, on one core).
-_CLIPS_PER_KERNEL = 1000
-_CLIPS_IN_A_LOOP = 256
 
 Array = npt.NDArray[Any]
-Fetch = Callable[[], tuple[Array, ...]]
 
 
 class OnDrjit:
     """A kernel of a source, traced with Dr.Jit."""
 
-    block = shared_block = copies_block = _PAIRS_CHUNK
+    block = shared_block = _PAIRS_CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
-        self.kernel, self.tables = kernel, tables
-        self.ops = DrjitOperations(drjit_float(engine, double), sorted_by_cell=True)
+        self.kernel, self.tables = kernel, _cut(tables)
+        self.ops = DrjitOperations(drjit_float(engine, double))
         self.entry = DrjitOperations(drjit_float(engine, double=True))
         self.dtype = np.dtype(np.float64 if double else np.float32)
         self.memory: dict[tuple[int, int], Array] = {}
         self.turn = 0
-        self.cut = cut_of(self.ops, tables) if isinstance(tables, Tables) else ""
-        self.is_code = is_code(kernel, self.ops, tables)
+        self.is_code = is_code(kernel, self.ops, self.tables)
         self.by_cell: ByCell | None = None
-        if kernel.order is not None and self._cuts_by_cells:
-            self.by_cell = ByCell(kernel, tables, self.entry, self.ops.float_type)
+        if kernel.slices is not None and self.tables.cut.endswith("cells"):
+            self.by_cell = ByCell(kernel, self.tables, self.entry, self.ops.float_type)
 
-    @property
-    def _cuts_by_cells(self) -> bool:
-        return self.cut.endswith("cells")
+    def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
+        """Results for components that broadcast to their shape, chunk by chunk."""
+        for arguments, targets in parts_of_results(components, results, _CHUNK):
+            yield targets, ..., self._begun(arguments)
 
-    @cached_property
-    def parts(self) -> list[Any]:
-        """Tables whose sums add up to the whole, as much code in each as compiles well."""
-        in_a_loop = self.kernel.copies and loops_over_edges(self.tables.clips)
-        if in_a_loop or self.cut == "rows" or self.by_cell is not None:
-            return [self.tables]
-        return parts_of(self.kernel, self.tables, _CLIPS_PER_KERNEL)
-
-    def __call__(self, arguments: Sequence[Array]) -> Fetch:
+    def _begun(self, arguments: Sequence[Array]) -> Fetch:
         """Begins to compute the results of a chunk; waits for them when they are fetched.
 
         Meanwhile the next chunk may begin, but not yet the one after it.
@@ -79,154 +63,33 @@ class OnDrjit:
         self.turn ^= 1
         if self.by_cell is not None:
             return _fetching(self.by_cell(self._sent_all(arguments)))
-        whole: Callable[..., tuple[Any, ...]] = self._whole
+        whole: Callable[..., tuple[Any, ...]] = self.traced
         kind = self.ops.float_type
         if self.is_code and not is_recording(kind):
             owners = (self.kernel, self.tables)
-            whole = frozen(lambda: (self._kept()._whole, ()), owners, kind)
+            whole = frozen(lambda: (self._kept().traced, ()), owners, kind)
         return _fetching(whole(*self._sent_all(arguments)))
 
     def _kept(self) -> OnDrjit:
-        """The same for a frozen function, which is to keep no memory of chunks."""
+        """A copy for a frozen function, which is to keep no memory of chunks."""
         kept = copy(self)
         kept.memory = {}
         return kept
 
-    def _whole(self, *arguments: Any) -> tuple[Any, ...]:
+    def traced(self, *arguments: Any) -> tuple[Any, ...]:
+        """Results for arrays of ``entry``'s type."""
         inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
         if not self.ops.double:
             inner = tuple(self.ops.float_type(a) for a in inner)
         return self._of_inner(inner)
 
-    def traced(self, part: Any, arguments: Sequence[Any]) -> tuple[Any, ...]:
-        """What one of the ``parts`` contributes to the results, for arrays of ``entry``'s type."""
-        inner = self.kernel.enter(self.entry, self.tables.frame, *arguments)
-        if not self.ops.double:
-            inner = tuple(self.ops.float_type(a) for a in inner)
-        sums = self.kernel.edge_sum(self.ops, part, *inner)
-        return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
-
     def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
-        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns)."""
+        """Results (rows, columns) for arguments of shape (rows, 1) and (1, columns)."""
         self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
         inner = self.looked_up(entered, shape, *split(self.ops.float_type, *shape))
         return _fetching(self._of_inner(inner), shape)
-
-    def sums_whole_edges(self, pairs: Pairs) -> bool:
-        """Whether rows are many enough for sums along the outline, where edges are found by cells.
-
-        These cost as much as the whole edges of some tens of rows.
-        """
-        enough = pairs.rows >= _ROWS_FOR_SUMS and pairs.columns >= _LEAST_SHARED
-        known = shared_slice(self.kernel) is not None
-        return known and self._cuts_by_cells and enough and has_run_sums(self.tables)
-
-    def of_blocks(self, pairs: Pairs) -> Iterator[tuple[slice, slice, Fetch]]:
-        """Results of pairs block by block, with sums along the outline for runs of edges."""
-        shared = shared_slice(self.kernel)
-        assert shared is not None
-        edges = edge_columns(self.tables)
-        width = min(pairs.columns, max(1, _PAIRS_CHUNK // (len(edges) + 1)))
-        for start in range(0, pairs.columns, width):
-            columns = slice(start, min(start + width, pairs.columns))
-            nu = self.entered(pairs.block(slice(0, 1), columns))[shared.frequency]
-            prefixes = self._sums_along(edges, nu)
-            step = max(1, _PAIRS_CHUNK // width)
-            for k in range(0, pairs.rows, step):
-                rows = slice(k, k + step)
-                yield rows, columns, self._of_runs(pairs.block(rows, columns), shared, prefixes)
-
-    def _sums_along(self, edges: Array, nu: Sequence[Array]) -> tuple[Any, Any]:
-        """Sums of the edges' vectors, (n + 1, 2), and of their waves, for each frequency.
-
-        Rows of the waves are of four frequencies where a lane takes so many.
-        """
-        ops, kind = self.ops, self.ops.float_type
-        count, columns = len(edges), max(np.size(f) for f in nu)
-        entries = 4 if self._takes_fours(columns) else 1
-        row, column = split(kind, count, columns)
-        self.turn ^= 1  # the last chunk may still be on its way
-        held = [ops.held(values[:, None]) for values in edges.T]
-        frequency = self.looked_up(nu, (count, columns), row, column)
-        edge = tuple(ops.gather(table, row)[0] for table in held)
-        found = edge_waves(ops, self.kernel.copies == 1, edge, frequency)
-        self.turn ^= 1  # done with its memory when this returns
-        waves = tuple(
-            ops.held(_running_sum(values.numpy().reshape(count, columns)).reshape(-1, entries))
-            for values in found
-        )
-        return ops.held(_running_sum(edges[:, 2:4] * edges[:, 4:])), waves
-
-    def _of_runs(
-        self, arguments: Sequence[Array], shared: SharedSlice, prefixes: tuple[Any, Any]
-    ) -> Fetch:
-        import drjit
-
-        self.turn ^= 1
-        entered = self.entered(arguments)
-        shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
-        if self._takes_fours(shape[1]):
-            return self._of_fours(entered, shape, shared, prefixes)
-        row, column = split(self.ops.float_type, *shape)
-        inner = self.looked_up(entered, shape, row, column)
-        width = drjit.opaque(type(column), shape[1])
-        self.ops.run_sums = RunSums(self.ops, inner[shared.frequency], *prefixes, column, width)
-        try:
-            return _fetching(self._of_inner(inner), shape)
-        finally:
-            self.ops.run_sums = None
-
-    def _takes_fours(self, columns: int) -> bool:
-        """Whether a lane takes four frequencies of one place: W, whose copies share a cell."""
-        return self.kernel.copies == 1 and columns % 4 == 0
-
-    def _of_fours(
-        self,
-        entered: Sequence[Array],
-        shape: tuple[int, int],
-        shared: SharedSlice,
-        prefixes: tuple[Any, Any],
-    ) -> Fetch:
-        import drjit
-
-        ops = DrjitOperations(self.ops.float_type, sorted_by_cell=True, together=True)
-        kind, (rows, columns) = ops.float_type, shape
-        row, column = split(kind, rows, columns // 4)
-        count = len(entered[shared.place])
-        place = self.looked_up(entered[shared.place], (rows, 1), row, column)
-        nu = tuple(
-            drjit.gather(ops.value_type, self._sent(count + k, values.ravel(), kind), column)
-            for k, values in enumerate(entered[shared.frequency])
-        )
-        assert self.kernel.order is not None
-        ops.cell = self.kernel.order(self.ops, self.tables, *place, *nu)
-        width = drjit.opaque(type(column), columns // 4)
-        ops.run_sums = RunSums(ops, nu, *prefixes, column, width)
-        inner = (*(ops.value_type(p, p, p, p) for p in place), *nu)
-        sums = self.kernel.edge_sum(ops, self.tables, *inner)
-        found = self.kernel.leave(ops, self.tables.frame, inner, sums)
-        results = tuple(drjit.empty(kind, rows * columns) for _ in found)
-        lane = drjit.arange(type(column), rows * columns // 4)
-        for result, values in zip(results, found, strict=True):
-            drjit.scatter(result, values, lane, mode=drjit.ReduceMode.Permute)
-        return _fetching(results, shape)
-
-    def lists_copies(self) -> bool:
-        """Whether an element is little enough code for a loop over its copies."""
-        return self.kernel.copies * self.tables.clips <= _CLIPS_IN_A_LOOP
-
-    def of_copies(
-        self,
-        shared: SharedCopies,
-        copies: Copies,
-        entered: tuple[Any, ...],
-        block: tuple[slice, slice],
-    ) -> Fetch:
-        """Results for a block of rows and columns, which are ``entered`` into the frame."""
-        self.turn ^= 1
-        return of_copies(self, shared, copies, entered, block)
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
@@ -253,19 +116,15 @@ class OnDrjit:
 
         return tuple(found(slot, values) for slot, values in enumerate(inner))
 
-    def takes(self, pairs: Pairs) -> bool:
+    def allows_outer_product(self, pairs: Pairs) -> bool:
         """Whether samples of one row lie in one cell, where edges are looked up by cells."""
-        kernel, tables = self.kernel, self.tables
-        if kernel.order is None or not self._cuts_by_cells:
+        slices = self.kernel.slices
+        if slices is None or self.by_cell is None:
             return True
         few = slice(0, 2)
         inner = self.entered(pairs.block(few, few))
-        return np.shape(kernel.order(NumpyOperations(double=True), tables, *inner))[-1] == 1
-
-    def shares(self, samples: int) -> bool:
-        """Whether a slice is worth cutting apart from its so many samples."""
-        clips = self.kernel.copies * self.tables.clips
-        return samples >= _LEAST_SHARED and clips > _FEW_CLIPS
+        host = NumpyOperations(double=True)
+        return np.shape(slices.cell_index(host, self.tables, *inner))[-1] == 1
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""
@@ -273,18 +132,8 @@ class OnDrjit:
             return self.kernel.enter(NumpyOperations(double=True), self.tables.frame, *arguments)
 
     def _of_inner(self, inner: tuple[Any, ...]) -> tuple[Any, ...]:
-        import drjit
-
-        frame = self.tables.frame
-        if len(self.parts) > 1:
-            drjit.eval(inner)
-        sums: tuple[Any, ...] = ()
-        for part in self.parts:
-            terms = self.kernel.edge_sum(self.ops, part, *inner)
-            sums = tuple(a + b for a, b in zip(sums, terms, strict=True)) if sums else terms
-            if len(self.parts) > 1:
-                drjit.eval(sums)
-        return self.kernel.leave(self.ops, frame, inner, sums)
+        sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
+        return self.kernel.leave(self.ops, self.tables.frame, inner, sums)
 
     def _sent_all(self, arrays: Sequence[Array]) -> tuple[Any, ...]:
         kind = self.entry.float_type
@@ -313,10 +162,8 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
     return lambda: tuple(np.asarray(r.numpy()).reshape(shape) for r in results)
 
 
-def _running_sum(values: Array) -> Array:
-    """0 and the sums of the first rows, in float64: row by row, NumPy's cumsum jumps in memory."""
-    found = np.empty((len(values) + 1, values.shape[1]))
-    found[0] = 0.0
-    for k, row in enumerate(values):
-        np.add(found[k], row, out=found[k + 1])
-    return found
+def _cut(tables: Any) -> Any:
+    """Tables with edges to be cut as planned, or as suits samples that are sorted by cell."""
+    if isinstance(tables, RepeatedTables):
+        return replace(tables, element=_cut(tables.element))
+    return tables.cut_by(cut_of("sorted", tables)) if isinstance(tables, Tables) else tables

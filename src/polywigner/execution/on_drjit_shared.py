@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.on_numpy import block_of
+from polywigner.execution.chunks import Fetch
 from polywigner.kernels import SharedSlice
-from polywigner.kernels.arrays.lattice_pairs import Copies, SharedCopies
 
 if TYPE_CHECKING:
     from polywigner.execution.on_drjit import OnDrjit
 
-__all__ = ["of_copies", "of_parts", "split"]
+__all__ = ["of_parts", "split"]
 
-# Samples of one place that a lane of a compiled kernel computes together; cuts in one kernel up to
-# which it does so where they are code.
-_TOGETHER, _FEW_TOGETHER = 4, 64
+# Samples of one place that a lane of a compiled kernel computes together.
+_TOGETHER = 4
 
 Array = npt.NDArray[Any]
-Fetch = Callable[[], tuple[Array, ...]]
 
 
 @dataclass(frozen=True)
@@ -34,56 +31,9 @@ class _Runs:
     starts: list[int]
 
 
-def _runs(columns: int, clips: int) -> _Runs:
-    count = _TOGETHER if clips <= _FEW_TOGETHER else 1
-    length = -(-columns // count)
-    return _Runs(length, [min(k * length, columns - length) for k in range(count)])
-
-
-def of_copies(
-    compute: OnDrjit,
-    shared: SharedCopies,
-    copies: Copies,
-    entered: tuple[Any, ...],
-    block: tuple[slice, slice],
-) -> Fetch:
-    """Results for a block of rows and columns, which are ``entered`` into the frame."""
-    import drjit
-
-    ops, kind, (rows, columns) = compute.ops, compute.ops.float_type, block
-    inner = tuple(block_of(entered, block))
-    shape = np.broadcast_shapes(*(np.shape(a) for a in inner))
-    ends = copies.ends[rows.start : rows.stop + 1]
-    mine = slice(ends[0], ends[-1])
-    listed = [c[mine] for c in (copies.x, copies.y, copies.number, copies.number)]
-    # a table of no rows is none
-    table = ops.held(np.stack(listed, axis=1) if ends[-1] > ends[0] else np.zeros((1, 4)))
-    factors = ops.held(np.stack([f[:, columns].ravel() for f in copies.factors], axis=1))
-    limits = ops.held((ends - ends[0])[:, None].astype(np.uint32))
-    runs = _runs(shape[1], compute.kernel.copies * compute.tables.clips)
-    row, column = split(kind, shape[0], runs.length)
-    (first,), (end,) = (ops.gather(limits, row + k) for k in (0, 1))
-    places = [column + drjit.opaque(type(column), start) for start in runs.starts]
-    own = [compute.looked_up(inner, shape, row, place) for place in places]
-    width = drjit.opaque(type(column), shape[1])
-
-    def terms(number: Any) -> tuple[Any, ...]:
-        x, y, which, _ = ops.gather(table, number)
-        found: tuple[Any, ...] = ()
-        for place, arguments in zip(places, own, strict=True):
-            factor = ops.gather(factors, ops.truncated(which) * width + place)
-            nu = arguments[shared.frequency]
-            found += shared.term(ops, compute.tables.part, (x, y), nu, factor)
-        return found
-
-    sums = iter(ops.plain_sum(first, end, terms, len(own) * shared.values))
-    results = []
-    for arguments in own:
-        # what lies at infinity or is not a number is so in the result
-        lost = sum(a - a for a in (*arguments[shared.place], *arguments[shared.frequency]))
-        total = tuple(next(sums) + lost for _ in range(shared.values))
-        results.append(compute.kernel.leave(ops, compute.tables.frame, arguments, total))
-    return _fetching(compute.dtype, results, runs, shape)
+def _runs(columns: int) -> _Runs:
+    length = -(-columns // _TOGETHER)
+    return _Runs(length, [min(k * length, columns - length) for k in range(_TOGETHER)])
 
 
 def of_parts(
@@ -104,7 +54,7 @@ def of_parts(
 
     ops, kind = compute.ops, compute.ops.float_type
     rows, columns = np.broadcast_shapes(*(np.shape(a) for a in inner))
-    spans = _runs(columns, 0)
+    spans = _runs(columns)
     row, column = split(kind, rows, spans.length)
     limits = ops.held(ends[:, None].astype(np.uint32))
     (first,), (end,) = (ops.gather(limits, row + k) for k in (0, 1))

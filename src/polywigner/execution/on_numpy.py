@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.execution.by_cell import order_of
+from polywigner.execution.chunks import Fetch, Launched, parts_of_results, ready
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, PartSum, SharedSlice
-from polywigner.kernels.arrays.lattice_pairs import Copies, SharedCopies
+from polywigner.kernels.outline.tables import Tables, cut_of
 
-__all__ = ["CHUNK", "OnNumpy", "block_of"]
+__all__ = ["CHUNK", "OnNumpy"]
 
 CHUNK = 1 << 14
 """Samples at a time: a temporary array stays in the cache of one core."""
+# Of fewer samples it is not worth finding those for which there is nothing to do.
+_LEAST_MASKED = 256
+# Parts of slices in memory at a time.
+_MOST_PARTS = 1 << 18
 # Where slices are cut once for many samples: rows enough to cut at a time.
 _SHARED_CHUNK = 1 << 18
-# To list the parts of a slice takes some microseconds, as much as so many samples gain.
-_LEAST_SHARED = 64
 
 Array = npt.NDArray[Any]
-Fetch = Callable[[], tuple[Array, ...]]
 
 
 class OnNumpy:
@@ -32,83 +35,106 @@ class OnNumpy:
 
     block = CHUNK
     shared_block = _SHARED_CHUNK
-    copies_block = 2 * CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
         self.kernel, self.tables = kernel, tables
         self.host = NumpyOperations(double=True)
         self.ops = NumpyOperations(double)
 
-    def __call__(self, arguments: Sequence[Array]) -> Fetch:
-        """The results, for whoever fetches them."""
-        values = self.values(arguments)
-        return lambda: values
+    def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
+        """Results for components that broadcast to their shape, chunk by chunk."""
+        frequency = self._one_frequency(components)
+        for arguments, targets in parts_of_results(components, results, CHUNK):
+            count = len(arguments[0])
+            if frequency is not None:  # one number in all: so is what depends on it alone
+                arguments[frequency] = [f[:1] for f in arguments[frequency]]
+            order = self._order(arguments, count)
+            if order is not ... and len(order) < count:
+                for target in targets:
+                    target[:] = 0.0
+            if order is ... or len(order):
+                values = self.values([a if len(a) < count else a[order] for a in arguments])
+                yield targets, order, ready(values)
 
-    def values(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
+    def _order(self, arguments: Sequence[Array], count: int) -> Any:
+        """The order in which to take the samples: all, or by the cell in which each has its edges.
+
+        Without those that lie too far off to have a value other than 0.
+        """
+        slices, tables = self.kernel.slices, self.tables
+        if slices is None:
+            return ...
+        by_cells = cut_of("numpy", tables, count).endswith("cells")
+        if not by_cells and count < _LEAST_MASKED:
+            return ...
+        inner = self.entered(arguments)
+        if by_cells:
+            return order_of(slices.cell_index(self.host, tables, *inner))
+        with np.errstate(invalid="ignore", over="ignore"):
+            mask = slices.support_mask(tables, *inner)
+        for argument in inner:  # 0 times what is not finite is not 0
+            mask |= ~np.isfinite(argument)
+        (order,) = np.nonzero(mask)
+        return ... if len(order) == len(mask) else order
+
+    def _one_frequency(self, components: Sequence[Array]) -> slice | None:
+        """Where components are a frequency that need not be repeated for each place, if any."""
+        slices = self.kernel.slices
+        if slices is None or slices.listed is None:
+            return None
+        if cut_of("numpy", self.tables, CHUNK).endswith("cells"):
+            return None
+        half = len(components) // 2
+        frequency = slice(half, None) if slices.listed.arguments.start == 0 else slice(0, half)
+        return frequency if all(c.size == 1 for c in components[frequency]) else None
+
+    def values(
+        self, arguments: Sequence[Array], ops: NumpyOperations | None = None
+    ) -> tuple[Array, ...]:
         """The results of a chunk."""
-        frame = self.tables.frame
+        ops, frame = ops or self.ops, self.tables.frame
         # what lies at infinity or is not a number is so in the result; no need to warn
         with np.errstate(invalid="ignore", over="ignore"):
             inner = self.kernel.enter(self.host, frame, *arguments)
-            if not self.ops.double:
+            if not ops.double:
                 inner = tuple(a.astype(np.float32) for a in inner)
-            sums = self.kernel.edge_sum(self.ops, self.tables, *inner)
-            return self.kernel.leave(self.ops, frame, inner, sums)
+            sums = self.kernel.edge_sum(ops, self.tables, *inner)
+            return self.kernel.leave(ops, frame, inner, sums)
 
-    def takes(self, pairs: Pairs) -> bool:
+    def allows_outer_product(self, pairs: Pairs) -> bool:
         return True
 
-    def shares(self, samples: int) -> bool:
-        """Whether a slice is worth cutting apart from its so many samples."""
-        return samples >= _LEAST_SHARED
-
     def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
-        """The same for arguments of shape (rows, 1) and (1, columns), in shape (rows, columns).
+        """Results (rows, columns) for arguments of shape (rows, 1) and (1, columns).
 
         NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
         for each row.
         """
-        self.ops.at_once = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
-        values = self.values(arguments)
-        self.ops.at_once = 0
-        return lambda: values
+        size = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
+        return ready(self.values(arguments, NumpyOperations(self.ops.double, size)))
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""
         with np.errstate(invalid="ignore", over="ignore"):
             return self.kernel.enter(self.host, self.tables.frame, *arguments)
 
-    def lists_copies(self) -> bool:
-        """Whether copies of an element are worth listing for each place."""
-        return True
+    def listed(
+        self, exact: Tables, components: Sequence[Array], results: Sequence[Array]
+    ) -> Launched:
+        """Results for components that broadcast to their shape, from the parts of each slice.
 
-    def of_copies(
-        self,
-        shared: SharedCopies,
-        copies: Copies,
-        entered: tuple[Any, ...],
-        block: tuple[slice, slice],
-    ) -> Fetch:
-        """Results for a block of rows and columns, which are ``entered`` into the frame."""
-        rows, columns = block
-        inner = tuple(np.asarray(a, self.ops.dtype) for a in block_of(entered, block))
-        nu, place = inner[shared.frequency], inner[shared.place]
-        ends = copies.ends[rows.start : rows.stop + 1]
-        mine = slice(ends[0], ends[-1])
-        own = tuple(c[mine, None].astype(self.ops.dtype) for c in (copies.x, copies.y))
-        factors = tuple(f[:, columns][copies.number[mine]] for f in copies.factors)
-        with np.errstate(invalid="ignore", over="ignore"):
-            self.ops.at_once = factors[0].size
-            terms = shared.term(self.ops, self.tables.part, own, nu, factors)
-            self.ops.at_once = 0
-            # what lies at infinity or is not a number is so in the result
-            lost = sum(a - a for a in (*place, *nu))
-            sums = [_summed(np.broadcast_to(t, factors[0].shape), ends) + lost for t in terms]
-            values = self.kernel.leave(self.ops, self.tables.frame, inner, tuple(sums))
-        return lambda: values
+        ``exact``: tables in double precision.
+        """
+        assert self.kernel.slices is not None
+        shared: SharedSlice = self.kernel.slices.listed
+        size = max(1, min(CHUNK, _MOST_PARTS // len(exact.edges)))
+        for arguments, targets in parts_of_results(components, results, size):
+            yield targets, ..., ready(self._summed(shared, exact, arguments))
 
-    def listed(self, shared: SharedSlice, exact: Any, arguments: Sequence[Array]) -> Fetch:
-        """Results for a chunk of samples, (n,) or one number each, from the parts of each slice."""
+    def _summed(
+        self, shared: SharedSlice, exact: Tables, arguments: Sequence[Array]
+    ) -> tuple[Array, ...]:
+        """Results for some samples, each with the parts of its own slice."""
         inner = self.entered(arguments)
         count = max(np.size(a) for a in inner)
         place = [np.broadcast_to(np.ravel(a), count) for a in inner[shared.place]]
@@ -126,7 +152,7 @@ class OnNumpy:
                 tuple(value + lost for value in sums)
             )
             values = self.kernel.leave(self.ops, self.tables.frame, inner, total)
-        return lambda: tuple(np.broadcast_to(value, count) for value in values)
+        return tuple(np.broadcast_to(value, count) for value in values)
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
@@ -147,31 +173,11 @@ class OnNumpy:
                 if not np.isfinite(argument).all():
                     sums = [total + (argument - argument) for total in sums]
             total = shared.summed(self.ops, table.shape[1], is_real, *nu).total(tuple(sums))
-            values = self.kernel.leave(self.ops, self.tables.frame, inner, total)
-            return lambda: values
+            return ready(self.kernel.leave(self.ops, self.tables.frame, inner, total))
 
 
 def _slices(length: int, step: int) -> Iterator[slice]:
     return (slice(k, k + step) for k in range(0, length, step))
-
-
-def block_of(entered: Sequence[Any], block: tuple[slice, slice]) -> Iterator[Any]:
-    """Rows and columns of arrays of shape (rows, 1), (1, columns) or both."""
-    for whole in entered:
-        own = [
-            part if n > 1 else slice(None) for part, n in zip(block, np.shape(whole), strict=True)
-        ]
-        yield whole[tuple(own)]
-
-
-def _summed(terms: Array, ends: Array) -> Array:
-    """The sums of rows ``ends[k]`` to ``ends[k + 1]``."""
-    counts, first = np.diff(ends), ends[:-1] - ends[0]
-    found = np.zeros((len(counts), terms.shape[1]), terms.dtype)
-    for k in range(int(counts.max(initial=0))):
-        (rows,) = np.nonzero(counts > k)
-        found[rows] += terms[first[rows] + k]
-    return found
 
 
 def _sum_parts(run: PartSum, ends: Array, table: Array, sums: Sequence[Array]) -> None:

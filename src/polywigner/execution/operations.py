@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from polywigner.execution.aligned import array_of
 from polywigner.execution.drjit_ranges import DrjitRanges
 from polywigner.execution.ranges import NumpyRanges, ScalarRanges
 from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
+from polywigner.plans import unrolls_cuts, unrolls_steps, unrolls_terms
 
 __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 
@@ -23,15 +25,6 @@ __all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 _FEW_SAMPLES = 256
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
-# To pick samples out and put results back costs as much as a tenth of two sines.
-_MOST_LEFT = 0.85
-# Unrolled, a term of the Fourier transform takes some 20 ms to compile.
-UNROLLED_ROWS = 12
-# Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a
-# minute; as a loop 0.3 s and 0.7 s, and it runs as fast.
-_UNROLLED_STEPS = 8
-# Terms that are whole transforms are unrolled up to here: half a second to compile.
-_UNROLLED_CLIPS = 256
 
 Row = tuple[float, ...]
 Values = tuple[Any, ...]
@@ -60,10 +53,6 @@ class _Unfused:
         """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
         return _repeated(count, state, step)
 
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0."""
-        return compute(*arguments)
-
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
     ) -> Any:
@@ -90,8 +79,8 @@ class _Unfused:
 class NumpyOperations(_Unfused, NumpyRanges):
     """NumPy arrays of float64 (``double``) or float32."""
 
-    def __init__(self, double: bool) -> None:
-        self.double = double
+    def __init__(self, double: bool, broadcast_size: int = 0) -> None:
+        self.double, self.broadcast_size = double, broadcast_size
         self.dtype = np.dtype(np.float64 if double else np.float32)
 
     def sum_over(
@@ -108,7 +97,7 @@ class NumpyOperations(_Unfused, NumpyRanges):
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
         # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
-        samples = max(np.size(like), self.at_once)
+        samples = max(np.size(like), self.broadcast_size)
         table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, samples))
@@ -122,34 +111,11 @@ class NumpyOperations(_Unfused, NumpyRanges):
             ]
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips: one after the other."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips: one after the other."""
         return _unrolled_sum(rows, term)
-
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0; elsewhere mostly 0.
-
-        Where the last argument is not finite the results tell so, whatever the extent.
-        """
-        shape = np.shape(extent)
-        is_one = [np.size(argument) == 1 for argument in arguments]
-        whole = all(one or np.shape(a) == shape for one, a in zip(is_one, arguments, strict=True))
-        if np.size(extent) <= _FEW_SAMPLES or not whole:
-            return compute(*arguments)
-        left = (extent != 0.0) | ~np.isfinite(arguments[-1])
-        (found,) = np.nonzero(left.ravel())
-        if len(found) > _MOST_LEFT * left.size:
-            return compute(*arguments)
-        some = (
-            np.ravel(a)[0] if one else np.ravel(a)[found]
-            for one, a in zip(is_one, arguments, strict=True)
-        )
-        results = []
-        for values in compute(*some):
-            result = np.zeros(left.size, self.dtype)
-            result[found] = values
-            results.append(result.reshape(shape))
-        return tuple(results)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
@@ -219,8 +185,10 @@ class ScalarOperations(_Unfused, ScalarRanges):
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
         return _unrolled_sum(rows, term)
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips."""
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips."""
         return _unrolled_sum(rows, term)
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
@@ -255,28 +223,20 @@ class ScalarOperations(_Unfused, ScalarRanges):
 class DrjitOperations(DrjitRanges):
     """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
 
-    def __init__(
-        self, float_type: Any, sorted_by_cell: bool = False, together: bool = False
-    ) -> None:
-        """``sorted_by_cell``: neighbouring samples mostly lie in the same cell.
-
-        ``together``: values are arrays of four, samples of one cell that a lane computes together.
-        """
+    def __init__(self, float_type: Any) -> None:
         import drjit
 
-        super().__init__(float_type, sorted_by_cell, together)
+        super().__init__(float_type)
         self._dr = drjit
         self.double = drjit.itemsize_v(float_type) == 8
 
-    def sum_of_long(self, rows: Sequence[Row], term: Callable[..., Values], clips: int) -> Values:
-        """The same for terms of much code, that of so many clips: a loop if that is too much."""
-        if len(rows) * clips <= _UNROLLED_CLIPS:
+    def sum_large_terms(
+        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    ) -> Values:
+        """Sums of terms of much code, that of so many clips: a loop if that is too much."""
+        if unrolls_cuts(len(rows) * clips):
             return _unrolled_sum(rows, term)
         return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
-
-    def where_left(self, extent: Any, compute: Callable[..., Values], *arguments: Any) -> Values:
-        """``compute(*arguments)``, of use only where an extent is not 0."""
-        return compute(*arguments)
 
     def refined(
         self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
@@ -286,8 +246,7 @@ class DrjitOperations(DrjitRanges):
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for whole numbers that are in range, floats or not."""
-        # A list: NumPy's memory would be used in place, and its alignment enters the kernel.
-        memory = self.float_type(list(table))
+        memory = array_of(self.float_type, table)
         return self._dr.gather(
             self.float_type, memory, self._dr.uint32_array_t(self.float_type)(index)
         )
@@ -326,11 +285,10 @@ class DrjitOperations(DrjitRanges):
         nearly as fast where a term is long, and compiles at once. ``unroll=False``: a loop for any
         number of rows.
         """
-        if unroll and len(rows) <= UNROLLED_ROWS:
+        if unroll and unrolls_terms(len(rows)):
             return _unrolled_sum(rows, term)
         dr, real = self._dr, self.float_type
-        # Lists: NumPy's memory would be used in place, and its alignment enters the kernel.
-        columns = [real(list(column)) for column in zip(*rows, strict=True)]
+        columns = [array_of(real, column) for column in zip(*rows, strict=True)]
 
         def step(index: Any, *sums: Any) -> Values:
             terms = term(*(dr.gather(real, column, index) for column in columns))
@@ -349,7 +307,7 @@ class DrjitOperations(DrjitRanges):
         A loop of the kernel for many of them, unless derivatives in ``like`` are wanted: in reverse
         they would need all states.
         """
-        if count <= _UNROLLED_STEPS or self.needs_gradient(like):
+        if unrolls_steps(count) or self.needs_gradient(like):
             return _repeated(count, state, step)
         return self.fold(0, count, state, step)
 

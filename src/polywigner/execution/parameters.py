@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import array_of
 from polywigner.execution.operations import DrjitOperations
 
 __all__ = [
@@ -47,7 +47,7 @@ class Parameter:
         """Some of the numbers, by their index (k,)."""
         import drjit as dr
 
-        numbers = dr.uint32_array_t(self.float_type)(np.array(index, np.uint32))
+        numbers = array_of(dr.uint32_array_t(self.float_type), index)
         return Parameter(
             *(dr.gather(self.float_type, part, numbers) for part in (self.first, self.second))
         )
@@ -140,17 +140,15 @@ def _of_one_width(first: Any, second: Any) -> Parameter:
 
 def tensor_of(float_type: Any, points: Any) -> Any:
     """NumPy points as a tensor of the module that a float type is from."""
-    array = np.array(points, dtype=np.float64)
     module = sys.modules[float_type.__module__]
     double = float_type.__name__.endswith("64")
-    memory = aligned(array.size, np.float64 if double else np.float32)
-    memory[...] = array.ravel()
-    return (module.TensorXf64 if double else module.TensorXf)(float_type(memory), array.shape)
+    kind = module.TensorXf64 if double else module.TensorXf
+    return kind(array_of(float_type, points), np.shape(points))
 
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Those of a source that are Dr.Jit's."""
+    """Numbers of a source that are Dr.Jit's."""
 
     vertices: Parameter | None = None
     fields: Parameter | None = None
@@ -165,7 +163,7 @@ class Parameters:
         return {p.float_type for p in (self.vertices, self.fields) if p is not None}
 
     def traced(self, ops: DrjitOperations, tables: Any) -> Traced:
-        """The same in the frame of tables."""
+        """These numbers in the frame of tables."""
         vertices = fields = None
         if self.vertices is not None:
             corners = self.vertices.first, self.vertices.second
@@ -173,7 +171,7 @@ class Parameters:
             vertices = ops.float_type(x), ops.float_type(y)
         if self.fields is not None and self.factors is not None:
             ratio = self.factors(tables)
-            real, imag = (ops.float_type(part.tolist()) for part in (ratio.real, ratio.imag))
+            real, imag = (array_of(ops.float_type, part) for part in (ratio.real, ratio.imag))
             a, b = self.fields.first, self.fields.second
             fields = a * real - b * imag, a * imag + b * real
         return Traced(vertices, fields, self.by_waves)

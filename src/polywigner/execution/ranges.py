@@ -29,9 +29,7 @@ class NumpyRanges:
 
     target = "numpy"
     dtype: np.dtype[Any]
-    run_sums: Any = None
-    cell: Any = None
-    at_once = 0
+    broadcast_size: int
     """Samples computed at a time, where what they share comes as shorter arrays."""
 
     @property
@@ -41,7 +39,7 @@ class NumpyRanges:
 
     def count(self, like: Any) -> int:
         """Samples computed at a time."""
-        return max(int(np.size(like)), self.at_once)
+        return max(int(np.size(like)), self.broadcast_size)
 
     def held(self, table: Table) -> Any:
         """A table (rows, columns) of numbers or floats as :meth:`gather` wants it."""
@@ -65,14 +63,21 @@ class NumpyRanges:
     def detached(self, value: Any) -> Any:
         return value
 
+    def filled(self, like: Any, value: float) -> Any:
+        """A number of the kind of an array."""
+        return value
+
     def sum_over_range(
-        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int, like: Any = None
     ) -> list[Any]:
-        """The sums of the ``values`` values ``term(row)`` for rows from ``first`` up to ``end``."""
+        """The sums of the ``values`` values ``term(row)`` for rows from ``first`` up to ``end``.
+
+        ``like``: of which kind they are, if they are not floats.
+        """
         first, count = np.atleast_1d(first), np.atleast_1d(end - first)
         longest = int(count.max(initial=0))
         totals: list[Any] = [np.zeros(count.shape)] * values
-        block = max(1, _BLOCK // max(1, count.size, self.at_once))
+        block = max(1, _BLOCK // max(1, count.size, self.broadcast_size))
         for start in range(0, longest, block):
             step = np.arange(start, min(start + block, longest))
             step = step.reshape(-1, *(1,) * count.ndim)
@@ -100,9 +105,15 @@ class NumpyRanges:
         return [total.astype(self.dtype) for total in totals]
 
     def sum_over_runs(
-        self, first: Any, end: Any, runs: Any, term: Callable[[Any, Any], Values], values: int
+        self,
+        first: Any,
+        end: Any,
+        runs: Any,
+        term: Callable[[Any, Any], Values],
+        values: int,
+        like: Any = None,
     ) -> list[Any]:
-        """The same over all rows of the runs ``first`` to ``end``; ``term(row, weight number)``.
+        """The sums over all rows of the runs ``first`` to ``end`` of ``term(row, weight number)``.
 
         ``runs``: a table of first row, end of the rows, number of the weight.
         """
@@ -182,8 +193,6 @@ class ScalarRanges:
 
     target = "scalar"
     key: Hashable = float
-    run_sums: Any = None
-    cell: Any = None
 
     def count(self, like: Any) -> int:
         """Samples computed at a time."""
@@ -207,8 +216,11 @@ class ScalarRanges:
     def detached(self, value: Any) -> Any:
         return value
 
+    def filled(self, like: Any, value: float) -> Any:
+        return value
+
     def sum_over_range(
-        self, first: Any, end: Any, term: Callable[[Any], Values], values: int
+        self, first: Any, end: Any, term: Callable[[Any], Values], values: int, like: Any = None
     ) -> list[Any]:
         totals = [0.0] * values
         for row in range(first, end):
@@ -232,7 +244,13 @@ class ScalarRanges:
         return totals
 
     def sum_over_runs(
-        self, first: Any, end: Any, runs: Any, term: Callable[[Any, Any], Values], values: int
+        self,
+        first: Any,
+        end: Any,
+        runs: Any,
+        term: Callable[[Any, Any], Values],
+        values: int,
+        like: Any = None,
     ) -> list[Any]:
         totals = [0.0] * values
         for begin, stop, number, _ in runs[first:end]:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import array_of
+from polywigner.execution.derivatives import DerivativeRule, with_derivatives
 from polywigner.execution.drjit_points import components_of, is_drjit, nothing, own_float
 from polywigner.execution.drjit_results import as_result
 from polywigner.execution.table_data import TracedOperations
@@ -67,7 +68,7 @@ def ray_sum(
     ray = dr.arange(number, count * dr.width(components))
     node, point = ray % count, ray // count
     x, y, weight = (
-        dr.gather(float_type, _sent(float_type, column), node) for column in (*nodes.T, weights)
+        dr.gather(float_type, array_of(float_type, column), node) for column in (*nodes.T, weights)
     )
     along: Sequence[Any] = [dr.gather(float_type, part, point) for part in components]
     dx, dy, dz = along[0] - x, along[1] - y, along[2]
@@ -102,35 +103,18 @@ def with_slopes(
     import drjit as dr
 
     flat = values.array if dr.is_tensor_v(values) else values
-    real = type(flat)
-    width = dr.width(flat)
+    kind, width = type(flat), dr.width(flat)
 
-    def sent(column: NDArray[np.float64]) -> Any:
-        return _sent(real, np.ascontiguousarray(column))
+    def value(*_: Any) -> Any:
+        return dr.zeros(kind, width)
 
-    class Slopes(dr.CustomOp):
-        """Nothing, with the derivatives that the host computes."""
+    def forward(_: Any, change: Any) -> Any:
+        columns = (np.array(part, np.float64) for part in change)
+        return array_of(kind, sum(s @ c for s, c in zip(slopes(), columns, strict=True)))
 
-        def eval(self, fields: Any) -> Any:
-            return dr.zeros(real, width)
+    def reverse(_: Any, gradient: Any) -> Any:
+        out = np.broadcast_to(np.array(gradient, np.float64), width)
+        return tuple(array_of(kind, out @ slope) for slope in slopes())
 
-        def forward(self) -> None:
-            change = [np.array(part, np.float64) for part in self.grad_in("fields")]
-            real, imag = slopes()
-            self.set_grad_out(sent(real @ change[0] + imag @ change[1]))
-
-        def backward(self) -> None:
-            out = np.broadcast_to(np.array(self.grad_out(), np.float64), width)
-            self.set_grad_in("fields", tuple(sent(out @ s) for s in slopes()))
-
-        def name(self) -> str:
-            return "polywigner fields"
-
-    total = flat + dr.custom(Slopes, fields)
+    total = flat + with_derivatives(DerivativeRule("fields", value, forward, reverse), *fields)
     return type(values)(total, values.shape) if dr.is_tensor_v(values) else total
-
-
-def _sent(kind: Any, values: NDArray[np.float64]) -> Any:
-    memory = aligned(len(values), np.float64 if kind.__name__.endswith("64") else np.float32)
-    memory[...] = values
-    return kind(memory)

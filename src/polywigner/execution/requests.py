@@ -7,9 +7,9 @@ from typing import Any
 
 from polywigner.execution.ledger import Account
 from polywigner.execution.pairs import Pairs
-from polywigner.kernels import Kernel, shared_slice
-from polywigner.kernels.arrays.repeated import RepeatedTables
-from polywigner.kernels.cut.run_sums import has_run_sums
+from polywigner.kernels import Kernel
+from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables
+from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Outline, Request
 
@@ -28,13 +28,12 @@ def request_for(
     account: Account | None = None,
 ) -> Request:
     """What is asked for; ``pairs``: with each place a row."""
-    outline, terms, is_array = None, len(tables.edges), False
-    if isinstance(tables, Tables) and kernel.copies:
+    outline, is_array = None, False
+    terms = getattr(tables, "terms", 0) or len(tables.edges)
+    if kernel.slices is not None:
         outline = _outline_of(kernel, tables)
     elif isinstance(tables, RepeatedTables) and isinstance(tables.element, Tables):
-        outline, terms, is_array = _outline_of(kernel, tables.element), tables.terms, True
-    elif kernel.copies:
-        terms = tables.terms
+        outline, is_array = _outline_of(kernel, tables.element), True
     return Request(
         kernel.name,
         samples,
@@ -53,6 +52,7 @@ def request_for(
 
 
 def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
+    cut, slices = kernel.edge_sum, kernel.slices
     exact = sum(line.exact for line in tables.lines)
     return Outline(
         max(1, len(tables.edges)),
@@ -60,8 +60,7 @@ def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
         max(1, tables.clips),
         max(1, len(tables.lines)),
         exact / max(1, len(tables.lines)),
-        kernel.copies,
-        allows_cells=kernel.order is not None and tables.clips_for_cells > 0,
-        allows_lists=shared_slice(kernel) is not None,
-        allows_whole_edges=has_run_sums(tables),
+        len(cut.views) if isinstance(cut, (SliceSum, ElementSum)) else 0,
+        allows_cells=slices is not None and tables.clips_for_cells > 0,
+        allows_lists=slices is not None and slices.listed is not None,
     )

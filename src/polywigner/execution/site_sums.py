@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.execution.aligned import array_of
+from polywigner.execution.derivatives import DerivativeRule, with_derivatives
 from polywigner.execution.drjit_points import plane_components
 from polywigner.execution.drjit_results import as_complex
 from polywigner.execution.operations import DrjitOperations
@@ -27,7 +29,7 @@ def site_sum(nu: Any, positions: NDArray[np.float64], weights: Parameter) -> Any
     components, shape = plane_components("nu", nu)
     ops = DrjitOperations(weights.float_type)
     kind, number = ops.float_type, dr.uint32_array_t(ops.float_type)
-    places = [kind(column.tolist()) for column in positions.T]
+    places = [array_of(kind, column) for column in positions.T]
     count = len(positions)
 
     def loop(step: Any, *start: Any) -> Any:
@@ -39,55 +41,49 @@ def site_sum(nu: Any, positions: NDArray[np.float64], weights: Parameter) -> Any
 
         return dr.while_loop((number(0), *start), lambda index, *_: index < count, body)[1:]
 
-    class SiteSum(dr.CustomOp):
-        def eval(self, nu: Any, real: Any, imag: Any) -> Any:
-            self.nu, self.weights = nu, (real, imag)
-            return tuple(self._summed(lambda x, y, a, b: (a, b)))
+    def wave(nu: Any, x: Any, y: Any) -> Any:
+        return cos_sin_turns(ops, dr.fma(nu[0], x, nu[1] * y))
 
-        def forward(self) -> None:
-            du, dv = self.grad_in("nu")
-            of_weights = self.grad_in("real"), self.grad_in("imag")
+    def summed(nu: Any, weights: Any, term: Any) -> Any:
+        """Sums of terms, made of place and weight, times the waves."""
 
-            def term(x: Any, y: Any, a: Any, b: Any) -> Any:
-                turned = -2 * math.pi * (x * du + y * dv)  # of i w
-                return -turned * b, turned * a
+        def step(index: Any, x: Any, y: Any, real: Any, imag: Any) -> Any:
+            cosine, sine = wave(nu, x, y)
+            a, b = term(x, y, *(dr.gather(kind, part, index) for part in weights))
+            return real + (a * cosine + b * sine), imag + (b * cosine - a * sine)
 
-            moved = self._summed(term)
-            changed = self._summed(lambda x, y, a, b: (a, b), of_weights)
-            self.set_grad_out(tuple(a + b for a, b in zip(moved, changed, strict=True)))
+        return loop(step, kind(0.0), kind(0.0))
 
-        def backward(self) -> None:
-            p, q = self.grad_out()
-            grads = [dr.zeros(kind, count) for _ in range(2)]
+    def value(nu: Any, weights: Any) -> Any:
+        return tuple(summed(nu, weights, lambda x, y, a, b: (a, b)))
 
-            def step(index: Any, x: Any, y: Any, of_x: Any, of_y: Any) -> Any:
-                cosine, sine = self._wave(x, y)
-                for target, value in zip(
-                    grads, (p * cosine - q * sine, p * sine + q * cosine), strict=True
-                ):
-                    dr.scatter_reduce(dr.ReduceOp.Add, target, value, index)
-                a, b = (dr.gather(kind, part, index) for part in self.weights)
-                real, imag = a * cosine + b * sine, b * cosine - a * sine
-                slope = 2 * math.pi * (p * imag - q * real)
-                return of_x + slope * x, of_y + slope * y
+    def forward(inputs: Any, changes: Any) -> Any:
+        (nu, weights), ((du, dv), of_weights) = inputs, changes
 
-            found = loop(step, kind(0.0), kind(0.0))
-            self.set_grad_in("nu", tuple(found))
-            self.set_grad_in("real", grads[0])
-            self.set_grad_in("imag", grads[1])
+        def term(x: Any, y: Any, a: Any, b: Any) -> Any:
+            turned = -2 * math.pi * (x * du + y * dv)  # of i w
+            return -turned * b, turned * a
 
-        def _wave(self, x: Any, y: Any) -> Any:
-            return cos_sin_turns(ops, dr.fma(self.nu[0], x, self.nu[1] * y))
+        both = zip(summed(nu, weights, term), value(nu, of_weights), strict=True)
+        return tuple(a + b for a, b in both)
 
-        def _summed(self, term: Any, weights: Any = None) -> Any:
-            chosen = weights or self.weights
+    def reverse(inputs: Any, gradient: Any) -> Any:
+        (nu, weights), (p, q) = inputs, gradient
+        grads = [dr.zeros(kind, count) for _ in range(2)]
 
-            def step(index: Any, x: Any, y: Any, real: Any, imag: Any) -> Any:
-                cosine, sine = self._wave(x, y)
-                a, b = term(x, y, *(dr.gather(kind, part, index) for part in chosen))
-                return real + (a * cosine + b * sine), imag + (b * cosine - a * sine)
+        def step(index: Any, x: Any, y: Any, of_x: Any, of_y: Any) -> Any:
+            cosine, sine = wave(nu, x, y)
+            found = p * cosine - q * sine, p * sine + q * cosine
+            for target, part in zip(grads, found, strict=True):
+                dr.scatter_reduce(dr.ReduceOp.Add, target, part, index)
+            a, b = (dr.gather(kind, part, index) for part in weights)
+            real, imag = a * cosine + b * sine, b * cosine - a * sine
+            slope = 2 * math.pi * (p * imag - q * real)
+            return of_x + slope * x, of_y + slope * y
 
-            return loop(step, kind(0.0), kind(0.0))
+        of_nu = tuple(loop(step, kind(0.0), kind(0.0)))
+        return of_nu, tuple(grads)
 
-    sums = dr.custom(SiteSum, tuple(components), weights.first, weights.second)
+    rule = DerivativeRule("array factor", value, forward, reverse)
+    sums = with_derivatives(rule, tuple(components), (weights.first, weights.second))
     return as_complex(sums, shape, nu)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.aligned import aligned
+from polywigner.execution.aligned import array_of
 from polywigner.execution.choice import resolved
 from polywigner.execution.evaluation import evaluate
 from polywigner.execution.on_drjit import OnDrjit
@@ -96,33 +96,26 @@ def _looped(
     rows = np.zeros((parts * length, places.shape[1] + 1))
     rows[: len(places)] = np.column_stack([places, weights])
     rows[len(places) :, :-1] = places[0]
-    columns = [_sent(real, column) for column in rows.T]
+    columns = [array_of(real, column) for column in rows.T]
     # Neighbouring lanes are points with the same place.
-    point = [_sent(real, np.tile(column, parts)) for column in points.T]
-    start = _sent(number, np.repeat(np.arange(parts, dtype=np.uint32) * length, len(points)))
+    point = [array_of(real, np.tile(column, parts)) for column in points.T]
+    start = array_of(number, np.repeat(np.arange(parts, dtype=np.uint32) * length, len(points)))
     # Opaque, or each wavelength and each rule would have a kernel of its own.
     fixed = [dr.opaque(real, value) for value in constants]
     last = start + dr.opaque(number, length)
-    total: Any = 0.0
-    for part in run.parts:
 
-        def step(row: Any, sum_: Any, part: Any = part) -> tuple[Any, Any]:
-            *place, weight = (dr.gather(real, column, row) for column in columns)
-            (value,) = run.traced(part, (*place, *point, *fixed))
-            return row + 1, dr.fma(real(value), weight, sum_)
+    def step(row: Any, sum_: Any) -> tuple[Any, Any]:
+        *place, weight = (dr.gather(real, column, row) for column in columns)
+        (value,) = run.traced(*place, *point, *fixed)
+        return row + 1, dr.fma(real(value), weight, sum_)
 
-        _, found = dr.while_loop((number(start), dr.zeros(real, len(start))), _before(last), step)
-        dr.eval(found)
-        total = total + np.asarray(found.numpy())
-    result: Array = total.reshape(parts, len(points)).sum(axis=0)
+    _, total = dr.while_loop(
+        (number(start), dr.zeros(real, len(start))), lambda row, _: row < last, step
+    )
+    dr.eval(total)
+    result: Array = np.asarray(total.numpy()).reshape(parts, len(points)).sum(axis=0)
     return result
 
 
 def _before(last: Any) -> Any:
     return lambda row, _: row < last
-
-
-def _sent(kind: Any, values: Any) -> Any:
-    memory = aligned(len(values), values.dtype)
-    memory[...] = values
-    return kind(memory)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from polywigner.execution.aligned import array_of
 from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.frame import Frame
@@ -21,9 +22,7 @@ __all__ = ["TracedOperations", "UnrolledOperations", "as_data"]
 class TracedOperations(DrjitOperations):
     """Edges are rows of tables, and never code."""
 
-    def __init__(self, float_type: Any) -> None:
-        super().__init__(float_type)
-        self.target = "data"
+    target = "data"
 
     def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
         return super().sum_over(rows, term, values, like, unroll=False)
@@ -34,7 +33,7 @@ class UnrolledOperations(DrjitOperations):
 
     def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
         if unroll:
-            return self.sum_of_long(rows, term, 0)
+            return self.sum_large_terms(rows, term, 0)
         return super().sum_over(rows, term, values, like, unroll=False)
 
 
@@ -95,7 +94,7 @@ class _Held:
         return len(self.values) - 1
 
     def send(self) -> None:
-        self.memory = self.ops.float_type(self.values)
+        self.memory = array_of(self.ops.float_type, self.values)
 
     def __getitem__(self, index: int) -> Any:
         import drjit as dr

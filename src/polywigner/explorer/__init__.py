@@ -21,7 +21,7 @@ __all__ = ["State", "check_installed", "serve", "start_state"]
 
 
 def start_state(path: str | None, unit: str = "mm", wave: str | None = None) -> State:
-    """What the page opens with: an aperture file, or else the first shape of the catalogue.
+    """The state that the page opens with: of an aperture file, or the first shape of the catalogue.
 
     Lengths are shown in the unit, where the page has it, otherwise in mm.
 

@@ -1,4 +1,4 @@
-"""What can be chosen in the page: units, shapes to start from, parts of complex values."""
+"""Choices of the page: units, shapes to start from, parts of complex values."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Unit = Literal["m", "cm", "mm", "µm", "nm"]
 Part = Literal["level", "real", "phase"]
 
 UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
-"""How many of a unit there are in a metre: dividing by it rounds a typed length correctly."""
+"""Number of each unit in a metre: dividing by it rounds a typed length correctly."""
 
 CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
     "square": lambda: shapes.square(10),

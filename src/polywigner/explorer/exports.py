@@ -1,4 +1,4 @@
-"""What a visitor takes away: outlines as GeoJSON and SVG, views as pictures and values."""
+"""Downloads for a visitor: outlines as GeoJSON and SVG, views as pictures and values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the server says in the terminal: little, and no traceback that nobody asked for."""
+"""Messages of the server in the terminal: few, and no traceback that nobody asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each view depends on, so that what an edit does not touch is not computed again."""
+"""Fields of the state on which each view depends, so that an edit recomputes these views alone."""
 
 from __future__ import annotations
 

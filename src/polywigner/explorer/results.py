@@ -1,4 +1,4 @@
-"""What is to be computed for the page, in which order: coarse first where exact takes long."""
+"""Computations for the page in their order: coarse first where exact takes long."""
 
 from __future__ import annotations
 

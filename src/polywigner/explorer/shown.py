@@ -37,7 +37,7 @@ class Shown:
     title: str
     bar: str
     peak: float = 1.0
-    """What "signed" values are divided by."""
+    """The divisor of "signed" values."""
 
 
 def shown(picture: Picture, key: str, part: Part = "level") -> Shown:

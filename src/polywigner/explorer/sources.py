@@ -36,7 +36,7 @@ LARGEST_UPLOAD = 1 << 20
 tenth."""
 
 MOST_ELEMENTS = 256
-"""Of an array: what one visitor asks for must not keep the others waiting for long."""
+"""Most elements of an array: one visitor's picture must not keep the others waiting for long."""
 
 _SUFFIXES = (".geojson", ".json", ".wkt", ".csv", ".svg", ".dxf", ".txt")
 
@@ -143,7 +143,7 @@ def check_size(name: str, size: int) -> None:
 
 
 def state_of_upload(name: str, content: bytes, state: State) -> State:
-    """The same of a file that a visitor sent, in the state's unit.
+    """A state with the outline of a file that a visitor sent, in the state's unit.
 
     The name is used for its suffix and in messages only.
 

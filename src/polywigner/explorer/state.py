@@ -1,4 +1,4 @@
-"""What the explorer shows, as one immutable value; to and from the text of a link."""
+"""The state of the explorer as one immutable value; to and from the text of a link."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Point = tuple[float, float]
 Ring = tuple[Point, ...]
 
 MOST_VERTICES = 1000
-"""What handles can be dragged of; a transform of a thousand edges takes seconds."""
+"""Most vertices with handles to drag; a transform of a thousand edges takes seconds."""
 MOST_RINGS = 100
 LARGEST_QUERY = 48 * 1024
 """Bytes of a link: of a thousand vertices with all their digits."""
@@ -51,7 +51,7 @@ class State:
     wave: str = "94 GHz"
     """A frequency or a wavelength."""
     taper: str = ""
-    """Of the element, as :func:`polywigner.illumination.texts.fed` takes it; "" for none."""
+    """Taper of the element, as :func:`polywigner.illumination.texts.fed` takes it; "" for none."""
     array: str = ""
     window: str = ""
     steering: str = ""
@@ -62,13 +62,13 @@ class State:
     defocus: float = 0.0
     """W20 at the farthest vertex, in waves."""
     distance: float = 50.0
-    """Of the plane of the near field."""
+    """Distance of the plane of the near field from the source."""
     order: int = 1
-    """Of Wigner rays."""
+    """Order of Wigner rays in the lag, 1 or 3."""
     reach: float = 0.0
     """Largest direction cosine shown; 0: eight lobes, or all that propagates."""
     part: Part = "level"
-    """What is shown of the Fourier transform."""
+    """The part of the Fourier transform that is shown."""
     snap: float = 0.0
     """Step of the raster that vertices are dragged to, in units; 0: none."""
 
@@ -117,7 +117,7 @@ class State:
         return length / self.per_metre
 
     def moved(self, **changes: Any) -> State:
-        """The same with other values."""
+        """A state with some values replaced."""
         return replace(self, **changes)
 
 

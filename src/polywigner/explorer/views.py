@@ -55,11 +55,11 @@ Rings = list[NDArray[np.float64]]
 SAMPLES = 256
 """Along each axis of a picture."""
 ENGINE: Engine = "numpy"
-"""Of the transforms: nothing is compiled, a change of the outline costs what a repetition costs."""
+"""Engine of the transforms: as nothing is compiled, a new outline costs no more than an old one."""
 NEAR_TOLERANCE = 1e-2
-"""Of sums of Wigner rays: 0.04 dB."""
+"""Tolerance of sums of Wigner rays: 0.04 dB."""
 MOST_NEAR_EDGES = 36
-"""Of sources whose near field is computed by rays: a ring of 48 edges takes 20 s for 256 points."""
+"""Most edges of a source with rays in the near field: a ring of 48 takes 20 s for 256 points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,16 +68,16 @@ class Picture:
 
     name: str
     centre: tuple[float, float]
-    """Of the window, in the unit of the axes."""
+    """Centre of the window, in the unit of the axes."""
     half: float
     """Its half width: the outermost samples lie there."""
     axis_unit: str
     """"m" or "1/m"."""
     arrays: Mapping[str, Values]
     unit: str
-    """Of the arrays; "" for none."""
+    """Unit of the arrays; "" for none."""
     note: str = ""
-    """What a visitor should know about these values."""
+    """A note for the visitor about these values."""
 
     @property
     def samples(self) -> int:
@@ -93,7 +93,7 @@ class Outlines:
     support: list[Rings]
     lags: list[Rings]
     area: float
-    """Of the elements, in m^2."""
+    """Area of the elements, in m^2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +183,7 @@ def transfer(state: State, samples: int = SAMPLES) -> Picture:
 
 
 def edges_of(state: State) -> int:
-    """Of the source, all elements of an array counted."""
+    """Number of edges of the source, those of all elements of an array."""
     source = source_of(state)
     return sum(map(len, state.rings)) * (len(source) if isinstance(source, pw.Array) else 1)
 
@@ -209,7 +209,7 @@ def near_field(state: State, samples: int = 128) -> Picture:
 
 
 def near_field_in_steps(state: State, samples: int) -> Iterator[Picture | None]:
-    """The same, after None as often as there is time for something else."""
+    """:func:`near_field` in steps: None where there is time for other work, then the picture."""
     edges = edges_of(state)
     if edges > MOST_NEAR_EDGES:
         raise ArgumentError(

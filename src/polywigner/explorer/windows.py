@@ -70,7 +70,7 @@ def plane_half(state: State) -> float:
 
 
 def azimuths(state: State) -> tuple[float, float]:
-    """Of the far field's cuts, in rad: that of the steered beam, or 0, and a right angle more."""
+    """Azimuths of the far field's cuts in rad: that of the steered beam, or 0, and that + pi/2."""
     first = 0.0
     if state.steering.strip():
         x, y, _ = direction(state.steering)

@@ -32,7 +32,7 @@ _EVEN = 1e-3
 """By how much of a step places may differ from even ones: single precision leaves 1e-5 on a hundred
 wavelengths of a thousand samples, and a tenth of a pixel is not seen."""
 
-# As printed: W m-2 is how files write it.
+# Units as printed; files write W m-2.
 _PRINTED = {"W m-2": "W/m²", "W0.5 m-1": "√W/m", "1": ""}
 
 
@@ -177,7 +177,7 @@ def dims_of(found: Any) -> tuple[str, ...]:
 
 
 def quantity_of(array: Any) -> str:
-    """What a variable is: "irradiance" unless its attributes say something else."""
+    """The quantity of a variable: "irradiance" unless its attributes say something else."""
     return str(array.attrs.get("quantity", "irradiance"))
 
 

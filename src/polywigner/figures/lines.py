@@ -43,7 +43,7 @@ by three decades along a line."""
 
 
 class _Curves(NamedTuple):
-    """What a column of panels shows: power-like values by method, their labels and their places."""
+    """Curves of a column of panels: power-like values by method, their labels and places."""
 
     values: dict[str, Floats]
     labels: dict[str, str]

@@ -168,7 +168,7 @@ def _draw_phases(
 
 
 def _phase_scale() -> Any:
-    """What a colour bar of phases belongs to: the pictures themselves are partly transparent."""
+    """The mappable of a colour bar of phases: the pictures themselves are partly transparent."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 

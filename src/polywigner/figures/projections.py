@@ -36,7 +36,7 @@ _COORDINATES = {
     "wigner": ("x", "y", "nu_x", "nu_y"),
     "ambiguity": ("upsilon_x", "upsilon_y", "xi_x", "xi_y"),
 }
-# What some of the tiles are known as.
+# Known names of some of the tiles.
 _KNOWN = {
     ("autocorrelation", "x", "y"): "R_x",
     ("autocorrelation", "xi_x", "xi_y"): r"R_\xi",
@@ -212,7 +212,7 @@ def _latex(name: str) -> str:
 
 
 def _integral(kind: str, kept: tuple[str, ...], is_complex: bool) -> str:
-    """What is shown, as a formula: the function and the coordinates it was integrated over."""
+    """The quantity shown, as a formula: the function and the coordinates it was integrated over."""
     letter = _LETTERS[kind]
     left_out = [n for n in _COORDINATES[kind] if n not in kept]
     real = r"\mathrm{Re}\," if is_complex else ""

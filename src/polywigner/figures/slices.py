@@ -115,7 +115,7 @@ def outline_of(source: pw.Aperture | pw.Array) -> pw.Aperture:
 def _in_plane(source: pw.Aperture | pw.Array) -> pw.Aperture | pw.Array:
     """A source whose Fourier transform takes two-component nu."""
     if isinstance(source, pw.Array) and source.dimension == 3:
-        return pw.Array(source.coplanar, source.weights)
+        return pw.Array(source.elements_in_plane, source.weights)
     return source
 
 

@@ -1,4 +1,4 @@
-"""What all pictures share: maps, type, units a person reads, and colour bars."""
+"""The common style of all pictures: maps, type, units a person reads, and colour bars."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ _MOST = 256
 """Samples along an axis that are drawn; of longer axes every second, third, ... sample."""
 
 _PIXELS = 1000
-"""Of the surfaces along the larger side of the page: some two for each that is printed."""
+"""Pixels of the surfaces along the larger side of the page: some two for each that is printed."""
 
 _INCHES = 5.6  # the larger side of the box on the page
 _LEFT, _RIGHT, _BELOW, _ABOVE = 0.75, 1.6, 0.55, 0.3

@@ -29,7 +29,7 @@ between two of them misses it. One place on each plane leaves steps along every 
 
 _AMBIENT, _DIFFUSE, _SPECULAR, _SHININESS = 0.6, 0.5, 0.22, 24
 _RIM = 0.7
-"""How much more opaque surfaces become where they are seen edgeways, as glass does."""
+"""Gain in opacity of surfaces that are seen edgeways, as of glass."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def pyvista_layers(
     view: View,
     pixel: float,
 ) -> Layers:
-    """What :func:`polywigner.figures.volumes_layers.cast_layers` gives, from contoured meshes.
+    """The layers of :func:`polywigner.figures.volumes_layers.cast_layers`, from contoured meshes.
 
     Raises
     ------

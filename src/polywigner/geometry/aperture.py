@@ -18,6 +18,7 @@ from polywigner.geometry.exact import Ring, orientations, total_area
 from polywigner.geometry.field import Field, checked_field, checked_shift, turned_points
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
+from polywigner.geometry.placed import PlacedAperture
 from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.rings import Part, polygon_of_part, rings_of_polygon
 from polywigner.geometry.set_operations import difference, intersection, union
@@ -25,8 +26,6 @@ from polywigner.geometry.winding import split_ring
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from polywigner.geometry.placed import PlacedAperture
 
 __all__ = ["Aperture", "triangulate"]
 
@@ -140,7 +139,7 @@ class Aperture:
         return cls._of_parts(split_ring(ring, winding))
 
     def with_illumination(self, illumination: Field | None) -> Aperture:
-        """The same aperture with another field on it, an Illumination; None for the field 1.
+        """A copy of the aperture with another field on it, an Illumination; None for the field 1.
 
         Raises ArgumentError for what is not an Illumination, IlluminationError for one of slits.
         """
@@ -185,6 +184,11 @@ class Aperture:
             )
         return copy if field is None else copy.with_illumination(field.turned(angle))
 
+    @property
+    def elements_in_plane(self) -> tuple[Aperture, ...]:
+        """The aperture itself; an Array has several elements."""
+        return (self,)
+
     def scaled(self, factor: float) -> Aperture:
         """The aperture and the field on it, ``factor`` times as large about the origin.
 
@@ -218,8 +222,6 @@ class Aperture:
 
         Raises GeometryError for a matrix that is not a rotation and a translation.
         """
-        from polywigner.geometry.placed import PlacedAperture
-
         return PlacedAperture(self, rigid_pose(to_world))
 
     @cached_property
@@ -333,7 +335,6 @@ class Aperture:
         return shown_as_html("Aperture", rows, self.rings)
 
     def __repr__(self) -> str:
-        xmin, ymin, xmax, ymax = self.bounds
         parts, holes = len(self._parts), len(self.rings) - len(self._parts)
         counts = [f"{sum(map(len, self.rings))} vertices"]
         counts += [f"{parts} parts"] if parts > 1 else []
@@ -341,7 +342,7 @@ class Aperture:
         counts += [repr(self.illumination)] if self.illumination is not None else []
         return (
             f"Aperture({', '.join(counts)}, area {self.area:.6g}, "
-            f"bounds ({xmin:.6g}, {ymin:.6g}, {xmax:.6g}, {ymax:.6g}))"
+            f"bounds ({', '.join(f'{bound:.6g}' for bound in self.bounds)}))"
         )
 
 

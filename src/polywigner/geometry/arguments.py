@@ -32,7 +32,7 @@ def shape_of(value: Any) -> str:
 
 # Metres: no wave of an antenna is a thousand kilometres long, and frequencies are larger.
 _LIKE_A_FREQUENCY = 1e6
-# As many vertices as a file may have; a slip of a few zeros would fill the memory.
+# Most vertices, as of a file; a slip of a few zeros would fill the memory.
 _MOST = 1_000_000
 
 

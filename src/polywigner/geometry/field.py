@@ -1,4 +1,4 @@
-"""What geometry needs to know of the field on a source: that it is a sum of plane waves."""
+"""The field on a source as geometry sees it: a sum of plane waves."""
 
 from __future__ import annotations
 

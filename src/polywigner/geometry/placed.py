@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.geometry.aperture import Aperture
+if TYPE_CHECKING:
+    from polywigner.geometry.aperture import Aperture
 
 __all__ = ["PlacedAperture"]
 

@@ -26,7 +26,8 @@ __all__ = ["Polyhedron"]
 # this much is that of a body whose volume differs by less than 1e-9 of diameter^3.
 _PLANAR = 1e-9
 
-# Of radii and distances, of some additions; and rows of distances at a time: 80 MB at 10,000 ends.
+# Rounding of radii and distances, sums of a few terms; rows of distances at a time: 80 MB at
+# 10,000 ends.
 _ROUNDING = 1e-14
 _ROWS = 1024
 

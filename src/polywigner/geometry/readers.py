@@ -76,7 +76,7 @@ _READERS = {
     ".dxf": _dxf,
 }  # fmt: skip
 
-# What a file of another suffix starts with (.txt, or none).
+# The first bytes of files of another suffix (.txt, or none), by format.
 _STARTS = (
     (rb"[{\[]", _GEOJSON),
     (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", _dxf),

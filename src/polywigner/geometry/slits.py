@@ -52,7 +52,7 @@ class Slits:
         return _restored(intervals, None)
 
     def with_illumination(self, illumination: Field | None) -> Slits:
-        """The same slits with another field in them, an Illumination; None for the field 1.
+        """A copy of the slits with another field in them, an Illumination; None for the field 1.
 
         Raises ArgumentError for what is not an Illumination, IlluminationError for one in 2D.
         """
@@ -66,6 +66,11 @@ class Slits:
         offset = checked_shift(np.atleast_1d(shift), 1)
         field = None if self.illumination is None else self.illumination.moved(offset)
         return _restored(self.intervals + offset, field)
+
+    @property
+    def elements_in_plane(self) -> tuple[Slits, ...]:
+        """The slits themselves, as the one element on their line; an Array has several."""
+        return (self,)
 
     @cached_property
     def length(self) -> float:

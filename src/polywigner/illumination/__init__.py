@@ -5,8 +5,8 @@
 - ``array``: :class:`Array` and :func:`phased_array`
 - ``arrays``: where elements go (``layouts``) and what weights they have (``weights``)
 - ``files``: sources in TOML and JSON; ``texts``: tapers and layouts in a few words
-- ``support``: the region outside of which W is zero; ``direction_cosines``: waves weighted by their
-  obliquity
+- ``support``: the region outside of which W is zero; ``direction_cosines``: waves weighted by them
+- ``obliquities``: factors of angle and wave, for each boundary condition
 """
 
 from polywigner.illumination import arrays

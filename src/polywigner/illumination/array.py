@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from functools import cached_property
 from typing import Any, NoReturn, final
@@ -81,7 +82,7 @@ class Array:
         if len(self) < _LEAST_COPIES:
             return None
         try:
-            found = shifted_copies(self.coplanar)
+            found = shifted_copies(self.elements_in_plane)
         except GeometryError:
             return None
         if found is None:
@@ -97,7 +98,7 @@ class Array:
 
     @property
     def dimension(self) -> int:
-        """Of the space of the elements: 1 for slits, 2 for apertures without a pose, else 3."""
+        """Dimension of the elements' space: 1 for slits, 2 for apertures without a pose, else 3."""
         if self.repeated is not None:
             return self.repeated[1].shape[1]
         kinds = {type(element) for element in self.elements}
@@ -106,13 +107,24 @@ class Array:
         return 2 if kinds == {Aperture} else 3
 
     @cached_property
-    def coplanar(self) -> tuple[Aperture, ...] | tuple[Slits, ...]:
-        """The slits; or all elements as apertures in the plane z = 0, poses in that plane applied.
+    def elements_in_plane(self) -> tuple[Any, ...]:
+        """The elements as apertures in the plane z = 0, poses in that plane applied; or the slits.
 
         Raises GeometryError if an element does not lie in that plane.
         """
-        slits = tuple(element for element in self.elements if isinstance(element, Slits))
-        return slits or tuple(in_plane(k, element) for k, element in enumerate(self.elements))
+        if self.dimension == 1:
+            return self.elements
+        return tuple(in_plane(k, element) for k, element in enumerate(self.elements))
+
+    @property
+    def coplanar(self) -> tuple[Any, ...]:
+        """The former name of ``elements_in_plane``; on its way out."""
+        warnings.warn(
+            "Array.coplanar is now Array.elements_in_plane; the old name goes with version 0.2",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        return self.elements_in_plane
 
     @cached_property
     def support(self) -> Aperture:
@@ -122,10 +134,9 @@ class Array:
 
         Raises GeometryError if an element does not lie in the plane z = 0, and for slits.
         """
-        outlines = [e.polygons for e in self.coplanar if isinstance(e, Aperture)]
-        if not outlines:
+        if self.dimension == 1:
             raise GeometryError("expected apertures for a support in the plane, got Slits")
-        return Aperture(union_on_grid(outlines))
+        return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
 
     def placed(self, to_world: Any) -> Array:
         """The whole array moved by a rigid pose (4, 4), for transforms with three-component nu.

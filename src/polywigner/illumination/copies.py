@@ -45,7 +45,7 @@ def shifted_copies(
 
 
 def _factor_of_copy(first: Any, other: Any, shift: NDArray[np.float64]) -> complex | None:
-    """What a field is times another one shifted, or None."""
+    """The factor between a field and another one shifted; None where there is none."""
     if first is None or other is None:
         return 1.0 if first is other else None
     moved = first.moved(shift)

@@ -7,33 +7,30 @@ are the sesquilinear functions W and A of fields with amplitudes p_m c_m.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
+from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture, PlacedAperture, Slits
 from polywigner.geometry.arguments import checked_length
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.waves import Illumination
 
 __all__ = [
-    "TAKE_SLOPES",
+    "AnySource",
     "direction_cosines",
     "fields_of",
+    "grazing_error",
     "plus_direction_cosine",
     "times_direction_cosine",
-    "warn_of_slopes",
 ]
 
-TAKE_SLOPES = ("kirchhoff", "rayleigh-sommerfeld-2")
-"""Boundary conditions that take the normal derivative of the field on the aperture."""
-
 _Element = Aperture | PlacedAperture | Slits
-_Source = TypeVar("_Source", bound=_Element | Array)
+AnySource = _Element | Array
+_Source = TypeVar("_Source", bound=AnySource)
 
 
 def direction_cosines(
@@ -51,34 +48,12 @@ def direction_cosines(
     return np.sqrt((1 - sine).astype(np.complex128)) * np.sqrt(1 + sine)
 
 
-def fields_of(source: _Element | Array) -> tuple[Illumination | None, ...]:
+def fields_of(source: AnySource) -> tuple[Illumination | None, ...]:
     """The fields of the elements of a source, None for those without; equal elements count once."""
     if not isinstance(source, Array):
         return (_field_of(source),)
     elements = source.elements if source.repeated is None else (source.repeated[0],)
     return tuple(dict.fromkeys(_field_of(element) for element in elements))
-
-
-def warn_of_slopes(source: _Element | Array, wavelength: float, condition: str) -> None:
-    """A PolywignerWarning where a boundary condition takes slopes that a fit does not know.
-
-    Of a fit's evanescent waves: a field given as waves, such as a taper, has the slopes of these.
-    """
-    if condition not in TAKE_SLOPES:
-        return
-    for field in fields_of(source):
-        if field is None or not field.is_fit:
-            continue
-        evanescent = int((direction_cosines(field.frequencies, wavelength).imag > 0).sum())
-        if evanescent:
-            warnings.warn(
-                f"{evanescent} of the {len(field)} waves of a fitted field are evanescent, and "
-                f"{condition!r} takes their slopes, which values on the aperture do not fix; use "
-                '"rayleigh-sommerfeld-1", or fit frequencies below 1/wavelength alone',
-                PolywignerWarning,
-                stacklevel=3,
-            )
-            return
 
 
 def times_direction_cosine(source: _Source, wavelength: float, add_one: bool = False) -> _Source:
@@ -116,7 +91,7 @@ def plus_direction_cosine(source: _Source, wavelength: float, constant: complex)
         return cast(_Source, _of_array(source, length, constant))
     scaled, factor = _of_element(source, length, constant)
     if factor == 0:
-        raise _all_grazing(length)
+        raise grazing_error(length)
     whole = scaled if factor == 1 else _with_field(scaled, _constant(factor, scaled))
     return cast(_Source, whole)
 
@@ -126,7 +101,7 @@ def _of_array(array: Array, wavelength: float, constant: complex) -> Array:
     scaled, factors = zip(*(_of_element(e, wavelength, constant) for e in elements), strict=True)
     weights = array.weights * np.array(factors)
     if not weights.any():
-        raise _all_grazing(wavelength)
+        raise grazing_error(wavelength)
     if array.repeated is not None:
         return phased_array(scaled[0], array.repeated[1], weights)
     return Array(scaled, weights)
@@ -153,7 +128,8 @@ def _of_element(element: object, wavelength: float, constant: complex) -> tuple[
     return _with_field(element, Illumination(amplitudes, field.frequencies)), 1.0
 
 
-def _all_grazing(wavelength: float) -> IlluminationError:
+def grazing_error(wavelength: float) -> IlluminationError:
+    """The error for a field of which nothing leaves the plane."""
     return IlluminationError(
         "expected a field with waves that leave the plane, got waves that graze it only, with "
         f"frequencies of 1/wavelength; use another wavelength than {wavelength:g} m"

@@ -28,13 +28,13 @@ _MOST_WAVES = 4096
 
 
 class FittedIllumination(NamedTuple):
-    """What :func:`fit_illumination` found."""
+    """The result of :func:`fit_illumination`."""
 
     illumination: Illumination
     residual: float
     """sqrt(sum |u - values|^2 / sum |values|^2) over the samples."""
     rank: int
-    """How many combinations of waves the samples determined."""
+    """Number of combinations of waves that the samples determined."""
     cancellation: float
     """sum |c_m| over the rms of the values: transforms lose this factor in accuracy, W and A its
     square. About 1 to 10 is harmless."""

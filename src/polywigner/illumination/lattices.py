@@ -34,7 +34,7 @@ class Lattice:
     weights: NDArray[np.complex128]
     """(n1, n2)"""
     middle: tuple[tuple[float, float], tuple[float, float]]
-    """Of the sites, x and y, each as the sum of two floats."""
+    """Middle of the sites, x and y, each as the sum of two floats."""
     misfit: float
     """The most by which a position misses its site in x or y, as a fraction of the extent."""
 

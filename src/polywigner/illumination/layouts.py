@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 MOST_ELEMENTS = 2**20
-"""Of one layout: 16 MiB of positions."""
+"""Most elements of one layout: 16 MiB of positions."""
 
 Positions = NDArray[np.float64]
 

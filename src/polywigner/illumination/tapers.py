@@ -31,10 +31,10 @@ __all__ = [
     "uniform",
 ]
 
-# Of cosines: binomials up to this power are whole numbers that floats hold.
+# Highest power of a cosine: binomials up to it are whole numbers that floats hold.
 _HIGHEST_POWER = 32
-# Of TE modes, and of n-bar: far beyond what is built. A field in the plane has the square of the
-# number of waves along one axis.
+# Highest TE mode, and n-bar: far beyond all that is built. A field in the plane has the square of
+# the number of waves along one axis.
 _HIGHEST_MODE = 1000
 _HIGHEST_NBAR = 100
 # dB. Float64 resolves a field to -300 dB.
@@ -265,7 +265,7 @@ def _axes(
 def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
-    """The same taper along each axis that has a length."""
+    """The field with one taper along each axis that has a length."""
     along = [_CONSTANT if size is None else taper(size) for size in _axes(width, height, dimension)]
     return Illumination(*along[0]) if dimension == 1 else _product(*along)
 

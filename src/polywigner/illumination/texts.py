@@ -28,7 +28,7 @@ from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 __all__ = ["FEEDING", "direction", "fed"]
 
 FEEDING = ("taper", "array", "window", "steering", "focus")
-"""What :func:`fed` knows."""
+"""Names that :func:`fed` knows."""
 
 _LONGEST = 100
 _DECIBELS = r"(?:\s+(?P<sll>\d+(?:\.\d*)?)\s*dB(?:\s+(?P<nbar>\d{1,3}))?)?"

@@ -23,7 +23,7 @@ from polywigner.illumination.tapers import checked_sidelobes
 __all__ = ["WINDOWS", "focusing_weights", "steering_weights", "window_weights"]
 
 WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
-"""What :func:`window_weights` knows."""
+"""Windows that :func:`window_weights` knows."""
 
 
 @takes_frequency
@@ -148,7 +148,7 @@ def window_weights(
         raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {shape!r}")
     along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
     whole = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
-    # Of few sidelobes that hardly fall off the largest amplitude may be negative.
+    # The largest amplitude may be negative if there are few sidelobes, which hardly fall off.
     return np.asarray(whole / whole[np.abs(whole).argmax()])
 
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.catalogue import kernel_for
-from polywigner.kernels.functions.grids import GridTables, fourier_on_grid
+from polywigner.kernels.functions.grids import GridTables, OutlineSum, fourier_on_grid
 from polywigner.kernels.functions.plane import (
     AMBIGUITY,
     FOURIER,
@@ -31,8 +31,8 @@ from polywigner.kernels.functions.plane import (
     tables_of,
 )
 from polywigner.kernels.functions.separable import is_separable
-from polywigner.kernels.functions.shared_slices import PartSum, SharedSlice, shared_slice
-from polywigner.kernels.kernel import Kernel, parts_of
+from polywigner.kernels.functions.shared_slices import PartSum, SharedSlice
+from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Tables
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "WIGNER",
     "GridTables",
     "Kernel",
+    "OutlineSum",
     "PartSum",
     "SharedSlice",
     "Tables",
@@ -49,8 +50,6 @@ __all__ = [
     "kernel_for",
     "new_outline_of",
     "new_tables_of",
-    "parts_of",
-    "shared_slice",
     "tables_of",
     "wigner",
 ]

@@ -135,7 +135,7 @@ def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
             return _ON_LATTICE[transform]
         if transform in _SCATTERED and scattered_arrays.is_scattered(source):
             return _SCATTERED[transform]
-        elements = source.coplanar
+        elements = source.elements_in_plane
         kind = type(elements[0])
         name = "lag_marginal of weights" if transform == "lag_marginal" else transform
     distant = _distant(transform, source, double) if kind is Aperture else None

@@ -1,7 +1,7 @@
 """What a transform is to an engine: how arguments enter the frame, a sum, and the way out.
 
 A kernel is evaluated in three steps so that an engine may do the first in float64 and the second
-in float32, and may split the sum when a source has too many edges to trace at once.
+in float32.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.numerics import phases
 
 __all__ = [
@@ -20,7 +21,6 @@ __all__ = [
     "leave_parts",
     "leave_real",
     "leave_wave",
-    "parts_of",
 ]
 
 Values = tuple[Any, ...]
@@ -39,44 +39,23 @@ class Kernel:
     enter: Callable[..., Values]
     """(ops, frame, *arguments) -> arguments in the frame."""
     edge_sum: Callable[..., Values]
-    """(ops, tables, *arguments in the frame) -> sums; may ignore leading arguments."""
+    """(ops, tables, *arguments in the frame) -> sums; may ignore leading arguments. A `SliceSum`
+    where edges are cut, an `OutlineSum` where grids of arguments are computed from their axes."""
     leave: Callable[..., Values]
     """(ops, frame, arguments in the frame, sums) -> results, scaled to the user's units."""
-    copies: int = 0
-    """How many copies of the edges are cut by the pieces: 0, 1 or 2."""
-    clips_per_term: int = 1
-    """Code for a whole edge, or for what is left of one in a piece, in units of one cut's code."""
-    order: Callable[..., Any] | None = None
-    """(ops, tables, *arguments in the frame) -> numbers by which samples are best sorted where
-    edges are looked up in cells."""
-    within: Callable[..., Any] | None = None
-    """(tables, *arguments in the frame) -> where, on NumPy arrays, the sums may differ from 0."""
-    on_grid: Callable[[Any], Any] | None = None
-    """source -> constants for grids of arguments, or None where it has none; cached."""
     in_one_frame: Kernel | None = None
-    """The same transform with all of the source in one frame, where this has none of its own: it
+    """A kernel of this transform with all of the source in one frame, where this one has none: it
     is less accurate, and has derivatives."""
+
+    @property
+    def slices(self) -> SliceSum | None:
+        """Its sum over edges if they are cut."""
+        return self.edge_sum if isinstance(self.edge_sum, SliceSum) else None
 
     def __call__(self, ops: Any, tables: Any, *arguments: Any) -> Values:
         """The whole transform with one namespace of operations."""
         inner = self.enter(ops, tables.frame, *arguments)
         return self.leave(ops, tables.frame, inner, self.edge_sum(ops, tables, *inner))
-
-
-def parts_of(kernel: Kernel, tables: Any, size: int) -> list[Any]:
-    """Tables whose edge sums add up to that of ``tables``, each of about ``size`` clips or less.
-
-    What a kernel does with an edge, or with the part of it in one piece, counts as
-    ``kernel.clips_per_term`` clips.
-    """
-    per_edge = kernel.clips_per_term
-    if kernel.copies:
-        code = kernel.clips_per_term * tables.waves_per_cut
-        per_copy = sum(len(piece.sides) + code for piece in tables.pieces)
-        per_edge = kernel.copies * per_copy
-    count = max(1, size // max(1, per_edge))
-    edges = tables.edges
-    return [replace(tables, edges=edges[k : k + count]) for k in range(0, len(edges), count)]
 
 
 def at_zero_frequency(kernel: Kernel, name: str, *, leads: bool) -> Kernel:
@@ -87,7 +66,10 @@ def at_zero_frequency(kernel: Kernel, name: str, *, leads: bool) -> Kernel:
         arguments = (*zero, *point) if leads else (*point, *zero)
         return kernel.enter(ops, frame, *arguments)
 
-    return replace(kernel, name=name, enter=enter)
+    edge_sum = kernel.edge_sum
+    if isinstance(edge_sum, SliceSum):
+        edge_sum = replace(edge_sum, listed=None)  # there is one frequency
+    return replace(kernel, name=name, enter=enter, edge_sum=edge_sum)
 
 
 def leave_real(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:

@@ -25,7 +25,7 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, differentiable, ops_for
+from polywigner.execution import Traced, kernel_with_derivatives, ops_for
 from polywigner.kernels import kernel_for
 from polywigner.mitsuba.emitter_sampling import sampled_emitter_class
 from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions
@@ -66,10 +66,10 @@ def emitter_class(variant: str) -> Any:
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             self._unit = spec.scene_unit
             self._ops = ops_for(m.Float)
-            self._shine_like(spec, spec.wavelength)
+            self._set_source(spec, spec.wavelength)
             self._take_over()
 
-        def _shine_like(self, spec: EmitterSpec, wavelength: float) -> None:
+        def _set_source(self, spec: EmitterSpec, wavelength: float) -> None:
             """Take over all that follows from the source."""
             self.spec = spec
             radiator = spec.radiator
@@ -80,23 +80,21 @@ def emitter_class(variant: str) -> Any:
             ]
             self._positions = positions_of(m, radiator, spec.sampling, self._unit)
             self._source = radiator.centred
-            self._squints = depends_on_wavelength(self._source, spec.obliquity)
+            self._is_dispersive = depends_on_wavelength(self._source, spec.obliquity)
             self._terms = self._terms_at(wavelength)
             self._traced = TracedSource(m, radiator)
 
         def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
-            """(kernel, its constants, coefficients of h) of what adds up to the radiance.
+            """(kernel, its constants, forms of h) of what adds up to the radiance.
 
-            Keeps (source, coefficients) as well, for the integral over positions.
+            Keeps (source, forms) as well, for the integral over positions.
             """
             terms = []
-            self._fields = []
-            for term in emissions(self._source, wavelength, self.spec.obliquity):
-                self._fields.append((term.source, term.coefficients))
-                kernel = kernel_for("wigner", term.source)
+            self._fields = emissions(self._source, wavelength, self.spec.obliquity)
+            for source, forms in self._fields:
+                kernel = kernel_for("wigner", source)
                 kernel = kernel.in_one_frame or kernel  # with derivatives
-                tables = kernel.tables(term.source, self._ops.double)
-                terms.append((kernel, tables, term.coefficients))
+                terms.append((kernel, kernel.tables(source, self._ops.double), forms))
             return terms
 
         # ---- what a user may change ----------------------------------------------------------
@@ -104,7 +102,7 @@ def emitter_class(variant: str) -> Any:
         def traverse(self, callback: Any) -> None:
             """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
             # Where it turns the directions of waves, these are constants of the kernel.
-            flag = "NonDifferentiable" if self._squints else "Differentiable"
+            flag = "NonDifferentiable" if self._is_dispersive else "Differentiable"
             callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
             # With `direct` alone: others do not move the samples along with the aperture, so that
@@ -122,7 +120,7 @@ def emitter_class(variant: str) -> Any:
             shape = self.get_shape() if self.spec.visible else None
             if "vertices" in keys or "weights" in keys:
                 self._reshape(shape)
-            if "wavelength" in keys and self._squints:
+            if "wavelength" in keys and self._is_dispersive:
                 self._terms = self._terms_at(_single(self.wavelength, "wavelength"))
             self._take_over()
             if "to_world" in keys and shape is not None:
@@ -139,7 +137,7 @@ def emitter_class(variant: str) -> Any:
             antithetic = len(spec.radiator.shifts) > 1
             radiator = radiator_of(source, spec.obliquity, antithetic)
             wavelength = _single(self.wavelength, "wavelength")
-            self._shine_like(replace(spec, radiator=radiator), wavelength)
+            self._set_source(replace(spec, radiator=radiator), wavelength)
             # the arrays that a user holds, and their derivatives
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
@@ -190,7 +188,7 @@ def emitter_class(variant: str) -> Any:
                 return kernel(self._ops, tables, *point)[0]
             if self._follows():
                 return self._traced.wigner(self._ops, *point)
-            return differentiable(kernel, self._ops, tables, point, Traced())[0]
+            return kernel_with_derivatives(kernel, self._ops, tables, point, Traced())[0]
 
         def _intensity(self, direction: Any) -> Any:
             """The integral of L over positions, |F|^2 in the place of W: radiance times area."""

@@ -1,4 +1,4 @@
-"""How Mitsuba samples the emitter inside a ``wigner`` shape, for receivers and for emitted rays."""
+"""Sampling of the emitter inside a ``wigner`` shape, for receivers and for emitted rays."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ _LARGEST = math.log10(np.finfo(np.float32).max)
 
 @dataclass(frozen=True, eq=False)
 class EmitterSpec:
-    """What the emitter of one ``wigner`` shape needs, in SI units."""
+    """All that the emitter of one ``wigner`` shape needs, in SI units."""
 
     radiator: Radiator
     wavelength: float
@@ -83,7 +83,7 @@ class EmitterSpec:
 
     @property
     def source(self) -> Aperture | Array:
-        """What the scene asked for."""
+        """The source that the scene asked for."""
         return self.radiator.source
 
 

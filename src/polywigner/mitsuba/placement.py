@@ -55,7 +55,8 @@ def cover(
     points, triangles = triangulate(support)
     points = points / unit
     params = mi.traverse(shape)
-    # Lists: Dr.Jit would go on using NumPy's memory, whose alignment enters the kernels.
+    # Lists, in all variants: of NumPy's memory, whose alignment enters the kernels, Dr.Jit makes no
+    # copy, and it ends the process if a scene with some is freed while a function is recorded.
     params["vertex_positions"] = world_positions(points, pose, centre).ravel().tolist()
     params["vertex_texcoords"] = points.ravel().tolist()
     params["faces"] = triangles.ravel().tolist()

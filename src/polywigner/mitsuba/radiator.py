@@ -15,13 +15,11 @@ from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source, mutual_support
 from polywigner.mitsuba.obliquity import check_obliquity
+from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import powers_of
 from polywigner.transforms import lag_marginal
 
 __all__ = ["Radiator", "emitted_power", "radiator_of"]
-
-# Fewer midpoints in a row cancel less than three samples cost.
-_LEAST_ROW = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +120,7 @@ def _half_pitches(source: Aperture | Array) -> npt.NDArray[np.float64]:
     if lattice is None:
         return found
     for count, pitch in zip(lattice.weights.shape, lattice.basis, strict=True):
-        if count >= _LEAST_ROW:
+        if shifts_samples(count):
             steps = np.outer([-0.5, 0.0, 0.5], [*pitch, 0.0])
             steps[:, 2] = 0.25, 0.5, 0.25
             places = found[:, None, :2] + steps[:, :2]

@@ -178,7 +178,7 @@ def _strips(camera: Any, total: int) -> list[tuple[int, int]]:
 
 
 def _part(scene: Any, camera: Any, integrator: Any, spp: int, seed: int) -> npt.NDArray[np.float64]:
-    """What Mitsuba renders in one go."""
+    """An image that Mitsuba renders in one go."""
     try:
         image = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=seed)
         return np.array(image, dtype=np.float64)

@@ -62,7 +62,7 @@ class Cells:
 
 
 def positions_of(m: Any, radiator: Radiator, sampling: str, unit: float) -> Positions:
-    """How an emitter of the variant ``m`` draws positions, in units of ``unit`` metres.
+    """A sampler of an emitter's positions for the variant ``m``, in units of ``unit`` metres.
 
     ``"uniform"`` in the region that radiates; in proportion to the position marginal R_x, which
     bounds W, of the source with all its fields in phase (``"marginal"``); or to its square root

@@ -209,7 +209,7 @@ def has_wigner_emitter(scene: Any) -> bool:
 
 
 def translate_error(error: Exception) -> PolywignerError:
-    """What Mitsuba raised while loading, as one line.
+    """An error that Mitsuba raised while loading, as one line.
 
     If an error of this package is behind it, that error with the place in the scene before it;
     else a SceneError with what Mitsuba says.

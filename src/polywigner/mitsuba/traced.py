@@ -10,18 +10,17 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, UnrolledOperations, differentiable
+from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivatives
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
 from polywigner.mitsuba.radiator import Radiator
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.plans import exposes_numbers
 from polywigner.transforms import differentiable as differentiable_source
 
 __all__ = ["TracedSource"]
 
-# Of more clips, the derivatives in all vertices would be too much code for a render's kernel.
-_MOST_CLIPS = 1000
 # What overlaps by less than this fraction of an area does so by rounding.
 _APART = 1e-9
 
@@ -41,7 +40,7 @@ class TracedSource:
         if not dr.is_jit_v(m.Float) or not _is_simple(radiator.source):
             return
         self._tables = new_tables_of(radiator.centred, dr.itemsize_v(m.Float) == 8)
-        if self._tables.clips > _MOST_CLIPS:
+        if not exposes_numbers(self._tables.clips):
             return
         self.vertices = m.Float(_corners(radiator.source).ravel().tolist())
         if isinstance(radiator.source, Array):
@@ -92,7 +91,7 @@ class TracedSource:
             real, imag = zip(*self._scaled_weights(), strict=True)
             fields = real, imag
         traced = Traced((x, y), fields)
-        (value,) = differentiable(WIGNER, ops, self._tables, point, traced)
+        (value,) = kernel_with_derivatives(WIGNER, ops, self._tables, point, traced)
         return value
 
     def intensity(self, ops: Any, *nu: Any) -> Any:
@@ -100,11 +99,11 @@ class TracedSource:
         code = UnrolledOperations(ops.float_type)
         corners = iter(self._centred())
         total = Pair(0.0, 0.0)
-        for number, element in enumerate(_elements(self._radiator.centred)):
+        for number, element in enumerate(self._radiator.centred.elements_in_plane):
             outline = new_outline_of(element)
             own = [outline.frame.position(ops, *next(corners)) for _ in outline.edges]
             x, y = zip(*own, strict=True)
-            value = Pair(*differentiable(FOURIER, code, outline, nu, Traced((x, y))))
+            value = Pair(*kernel_with_derivatives(FOURIER, code, outline, nu, Traced((x, y))))
             if self.weights is not None:
                 value = value * Pair(*self._pair(self.weights, number))
             total = total + value
@@ -115,7 +114,7 @@ class TracedSource:
         corners = self._centred()
         total: Any = 0.0
         start = 0
-        for number, element in enumerate(_elements(self._radiator.source)):
+        for number, element in enumerate(self._radiator.source.elements_in_plane):
             twice: Any = 0.0
             for ring in element.rings:
                 own = corners[start : start + len(ring)]
@@ -148,13 +147,8 @@ class TracedSource:
         return result
 
 
-def _elements(source: Aperture | Array) -> list[Aperture]:
-    coplanar = (source,) if isinstance(source, Aperture) else source.coplanar
-    return [element for element in coplanar if isinstance(element, Aperture)]
-
-
 def _corners(source: Aperture | Array) -> NDArray[np.float64]:
-    return np.concatenate([ring for element in _elements(source) for ring in element.rings])
+    return np.concatenate([ring for element in source.elements_in_plane for ring in element.rings])
 
 
 def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -163,7 +157,7 @@ def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
 
 def _is_simple(source: Aperture | Array) -> bool:
     """Whether the field is constant on each element, and its energy the sum of theirs."""
-    elements = _elements(source)
+    elements = source.elements_in_plane
     if any(element.illumination is not None for element in elements):
         return False
     whole = shapely.union_all([element.polygons for element in elements]).area

@@ -20,7 +20,7 @@ import numpy.typing as npt
 __all__ = [
     "SPLIT_DOUBLE",
     "SPLIT_SINGLE",
-    "Lattice",
+    "RoundingGrid",
     "accurate_cross",
     "exact_cross",
     "product_error",
@@ -33,7 +33,7 @@ SPLIT_DOUBLE, SPLIT_SINGLE = 134217729.0, 4097.0
 
 
 @dataclass(frozen=True)
-class Lattice:
+class RoundingGrid:
     """Multiples of ``step``.
 
     In the frame, vertices lie within 1/2 of the origin and offsets 2x, xi within 1: the largest
@@ -43,7 +43,7 @@ class Lattice:
     step: float
 
     @classmethod
-    def for_precision(cls, double: bool) -> Lattice:
+    def for_precision(cls, double: bool) -> RoundingGrid:
         return cls(2.0**-52 if double else 2.0**-23)
 
     def rounded(self, polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -23,9 +23,9 @@ RATE = 2.5
 _WIDTH = {True: 13, False: 8}
 # Degree of the kernel's polynomials: a higher one changes nothing.
 _DEGREE = {True: 13, False: 8}
-# Of the kernel's transform: more change nothing.
+# Terms of the kernel's transform: more change nothing.
 _TERMS = 24
-# Of beta by Barnett's estimate, pi width (1 - 1/(2 rate)): the best, as measured
+# beta over Barnett's estimate, pi width (1 - 1/(2 rate)): the best, as measured
 _SHARE_OF_BETA = 0.99
 
 Floats = npt.NDArray[np.float64]
@@ -41,7 +41,7 @@ class Interpolation:
     from the middle of the samples, -1 <= s <= 1."""
 
     def weights(self, ops: Any, s: Any) -> list[Any]:
-        """Of all samples around a place; those on either side are mirror images."""
+        """Weights of all samples around a place; those on either side are mirror images."""
         square = s * s
         first, last = [], []
         for row in self.coefficients[: (self.width + 1) // 2]:
@@ -51,7 +51,7 @@ class Interpolation:
         return first + last[: self.width // 2][::-1]
 
     def transform(self, frequencies: Floats) -> Floats:
-        """What waves of so many periods a sample, summed over the samples, are multiplied with.
+        """The factor on waves of so many periods a sample when they are summed over the samples.
 
         Up to 1/(2 RATE) periods, the most that a table has.
         """

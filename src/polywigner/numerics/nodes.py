@@ -22,8 +22,8 @@ __all__ = ["SUMS", "Rules", "gauss_rules", "missed", "node_sums", "nodes_needed"
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
 
-# Of the rules: so many to a factor of two, from the smallest on. On average a rule has a sixteenth
-# more nodes than are needed.
+# Sizes of the rules: so many to a factor of two, the smallest, the largest. On average a rule has a
+# sixteenth more nodes than are needed.
 _STEPS, _SMALLEST, _LARGEST = 8, 4, 724
 _SIZES = tuple(
     math.ceil(_SMALLEST * 2 ** (k / _STEPS))
@@ -73,7 +73,7 @@ def _legendre(n: int, x: npt.NDArray[np.float64]) -> tuple[Any, Any]:
 
 
 def nodes_needed(ops: Any, digits: Any, clear: Any, wave: Any) -> tuple[Any, tuple[Any, ...]]:
-    """How many nodes bring the error to exp(-digits) of the integrand's size, and what is expected.
+    """Number of nodes for an error of exp(-digits) of the integrand's size, and the error expected.
 
     ``clear``: distance of its singularities in half-lengths of the interval, ``wave``: radians of
     phase over half the interval. Expected are, for :func:`missed`, digits, log(M) on the ellipse
@@ -103,7 +103,7 @@ def rule_of(ops: Any, needed: Any) -> Any:
 
 
 def node_sums(real: Any, imag: Any, weight: Any, last: Any, second: Any) -> tuple[Any, ...]:
-    """What a node adds to: integral, size, and the last two Legendre coefficients."""
+    """The sums to which a node adds: integral, size, and the last two Legendre coefficients."""
     size = weight * (abs(real) + abs(imag))
     return (
         real * weight, imag * weight, size,

@@ -98,7 +98,7 @@ def cross(ops: Any, a: Doubled, b: Doubled, c: Doubled, d: Doubled) -> Any:
 
 
 def halves(ops: Any, number: Doubled) -> Doubled:
-    """The same sum with a first number that float32 can hold as well (Veltkamp)."""
+    """A sum of two floats with a first number that float32 can hold as well (Veltkamp)."""
     total, rest = number
     if not ops.double:
         return number

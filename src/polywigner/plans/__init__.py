@@ -9,6 +9,16 @@ from polywigner.plans.costs import COSTS, Cost
 from polywigner.plans.cuts import cut_for, forced, loops_over_edges
 from polywigner.plans.plan import Plan, plan
 from polywigner.plans.request import Outline, Request
+from polywigner.plans.traced import (
+    compiles_outline,
+    exposes_numbers,
+    is_recorded,
+    shifts_samples,
+    sorts_samples,
+    unrolls_cuts,
+    unrolls_steps,
+    unrolls_terms,
+)
 
 __all__ = [
     "COSTS",
@@ -16,8 +26,16 @@ __all__ = [
     "Outline",
     "Plan",
     "Request",
+    "compiles_outline",
     "cut_for",
+    "exposes_numbers",
     "forced",
+    "is_recorded",
     "loops_over_edges",
     "plan",
+    "shifts_samples",
+    "sorts_samples",
+    "unrolls_cuts",
+    "unrolls_steps",
+    "unrolls_terms",
 ]

@@ -1,4 +1,4 @@
-"""What each step of a computation takes: the one table of costs and limits.
+"""Costs and limits of each step of a computation, in one table.
 
 Seconds are of one quiet core of a processor of 2022; what counts is their ratios. Each entry names
 the script in ``benchmarks`` whose output it was read from.
@@ -49,6 +49,9 @@ COSTS: dict[str, Cost] = {
     "compiled term": Cost(2e-9, "sample and term of a plain sum", _REGRET),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
+    "compiled edge in cells, pairs": Cost(
+        1.2e-9, "the same where places meet frequencies", "outer_products.py"
+    ),
     "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
     "compiled copy": Cost(0.5e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(0.1e-6, "sample and pair of elements near it", "array_cost.py"),
@@ -81,5 +84,24 @@ LIMITS: dict[str, float] = {
     # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
     "most cuts not worth listing": 16,
     "least columns of a compiled list": 256,
-    "least rows for whole edges": 64,
+    # Traced kernels. An outline as code runs 3 to 4 times as fast as one that is data, and takes
+    # 0.2 to 1 s to compile whenever it changes (gradient_cost.py).
+    "least samples for an outline as code": 1 << 22,
+    # To trace a kernel takes as long as some ten thousand samples of it (questions/latency.py). Of
+    # more samples, arrays are better computed with what they are used for, without being stored.
+    "most samples of a recording": 1 << 16,
+    # A term of the Fourier transform takes some 20 ms to compile (fourier_cost.py).
+    "most terms as code": 12,
+    # Terms that are whole transforms: half a second to compile (array_cost.py).
+    "most cuts of a sum as code": 256,
+    # Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a
+    # minute; as a loop 0.3 s and 0.7 s, and it runs as fast (array_cost.py).
+    "most steps as code": 8,
+    # Of fewer samples, to sort them takes longer than it saves (wigner_cost.py).
+    "least samples sorted by cell": 1 << 13,
+    # Derivatives in all vertices are some ten times the code of W, in each kernel of a render: some
+    # seconds to compile (gradient_cost.py).
+    "most cuts with derivatives in a scene": 1000,
+    # Three samples cost more than the fewer midpoints of a shorter row cancel (render_noise.py).
+    "least elements of a row for shifted samples": 4,
 }

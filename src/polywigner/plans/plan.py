@@ -15,7 +15,6 @@ __all__ = [
     "LISTED",
     "LISTED_COMPILED",
     "POINTS_LISTED",
-    "WHOLE_EDGES",
     "Plan",
     "Way",
     "plan",
@@ -26,7 +25,6 @@ GRID = "grid from its axes"
 LISTED = "slices listed, on NumPy"
 POINTS_LISTED = "slices of points listed, on NumPy"
 LISTED_COMPILED = "slices listed, compiled"
-WHOLE_EDGES = "whole edges summed once"
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Way:
 
     @property
     def seconds(self) -> float:
-        """Of a first call."""
+        """Seconds of a first call."""
         return self.setup + self.run
 
 
@@ -66,7 +64,7 @@ class Plan:
 
     @property
     def key(self) -> Hashable:
-        """What has been set up when this has been carried out."""
+        """The name under which the ledger knows the set-ups of this plan."""
         return _key(self.way, self.request)
 
     def __str__(self) -> str:
@@ -220,11 +218,6 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
             run = _listing(request, request.rows) + _cost("compiled listed term", edges)
             yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
             return
-    if request.rows and cut == "cells" and _sums_whole_edges(request, outline):
-        run = _cost("compiled edge in cells", edges) / 2
-        setup = _compiling(request) + _cells(outline)
-        yield Way(WHOLE_EDGES, "llvm", setup, run, cut)
-        return
     if cut == "code":
         clip = "compile a clip, double" if request.double else "compile a clip"
         setup = _compiling(request) + _cost(clip, outline.cuts * views)
@@ -235,7 +228,8 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)
     else:
         setup = _compiling(request)
-        run = _cost("compiled edge in cells", edges)
+        pairs = request.rows > 1
+        run = _cost("compiled edge in cells, pairs" if pairs else "compiled edge in cells", edges)
         yield Way("cells", "llvm", setup + _cells(outline), run, "cells")
         setup += LIMITS["share in coarse cells"] * _cells(outline)
         run = _cost("compiled edge in coarse cells", edges)
@@ -243,15 +237,6 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         if request.rows and outline.allows_lists:
             run = _listing(request, request.rows) + _cost("compiled listed term", edges)
             yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
-
-
-def _sums_whole_edges(request: Request, outline: Outline) -> bool:
-    rows = request.rows >= LIMITS["least rows for whole edges"]
-    return (
-        outline.allows_whole_edges
-        and rows
-        and request.columns >= LIMITS["least columns of a compiled list"]
-    )
 
 
 def _listing(request: Request, places: int) -> float:

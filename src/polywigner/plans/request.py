@@ -1,4 +1,4 @@
-"""What is asked of an engine, as numbers."""
+"""A call to an engine, as numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["Outline", "Request"]
 
 @dataclass(frozen=True)
 class Outline:
-    """How much there is to cut: of a kernel that cuts the edges of one copy by those of another."""
+    """Counts for a kernel that cuts the edges of one copy by those of another."""
 
     edges: int
     pieces: int
@@ -22,13 +22,11 @@ class Outline:
     exact: float = 0.0
     """The share of the lines whose cuts need twice the digits: nearly parallel ones."""
     copies: int = 1
-    """How many copies of the edges are cut: 1 for W, 2 for A."""
+    """Number of copies of the edges that are cut: 1 for W, 2 for A."""
     allows_cells: bool = True
     """Whether the field is simple enough for lists by cells."""
     allows_lists: bool = True
     """Whether slices can be listed once for many frequencies."""
-    allows_whole_edges: bool = True
-    """Whether sums along the outline can stand for runs of whole edges."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ module               what is in it
 ``places``           checked points, wavelengths and names of methods
 ``irradiances``      |U|^2 at points
 ``rays``             sums of Wigner rays; ``ray_kernels`` what is summed
-``obliquities``      boundary conditions of rays, as sums over fields
 ``arrangement``      where the Wigner function is smooth; ``rays_rules`` Gauss rules there
 ``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field

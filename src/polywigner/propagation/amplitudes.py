@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
-from polywigner.illumination.direction_cosines import warn_of_slopes
+from polywigner.illumination.obliquities import SHARES, BoundaryCondition, warn_of_slopes
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
@@ -35,18 +35,16 @@ from polywigner.propagation.places import (
 )
 from polywigner.transforms import Differentiable
 
-__all__ = ["DEFAULT_TOLERANCE", "Obliquity", "amplitude", "checked_amplitude_tolerance"]
+__all__ = ["DEFAULT_TOLERANCE", "amplitude", "checked_amplitude_tolerance"]
 
-Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
 # Points at a time: temporary arrays stay in the cache of one core.
 _BLOCK = 1 << 12
 _OPS = execution.NumpyOperations(double=True)
-_OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 
 # By default, and the least that can be asked for: some tens of roundings.
 DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
 _LEAST = {True: 1e-13, False: 1e-6}
-# Of the Fourier transform, of the content.
+# Error of the Fourier transform, relative to the content.
 _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 
 
@@ -58,7 +56,7 @@ def amplitude(
     method: Method = "rayleigh-sommerfeld-1",
     *,
     tolerance: float | None = None,
-    obliquity: Obliquity | None = None,
+    obliquity: BoundaryCondition | None = None,
     return_error: bool = False,
     precision: Precision = None,
     engine: Engine = "auto",
@@ -157,7 +155,7 @@ def amplitude(
     check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     flat = places.reshape(-1, 3)
     if name == "fraunhofer":
-        kind = checked_method(obliquity or "rayleigh-sommerfeld-1", _OBLIQUITIES)
+        kind = checked_method(obliquity or "rayleigh-sommerfeld-1", tuple(SHARES))
         warn_of_slopes(source, length, kind)
         x, y = radiator.centre.tolist()
         directions, distance, turns = _seen_from_centre((x, y), length, flat)

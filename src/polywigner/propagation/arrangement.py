@@ -75,8 +75,7 @@ def kink_count(source: Aperture | Array) -> int:
 
 
 def _rings(source: Aperture | Array) -> list[NDArray[np.float64]]:
-    elements = (source,) if isinstance(source, Aperture) else source.coplanar
-    return [ring for e in elements if isinstance(e, Aperture) for ring in e.rings]
+    return [ring for element in source.elements_in_plane for ring in element.rings]
 
 
 def _grid(source: Aperture | Array) -> float:

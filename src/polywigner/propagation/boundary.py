@@ -12,28 +12,27 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
+from polywigner.illumination.obliquities import SHARES
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.fresnel import fresnel_edge_sum
 from polywigner.kernels.kernel import Kernel
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of
 
-__all__ = ["SHARES", "boundary_field", "strata_of"]
+__all__ = ["boundary_field", "strata_of"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Share of the second boundary term: (B3).
-SHARES = {"rayleigh-sommerfeld-2": 0.0, "kirchhoff": 0.5, "rayleigh-sommerfeld-1": 1.0}
 # An edge costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Of Fresnel fields a panel has at most so many turns of phase in half of it.
+# Most turns of phase on half a panel of Fresnel fields.
 _FRESNEL_TURNS = 60.0
 _MOST_ROWS = 1 << 20
-# Of other fields; so many take 2 GB, and a second of a core for each point.
+# Most panels of other fields: 2 GB, and a second of a core for each point.
 _MOST_PANELS = 1 << 24
-# Panels as long as twice the distance need the fewest nodes in all; upper ends of strata of
-# distance, and what is longest there, in wavelengths.
+# Panels as long as twice the distance need the fewest nodes in all; (upper end of a stratum of
+# distance, longest panel there), in wavelengths.
 _STRATA = ((3.0, 3.0), (6.0, 6.0), (math.inf, 12.0))
 # Rows of a table at a time.
 _ROWS = 1 << 14
@@ -56,7 +55,7 @@ class _Panels:
 
 @dataclass(frozen=True)
 class _Task:
-    """What is the same for all points."""
+    """Settings that all points share."""
 
     radiator: Radiator
     wavelength: float
@@ -87,7 +86,7 @@ def boundary_field(
     task = _Task(radiator, wavelength, _kernel(method), paraxial, double or paraxial, engine)
     values = np.zeros(len(points), np.complex128)
     errors = np.full(len(points), np.inf)
-    allowed = tolerance * _size(radiator, points, wavelength, SHARES.get(method, 0.0))
+    allowed = tolerance * _size(radiator, points, wavelength, _share_of_field(method))
     if not paraxial:
         _check_panels(radiator, wavelength)
     for todo, longest in strata_of(radiator, points, wavelength, paraxial):
@@ -143,7 +142,7 @@ def strata_of(
 def _paraxial_strata(
     radiator: Radiator, points: Floats, wavelength: float
 ) -> Iterator[tuple[Indices, float]]:
-    """The same for Fresnel fields: phases run as fast along an edge as it is seen aslant."""
+    """:func:`strata_of` Fresnel fields: phases run as fast along an edge as it is seen aslant."""
     steepest = wavelength * radiator.highest_frequency
     aside = np.maximum(points[:, :2] - radiator.low, radiator.high - points[:, :2])
     slope = np.linalg.norm(aside, axis=1) / points[:, 2] + steepest
@@ -160,8 +159,13 @@ def _paraxial_strata(
         yield np.flatnonzero(step == number), _STRATA[-1][1] / 2.0 ** int(number)
 
 
+def _share_of_field(method: str) -> float:
+    """The share of the second boundary term (B3); Fresnel fields have none."""
+    return SHARES[method].field if method in SHARES else 0.0
+
+
 def _kernel(method: str) -> Kernel:
-    share = SHARES.get(method, 0.0)
+    share = _share_of_field(method)
     edge_sum = fresnel_edge_sum if method == "fresnel" else integrals.edge_sum
     return Kernel(
         name=f"boundary integral, {method}",

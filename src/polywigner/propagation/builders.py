@@ -27,7 +27,7 @@ __all__ = ["hemisphere", "line", "plane", "volume"]
 
 # Samples of a stored chunk: 4 MB of float32, a file that disks and clusters like.
 _CHUNK = 1 << 20
-# What is computed at once: up to 16 GiB of float32.
+# Most values that are computed at once: 16 GiB of float32.
 _MOST_IN_MEMORY = 1 << 32
 # Sums over edges and rays make many samples of one point: worth a compiler even for small chunks.
 _COMPILED = 1 << 16

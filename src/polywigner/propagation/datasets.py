@@ -77,7 +77,7 @@ class FieldBlock:
 
     @property
     def attrs(self) -> dict[str, Any]:
-        """Of the variable: units and settings."""
+        """Attributes of the variable: units and settings."""
         quantity = self.settings.quantity
         about = {"units": _UNITS[quantity], "long_name": _LONG_NAMES[quantity]}
         return about | self.settings.of(self.method)
@@ -162,7 +162,7 @@ def _filled(block: FieldBlock, progress: bool | None) -> Values:
 
 @contextmanager
 def _warnings_once() -> Iterator[None]:
-    """Of warnings that differ by numbers only, as those of many blocks, the first, at the end."""
+    """Shows one of warnings that differ by numbers only, as those of many blocks, at the end."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield

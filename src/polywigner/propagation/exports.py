@@ -205,7 +205,7 @@ def _image_of(dataset: Any) -> _Image:
 
 
 def _place(dataset: Any, name: str | None) -> float:
-    """Of an axis that the values do not have."""
+    """Coordinate of the values along an axis that they do not have; 0 where it is not known."""
     known = name in dataset.coords and dataset[name].ndim == 0
     return float(dataset[name]) if known else 0.0
 

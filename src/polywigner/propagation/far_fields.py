@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,8 @@ from polywigner.errors import IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
-from polywigner.illumination.direction_cosines import times_direction_cosine, warn_of_slopes
-from polywigner.propagation.obliquities import Obliquity
+from polywigner.illumination.direction_cosines import times_direction_cosine
+from polywigner.illumination.obliquities import OBLIQUITIES, SHARES, Obliquity, warn_of_slopes
 from polywigner.propagation.places import checked_name
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
@@ -47,14 +47,12 @@ def far_field(
             return 0.0
         return fourier(field, nu, precision=precision, engine=engine)
 
-    if obliquity == "rayleigh-sommerfeld-1":
-        total = front * spectrum(False)
-    elif obliquity == "paper":
+    if obliquity == "paper":
         total = np.sqrt(front) * spectrum(False)
-    elif obliquity == "rayleigh-sommerfeld-2":
-        total = spectrum(True)
     else:
-        total = (front * spectrum(False) + spectrum(True)) / 2
+        of_field, of_slope = SHARES[obliquity]
+        total = of_field * front * spectrum(False) if of_field else 0.0
+        total = total + of_slope * spectrum(True) if of_slope else total
     values = np.where(cosine < 0, 0.0, total / (1j * wavelength))
     return values.astype(np.complex64 if precision == "single" else np.complex128)
 
@@ -88,7 +86,7 @@ def radiated_power(
     >>> round(pw.radiated_power(patch, 3.9e-3) / patch.area, 3)
     0.135
     """
-    name = checked_name("obliquity", obliquity, get_args(Obliquity))
+    name = checked_name("obliquity", obliquity, OBLIQUITIES)
     radiator, length = checked_source(source), checked_wavelength(wavelength)
     warn_of_slopes(radiator, length, name)
     return powers_of(radiator, length, name)[0]

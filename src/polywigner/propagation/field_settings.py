@@ -11,9 +11,9 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.illumination.obliquities import checked_obliquity
 from polywigner.propagation.amplitudes import checked_amplitude_tolerance
 from polywigner.propagation.irradiances import checked_order, checked_tolerance
-from polywigner.propagation.obliquities import checked_obliquity
 from polywigner.propagation.places import METHODS, checked_method, checked_name
 
 __all__ = ["WITH_OBLIQUITY", "FieldOptions", "FieldSettings", "Quantity", "checked_settings"]
@@ -25,16 +25,16 @@ WITH_OBLIQUITY = ("wigner", "fraunhofer")
 
 
 class FieldOptions(TypedDict, total=False):
-    """What :func:`plane` and its like take beside source, place and wavelength."""
+    """Options of :func:`plane` and its like beside source, place and wavelength."""
 
     method: str | Sequence[str]
     """"wigner" (default), or one of the methods of :func:`amplitude`, or several of them."""
     quantity: Quantity
     """"irradiance" (default); "amplitude" or "phase", which "wigner" does not have."""
     obliquity: str | None
-    """Of "wigner" and "fraunhofer": see :func:`irradiance`."""
+    """Boundary condition of "wigner" and "fraunhofer": see :func:`irradiance`."""
     order: int
-    """Of "wigner": 1 or 3."""
+    """Order in the lag of "wigner": 1 or 3."""
     tolerance: float | None
     """None: that of :func:`irradiance` and :func:`amplitude`."""
     dtype: str

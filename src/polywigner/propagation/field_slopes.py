@@ -15,6 +15,7 @@ from polywigner import execution
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
+from polywigner.illumination.obliquities import SHARES
 from polywigner.kernels.boundary.distances import (
     distance_of,
     paraxial_distance,
@@ -22,7 +23,7 @@ from polywigner.kernels.boundary.distances import (
 )
 from polywigner.kernels.boundary.edge_strips import FRESNEL_STRIPS, STRIPS
 from polywigner.numerics import phases
-from polywigner.propagation.boundary import SHARES, boundary_field, strata_of
+from polywigner.propagation.boundary import boundary_field, strata_of
 from polywigner.propagation.panels import (
     Radiator,
     cosines_of,
@@ -42,7 +43,7 @@ _OPS = execution.NumpyOperations(double=True)
 _PAIRS = 1 << 17
 # One costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
-# Of the field's tolerance: integrals along edges may cancel.
+# Tolerance of integrals along edges over that of the field, since they may cancel.
 _SHARE = 1e-2
 
 
@@ -65,7 +66,7 @@ class _Strips:
     """Number of the vertex at which the panel's edge begins; where it ends."""
     last: NDArray[np.intp]
     share: Floats
-    """Of the edge before the panel, and in a wavelength of it."""
+    """Share of the edge before the panel, and (``rate``) in a wavelength of it."""
     rate: Floats
 
     @property
@@ -81,10 +82,10 @@ class _Sums:
     where: NDArray[np.intp]
     strips: _Strips
     kernel: Complex
-    """Of amplitude times u times the kernel K of the field; of t times that."""
+    """Integral of amplitude times u times the field's kernel K; ``by_length``: of t times that."""
     by_length: Complex
     height: Complex
-    """Of what edges contribute to the derivative in z."""
+    """Integral of the edges' part of the derivative in z."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +98,6 @@ class FieldSlopes:
     tolerance: float
     by_waves: bool
     """Whether ``of_fields`` is of amplitudes of waves, instead of weights of elements."""
-
-    @cached_property
-    def _elements(self) -> tuple[Aperture, ...]:
-        coplanar = (self.source,) if isinstance(self.source, Aperture) else self.source.coplanar
-        return tuple(element for element in coplanar if isinstance(element, Aperture))
 
     @cached_property
     def _radiator(self) -> Radiator:
@@ -133,7 +129,9 @@ class FieldSlopes:
     ) -> tuple[Complex, Floats]:
         """:meth:`of_points`, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2); those wanted."""
         slopes = np.zeros((len(points), 3), np.complex128)
-        vertices = np.zeros((sum(len(r) for e in self._elements for r in e.rings), 2))
+        vertices = np.zeros(
+            (sum(len(r) for e in self.source.elements_in_plane for r in e.rings), 2)
+        )
         if of_points:
             for axis in range(3):
                 slopes[:, axis] = self._carried(points, axis)
@@ -162,9 +160,9 @@ class FieldSlopes:
 
     def _parts(self) -> Iterator[Aperture]:
         if not self.by_waves:
-            yield from self._elements
+            yield from self.source.elements_in_plane
             return
-        (aperture,) = self._elements
+        (aperture,) = self.source.elements_in_plane
         assert aperture.illumination is not None
         for kappa in aperture.illumination.frequencies:
             yield aperture.with_illumination(Illumination([1.0], kappa[None]))
@@ -177,7 +175,7 @@ class FieldSlopes:
         return values
 
     def _carried(self, points: Floats, axis: int) -> Complex | float:
-        """What waves change by as they go on, each by its own frequency along an axis."""
+        """The field of waves that are each multiplied by 2 pi i times their rate along an axis."""
         elements = []
         for element in self._radiator.elements:
             if axis < 2:
@@ -240,7 +238,7 @@ class FieldSlopes:
     def _combined(
         self, found: list[Complex], places: Floats, strips: _Strips
     ) -> tuple[Complex, Complex, Complex]:
-        """Of integrals of 1 and t times u G and u (1/R - 2 pi i) G/R, those of :class:`_Sums`."""
+        """Integrals of :class:`_Sums` from those of 1 and t times u G and u (1/R - 2 pi i) G/R."""
         left = -strips.normal
         away = (strips.begin * left).sum(axis=1) - places[:, :2] @ left.T
         across = (strips.plane * left).sum(axis=1)
@@ -248,8 +246,8 @@ class FieldSlopes:
         if self._paraxial:
             kernel, by_length = (value / (1j * z) for value in found)
             return kernel, by_length, -0.5 * (across - away / z) * kernel
-        share = SHARES[self.method]
-        first, second = share * z / (2 * math.pi), -1j * (1 - share) * strips.cosine
+        share, of_slope = SHARES[self.method]
+        first, second = share * z / (2 * math.pi), -1j * of_slope * strips.cosine
         height = away * found[2] + 2j * math.pi * across * found[0]
         return (
             first * found[2] + second * found[0],
@@ -258,7 +256,7 @@ class FieldSlopes:
         )
 
     def _strips(self, longest: float) -> _Strips:
-        elements = self._elements
+        elements = self.source.elements_in_plane
         weights = np.ones(1) if isinstance(self.source, Aperture) else self.source.weights
         found: list[tuple[NDArray[Any], ...]] = []
         count = 0
@@ -271,7 +269,7 @@ class FieldSlopes:
     def _strips_of(
         self, element: Aperture, weight: complex, count: int, longest: float
     ) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Those of each wave, in the order of :class:`_Strips`."""
+        """Strips of each wave, in the order of :class:`_Strips`."""
         field = element.illumination or Illumination([1.0], [[0.0, 0.0]])
         plane = field.frequencies * self.wavelength
         cosines = cosines_of(field.frequencies, self.wavelength, self._paraxial)

@@ -15,7 +15,7 @@ from polywigner.transforms.traced_sources import parameters_of
 
 __all__ = ["has_derivatives", "traced_field"]
 
-# Of derivatives, which are sums of float64, where none is asked for.
+# Default tolerance of derivatives, which are sums of float64.
 _TOLERANCE = 1e-9
 
 

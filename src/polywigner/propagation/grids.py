@@ -19,7 +19,7 @@ from polywigner.transforms.labelled import LabelledArray
 __all__ = [
     "Grid",
     "Hemisphere",
-    "Lattice",
+    "StraightGrid",
     "box_grid",
     "hemisphere_grid",
     "line_grid",
@@ -33,7 +33,7 @@ _AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class StraightGrid:
     """Points origin + sum of a_k e_k, for every value a_k of each axis k with direction e_k."""
 
     coords: dict[str, LabelledArray]
@@ -74,10 +74,10 @@ class Hemisphere:
         return self.centre + self.radius * unit_vectors(theta, phi)
 
 
-Grid = Lattice | Hemisphere
+Grid = StraightGrid | Hemisphere
 
 
-def box_grid(box: Any, shape: Any) -> Lattice:
+def box_grid(box: Any, shape: Any) -> StraightGrid:
     """A volume: ``shape`` points along x, y and z, both faces of the box included."""
     low, high = _corners("box", box, ("lowest", "highest"))
     if (high < low).any():
@@ -86,12 +86,12 @@ def box_grid(box: Any, shape: Any) -> Lattice:
             f"{high.tolist()}"
         )
     counts = _counts(shape, 3)
-    return _lattice(
+    return _straight_grid(
         {name: (low[k], high[k], counts[k]) for k, name in enumerate(_AXES)}, np.zeros(3), np.eye(3)
     )
 
 
-def plane_grid(where: Any, shape: Any) -> Lattice:
+def plane_grid(where: Any, shape: Any) -> StraightGrid:
     """A plane: a box without thickness along one axis, or three corners of a rectangle."""
     expected = "expected a plane as a box (2, 3) of no thickness, or as three corners (3, 3)"
     try:
@@ -110,7 +110,7 @@ def plane_grid(where: Any, shape: Any) -> Lattice:
         sides = [k for k in range(3) if k != flat[0]]
         spans = {_AXES[k]: (low[k], high[k], n) for k, n in zip(sides, counts, strict=True)}
         origin = np.where(np.arange(3) == flat[0], low, 0.0)
-        return _lattice(spans, origin, np.eye(3)[sides])
+        return _straight_grid(spans, origin, np.eye(3)[sides])
     if corners.shape != (3, 3):
         raise ArgumentError(f"{expected}, in m, got shape {shape_of(where)}")
     _check_size(f"{expected}, in m", corners)
@@ -122,17 +122,17 @@ def plane_grid(where: Any, shape: Any) -> Lattice:
             f"{along[0].tolist()} and {along[1].tolist()}, which are not at right angles"
         )
     spans = {name: (0.0, lengths[k], counts[k]) for k, name in enumerate(("u", "v"))}
-    return _lattice(spans, corners[0], along / lengths[:, None])
+    return _straight_grid(spans, corners[0], along / lengths[:, None])
 
 
-def line_grid(ends: Any, samples: Any) -> Lattice:
+def line_grid(ends: Any, samples: Any) -> StraightGrid:
     """A line, both ends included, by the distance from its first end."""
     start, end = _corners("line", ends, ("first", "last"))
     length = float(np.linalg.norm(end - start))
     if length == 0:
         raise ArgumentError(f"expected a line between two points, got {start.tolist()} twice")
     count = checked_count(samples, "samples", 1)
-    return _lattice({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
+    return _straight_grid({"distance": (0.0, length, count)}, start, (end - start)[None] / length)
 
 
 def hemisphere_grid(radius: Any, theta: Any, phi: Any, centre: Any) -> Hemisphere:
@@ -163,9 +163,9 @@ def shape_of_grid(grid: Grid) -> Index:
     return tuple(axis.shape[0] for axis in grid.coords.values())
 
 
-def _lattice(
+def _straight_grid(
     spans: dict[str, tuple[float, float, int]], origin: Values, directions: Values
-) -> Lattice:
+) -> StraightGrid:
     axes = {
         name: LabelledArray(_span(*span), (name,), {"units": "m"}) for name, span in spans.items()
     }
@@ -173,7 +173,7 @@ def _lattice(
         len(spans), -1
     )
     checked_points(origin + ends.T @ directions)
-    return Lattice(axes, np.asarray(origin, np.float64), directions)
+    return StraightGrid(axes, np.asarray(origin, np.float64), directions)
 
 
 def _span(low: float, high: float, count: int) -> Values:

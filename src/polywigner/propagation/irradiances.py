@@ -23,10 +23,10 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
 from polywigner.propagation.arrangement import bounds_of
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
-from polywigner.propagation.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.places import (
     METHODS,
     check_reach,
@@ -48,7 +48,7 @@ Values = NDArray[np.float64]
 # Relative to the largest irradiance that there can be at a distance: below, errors are absolute.
 _FLOOR = 1e-3
 _TOLERANCE = 1e-3
-# What float32 kernels can promise, relative to the same.
+# Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
 _NEAREST = 2.0
@@ -276,8 +276,7 @@ def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Val
 
     By Cauchy and Schwarz |F|^2 is at most area int |u|^2; near the source it is that on it.
     """
-    elements = (source,) if isinstance(source, Aperture) else source.coplanar
-    area = sum(element.area for element in elements if isinstance(element, Aperture))
+    area = sum(element.area for element in source.elements_in_plane)
     mean = float(np.real(lag_marginal(source, (0.0, 0.0)))) / area
     distance = np.linalg.norm(points - [*_centre(source), 0.0], axis=-1)
     return mean * np.minimum(1.0, (area / (wavelength * distance)) ** 2)

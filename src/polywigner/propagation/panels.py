@@ -29,9 +29,9 @@ Floats = NDArray[np.float64]
 Block = tuple[Floats, NDArray[np.complex128], NDArray[np.bool_]]
 _OPS = NumpyOperations(double=True)
 
-# Of cosines so small rounding leaves few digits; waves that graze the plane have p_z = 0.
+# Rounding leaves few digits of smaller cosines; waves that graze the plane have p_z = 0.
 _GRAZING = 1e-6
-# Half a panel of so many turns of phase has the largest rule still far from full.
+# With so many turns of phase on half a panel, the largest rule still has nodes to spare.
 _TURNS = 48.0
 
 
@@ -47,7 +47,7 @@ class _Element:
 
     @property
     def edges(self) -> int:
-        """Of all copies, once for each wave."""
+        """Number of edges of all copies, once for each wave."""
         return sum(map(len, self.outline.rings)) * len(self.amplitudes) * len(self.weights)
 
 
@@ -81,7 +81,7 @@ class Radiator:
 
     @property
     def highest_frequency(self) -> float:
-        """Of all waves, in cycles per metre."""
+        """Highest frequency of all waves, in cycles per metre."""
         return max(float(np.linalg.norm(e.frequencies, axis=1).max()) for e in self.elements)
 
     @property
@@ -99,14 +99,14 @@ class Radiator:
         return np.sqrt(aside * aside + beside * beside + z * z)
 
     def distance_of_centre(self, points: Floats) -> Floats:
-        """Of points (n, 3)."""
+        """Distance of points (n, 3) from the centre of the box, (n,)."""
         x, y, z = points.T
         dx, dy = x - self.centre[0], y - self.centre[1]
         return np.sqrt(dx * dx + dy * dy + z * z)
 
 
 def radiator_of(source: object) -> Radiator:
-    """What radiates of an Aperture, or of an Array in the plane z = 0.
+    """The radiating outlines of an Aperture, or of an Array in the plane z = 0.
 
     Raises ArgumentError for anything else, GeometryError for elements outside that plane.
     """
@@ -129,8 +129,8 @@ def _elements(source: PlaneSource) -> Iterator[_Element]:
         assert isinstance(outline, Aperture)  # no slits: checked_source
         yield _element(outline, source.repeated[1][lit], source.weights[lit])
         return
-    for element, weight in zip(source.coplanar, source.weights, strict=True):
-        if weight and isinstance(element, Aperture):
+    for element, weight in zip(source.elements_in_plane, source.weights, strict=True):
+        if weight:
             yield _element(element, np.zeros((1, 2)), np.array([weight]))
 
 
@@ -193,7 +193,7 @@ def _rests_of(
     cosines: NDArray[np.complex128],
     paraxial: bool,
 ) -> Floats:
-    """What rounding leaves out of p_x, p_y and p_z of waves, (m, 3).
+    """The parts of p_x, p_y and p_z of waves that rounding leaves out, (m, 3).
 
     Of evanescent waves, which do not travel along z, only of the first two.
     """
@@ -234,9 +234,9 @@ class Pieces:
     owner: NDArray[np.intp]
     """Number of the edge, which is that of the vertex that it begins at."""
     share: Floats
-    """Of the edge before the piece begins, (n,)."""
+    """Share of the edge before the piece begins, (n,)."""
     step: Floats
-    """Of the edge, (n,)."""
+    """Share of the edge in the piece, (n,)."""
 
 
 def pieces_of(outline: Aperture, longest: float) -> Pieces:

@@ -22,13 +22,13 @@ __all__ = ["Polarisation", "write_pattern"]
 
 Polarisation = Literal["x", "y"]
 
-# Ohm; of the peak value of E, |E|^2/(2 Z0) is power per area.
+# Impedance Z0 of free space in ohm: |E|^2/(2 Z0) of the peak value of E is power per area.
 _FREE_SPACE = 376.730313412
-# What stands for minus infinity, in dBi.
+# The number that stands for minus infinity, in dBi.
 _FLOOR = -300.0
-# In dB below the peak, as planning tools have it.
+# Largest attenuation in dB below the peak, as planning tools have it.
 _MOST_ATTENUATION = 99.9
-# In dB, where it is infinite, as that of a linear polarisation.
+# Axial ratio in dB that stands for infinity, as of a linear polarisation.
 _AXIAL_RATIO = 40.0
 
 Table = NDArray[np.float64]
@@ -37,7 +37,7 @@ Lines = Iterator[str]
 
 @dataclass(frozen=True)
 class _Pattern:
-    """What is written, in the units of the files."""
+    """The values written, in the units of the files."""
 
     theta: Table
     """(n,) degrees."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
-from polywigner.illumination.direction_cosines import warn_of_slopes
+from polywigner.illumination.obliquities import OBLIQUITIES, Obliquity, warn_of_slopes
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.far_fields import far_field, powers_of
-from polywigner.propagation.obliquities import Obliquity
 from polywigner.propagation.places import checked_name
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_source
@@ -76,7 +75,7 @@ def radiation_pattern(
     """
     checked_precision(precision)
     checked_engine(engine)
-    name = checked_name("obliquity", obliquity, get_args(Obliquity))
+    name = checked_name("obliquity", obliquity, OBLIQUITIES)
     radiator, length = checked_source(source), checked_wavelength(wavelength)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     warn_of_slopes(radiator, length, name)

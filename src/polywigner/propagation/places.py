@@ -28,7 +28,7 @@ Method = Literal[
 ]
 
 METHODS: tuple[str, ...] = get_args(Method)
-"""What a field, an amplitude with a phase, can be computed by."""
+"""Methods for a field, an amplitude with a phase."""
 
 
 def checked_points(points: Any) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""What one place on a source contributes to the irradiance at one point, as kernels for engines.
+"""The share of one place on a source in the irradiance at one point, as kernels for engines.
 
 The integrand of (T2): W, or the six moments (T1), for the ray from the place to the point, times
 factors that depend on the ray's geometry alone. Those are computed in float64, before the sums.
@@ -13,8 +13,11 @@ from functools import lru_cache
 from typing import Any
 
 from polywigner import kernels
+from polywigner.illumination.obliquities import irradiance_factor
 from polywigner.kernels import Kernel
-from polywigner.kernels.cut.slice_parts import PART_COLUMNS, PART_MOMENTS, PART_WIGNER
+from polywigner.kernels.cut.slice_parts import PART_COLUMNS
+from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.functions.part_kernels import PART_MOMENTS, PART_WIGNER
 from polywigner.kernels.kernel import Values
 
 __all__ = ["part_kernel", "ray_factors", "ray_kernel"]
@@ -34,7 +37,7 @@ def ray_kernel(source: Any, order: int) -> Kernel:
 
 
 def part_kernel(order: int) -> Kernel:
-    """The same for one part of the lag slice at a place: ``x, y``, the part's columns, the rest."""
+    """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest."""
     return _composed(PART_WIGNER if order == 1 else PART_MOMENTS, order, PART_COLUMNS)
 
 
@@ -55,24 +58,21 @@ def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
         inner = base.enter(ops, frame, *place, along_x * scale, along_y * scale)
         return (*factors(point[2] * inverse, inverse, wavelength, forms), *inner)
 
+    own = base.edge_sum
+
     def edge_sum(ops: Any, tables: Any, *inner: Any) -> Values:
-        return base.edge_sum(ops, tables, *inner[count:])
+        return own(ops, tables, *inner[count:])
 
     def leave(ops: Any, frame: Any, inner: Values, sums: Values) -> Values:
         values = base.leave(ops, frame, inner[count:], sums)
         return (sum(a * b for a, b in zip(inner[:count], values, strict=True)),)
 
-    def sorted_by(ops: Any, tables: Any, *inner: Any) -> Any:
-        assert base.order is not None
-        return base.order(ops, tables, *inner[count:])
-
     return replace(
         base,
         name=f"{base.name} along rays",
         enter=enter,
-        edge_sum=edge_sum,
+        edge_sum=own.after(count) if isinstance(own, SliceSum) else edge_sum,
         leave=leave,
-        order=None if base.order is None else sorted_by,
     )
 
 
@@ -83,9 +83,8 @@ def ray_factors(order: int) -> Callable[[Any, Any, Any, Values], Values]:
 
 def _leading(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:
     """The factor of W: g/(wavelength |r|)^2, for 1/|r| ``inverse``."""
-    first, mixed, both, _ = forms
     density = inverse / wavelength
-    return ((first * c * c + mixed * c + both) * density * density,)
+    return (irradiance_factor(forms, c) * density * density,)
 
 
 def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values:

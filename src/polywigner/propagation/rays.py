@@ -13,9 +13,9 @@ from polywigner import execution
 from polywigner.execution import Engine
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.kernels import WIGNER, Kernel, kernel_for, tables_of
+from polywigner.illumination.obliquities import Forms
+from polywigner.kernels import Kernel, kernel_for, tables_of
 from polywigner.kernels.cut.slice_parts import slice_parts
-from polywigner.propagation.obliquities import Forms
 from polywigner.propagation.ray_kernels import part_kernel, ray_kernel
 from polywigner.propagation.rays_rules import Rule
 
@@ -32,10 +32,10 @@ _EDGES_AT_ONCE = 1 << 20
 
 @dataclass(frozen=True)
 class Rays:
-    """What is summed, and how."""
+    """A sum over rays: its sources, and its settings."""
 
     sources: Sequence[tuple[Aperture | Array, Forms]]
-    """Those of :func:`polywigner.propagation.obliquities.weighted_sources`."""
+    """Sources and forms as of :func:`polywigner.illumination.obliquities.weighted_sources`."""
     wavelength: float
     order: int
     engine: Engine
@@ -80,11 +80,11 @@ class Rays:
 
         And there are not so many edges that finding those which matter is most of the work.
         """
-        by_edges = self.order == 3 or kernel_for("wigner", source) is WIGNER
+        by_edges = self.order == 3 or kernel_for("wigner", source).slices is not None
         return by_edges and tables_of(source, True).clips * places <= _MOST_CUTS
 
     def integrand(self, places: Values, points: Values) -> Values:
-        """What each place (m, 2) contributes per area at each point (n, 3): (n, m)."""
+        """Irradiance per area from each place (m, 2) at each point (n, 3), (n, m)."""
         total: Any = 0.0
         place, point = places.T[:, None, :], points.T[:, :, None]
         for source, forms in self.sources:

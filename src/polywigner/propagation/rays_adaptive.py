@@ -30,7 +30,7 @@ Values = NDArray[np.float64]
 # Nodes along a side beyond those that the phase needs, rule after rule. Two for the first: on cells
 # far smaller than a wavelength W is a quadratic, which it integrates exactly.
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
-# Of so many cells each is small: there the sum with one node in each is worth a try.
+# If there are so many cells, each is small: the sum with one node in each is worth a try.
 _MANY_CELLS = 500
 # A rule of more nodes than this is not tried: 64 MiB of them.
 _MOST_NODES = 1 << 22
@@ -41,7 +41,7 @@ _SETTLED = 0.03
 # Where there are too many kinks to find, cells are refined where they matter, up to so many, judged
 # by some of the points.
 _MOST_CELLS, _PROBES = 1 << 14, 12
-# Of the error of all cells, the share of those that are divided in one step.
+# Cells that are divided in one step hold this share of the error of all.
 _SHARE = 0.8
 
 
@@ -175,7 +175,7 @@ def _cells(
 def _errors_of_cells(
     cells: Triangles, rays: Rays, rate: float, points: Values
 ) -> tuple[Values, Values]:
-    """What two rules differ by on each cell at each point (cells, points), and the whole (points,).
+    """Difference of two rules on each cell at each point (cells, points), and the whole (points,).
 
     The rules are the first and the third that :func:`_raised` takes.
     """

@@ -36,7 +36,7 @@ def gauss_rule(triangles: Triangles, rate: float, extra: float) -> Rule:
 def rule_by_triangles(
     triangles: Triangles, rate: float, extra: float
 ) -> tuple[Values, Values, NDArray[np.intp]]:
-    """The same, and to which triangle each node belongs, (n,)."""
+    """The rule of :func:`gauss_rule`, and the number of the triangle of each node, (n,)."""
     corners, long, short = _from_apex(triangles)
     counts = _counts(long, short, rate, extra).astype(int)
     nodes, weights, owners = zip(*_by_counts(corners, counts), strict=True)
@@ -56,7 +56,7 @@ def _counts(long: Values, short: Values, rate: float, extra: float) -> Values:
 
 
 def areas(triangles: Triangles) -> Values:
-    """Of triangles (n, 3, 2), in square metres."""
+    """Areas (n,) of triangles (n, 3, 2), in square metres."""
     a, b = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     result: Values = 0.5 * np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     return result

@@ -74,7 +74,7 @@ def by_samples(
 
 
 def _draws(sampling: str, seed: Any) -> list[Draw]:
-    """Of each batch. Numbers of Sobol are rounded up to a power of two."""
+    """Numbers drawn for each batch. Those of Sobol are rounded up to a power of two."""
     try:
         generator = np.random.default_rng(seed)
     except (TypeError, ValueError):

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.illumination.obliquities import checked_obliquity, weighted_sources
 from polywigner.kernels import kernel_for
 from polywigner.propagation.arrangement import smooth_triangles
-from polywigner.propagation.obliquities import checked_obliquity, weighted_sources
 from polywigner.propagation.places import checked_points, checked_wavelength
 from polywigner.propagation.ray_kernels import ray_factors
 from polywigner.propagation.rays import Rays

@@ -106,7 +106,7 @@ def write_dataset(
 
 
 def _removed_if_empty(path: Path, layout: Layout) -> Callable[..., None]:
-    """What leaves no store of a run that fails before a chunk is finished.
+    """A callback for leaving a run: it removes the store if the run failed before the first chunk.
 
     Nobody is writing then: threads have been waited for, and workers begin only when all of them
     see the store.

@@ -178,7 +178,7 @@ class ChunkWriter:
     exclusive: bool
     """The block occupies all cores by itself, by Dr.Jit's pool of threads."""
     threads: int | None
-    """Of that pool; None: as it is."""
+    """Size of that pool; None to leave it as it is."""
 
     def check(self) -> None:
         """Raises StoreError where this process does not see the store of this run."""

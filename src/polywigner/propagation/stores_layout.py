@@ -1,4 +1,4 @@
-"""What a chunked array on disk looks like, and what makes two runs the same run."""
+"""The layout of a chunked array on disk, and the fingerprint that tells one run from another."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ __all__ = ["Index", "Layout", "chunks_within", "fingerprint_of", "source_setting
 Index = tuple[int, ...]
 """One number for each dimension: of a chunk, of its first sample, or of samples in it."""
 
-# What is written, and how; a number that changes with it.
+# Number of the format: it changes with the files' content and layout.
 _FORMAT = 1
-# Whose rounding a value may depend on.
+# Libraries on whose rounding a value may depend.
 _LIBRARIES = ("numpy", "drjit")
 # Beyond this a source is told by its digest alone.
 _LONGEST_SOURCE = 1 << 16
@@ -36,7 +36,7 @@ class Layout:
     """An array of one variable on labelled axes, cut into chunks."""
 
     name: str
-    """Of the variable."""
+    """Name of the variable."""
     dtype: DTypeLike
     """float32, float64, complex64 or complex128."""
     coords: Mapping[str, LabelledArray]
@@ -44,9 +44,9 @@ class Layout:
     chunks: Index
     """Samples of a chunk along each axis; chunks at the end may be cut short."""
     attrs: Mapping[str, Any] = field(default_factory=dict)
-    """Of the variable, with its ``units``: texts and numbers."""
+    """Attributes of the variable, its ``units`` among them: texts and numbers."""
     dataset_attrs: Mapping[str, Any] = field(default_factory=dict)
-    """Of all: texts and numbers."""
+    """Attributes of the whole dataset: texts and numbers."""
 
     def __post_init__(self) -> None:
         shapes = {name: axis.shape for name, axis in self.coords.items()}
@@ -119,7 +119,7 @@ def source_settings(source: Any) -> dict[str, Any]:
 
 
 def versions() -> dict[str, str]:
-    """Of all that the last digits of a value may depend on, beside the processor."""
+    """Versions of all on which the last digits of a value may depend, beside the processor."""
     from polywigner import __version__
 
     libraries = {name: importlib.metadata.version(name) for name in _LIBRARIES}

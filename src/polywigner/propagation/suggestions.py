@@ -46,7 +46,7 @@ class AxisSampling:
     """An evenly spaced axis of a grid."""
 
     name: str
-    """Of the coordinate, as in :func:`projections`, :func:`plane` and :func:`hemisphere`."""
+    """Name of the coordinate, as in :func:`projections`, :func:`plane` and :func:`hemisphere`."""
     unit: str
     """"m", "1/m" or "rad"."""
     low: float
@@ -54,7 +54,7 @@ class AxisSampling:
     high: float
     """Last value; that of a flat box is the first."""
     count: int
-    """How many, both ends included; odd where the axis is symmetric, so that 0 is among them."""
+    """Number of samples, both ends included; odd where the axis is symmetric, so that 0 is one."""
     nyquist: float
     """The largest step from which the values between follow (infinite: any)."""
     band_limited: bool
@@ -74,10 +74,10 @@ class AxisSampling:
 
 @dataclass(frozen=True)
 class Sampling:
-    """What :func:`suggest_sampling` returns; ``sampling["nu_x"]`` is the axis of that name."""
+    """The result of :func:`suggest_sampling`; ``sampling["nu_x"]`` is the axis of that name."""
 
     quantity: SampledQuantity
-    """What is sampled."""
+    """The quantity that is sampled."""
     axes: tuple[AxisSampling, ...]
     """In the order of the coordinates; none for "render"."""
     samples: int
@@ -179,7 +179,7 @@ def suggest_sampling(
 
 
 def _check_used(quantity: str, given: dict[str, Any]) -> None:
-    """What is not for a quantity is refused rather than passed over: nobody gives it in vain."""
+    """Refuses options that do not belong to a quantity, rather than pass them over."""
     used: tuple[str, ...] = ("reach",) if quantity in _PHASE_SPACE else ()
     used = ("box", "line", "radius") if quantity in _AT_PLACES else used
     for name, value in given.items():
@@ -224,7 +224,7 @@ def _phase_space_axes(
     most = _largest_frequency(wavelength, reach)
     bounds, waves = _bounds(source), most + _largest_wave(source)
     half = len(bounds) // 2
-    narrow = _OF_WIDTH * min(map(_narrowest, _elements(source)))
+    narrow = _OF_WIDTH * min(map(_narrowest, source.elements_in_plane))
     bands = []
     for k, suffix in enumerate(("",) if half == 1 else ("_x", "_y")):
         low, high = bounds[k], bounds[k + half]
@@ -253,13 +253,9 @@ def _largest_frequency(wavelength: Any, reach: Any) -> float:
     return 1 / checked_wavelength(wavelength)
 
 
-def _elements(source: Any) -> Any:
-    return source.coplanar if isinstance(source, Array) else (source,)
-
-
 def _bounds(source: Any) -> tuple[float, ...]:
     """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of others."""
-    boxes = np.array([element.bounds for element in _elements(source)], dtype=np.float64)
+    boxes = np.array([element.bounds for element in source.elements_in_plane], dtype=np.float64)
     half = boxes.shape[1] // 2
     return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
 
@@ -273,7 +269,7 @@ def _narrowest(element: Any) -> float:
 
 def _largest_wave(source: PhaseSpaceSource) -> float:
     """The largest component of a frequency of the waves on the elements, 1/m."""
-    fields = [element.illumination for element in _elements(source)]
+    fields = [element.illumination for element in source.elements_in_plane]
     return max((float(np.abs(f.frequencies).max()) for f in fields if f is not None), default=0.0)
 
 

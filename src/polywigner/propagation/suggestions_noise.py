@@ -68,7 +68,7 @@ def _at_level(
 ) -> tuple[Values, Values]:
     """Frequencies (k, 2) of propagating waves at a level of |F|^2 below its peak, and |F|^2."""
     radius, angle = rng.random(_TRIED), 2 * math.pi * rng.random(_TRIED)
-    # As many per octave of the distance from the beam, which may be narrow and point anywhere.
+    # Equally many per octave of distance from the beam, which may be narrow and point anywhere.
     centre = _brightest(source, wavelength, rng)
     distance = 2 / wavelength * 10 ** (-4 * radius)
     nu = centre + distance[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)

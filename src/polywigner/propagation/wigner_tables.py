@@ -26,10 +26,10 @@ __all__ = ["ambiguity_table", "wigner_table"]
 
 Kind = Literal["wigner", "ambiguity"]
 
-# Of a chunk: long enough for the kernels to run at full speed, and some 16 MiB (float32) to some
-# 64 MiB (complex double) large.
+# Samples of a chunk: enough for the kernels to run at full speed, and 16 MiB (float32) to 64 MiB
+# (complex double) large.
 _CHUNK_SAMPLES = 1 << 22
-# What is asked for in memory: up to 16 GiB of float32.
+# Most samples in memory: 16 GiB of float32.
 _MOST_IN_MEMORY = 1 << 32
 
 

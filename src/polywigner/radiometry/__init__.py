@@ -1,4 +1,4 @@
-"""What a source radiates, in watts: radiance, radiant intensity, flux and power.
+"""Radiometry of sources, in watts: radiance, radiant intensity, flux and power.
 
 Sources are apertures, and arrays of them, in the plane z = 0, with |u|^2 the irradiance on them in
 W/m^2; they radiate to z > 0. Wavelengths are in metres, directions unit vectors (..., 3).

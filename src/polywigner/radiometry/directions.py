@@ -39,7 +39,7 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
             f"{type(source).__name__}{advice}"
         )
-    flat = source.repeated[0] if source.repeated is not None else source.coplanar[0]
+    flat = source.repeated[0] if source.repeated is not None else source.elements_in_plane[0]
     if isinstance(flat, Slits):
         raise ArgumentError(
             "expected an Array of apertures, got one of Slits; make rectangles of slits, power "

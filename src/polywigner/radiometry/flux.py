@@ -98,7 +98,7 @@ def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") ->
 
 @dataclass(frozen=True)
 class EnergyBudget:
-    """Where int |u|^2 of a source goes, in W."""
+    """The shares of int |u|^2 of a source, in W."""
 
     total: float
     """int |u|^2 dx = int |F|^2 d nu."""
@@ -112,12 +112,12 @@ class EnergyBudget:
 
     @property
     def propagating_share(self) -> float:
-        """Of the total; NaN for a source whose elements cancel each other."""
+        """Propagating part over the total; NaN for a source whose elements cancel each other."""
         return self.propagating / self.total if self.total > 0 else float("nan")
 
     @property
     def evanescent_share(self) -> float:
-        """Of the total; NaN for a source whose elements cancel each other."""
+        """Evanescent part over the total; NaN for a source whose elements cancel each other."""
         return self.evanescent / self.total if self.total > 0 else float("nan")
 
 

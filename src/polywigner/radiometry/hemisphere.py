@@ -26,7 +26,7 @@ __all__ = ["directions_and_weights", "largest_lag"]
 
 Array = NDArray[np.float64]
 
-# Of a source across; 1.5e11 directions, half a day of two cores for the power of a square.
+# Largest width of a source: 1.5e11 directions, half a day of two cores for the power of a square.
 _MOST_WAVELENGTHS = 1e5
 # Directions at a time: some megabytes.
 _BLOCK = 1 << 17
@@ -43,12 +43,12 @@ def largest_lag(source: PlaneSource) -> float:
     if source.repeated is not None and isinstance(source.repeated[0], Aperture):
         element, sites = source.repeated
         return element.diameter + _diameter(sites)
-    corners = [np.concatenate(e.rings) for e in source.coplanar if isinstance(e, Aperture)]
+    corners = [np.concatenate(element.rings) for element in source.elements_in_plane]
     return _diameter(np.concatenate(corners))
 
 
 def _diameter(points: Array) -> float:
-    """Of a set of points (n, 2)."""
+    """Largest distance of two of a set of points (n, 2)."""
     hull = shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)
     return max(float(np.hypot(*(hull - point).T).max()) for point in hull)
 
@@ -97,7 +97,7 @@ def _rings(theta: Array, weight: Array, counts: NDArray[np.intp]) -> tuple[Array
 
 
 def _azimuths(phase: Array) -> NDArray[np.intp]:
-    """How many azimuths integrate exp(i phase cos(phi)) cos(phi)^m, m = 0, 1, 2, to 3e-15.
+    """Number of azimuths that integrate exp(i phase cos(phi)) cos(phi)^m, m = 0, 1, 2, to 3e-15.
 
     What n of them leave is 2 J_n(phase), negligible from a few phase^(1/3) beyond n = phase on. The
     numbers were found by trying phases from 0.1 to 3000.

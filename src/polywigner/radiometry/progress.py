@@ -13,7 +13,7 @@ __all__ = ["progress_bar"]
 def progress_bar(
     title: str, total: int, done: int = 0, show: bool | None = None
 ) -> Iterator[Callable[..., None]]:
-    """What to call after each of ``total`` parts, or with how many; ``done`` are done already.
+    """A function to call after each of ``total`` parts, or with their number; ``done`` are done.
 
     ``show``: None draws the bar if stderr is a terminal.
     """

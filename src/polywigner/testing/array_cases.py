@@ -38,7 +38,7 @@ class ArrayCase:
 
     @property
     def elements(self) -> tuple[Any, ...]:
-        return self.array.coplanar
+        return self.array.elements_in_plane
 
     @property
     def weights(self) -> Values:
@@ -65,12 +65,12 @@ class ArrayCase:
 
     @cached_property
     def allowed(self) -> float:
-        """Of W and A."""
+        """Error allowed to A and, times 2^d, to W."""
         return self.tolerance * self.scale + self._moved
 
     @property
     def _moved(self) -> float:
-        """What rounding of the elements' places and of phases there adds to W and A."""
+        """Error in W and A from rounding of the elements' places and of phases there."""
         farthest = max(float(np.abs(corners_of(element)).max()) for element in self.elements)
         ulp = float(np.spacing(4 * farthest))
         rims = sum(s * rim_of(e) for s, e in zip(self.strengths, self.elements, strict=True))
@@ -93,7 +93,7 @@ class ArrayCase:
 
 
 def _energy(array: Elements) -> float:
-    zero = np.zeros((1, len(box_of(array.coplanar[0])[0])))
+    zero = np.zeros((1, len(box_of(array.elements_in_plane[0])[0])))
     return float(transforms.ambiguity(array, zero, zero, engine="numpy")[0].real)
 
 
@@ -111,7 +111,7 @@ def array_case_of(
             f"expected an Array, got {type(array).__name__}; use assert_wigner_identities for one "
             "aperture or slits"
         )
-    elements = array.coplanar
+    elements = array.elements_in_plane
     rng = np.random.default_rng(seed)
     one, other = rng.integers(len(elements), size=(2, points))
     ends = [_drawn_in(elements, chosen, rng) for chosen in (one, other)]

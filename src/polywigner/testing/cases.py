@@ -1,4 +1,4 @@
-"""What the assertions share: a source with places to look at, and how to report a difference."""
+"""Common parts of the assertions: a source with places to look at, and reports of differences."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Case:
 
     @property
     def allowed(self) -> float:
-        """Of W and A."""
+        """Error allowed to A and, times 2^d, to W."""
         return self.tolerance * self.scale
 
     @cached_property
@@ -88,13 +88,13 @@ class Case:
 
     @property
     def rounding(self) -> float:
-        """What the content changes by if coordinates are rounded once more."""
+        """Change of the content if coordinates are rounded once more."""
         largest = float(np.abs(self.source.bounds).max())
         return rim_of(self.source) * float(np.spacing(largest))
 
     @property
     def turned(self) -> float:
-        """What rounding of the waves' phases, here and in what is compared, adds to W and A."""
+        """Error in W and A from rounding of the waves' phases, here and in the values compared."""
         farthest = float(np.abs(corners_of(self.source)).max() + self.source.diameter)
         turns = farthest * float(np.abs(self.waves.frequencies).max())
         return 8 * np.pi * float(np.spacing(turns)) * self.scale if turns else 0.0

@@ -34,7 +34,7 @@ def ambiguity_is_hermitian_and_bounded(case: Case | ArrayCase) -> None:
 
 
 def values_at_zero(case: Case | ArrayCase, allowed: float) -> None:
-    """Of W, within ``allowed``, and of A: the marginals."""
+    """Values at zero frequency: those of W, within ``allowed``, and of A are the marginals."""
     zero = np.zeros(case.dimension)
     by_position = case.evaluate("position_marginal", case.x)
     at_zero = case.evaluate("wigner", case.x, zero)

@@ -28,7 +28,7 @@ from polywigner.testing.waves import waves_of
 
 __all__ = ["assert_fourier_stable"]
 
-# What the package promises, relative to the content.
+# Errors that the package promises, relative to the content.
 _TOLERANCE = {"double": 1e-13, "single": 2e-6}
 _DECADES = range(-15, 4)
 # Angles off an edge or a face, in radians: closed forms are 0/0 at the first.

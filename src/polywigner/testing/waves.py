@@ -45,7 +45,7 @@ class Waves:
 
     @property
     def spread(self) -> float:
-        """How far frequencies lie from the carrier at most, in 1/m."""
+        """Largest distance of a frequency from the carrier, in 1/m."""
         return float(np.linalg.norm(self.frequencies - self.carrier, axis=1).max())
 
     def pairs(self) -> Iterator[tuple[complex, Array, Array]]:
@@ -73,7 +73,7 @@ class Waves:
         return int(self.frequencies.shape[1])
 
     def field(self) -> Illumination:
-        """The same as an Illumination."""
+        """The waves as an Illumination."""
         return Illumination(self.amplitudes, self.frequencies)
 
     def mapped(self, matrix: Array, shift: Array) -> Waves:

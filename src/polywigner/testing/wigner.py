@@ -31,7 +31,7 @@ _GAUSSIANS = 3.3
 _MOST_FREQUENCIES = 400_000
 # Across the source: a lattice of 10^4 points takes a hundred steps along each axis.
 _MOST_CYCLES = 4.0
-# Of its box: a lattice of 10^4 points sees a source that fills less of it too seldom.
+# Least share of its box that a source fills: a lattice of 10^4 points sees one of less too seldom.
 _LEAST_FILLING = 0.02
 
 

@@ -1,4 +1,4 @@
-"""What every transform does with its arguments: check them once, find kernel and engine."""
+"""Arguments of all transforms: checked once; then kernel and engine are found."""
 
 from __future__ import annotations
 

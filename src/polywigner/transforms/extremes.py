@@ -1,4 +1,4 @@
-"""What the kernels do not reach: places and frequencies near the largest float, and huge waves.
+"""Beyond the reach of the kernels: places and frequencies near the largest float, and huge waves.
 
 Kernels multiply frequencies, places and sizes, and products of finite numbers may overflow, which
 shows as NaN. There, and only there, values are found again here.
@@ -60,7 +60,7 @@ def is_wide(array: Array, limit: float = _WIDEST) -> bool:
         element, positions = array.repeated
         extent, size = float(np.ptp(positions, axis=0).max()), element.diameter
     else:
-        elements = array.coplanar
+        elements = array.elements_in_plane
         bounds = np.array([e.bounds for e in elements])
         half = bounds.shape[1] // 2
         extent = float((bounds[:, half:].max(axis=0) - bounds[:, :half].min(axis=0)).max())
@@ -193,10 +193,6 @@ def _moved(source: Any, corner: int) -> Any:
         k, m = divmod(corner, len(own))
         return phased_array(element.moved(-own[m]), positions - positions[k], source.weights)
     origin = _corners_of(source)[corner]
-    if isinstance(source, Slits):
-        return source.moved(-origin)
-    if isinstance(source, Array) and source.dimension == 1:
-        return Array([element.moved(-origin) for element in source.coplanar], source.weights)
     return moved_source(source, -origin)
 
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
 
-__all__ = ["Field", "bound_of", "field_of", "is_lit_by_waves"]
+__all__ = ["PlaneField", "bound_of", "field_of", "is_lit_by_waves"]
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class PlaneField:
     """u = sum of weight_k u_k over outlines that may overlap; real weights for real fields.
 
     u_k is the illumination of the outline, or 1.
@@ -69,26 +69,24 @@ class Field:
     def _boxes(self) -> NDArray[np.float64]:
         return np.array([outline.bounds for outline in self.outlines])
 
-    def transposed(self) -> Field:
+    def transposed(self) -> PlaneField:
         """With x and y exchanged."""
-        return Field(tuple(map(_transposed, self.outlines)), self.weights)
+        return PlaneField(tuple(map(_transposed, self.outlines)), self.weights)
 
 
 def is_lit_by_waves(source: Any) -> bool:
     """Whether the field is not constant on an element of a source."""
-    elements = source.coplanar if isinstance(source, Array) else (source,)
-    return any(element.illumination is not None for element in elements)
+    return any(element.illumination is not None for element in source.elements_in_plane)
 
 
-def field_of(source: Aperture | Array) -> Field:
+def field_of(source: Aperture | Array) -> PlaneField:
     """The outlines, with the waves on them, and weights of an aperture or array of one plane."""
     if isinstance(source, Aperture):
-        return Field((source,), np.ones(1))
-    outlines = tuple(element for element in source.coplanar if isinstance(element, Aperture))
-    return Field(outlines, source.weights)
+        return PlaneField((source,), np.ones(1))
+    return PlaneField(source.elements_in_plane, source.weights)
 
 
-def bound_of(source: Aperture | Array) -> Field:
+def bound_of(source: Aperture | Array) -> PlaneField:
     """A field at least as large, on the same outlines: waves count by the sum of their sizes."""
     field = field_of(source)
     if not is_lit_by_waves(source):
@@ -97,7 +95,7 @@ def bound_of(source: Aperture | Array) -> Field:
         1.0 if o.illumination is None else float(np.abs(o.illumination.amplitudes).sum())
         for o in field.outlines
     ]
-    return Field(field.outlines, field.weights * np.array(sizes))
+    return PlaneField(field.outlines, field.weights * np.array(sizes))
 
 
 def _transposed(aperture: Aperture) -> Aperture:

@@ -13,7 +13,7 @@ __all__ = ["Labelled", "LabelledArray", "LabelledArrays", "labelled"]
 
 
 class Labelled(Protocol):
-    """What :class:`LabelledArrays` and ``xarray.Dataset`` have in common.
+    """The interface that :class:`LabelledArrays` and ``xarray.Dataset`` have in common.
 
     ``found[name]`` has ``values``, ``dims``, ``attrs``; so has a coordinate, ``found[dim]``.
     """
@@ -73,7 +73,7 @@ class LabelledArrays(Mapping[str, LabelledArray]):
 
 
 def labelled(found: LabelledArrays) -> Labelled:
-    """The same as an ``xarray.Dataset`` if xarray can be imported."""
+    """The arrays as an ``xarray.Dataset`` if xarray can be imported."""
     try:
         import xarray
     except ImportError:

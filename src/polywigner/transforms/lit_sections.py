@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.transforms.fields import Field
+from polywigner.transforms.fields import PlaneField
 from polywigner.transforms.sections import (
     Overlaps,
     Sections,
@@ -29,14 +29,15 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 Pairing = Callable[[Array, Array], tuple[Array, Array]]
-"""Of the frequencies (m, 2) of the first and (m, 2) of the second wave of m pairs: what to subtract
-from the frequency of the overlap's transform (m, 2), and the cycles (m, r) along r coordinates."""
+"""From the frequencies (m, 2) of the first and (m, 2) of the second wave of m pairs to a shift, to
+subtract from the frequency of the overlap's transform (m, 2), and cycles (m, r) along r
+coordinates."""
 
 # Shifts that agree to this share of the largest are one: sums of the same terms in another order.
 _EQUAL = 1e-12
 
 
-def column_spectra(field: Field, x: Array, nu: Array) -> Complex:
+def column_spectra(field: PlaneField, x: Array, nu: Array) -> Complex:
     """(n, m): the field's transform along y at abscissae x (n,), but for the centre's phase."""
     total = np.zeros((len(x), len(nu)), np.complex128)
     for own, found in _by_wave(field, x):
@@ -44,14 +45,14 @@ def column_spectra(field: Field, x: Array, nu: Array) -> Complex:
     return total
 
 
-def column_integrals(field: Field, x: Array) -> NDArray[np.float64] | Complex:
+def column_integrals(field: PlaneField, x: Array) -> NDArray[np.float64] | Complex:
     """(n,): the integral of the field along y at abscissae x (n,); real of real weights."""
     if not field.is_lit:
         return section_lengths(sections(field, x))
     return column_spectra(field, x, np.zeros(1))[:, 0]
 
 
-def _by_wave(field: Field, x: Array) -> list[tuple[float, Sections]]:
+def _by_wave(field: PlaneField, x: Array) -> list[tuple[float, Sections]]:
     """Frequencies along y, and the sections with the fields of all waves that have this one."""
     found = sections(field, x)
     if not field.is_lit:
@@ -68,7 +69,7 @@ def _by_wave(field: Field, x: Array) -> list[tuple[float, Sections]]:
 
 
 def mutual_spectra(
-    field: Field, found: Overlaps, nu: Array, places: Array, pairing: Pairing
+    field: PlaneField, found: Overlaps, nu: Array, places: Array, pairing: Pairing
 ) -> Complex:
     """(rows, m): the sum over all pairs of waves of the overlaps' transforms at (nu, 0).
 

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
-from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
@@ -226,8 +225,7 @@ def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
 
 def _reach(source: PhaseSpaceSource, vertical: bool) -> tuple[float, float]:
     """From where to where the source reaches, along y or along x."""
-    elements = source.coplanar if isinstance(source, Array) else (source,)
-    bounds = [element.bounds for element in elements]
+    bounds = [element.bounds for element in source.elements_in_plane]
     first = 1 if vertical else 0
     low, high = ([b[k] for b in bounds] for k in (first, first + len(bounds[0]) // 2))
     return min(low), max(high)

@@ -16,8 +16,8 @@ from polywigner.transforms.phase_space import ambiguity, lag_marginal
 
 __all__ = ["otf"]
 
-# Of what the elements of an array would have one by one: rounding leaves 1e-15 where their fields
-# cancel, and what is normalised by a hundred of those has hardly a digit.
+# Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
+# cancel, and a value normalised by a hundred times that has hardly a digit.
 _DARK = 1e-13
 
 
@@ -94,7 +94,7 @@ def _pupil_radius(source: PhaseSpaceSource) -> float:
         return float(np.abs(source.intervals).max())
     if isinstance(source, Aperture):
         return float(np.hypot(*np.concatenate(source.rings).T).max())
-    return max(_pupil_radius(element) for element in source.coplanar)
+    return max(_pupil_radius(element) for element in source.elements_in_plane)
 
 
 def _energy(source: PhaseSpaceSource) -> float:
@@ -102,7 +102,7 @@ def _energy(source: PhaseSpaceSource) -> float:
     dimension = kernels.kernel_for("ambiguity", source).dimension
     energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
     if isinstance(source, Array):
-        contents = [_energy(element) for element in source.coplanar]
+        contents = [_energy(element) for element in source.elements_in_plane]
         apart = float(abs(source.weights) ** 2 @ contents)
     if energy > _DARK * apart and energy > 0.0:
         return energy

@@ -89,8 +89,8 @@ def in_phase(source: PhaseSpaceSource) -> PhaseSpaceSource:
     """The source with a constant field on each element, no smaller than its own and in phase."""
     if not isinstance(source, Array):
         return source.with_illumination(None)
-    elements = [element.with_illumination(None) for element in source.coplanar]
-    largest = [_largest(element) for element in source.coplanar]
+    elements = [element.with_illumination(None) for element in source.elements_in_plane]
+    largest = [_largest(element) for element in source.elements_in_plane]
     return Array(elements, abs(source.weights) * largest)
 
 
@@ -124,15 +124,11 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
     return array
 
 
-def _outlines(source: PhaseSpaceSource) -> Sequence[Element]:
-    return source.coplanar if isinstance(source, Array) else (source,)
-
-
 def _elements(source: PhaseSpaceSource) -> list[tuple[Element, float]]:
     """Slits or apertures, and the modulus of the field on each."""
     if isinstance(source, Array):
         moduli: list[float] = abs(source.weights).tolist()
-        pairs = zip(_outlines(source), moduli, strict=True)
+        pairs = zip(source.elements_in_plane, moduli, strict=True)
         return [(element, modulus) for element, modulus in pairs if modulus > 0]
     return [(source, 1.0)]
 
@@ -143,7 +139,7 @@ def _support(source: PhaseSpaceSource) -> Element:
         return automean(source.support)
     if isinstance(source, Aperture):
         return automean(source)
-    ends = np.concatenate([e.intervals for e in _outlines(source) if isinstance(e, Slits)]) / 2
+    ends = np.concatenate([e.intervals for e in source.elements_in_plane]) / 2
     return Slits(_merged((ends[:, None] + ends).reshape(-1, 2)))
 
 

@@ -17,10 +17,10 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
-from polywigner.kernels.functions.stokes import triangle_plane_wave
+from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import turns_to_centre
 from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
-from polywigner.transforms.fields import Field
+from polywigner.transforms.fields import PlaneField
 
 __all__ = [
     "Copies",
@@ -65,11 +65,11 @@ class _Upright:
     left: Array
     right: Array
     step: NDArray[Any]
-    """What the field rises by on passing the edge upwards."""
+    """Step of the field on passing the edge upwards."""
     element: Indices
 
 
-def _upright(field: Field) -> _Upright:
+def _upright(field: PlaneField) -> _Upright:
     rings = [(k, ring) for k, outline in enumerate(field.outlines) for ring in outline.rings]
     start = np.concatenate([ring for _, ring in rings]) - field.centre
     end = np.concatenate([np.roll(ring, -1, axis=0) for _, ring in rings]) - field.centre
@@ -92,7 +92,7 @@ def _height(left: Array, right: Array, x: Array) -> Array:
     return left[..., 1] * (1 - share) + right[..., 1] * share
 
 
-def sections(field: Field, x: Array) -> Sections:
+def sections(field: PlaneField, x: Array) -> Sections:
     """The intervals of y in the outlines at abscissae x (n,), relative to the centre's y.
 
     At the abscissa of a vertical edge: those to the right of it.
@@ -161,10 +161,10 @@ class Overlaps:
 
 
 Copies = Callable[[float], Callable[[Array], Array]]
-"""Of a value, the map of points (m, 2) to one of the two images of the field."""
+"""From a value to the map of points (m, 2) to one of the two images of the field."""
 
 
-def overlaps(field: Field, at: Array, ahead: Copies, behind: Copies) -> Overlaps:
+def overlaps(field: PlaneField, at: Array, ahead: Copies, behind: Copies) -> Overlaps:
     """The regions that two images of the field have in common, for every value ``at`` (n,).
 
     ``ahead(value)`` and ``behind(value)`` map points (m, 2) to those images. The weight of a region
@@ -182,7 +182,7 @@ def overlaps(field: Field, at: Array, ahead: Copies, behind: Copies) -> Overlaps
     return Overlaps(len(at), row[owner], begin, end, weight[owner], first[owner], second[owner])
 
 
-def _images(field: Field, at: Array, copies: Copies) -> NDArray[Any]:
+def _images(field: PlaneField, at: Array, copies: Copies) -> NDArray[Any]:
     """(n, elements) polygons."""
     images = [[shapely.transform(o.polygons, copies(v)) for o in field.outlines] for v in at]
     return np.array(images, dtype=object).reshape(len(at), len(field.outlines))
@@ -220,13 +220,13 @@ def overlap_spectra(found: Overlaps, nu: Array, nu_y: float = 0.0) -> Complex:
 
     def term(chosen: Indices) -> tuple[Any, Any]:
         turns = [nu * v[chosen, :1] + nu_y * v[chosen, 1:] for v in (found.begin, found.end)]
-        cosine, sine = triangle_plane_wave(_OPS, *turns)
+        cosine, sine = simplex_plane_wave(_OPS, *turns)
         return cosine * share[chosen, None], sine * share[chosen, None]
 
     return _row_sums(found.row, found.count, len(nu), term)
 
 
-def mirrored_correlation(field: Field, x: Array, lag: Array) -> NDArray[Any]:
+def mirrored_correlation(field: PlaneField, x: Array, lag: Array) -> NDArray[Any]:
     """(n, m): twice what the field shares with its mirror image, at x (n,) and lag (m,).
 
     The image is that in the vertical line at x, moved up by the lag, and conjugated. Source:

@@ -14,6 +14,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import cosine_to
 from polywigner.illumination.sites import Sites, checked_sites
 from polywigner.kernels import is_separable
 from polywigner.transforms.arguments import (
@@ -86,7 +87,7 @@ def fourier(
     if isinstance(source, Differentiable):
         if obliquity is not None:
             raise ArgumentError("expected no obliquity for a differentiable source")
-        return fourier_of(source, nu, precision, engine)
+        return fourier_of(source, nu, precision, engine, fourier)
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     with np.errstate(invalid="ignore", over="ignore"):  # of waves that leave the floats
         values = _fourier(source, nu, how)
@@ -295,9 +296,4 @@ def _towards_normal(source: Any, nu: Any) -> Any:
             "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
         )
     array = checked_points("nu", nu, 3, complex_allowed=True)
-    # scaled first, so that no square underflows or overflows
-    largest = np.maximum(np.abs(array.real), np.abs(array.imag)).max(axis=-1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scaled = array / largest
-        length = np.sqrt((scaled * scaled.conj()).real.sum(axis=-1))
-        return (scaled.conj() @ normal) / length
+    return cosine_to(normal, array)

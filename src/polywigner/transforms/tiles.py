@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Engine
 from polywigner.geometry import Slits
-from polywigner.transforms.fields import Field, bound_of, field_of, is_lit_by_waves
+from polywigner.transforms.fields import PlaneField, bound_of, field_of, is_lit_by_waves
 from polywigner.transforms.lit_sections import column_integrals, column_spectra, mutual_spectra
 from polywigner.transforms.phase_space import (
     ambiguity,
@@ -29,8 +29,8 @@ Array = NDArray[np.float64]
 Values = Callable[[Any, Array, Array, Engine], Any]
 Scale = Callable[[Any], float]
 
-# Of a tile's scale: rounding errors measured over the shapes of the tests, |nu| times diameter up
-# to 1e3, reach 2e-13 of it.
+# Rounding error over a tile's scale: over the shapes of the tests, |nu| times diameter up to 1e3,
+# 2e-13 was the largest.
 _ROUNDING = 1e-12
 
 _LINE = "P1"
@@ -45,13 +45,13 @@ class Tile:
     units: str
     meaning: str
     label: str
-    """Of the equation in docs/projections.md."""
+    """Label of the equation in docs/projections.md."""
     compute: Values
     """(what is seen, values along the first, along the second, engine) -> (n, m)."""
     scale: Scale
     """(field, or slits) -> what the rounding error is proportional to, in the tile's units."""
     sees: Literal["source", "field", "transposed"] = "source"
-    """What ``compute`` gets: transposed, x and y change roles in it."""
+    """The field as ``compute`` takes it: transposed, x and y change roles in it."""
 
     @property
     def name(self) -> str:
@@ -74,7 +74,7 @@ class Tile:
             return _ROUNDING * bound.amplitude**2
         return _ROUNDING * self.scale(bound.transposed() if self.sees == "transposed" else bound)
 
-    def _field(self, source: Any) -> Field:
+    def _field(self, source: Any) -> PlaneField:
         field = field_of(source)
         return field.transposed() if self.sees == "transposed" else field
 
@@ -83,23 +83,23 @@ def _grid(first: Array, second: Array) -> Array:
     return np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
 
 
-def _power(field: Field) -> float:
+def _power(field: PlaneField) -> float:
     """Bound on |F|^2."""
     return field.content**2
 
 
-def _box(field: Field) -> float:
+def _box(field: PlaneField) -> float:
     """Bound on the intensity, times the area of the bounds."""
     west, south, east, north = field.bounds
     return field.amplitude**2 * (east - west) * (north - south)
 
 
-def _column(field: Field) -> float:
+def _column(field: PlaneField) -> float:
     """Bound on the intensity, times the squared height."""
     return (field.amplitude * (field.bounds[3] - field.bounds[1])) ** 2
 
 
-def _nothing(field: Field) -> float:
+def _nothing(field: PlaneField) -> float:
     """Uniform fields are computed without rounding."""
     return 0.0
 
@@ -115,13 +115,13 @@ def _position_integral(source: Any, xi_x: Array, xi_y: Array, engine: Engine) ->
     return lag_marginal(source, _grid(xi_x, xi_y), engine=engine)
 
 
-def _shadow_product(field: Field, x: Array, xi_x: Array, engine: Engine) -> Any:
+def _shadow_product(field: PlaneField, x: Array, xi_x: Array, engine: Engine) -> Any:
     ahead, behind = (x[:, None] + half for half in (xi_x / 2, -xi_x / 2))
     one, other = (column_integrals(field, at.ravel()) for at in (ahead, behind))
     return (one * np.conj(other)).reshape(ahead.shape)
 
 
-def _mirrored_overlap(field: Field, x: Array, xi_y: Array, engine: Engine) -> Any:
+def _mirrored_overlap(field: PlaneField, x: Array, xi_y: Array, engine: Engine) -> Any:
     if not field.is_lit:
         return mirrored_correlation(field, x, xi_y)
     centre = field.centre
@@ -156,7 +156,7 @@ def _power_spectrum(source: Any, nu_x: Array, nu_y: Array, engine: Engine) -> An
     return _squared(fourier(source, _grid(nu_x, nu_y), engine=engine))
 
 
-def _wigner_of_rows(field: Field, x: Array, nu_x: Array, engine: Engine) -> Any:
+def _wigner_of_rows(field: PlaneField, x: Array, nu_x: Array, engine: Engine) -> Any:
     def image(sign: float) -> Copies:
         return lambda at: lambda v: (v - (at, field.centre[1])) * (2 * sign, 1.0)
 
@@ -172,7 +172,7 @@ def _of_one_row(one: Array, other: Array) -> tuple[Array, Array]:
     return shift, one[:, :1] - other[:, :1]
 
 
-def _column_powers(field: Field, x: Array, nu_y: Array, engine: Engine) -> Any:
+def _column_powers(field: PlaneField, x: Array, nu_y: Array, engine: Engine) -> Any:
     return _squared(column_spectra(field, x, nu_y))
 
 
@@ -193,7 +193,7 @@ def _spectrum_product(source: Any, first: Array, second: Array, engine: Engine) 
     return ahead * np.conj(fourier(source, -half, engine=engine))
 
 
-def _ambiguity_of_rows(field: Field, upsilon_x: Array, xi_x: Array, engine: Engine) -> Any:
+def _ambiguity_of_rows(field: PlaneField, upsilon_x: Array, xi_x: Array, engine: Engine) -> Any:
     centre = float(field.centre[0])
 
     def image(sign: float) -> Copies:
@@ -211,7 +211,7 @@ def _of_opposite_rows(one: Array, other: Array) -> tuple[Array, Array]:
     return shift, np.column_stack([(one[:, 0] + other[:, 0]) / 2, other[:, 1] - one[:, 1]])
 
 
-def _opposite_columns(field: Field, upsilon_y: Array, xi_x: Array, engine: Engine) -> Any:
+def _opposite_columns(field: PlaneField, upsilon_y: Array, xi_x: Array, engine: Engine) -> Any:
     ahead, behind = (
         column_spectra(field, sign * xi_x / 2, sign * upsilon_y / 2) for sign in (1.0, -1.0)
     )
@@ -301,7 +301,7 @@ def _line_content(source: Any) -> float:
     moduli = abs(source.weights)
     return float(
         moduli.sum()
-        * sum(m * _line_content(s) for m, s in zip(moduli, source.coplanar, strict=True))
+        * sum(m * _line_content(s) for m, s in zip(moduli, source.elements_in_plane, strict=True))
     )
 
 

@@ -82,7 +82,9 @@ def differentiable(
         raise ArgumentError(
             f"expected an Aperture, an Array of apertures, or None, got {type(source).__name__}"
         )
-    if isinstance(source, Array) and not all(isinstance(e, Aperture) for e in source.coplanar):
+    if isinstance(source, Array) and not all(
+        isinstance(e, Aperture) for e in source.elements_in_plane
+    ):
         raise ArgumentError("expected an Array of apertures, got one of Slits")
     if isinstance(source, Array) and vertices is None and weights is None:
         raise ArgumentError("expected vertices or weights as Dr.Jit arrays, got neither")
@@ -177,8 +179,7 @@ def _with_vertices(
         if len(points) > 2 and np.isfinite(points).all() and signed_area(points) < 0:
             vertices, points = vertices.taken(np.arange(len(points))[::-1]), points[::-1]
         return _of_rings([[points]], None), vertices
-    coplanar = (source,) if isinstance(source, Aperture) else source.coplanar
-    elements = [element for element in coplanar if isinstance(element, Aperture)]
+    elements = source.elements_in_plane
     ends = np.cumsum([sum(len(ring) for ring in element.rings) for element in elements])
     if len(points) != ends[-1]:
         raise ArgumentError(

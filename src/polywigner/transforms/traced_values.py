@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,10 +40,15 @@ def phase_space_of(
     )
 
 
-def fourier_of(source: Differentiable, nu: Any, precision: str | None, engine: str) -> Any:
-    """F: the sum of those of all waves on all elements, (C1) and (I1)."""
+def fourier_of(
+    source: Differentiable, nu: Any, precision: str | None, engine: str, plain: Callable[..., Any]
+) -> Any:
+    """F as a sum over all waves on all elements, (C1) and (I1).
+
+    ``plain`` is :func:`polywigner.fourier`, for the values of slits.
+    """
     if source.intervals is not None:
-        return _of_slits("fourier", source, [("nu", nu)], precision, engine)
+        return _of_slits("fourier", source, [("nu", nu)], precision, engine, plain)
     float_type = next(iter(parameters_of(source).types))
     if not execution.is_drjit(nu):
         nu = execution.tensor_of(float_type, execution.host_points("nu", in_plane(nu)))
@@ -75,18 +80,16 @@ def _of_slits(
     points: Sequence[tuple[str, Any]],
     precision: str | None,
     engine: str,
+    plain_fourier: Callable[..., Any] | None = None,
 ) -> Any:
-    """Values as of plain slits, and derivatives in their ends."""
-    from polywigner.transforms.spectrum import fourier  # which knows this module
-
+    """Values of plain slits, with derivatives in their ends."""
     assert source.intervals is not None
     if not any(execution.is_drjit(value) for _, value in points):
         kind = source.intervals.float_type
         points = [(n, execution.tensor_of(kind, execution.host_points(n, p))) for n, p in points]
     plain, is_complex = source.source, name != "wigner"
-    if name == "fourier":
-        how: Any = {"precision": precision, "engine": engine}
-        values = fourier(plain, points[0][1], **how)
+    if plain_fourier is not None:
+        values = plain_fourier(plain, points[0][1], precision=precision, engine=engine)
     else:
         values = transform(name, plain, points, precision, engine, outputs=1 + is_complex)
 
@@ -98,10 +101,9 @@ def _of_slits(
 
 def _elements(source: Differentiable) -> Iterator[tuple[Aperture, Parameter | None]]:
     plain = source.source
-    elements = (plain,) if isinstance(plain, Aperture) else plain.coplanar
+    elements = plain.elements_in_plane
     start = 0
     for element in elements:
-        assert isinstance(element, Aperture)
         count = sum(len(ring) for ring in element.rings)
         own = source.vertices
         if own is not None and len(elements) > 1:

@@ -1,4 +1,4 @@
-"""What those need who use no mouse, or no screen: names, roles, and keys that come to Python."""
+"""Help for visitors without a mouse or a screen: names, roles, and keys that come to Python."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ VIEWS = {
     "fourier": "F(ν)", "wigner_nu": "W over ν", "wigner_x": "W over x", "otf": "OTF, defocus",
     "far": "far field", "near": "near field",
 }  # fmt: skip
-"""Those that can be hidden, and are then not computed."""
+"""Views that can be hidden, and are then not computed."""
 STARTS_WITH = ("fourier", "wigner_nu", "wigner_x", "otf", "far")
 
 _WIDTH = 300

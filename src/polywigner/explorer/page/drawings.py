@@ -69,7 +69,7 @@ class ApertureFigure:
         self._window: tuple[Any, ...] = ()
 
     def show_outlines(self, found: Outlines, state: State) -> None:
-        """What has been computed: the filled source and the support."""
+        """Shows the computed shapes: the filled source and the support."""
         self.support.data = _multi(found.support, state.per_metre)
         self.filled.data = _multi(found.source, state.per_metre)
 

@@ -1,4 +1,4 @@
-"""What visitors do, as edits of the state."""
+"""Acts of visitors, as edits of the state."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from bokeh.models import CustomJS
 from polywigner.explorer import editing, views, windows
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.page import script
+from polywigner.explorer.page.downloads import connect_downloads
 from polywigner.explorer.page.guards import guarded, on_change, on_click, on_event
 from polywigner.explorer.page.keyboard import Keyboard
 from polywigner.explorer.page.show import ORDERS, PARTS
-from polywigner.explorer.page.take_away import connect_take_away
 from polywigner.explorer.page.tour import connect_tour
 from polywigner.explorer.sources import LARGEST_UPLOAD, check_size, state_of_upload
 
@@ -35,7 +35,7 @@ def connect(session: Session) -> None:
     _connect_outline(session)
     _connect_fields(session)
     _connect_points(session)
-    connect_take_away(session)
+    connect_downloads(session)
     connect_tour(session)
 
 

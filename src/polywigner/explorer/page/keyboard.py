@@ -34,7 +34,7 @@ def moved(point: tuple[float, float], key: str, step: float) -> tuple[float, flo
 
 
 class Keyboard:
-    """What keys do to the page of a visitor."""
+    """The keys of the page of a visitor, and their handlers."""
 
     def __init__(self, session: Session) -> None:
         self.session = session

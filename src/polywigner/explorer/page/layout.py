@@ -13,7 +13,7 @@ from polywigner.explorer.page import script
 __all__ = ["SIDE_WIDTH", "arranged", "connect_layout", "figure_grid"]
 
 SIDE_WIDTH = 325
-"""Of the column of controls, in pixels, its scroll bar counted."""
+"""Width of the column of controls in pixels, its scroll bar counted."""
 _NARROW = 760  # pixels: below it, controls lie above the figures
 
 # Both parts scroll by themselves: who moves a slider sees the figure that it moves.

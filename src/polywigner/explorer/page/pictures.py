@@ -18,7 +18,7 @@ from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
 __all__ = ["ImageFigure", "coloured", "palette", "plain_figure", "replaced"]
 
 _SIDE = 235
-"""Of the square that is drawn into, in pixels: three columns beside the controls."""
+"""Side of the square that is drawn into, in pixels: three columns beside the controls."""
 _MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight", "difference": SIGNED_MAP}
 _SIDES = {"level": "dB", "phase": "°", "difference": "dB"}
 _NO_COLOUR = "#dddddd"  # of what is not a number
@@ -77,7 +77,7 @@ def plain_figure(title: str, name: str, **how: Any) -> Any:
 
 
 def _title(what: Shown, side: str) -> str:
-    """What is shown, and the unit of the colour bar."""
+    """The title of a picture: the quantity shown, and the unit of the colour bar."""
     if what.scale in ("signed", "phase"):
         return f"{what.title} ({side})"
     if what.scale == "unit":

@@ -87,7 +87,7 @@ class Session:
 
     @property
     def state(self) -> State:
-        """What is shown now."""
+        """The state on show."""
         return self.history.present
 
     @property

@@ -82,7 +82,7 @@ def _draw_map(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -
 
 
 def _draw_outline(axes: Any, source: pw.Slits | pw.Aperture) -> None:
-    """What radiates, in the upper right corner, all to one scale: 20 mm wide."""
+    """Draws a source in the upper right corner, all figures to one scale: 20 mm wide."""
     inset = axes.inset_axes((0.72, 0.72, 0.27, 0.27))
     half = 10e-3 / _UNIT.metres
     if isinstance(source, pw.Slits):

@@ -1,4 +1,4 @@
-"""What a figure of the paper is made of: the picture, and the numbers behind it."""
+"""A figure of the paper: the picture, and the numbers behind it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Made:
 
 
 def number_samples(quality: Quality, draft: int, final: int) -> int:
-    """How many samples to take along an axis."""
+    """Number of samples to take along an axis."""
     return draft if quality == "draft" else final
 
 

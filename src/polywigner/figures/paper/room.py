@@ -27,7 +27,7 @@ __all__ = [
 ]
 
 POSE = '<lookat origin="0, -0.45, 0.16" target="0, -0.05, 0.02" up="0, 0, 1"/>'
-"""Of the source: its normal points 19 degrees down. Seen along the normal, up is up."""
+"""Pose of the source: its normal points 19 degrees down. Seen along the normal, up is up."""
 
 _ORIGIN = "0, -0.45, 0.16"
 

@@ -16,7 +16,7 @@ from polywigner.figures.style import TYPOGRAPHY, new_figure
 __all__ = ["POSITION", "dense_samples", "grid_wigner", "make"]
 
 POSITION = (0.5e-3, 0.8e-3)
-"""Of the slice that is summed on grids, in metres: no symmetry of the chevrons helps there."""
+"""Place of the slice that is summed on grids, in m: no symmetry of the chevrons helps there."""
 
 _BYTES = 8
 

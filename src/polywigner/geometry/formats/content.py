@@ -13,7 +13,7 @@ LARGEST_FILE = 64 * 2**20
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
-    """What a regular file of sensible size holds.
+    """The content of a regular file of sensible size.
 
     Raises FileFormatError for a missing, empty, unreadable or oversized file, a directory, a
     device and a pipe.

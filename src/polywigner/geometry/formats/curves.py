@@ -96,7 +96,7 @@ def check_number(count: int) -> None:
 
 
 def count_of(curve: Curve) -> int:
-    """How many lines or curves it is."""
+    """Number of lines or curves in it."""
     return len(curve) - 1 if isinstance(curve, np.ndarray) else 1
 
 
@@ -109,7 +109,7 @@ def ends(curve: Curve) -> Points:
 
 
 def reversed_curve(curve: Curve) -> Curve:
-    """The same curve run through the other way."""
+    """The curve run through from its end to its begin."""
     if isinstance(curve, Arc):
         return Arc(curve.centre, curve.u, curve.v, curve.start + curve.sweep, -curve.sweep)
     if isinstance(curve, Bezier):

@@ -1,4 +1,4 @@
-"""What a reader of a format hands over, and the library it needs."""
+"""The result of a reader of a format, and the library it needs."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def required(library: str, kind: str) -> Any:
             f"expected {library.partition('.')[0]} to be installed, which reads {kind} files, got "
             "none; install it with: pip install polywigner[formats]"
         ) from None
-    # What a library says about a damaged file goes to those who listen, not to the terminal.
+    # Messages of a library about a damaged file go to a user's handlers, not to the terminal.
     logger = logging.getLogger(library.partition(".")[0])
     if not logger.handlers:
         logger.addHandler(logging.NullHandler())

@@ -117,7 +117,7 @@ def _check_overlaps(rings: Sequence[Ring]) -> None:
     for i, polygon in enumerate(polygons):
         near = tree.query(polygon, predicate="overlaps")
         common = shapely.intersection(polygon, polygons[near])
-        # As for parts: an edge displaced by rounding sweeps that much times its length.
+        # An edge displaced by rounding sweeps the shift times its length; as for parts.
         deep = shapely.area(common) > shift * np.minimum(polygon.length, shapely.length(common))
         if deep.any():
             j, spot = near[deep][0], shapely.point_on_surface(common[deep][0])

@@ -1,4 +1,4 @@
-"""What is on the elements of a source file: fields and weights by name, and positions.
+"""The elements' part of a source file: fields and weights by name, and positions.
 
 The keys of a table are the parameters of the function that it names. Directions may be given as
 angles, and wavelengths as frequencies, which the whole file may share.
@@ -53,7 +53,7 @@ class Positions:
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """What a field or weights depend on beside their own table."""
+    """Settings on which a field or weights depend beside their own table."""
 
     dimension: int
     wavelength: float | None

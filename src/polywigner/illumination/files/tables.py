@@ -50,20 +50,20 @@ __all__ = ["VERSION", "Source", "aperture_of_polygons", "source_of"]
 Source = Element | Array
 
 VERSION = 1
-"""Of the format; files of another are refused."""
+"""Version of the format; files of another are refused."""
 
 _HEAD = ("version", "frequency", "wavelength")
 
 # A rotation that is the nearest one to within rounding is taken as it is.
 _ROUNDING = 1e-15
 
-# Of vertices, segments and so on of a shape by name: a slip of the keyboard must not fill memory.
+# Most vertices, segments and so on of a shape by name: a slip of the keyboard must not fill memory.
 _LARGEST_COUNT = 4096
 
 
 @dataclass(frozen=True)
 class _File:
-    """What is the same for all tables of a file."""
+    """Settings that all tables of a file share."""
 
     folder: Path
     wavelength: float | None

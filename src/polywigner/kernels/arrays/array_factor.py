@@ -42,7 +42,7 @@ class FactorFrame:
 
     centre: tuple[Any, ...]
     basis: tuple[tuple[float, ...], ...] = ()
-    """Of the lattice; empty where sites are summed one by one."""
+    """Basis of the lattice; empty where sites are summed one by one."""
     content: float = 1.0
 
 
@@ -58,7 +58,7 @@ class FactorTables:
     constant: complex = 1.0
     turns: tuple[float, float] = (0.0, 0.0)
     axes: tuple[tuple[Row, ...], ...] = ()
-    """Of a grid of sites: the rows of x and of y, whose sums are multiplied."""
+    """Rows of x and of y of a grid of sites, whose sums are multiplied."""
 
 
 @lru_cache(maxsize=64)
@@ -90,7 +90,7 @@ def _doubled(point: Any, double: bool) -> tuple[Any, ...]:
 
 
 def _table_of_axes(sites: Sites, double: bool) -> FactorTables | None:
-    """Of sites where rows and columns cross, with weights that are a product; None for others."""
+    """Tables of sites where rows and columns cross, with weights that are a product; else None."""
     x, i = np.unique(sites.positions[:, 0], return_inverse=True)
     y, j = np.unique(sites.positions[:, 1], return_inverse=True)
     if len(x) * len(y) > _CROSSINGS_PER_SITE * len(sites.positions):

@@ -17,9 +17,9 @@ from polywigner.numerics import phases
 
 __all__ = ["ArrayFrame", "Window", "array_frame", "steps_of"]
 
-# What lies within this of the edge of a region contributes less than rounding.
+# A place within this of the edge of a region contributes less than rounding.
 _EDGE = 4e-15
-# What an element's region counts as larger by, in its size: more than single precision rounds.
+# Margin around an element's region, in its size: more than single precision rounds.
 _MARGIN = 1e-4
 
 
@@ -68,7 +68,7 @@ class ArrayFrame:
     turns: Pair2
     """By which the phase of the weights grows from site to site, along each direction."""
     middle: tuple[phases.Doubled, ...]
-    """Of the elements' centres."""
+    """Middle of the elements' centres."""
     means: tuple[Window, Window]
     differences: tuple[Window, Window]
     sites: tuple[Window, Window]

@@ -23,7 +23,7 @@ from polywigner.kernels.arrays.pair_lists import PairLists, pair_lists
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
 from polywigner.kernels.outline.frame import Frame, frame_along, frame_of, power_of_two
 from polywigner.kernels.outline.tables import Element, Tables, build_tables, grouped
-from polywigner.kernels.outline.waves import Waves, carrier_of, difference_beats
+from polywigner.kernels.outline.waves import Waves, carrier_of, difference_pairs
 from polywigner.numerics import phases
 
 __all__ = ["DistantFrame", "DistantTables", "distant_parts", "pairs_by_difference", "pairs_by_mean"]
@@ -38,11 +38,11 @@ _LEAST_RATIO = 3.0
 # Pairs of a part and a convex piece of another: their records take 128 bytes each.
 _MOST_PAIRS = 1 << 13
 # Pairs of waves are code, of some 20 ms to compile each.
-_MOST_BEATS = 16
-# What rounding to 24 bits moves a place by, in its distance from the middle, and some more: lists
+_MOST_WAVE_PAIRS = 16
+# Rounding to 24 bits moves a place by less than this share of its distance from the middle: lists
 # of pairs reach that much further.
 _MARGIN = 2.0**-21
-# Of the cells that list pairs; more find no fewer of them.
+# Most cells that list pairs; more of them find no fewer pairs.
 _MOST_CELLS, _CELLS_PER_PAIR = 1 << 18, 64
 # Columns of a record, filled up so that four can be read at a time.
 _COLUMNS = 16
@@ -81,11 +81,6 @@ class DistantTables:
     lists: tuple[tuple[View, PairLists], ...]
     """Pairs of the edges of a part and a piece, for each way in which copies lie."""
     held: dict[Any, Any] = field(default_factory=dict)
-    edges: tuple[int, ...] = (0,)
-    """One sum, of nothing that could be split."""
-    pieces: tuple[Any, ...] = ()
-    clips: int = 0
-    waves_per_cut: int = 1
 
     @cached_property
     def terms(self) -> int:
@@ -130,7 +125,7 @@ def distant_parts(source: Aperture | Array, double: bool) -> _Distant | None:
 
     ``double``: for results in double precision, which need them farther apart.
     """
-    elements: Sequence[Any] = (source,) if isinstance(source, Aperture) else source.coplanar
+    elements = source.elements_in_plane
     if not isinstance(elements[0], Aperture):
         return None
     low, high = _extent([element.bounds for element in elements])
@@ -149,7 +144,7 @@ def distant_parts(source: Aperture | Array, double: bool) -> _Distant | None:
     wide = replace(frame, centre=(middle[0], middle[1]), carrier=carrier)
     fields = [Element((), (), w, e.illumination) for e, w in zip(elements, weights, strict=True)]
     groups, members = grouped(fields, wide)
-    if len(groups) > 1 or len(difference_beats(groups[0], groups[0])) > _MOST_BEATS:
+    if len(groups) > 1 or len(difference_pairs(groups[0], groups[0])) > _MOST_WAVE_PAIRS:
         return None
     parts = [
         part

@@ -22,9 +22,9 @@ from polywigner.kernels.arrays.distant_waves import NUMBERS, DistantWave, Point,
 from polywigner.kernels.arrays.pair_lists import sum_over_near_pairs
 from polywigner.kernels.cut.clipping import BEHIND, MIRRORED, View
 from polywigner.kernels.functions import plane
-from polywigner.kernels.functions.stokes import segment_wave
+from polywigner.kernels.functions.edge_terms import WaveTerms
 from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_real, leave_wave
-from polywigner.kernels.outline.waves import difference_beats, mean_beats
+from polywigner.kernels.outline.waves import difference_pairs, mean_pairs
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 
@@ -94,7 +94,7 @@ class _Sum:
         return (abs(x) < width) & (abs(y) < height)
 
     def of_pair(self, record: Sequence[Any], *samples: Any) -> Values:
-        """What the edges of the pair contribute."""
+        """The sum over the edges of the pair."""
         ops, waves = self.ops, self._waves(samples)
         dx, dx_rest, dy, dy_rest, real, imag = record[4:10]
         first_edge, end_edge, first_side, end_side = map(ops.truncated, record[10:14])
@@ -139,16 +139,14 @@ class _Sum:
         middle, extent = low + high, ops.maximum(high - low, 0.0)
         values: list[Any] = []
         for wave in waves:
-            q = self.scale * wave.along(ex, ey)
+            terms = WaveTerms(ops, (wave.x, wave.y), 2)
+            along = terms.along(ex, ey)
+            per_edge = (0.5 * self.scale) * along[0]
             start = self.scale * wave.along(ax + self.side * tx, ay + self.side * ty)
-            sine, cosine = ops.where_left(extent, self._wave, extent, middle, q, start)
-            across = self.scale * ops.fma(wave.x, ey, wave.y * -ex) * extent
-            values += [across * sine, across * cosine]
+            turns = ops.fma(middle, per_edge, start)
+            sums = terms.added(None, extent * per_edge, turns, extent, (1.0, 0.0))
+            values += terms.of_edge(along, self.scale, sums)
         return tuple(values)
-
-    def _wave(self, extent: Any, middle: Any, q: Any, start: Any) -> tuple[Any, Any]:
-        ops = self.ops
-        return segment_wave(ops, extent * q, ops.fma(0.5 * middle, q, start))
 
     def _interval(
         self, edge: Sequence[Any], sides: tuple[Any, Any], tx: Any, ty: Any
@@ -217,16 +215,16 @@ def _unknown(place: Point, waves: Sequence[DistantWave]) -> Any:
 
 def _wigner_sum(ops: Any, tables: DistantTables, *inner: Any) -> Values:
     place, nu = _points(inner)
-    beats = mean_beats(tables.waves, tables.waves)
-    waves = [DistantWave.of(ops, beat, nu, place) for beat in beats]
+    wave_pairs = mean_pairs(tables.waves, tables.waves)
+    waves = [DistantWave.of(ops, wave_pair, nu, place) for wave_pair in wave_pairs]
     # pairs come in both orders, of which one is the other's conjugate; so do those of waves
     return (2.0 * _total(ops, tables, place, waves, 1)[0],)
 
 
 def _ambiguity_sum(ops: Any, tables: DistantTables, turns: Any, *inner: Any) -> Values:
     upsilon, lag = _points(inner)
-    beats = difference_beats(tables.waves, tables.waves)
-    waves = [DistantWave.of(ops, beat, upsilon, lag) for beat in beats]
+    wave_pairs = difference_pairs(tables.waves, tables.waves)
+    waves = [DistantWave.of(ops, wave_pair, upsilon, lag) for wave_pair in wave_pairs]
     real, imag = _total(ops, tables, lag, waves, 2)
     return real, -imag
 
@@ -244,7 +242,6 @@ WIGNER = Kernel(
     _enter_wigner,
     _wigner_sum,
     leave_real,
-    copies=1,
     in_one_frame=plane.WIGNER,
 )
 AMBIGUITY = Kernel(
@@ -254,7 +251,6 @@ AMBIGUITY = Kernel(
     _enter_ambiguity,
     _ambiguity_sum,
     leave_wave,
-    copies=2,
     in_one_frame=plane.AMBIGUITY,
 )
 POSITION_MARGINAL = replace(

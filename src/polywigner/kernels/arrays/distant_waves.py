@@ -9,7 +9,7 @@ from typing import Any
 
 from polywigner.kernels.functions.stokes import moved_off_zero
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline.waves import Beat
+from polywigner.kernels.outline.waves import WavePair
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
@@ -19,7 +19,7 @@ __all__ = ["NUMBERS", "DistantWave", "Point", "less"]
 Point = tuple[phases.Doubled, phases.Doubled]
 
 NUMBERS = 8
-"""Of a wave: frequency, that off zero, amplitude."""
+"""Numbers that make up a wave: its frequency, the frequency moved off zero, its amplitude."""
 
 
 def less(ops: Any, value: Any, constant: float) -> phases.Doubled:
@@ -31,7 +31,7 @@ def less(ops: Any, value: Any, constant: float) -> phases.Doubled:
 
 @dataclass(frozen=True)
 class DistantWave:
-    """A beat of the waves on the source: the frequency that it sees, and its amplitude."""
+    """A wave_pair of the waves on the source: the frequency that it sees, and its amplitude."""
 
     ops: Any
     nu: Point
@@ -42,11 +42,11 @@ class DistantWave:
     """Over that of the edge sum."""
 
     @classmethod
-    def of(cls, ops: Any, beat: Beat, nu: Point, place: Point) -> DistantWave:
-        first, second = (_shifted(ops, *pair) for pair in zip(nu, beat.shift, strict=True))
+    def of(cls, ops: Any, wave_pair: WavePair, nu: Point, place: Point) -> DistantWave:
+        first, second = (_shifted(ops, *pair) for pair in zip(nu, wave_pair.shift, strict=True))
         x, y = moved_off_zero(ops, first[0] + first[1], second[0] + second[1])
         scale = 1.0 / (2 * math.pi * ops.fma(x, x, y * y))
-        return cls(ops, (first, second), x, y, _amplitude(ops, beat, place).scaled(scale))
+        return cls(ops, (first, second), x, y, _amplitude(ops, wave_pair, place).scaled(scale))
 
     @property
     def numbers(self) -> Values:
@@ -73,15 +73,15 @@ def _shifted(ops: Any, frequency: phases.Doubled, shift: float) -> phases.Double
     return total, rest + frequency[1]
 
 
-def _amplitude(ops: Any, beat: Beat, place: Point) -> Pair:
-    """The factor of a beat at a position or lag."""
+def _amplitude(ops: Any, wave_pair: WavePair, place: Point) -> Pair:
+    """The factor of a wave_pair at a position or lag."""
     total = Pair(0.0, 0.0)
-    for amplitude, rate in beat.terms:
+    for amplitude, rate in wave_pair.terms:
         term = Pair(complex(amplitude).real, complex(amplitude).imag)
         if any(rate):
             term = term * Pair(*cos_sin_turns(ops, _turns(ops, place, rate)))
         total = total + term
-    return Pair(total.real, 0.0) if beat.is_real else total
+    return Pair(total.real, 0.0) if wave_pair.is_real else total
 
 
 def _turns(ops: Any, one: Sequence[Any], other: Sequence[Any]) -> Any:

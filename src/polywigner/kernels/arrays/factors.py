@@ -143,7 +143,7 @@ class _Series:
     """
 
     packets: int
-    """Of a row."""
+    """Number of packets of a row."""
     p_real: _Table | None
     p_imag: _Table | None
     q_real: _Table | None
@@ -220,7 +220,7 @@ class _Rows:
     lengths: Indices
 
     def terms(self, rows: slice, number: Indices) -> Complexes:
-        """Those with a number (rows, terms), 0 where a row has none."""
+        """Packets of a number (rows, terms), 0 where a row has none."""
         exists = (number >= 0) & (number < self.lengths[rows, None])
         m = np.where(exists, number, 0)
         found: Complexes = self.one[self.begin[rows, None] + m]

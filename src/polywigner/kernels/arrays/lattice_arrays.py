@@ -18,9 +18,10 @@ from polywigner.illumination import Array
 from polywigner.illumination.lattices import Lattice, Profile, separated
 from polywigner.kernels.arrays.array_frames import ArrayFrame, array_frame, steps_of
 from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
-from polywigner.kernels.arrays.repeated import RepeatedTables, at_both_ends
+from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables, at_both_ends
 from polywigner.kernels.arrays.site_weights import LatticeSites, Weights
 from polywigner.kernels.arrays.weight_tables import fits_a_table
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED
 from polywigner.kernels.functions.elements import ambiguity, element_tables, field, wigner
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import (
@@ -47,8 +48,6 @@ __all__ = [
 _LEAST_ELEMENTS = 4
 
 ArrayTables = RepeatedTables[LatticeSites]
-# A kernel unrolls the element's sum over edges for the copies around a place; two stand for them.
-_SUMS_PER_EDGE = 2
 
 
 def _lattice(array: Array) -> Lattice | None:
@@ -86,7 +85,7 @@ def _tables(array: Array, double: bool) -> ArrayTables:
     sites = LatticeSites(factors, Weights(values))
     by_pairs = factors is None and not fits_a_table(values.shape, double)
     terms = values.size if by_pairs else 1
-    return RepeatedTables(frame, tables, tables.edges, sites, _SUMS_PER_EDGE, terms)
+    return RepeatedTables(frame, tables, sites, terms)
 
 
 def _scaled(profile: Profile) -> ProfileFactor:
@@ -127,7 +126,7 @@ def _wigner_sum(
     nu_x: Any,
     nu_y: Any,
 ) -> Values:
-    frame, part = tables.frame, tables.part
+    frame, element = tables.frame, tables.element
 
     factor = tables.sites.at_means(ops, (turns_1, turns_2))
 
@@ -135,9 +134,9 @@ def _wigner_sum(
         left = (x - dx, y - dy)
         counts = frame.may_count(*left)
         weight = factor((k, m), (first + k, second + m), counts)
-        return (weight * wigner(ops, part, *left, nu_x, nu_y),)
+        return (weight * wigner(ops, element, *left, nu_x, nu_y),)
 
-    total: Values = ops.sum_of_long(steps_of(frame, frame.means, 0.5), term, part.clips)
+    total: Values = ops.sum_large_terms(steps_of(frame, frame.means, 0.5), term, element.clips)
     return total
 
 
@@ -169,7 +168,7 @@ def _ambiguity_sum(
     upsilon_x: Any,
     upsilon_y: Any,
 ) -> Values:
-    frame, part = tables.frame, tables.part
+    frame, element = tables.frame, tables.element
     slope = frame.slope
 
     factor_of = tables.sites.at_differences(ops, (turns_1, turns_2))
@@ -180,12 +179,12 @@ def _ambiguity_sum(
         if any(slope):
             phase = steps[0] * slope[0] + steps[1] * slope[1]
             factor = factor * Pair(*cos_sin_turns(ops, phase))
-        cosine, sine = ambiguity(ops, part, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
+        cosine, sine = ambiguity(ops, element, upsilon_x, upsilon_y, xi_x - dx, xi_y - dy)
         part_here = factor * Pair(cosine, -sine)
         return part_here.real, -part_here.imag
 
     rows = steps_of(frame, frame.differences, 1.0)
-    total: Values = ops.sum_of_long(rows, term, 4 * part.clips)
+    total: Values = ops.sum_large_terms(rows, term, 4 * element.clips)
     return total
 
 
@@ -207,13 +206,13 @@ def _enter_both_ends(ops: Any, frame: ArrayFrame, x: Any, y: Any, xi_x: Any, xi_
 
 def _field(ops: Any, tables: ArrayTables, first: Any, second: Any, x: Any, y: Any) -> Values:
     """u at one place, less the carrier: that of the elements around it, which may overlap."""
-    frame, part = tables.frame, tables.part
+    frame, element = tables.frame, tables.element
     total = Pair(0.0, 0.0)
     for k, m, dx, dy in steps_of(frame, frame.sites, 1.0):
         i, j = first + k, second + m
         weight, exists = tables.sites.weights.at(ops, i, j)
         phase = ops.select(exists, i * frame.slope[0] + j * frame.slope[1], 0.0)
-        own = Pair(*field(ops, part, x - dx, y - dy))
+        own = Pair(*field(ops, element, x - dx, y - dy))
         total = total + own * weight * Pair(*cos_sin_turns(ops, phase))
     return total.real, total.imag
 
@@ -223,10 +222,8 @@ WIGNER = Kernel(
     2,
     _tables,
     _enter_wigner,
-    _wigner_sum,
+    ElementSum((MIRRORED,), _wigner_sum),
     leave_real,
-    copies=1,
-    clips_per_term=4,
 )
 POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a lattice", leads=False)
 AMBIGUITY = Kernel(
@@ -234,10 +231,8 @@ AMBIGUITY = Kernel(
     2,
     _tables,
     _enter_ambiguity,
-    _ambiguity_sum,
+    ElementSum((BEHIND, AHEAD), _ambiguity_sum),
     leave_wave,
-    copies=2,
-    clips_per_term=16,
 )
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a lattice", leads=True)
 AUTOCORRELATION = Kernel(

@@ -1,16 +1,16 @@
-"""What kernels of one element repeated many times share, on a lattice or off it."""
+"""Common parts of the kernels of one element repeated many times, on a lattice or off it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+from polywigner.kernels.cut.clipping import View
 from polywigner.kernels.functions.elements import ElementTables
 from polywigner.kernels.kernel import Values
-from polywigner.kernels.outline.tables import Piece
 
-__all__ = ["RepeatedTables", "at_both_ends"]
+__all__ = ["ElementSum", "RepeatedTables", "at_both_ends"]
 
 Sites = TypeVar("Sites")
 
@@ -21,30 +21,24 @@ class RepeatedTables(Generic[Sites]):
 
     frame: Any
     element: ElementTables
-    edges: tuple[Any, ...]
-    """Those of the element that this part of a sum is over."""
     sites: Sites
-    sums_per_edge: int = 1
-    """Sums over an edge that a kernel unrolls, for several copies: what splitting it counts."""
     terms: int = 1
-    """Of the sum over copies that a sample loops through: they count when an engine is chosen."""
-
-    @property
-    def part(self) -> ElementTables:
-        """The element with these edges only."""
-        return replace(self.element, edges=self.edges)
-
-    @property
-    def pieces(self) -> tuple[Piece, ...]:
-        return self.element.pieces
+    """Terms of the sum over copies that a sample loops through, for the choice of an engine."""
 
     @property
     def clips(self) -> int:
-        return self.part.clips
+        return self.element.clips
 
-    @property
-    def waves_per_cut(self) -> int:
-        return self.element.waves_per_cut * self.sums_per_edge
+
+@dataclass(frozen=True, eq=False)
+class ElementSum:
+    """A kernel's sum over the copies of an element, whose edges are cut in one view or in two."""
+
+    views: tuple[View, ...]
+    summed: Callable[..., Values]
+
+    def __call__(self, ops: Any, tables: Any, *inner: Any) -> Values:
+        return self.summed(ops, tables, *inner)
 
 
 def at_both_ends(field: Callable[..., Values]) -> Callable[..., Values]:

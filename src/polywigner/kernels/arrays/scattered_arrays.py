@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.arrays.pair_lists import sum_over_pairs
-from polywigner.kernels.arrays.repeated import at_both_ends
+from polywigner.kernels.arrays.repeated import ElementSum, at_both_ends
 from polywigner.kernels.arrays.scattered_sites import (
     ScatterFrame,
     ScatterTables,
@@ -19,6 +19,7 @@ from polywigner.kernels.arrays.scattered_sites import (
     pairs_by_difference,
     pairs_by_mean,
 )
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED
 from polywigner.kernels.functions.elements import ambiguity, field, wigner
 from polywigner.kernels.functions.plane import product_of_both
 from polywigner.kernels.kernel import (
@@ -74,13 +75,13 @@ def _wigner_sum(
     own_x: Any,
     own_y: Any,
 ) -> Values:
-    part = tables.part
+    element = tables.element
 
     def term(px: Any, qx: Any, py: Any, qy: Any, dx: Any, dy: Any, re: Any, im: Any) -> Any:
         cosine, sine = cos_sin_turns(ops, nu_x * dx + nu_y * dy)
         factor = re * cosine + im * sine
         left = ((x - px) + (x_rest - qx), (y - py) + (y_rest - qy))
-        return (factor * wigner(ops, part, *left, own_x, own_y),)
+        return (factor * wigner(ops, element, *left, own_x, own_y),)
 
     total: Values = tuple(sum_over_pairs(ops, tables.sites.lists, (x, y), term, 1))
     return total
@@ -109,13 +110,13 @@ def _ambiguity_sum(
     own_x: Any,
     own_y: Any,
 ) -> Values:
-    part = tables.part
+    element = tables.element
 
     def term(px: Any, qx: Any, py: Any, qy: Any, mx: Any, my: Any, re: Any, im: Any) -> Any:
         cosine, sine = cos_sin_turns(ops, upsilon_x * mx + upsilon_y * my)
         factor = Pair(re, im) * Pair(cosine, -sine)
         left = ((xi_x - px) + (x_rest - qx), (xi_y - py) + (y_rest - qy))
-        one, two = ambiguity(ops, part, own_x, own_y, *left)
+        one, two = ambiguity(ops, element, own_x, own_y, *left)
         whole = factor * Pair(one, -two)
         return whole.real, -whole.imag
 
@@ -137,7 +138,7 @@ def _field(ops: Any, tables: ScatterTables, x: Any, x_rest: Any, y: Any, y_rest:
     total = Pair(0.0, 0.0)
     for px, qx, py, qy, re, im in tables.sites.elements:
         left = ((x - px) + (x_rest - qx), (y - py) + (y_rest - qy))
-        total = total + Pair(*field(ops, tables.part, *left)) * Pair(re, im)
+        total = total + Pair(*field(ops, tables.element, *left)) * Pair(re, im)
     return total.real, total.imag
 
 
@@ -146,10 +147,8 @@ WIGNER = Kernel(
     2,
     pairs_by_mean,
     _enter_wigner,
-    _wigner_sum,
+    ElementSum((MIRRORED,), _wigner_sum),
     leave_real,
-    copies=1,
-    clips_per_term=4,
 )
 POSITION_MARGINAL = at_zero_frequency(
     WIGNER, "position marginal of scattered elements", leads=False
@@ -159,10 +158,8 @@ AMBIGUITY = Kernel(
     2,
     pairs_by_difference,
     _enter_ambiguity,
-    _ambiguity_sum,
+    ElementSum((BEHIND, AHEAD), _ambiguity_sum),
     leave_wave,
-    copies=2,
-    clips_per_term=16,
 )
 LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of scattered elements", leads=True)
 AUTOCORRELATION = Kernel(

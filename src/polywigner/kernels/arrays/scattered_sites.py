@@ -37,7 +37,7 @@ class ScatterFrame:
 
     element: Frame
     middle: Vector
-    """Of the elements' frames."""
+    """Middle of the elements' frames."""
     exact_middle: tuple[phases.Doubled, ...]
 
     @property
@@ -162,7 +162,7 @@ def _tables(
     table = tuple(tuple(row) for row in rows.tolist())
     found = ScatteredSites(lists, table)
     terms = len(sites.places)
-    return RepeatedTables(sites.frame, sites.tables, sites.tables.edges, found, terms=terms)
+    return RepeatedTables(sites.frame, sites.tables, found, terms)
 
 
 def _split(values: Floats, double: bool) -> tuple[Floats, Floats]:

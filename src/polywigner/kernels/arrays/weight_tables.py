@@ -254,7 +254,7 @@ class _Midpoint:
 
     sites: slice
     partners: slice
-    """Of the same pairs, in the same order."""
+    """Partners of ``sites`` in these pairs, in the same order."""
     period: int
     gains: NDArray[np.float64]
     """By pair: what makes up for the interpolation."""

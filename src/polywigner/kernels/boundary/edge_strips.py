@@ -1,4 +1,4 @@
-"""What strips along an aperture's edges radiate: derivatives of exact fields. Source: (G5), (G6).
+"""Fields of strips along an aperture's edges: derivatives of exact fields. Source: (G5), (G6).
 
 Lengths are in wavelengths, phases in turns, axes those of `boundary`. For a
 panel and a point these are the integrals of 1 and t, t the length from the panel's beginning, times
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from polywigner.kernels.boundary.edge_waves import Corner
+from polywigner.kernels.boundary.edge_waves import PanelView
 from polywigner.kernels.boundary.integrals import anglewise, lengthwise
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics.nodes import Rules, gauss_rules, nodes_needed, rule_of
@@ -73,9 +73,9 @@ def _strip(
     first, b = _seen(x, y, begin_x, begin_y, ex, ey)
     last, foot2 = first + length, b * b + z * z
     ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
-    corner = Corner(first, last, length, *ends, b, z, along, 0.0, 0.0)
-    far, clear, swing, half = lengthwise(ops, corner, 1.0, None)
-    near_clear, near_swing, middle, span = anglewise(ops, corner, 1.0, None)
+    view = PanelView(first, last, length, *ends, b, z, along, 0.0, 0.0)
+    far, clear, swing, half = lengthwise(ops, view, 1.0, None)
+    near_clear, near_swing, middle, span = anglewise(ops, view, 1.0, None)
     clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
     needed, _ = nodes_needed(ops, digits + _GROWN, clear, 2 * math.pi * swing)
     rule = rule_of(ops, needed)

@@ -1,4 +1,4 @@
-"""What a wave at an edge adds to the field at a point, travelling and evanescent. Source: (B3).
+"""The share of a wave at an edge in the field at a point, travelling or evanescent. Source: (B3).
 
 With N and N' the paths R - p.(P - Q) and R - p'.(P - Q), p' the mirrored direction, E the wave at
 the edge, e and e' those at the point if it came along p and p', the integrand times R/2 is
@@ -7,7 +7,7 @@ the edge, e and e' those at the point if it came along p and p', the integrand t
 
 Both E - e and N vanish on the ray that the wave would take: they are divided without cancellation.
 So do E - e' and N', on the ray of the mirrored wave, which runs behind the plane, or in it for
-waves that graze it. Points close to that plane do see it; such a point and wave *cling*, and get
+waves that graze it. A point close to the plane sees that ray: it *grazes* the wave, and gets
 
     a (E - e)/2N + (1/2 - share) b' (E - e')/N' + b'/N' [(1/2 - share) e' - e/2]
 
@@ -23,22 +23,22 @@ from typing import Any
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select
 from polywigner.numerics.trigonometry import cos_sin_turns
 
-__all__ = ["EVANESCENT", "TRAVELLING", "Corner", "EdgeWave", "wave_difference"]
+__all__ = ["EVANESCENT", "TRAVELLING", "EdgeWave", "PanelView", "wave_difference"]
 
 Values = tuple[Any, ...]
 
 # Where two waves differ by less, in turns, their difference is taken as a product.
 _CLOSE = 0.5
-# A travelling wave clings to points lower than a wavelength at an angle below this; ...
+# A travelling wave grazes points lower than a wavelength at an angle below this; ...
 _LOW, _GRAZING = 1.0, 0.3
-# ... an evanescent one to points at which it has lost less than a factor of exp(pi).
+# ... an evanescent one points at which it has lost less than a factor of exp(pi).
 _LOST = 0.5
-# Of an integrand without singularity, in half-lengths; beyond the largest ellipse of the rules.
+# Distance that stands for no singularity, in half-lengths: beyond the largest ellipse of the rules.
 _NONE = 100.0
 
 
 @dataclass(frozen=True)
-class Corner:
+class PanelView:
     """A panel as a point sees it: s from first to last, all else the same along it."""
 
     first: Any
@@ -61,37 +61,39 @@ class _Travelling:
     directions = 3
     """Components of the direction in which the free wave turns."""
 
-    def seen(self, ops: Any, corner: Corner, free: Pair, moment: Values) -> tuple[Values, Any, Any]:
-        """What is the same at all nodes, a bound on the reach of singularities, or their distance.
+    def seen(
+        self, ops: Any, view: PanelView, free: Pair, moment: Values
+    ) -> tuple[Values, Any, Any]:
+        """Numbers that all nodes share, and the reach of singularities or their distance.
 
         ``moment``: p x (P - Q) at the panel's beginning, by e, -n and z; () of waves along z.
 
-        Returns ((e, e', whether it clings), sine of the angle to the mirrored ray, distance from
-        it), both bounds from below.
+        Returns ((e, e', whether it grazes the point), sine of the angle to the mirrored ray,
+        distance from it), both bounds from below.
         """
-        z, pz = corner.z, corner.pz
-        tilt = ops.minimum(pz + z / ops.maximum(corner.radius_first, corner.radius_last), 1.0)
-        clings = (z < _LOW) & (tilt < _GRAZING)
+        z, pz = view.z, view.pz
+        tilt = ops.minimum(pz + z / ops.maximum(view.radius_first, view.radius_last), 1.0)
+        is_grazing = (z < _LOW) & (tilt < _GRAZING)
         turn = 2.0 * (pz * z)
         c, d = cos_sin_turns(ops, turn)
         mirrored = free * Pair(c, -d)
-        clinging = ops.select(clings, 1.0, 0.0)
-        data = (free.real, free.imag, mirrored.real, mirrored.imag, clinging, *moment)
-        return data, ops.select(clings, _NONE, tilt), None
+        grazing = ops.select(is_grazing, 1.0, 0.0)
+        data = (free.real, free.imag, mirrored.real, mirrored.imag, grazing, *moment)
+        return data, ops.select(is_grazing, _NONE, tilt), None
 
-    def closed(self, ops: Any, corner: Corner) -> Pair:
+    def closed(self, ops: Any, view: PanelView) -> Pair:
         """The integral of b'/(N' R), (B4)."""
-        beta = corner.pz * corner.b - corner.z * corner.across
-        sign, begin, end, constant = _ends(ops, corner)
-        low = begin + (constant + corner.pz * corner.z)
-        high = end + (constant + corner.pz * corner.z)
+        beta = view.pz * view.b - view.z * view.across
+        sign, begin, end, constant = _ends(ops, view)
+        low = begin + (constant + view.pz * view.z)
+        high = end + (constant + view.pz * view.z)
         angle = ops.atan2(beta * (high - low), beta * beta + low * high)
         return Pair(2.0 * sign * angle, 0.0 * angle)
 
     def integrand(
         self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
         along: Any, b: Any, z: Any, across: Any, pz: Any,
-        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, clinging: Any, *moment: Any,
+        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any, *moment: Any,
     ) -> Pair:  # fmt: skip
         """The integrand times the radius, at t from the panel's beginning."""
         tiny = 1e-300 if ops.double else 1e-37
@@ -111,9 +113,9 @@ class _Travelling:
         second = edge.scaled(rest) - free.scaled(0.5)
         if rest:
             smooth = wave_difference(ops, edge, mirrored, mirror).scaled(rest)
-            second = select(ops, clinging > 0.5, smooth, second)
+            second = select(ops, grazing > 0.5, smooth, second)
         else:
-            second = second.scaled(1.0 - clinging)
+            second = second.scaled(1.0 - grazing)
         return first + second.scaled((pz * b - across * z) / ops.maximum(mirror, tiny))
 
 
@@ -122,28 +124,30 @@ class _Evanescent:
 
     directions = 2
 
-    def seen(self, ops: Any, corner: Corner, free: Pair, moment: Values) -> tuple[Values, Any, Any]:
+    def seen(
+        self, ops: Any, view: PanelView, free: Pair, moment: Values
+    ) -> tuple[Values, Any, Any]:
         """See :class:`_Travelling`."""
-        height = corner.pz * corner.z
+        height = view.pz * view.z
         root = ops.exp(-math.pi * height)
         decay = root * root
         decayed = 2.0 * decaying_sinh(ops, math.pi * height, root)
-        clings = height < _LOST
-        growth = 1.0 / ops.select(clings, decay, 1.0)
+        is_grazing = height < _LOST
+        growth = 1.0 / ops.select(is_grazing, decay, 1.0)
         here, mirrored = free.scaled(decay), free.scaled(growth)
-        clinging = ops.select(clings, 1.0, 0.0)
+        grazing = ops.select(is_grazing, 1.0, 0.0)
         data = (
-            here.real, here.imag, mirrored.real, mirrored.imag, clinging, decay, decayed, growth
+            here.real, here.imag, mirrored.real, mirrored.imag, grazing, decay, decayed, growth
         )  # fmt: skip
-        return data, None, ops.select(clings, _NONE * (1.0 + height), height)
+        return data, None, ops.select(is_grazing, _NONE * (1.0 + height), height)
 
-    def closed(self, ops: Any, corner: Corner) -> Pair:
+    def closed(self, ops: Any, view: PanelView) -> Pair:
         """The integral of b'/(N' R), (B4): a difference of logarithms along two vertical lines."""
-        sign, begin, end, constant = _ends(ops, corner)
-        lift = corner.pz * corner.b
+        sign, begin, end, constant = _ends(ops, view)
+        lift = view.pz * view.b
         real, imag = 0.0, 0.0
         for side in (1.0, -1.0):
-            x = -corner.z * (corner.across + side * corner.pz)
+            x = -view.z * (view.across + side * view.pz)
             low, high = lift + side * (begin + constant), lift + side * (end + constant)
             real = real + side * ops.atan2(x * (high - low), x * x + low * high)
             imag = imag - side * 0.5 * ops.log((x * x + high * high) / (x * x + low * low))
@@ -152,7 +156,7 @@ class _Evanescent:
     def integrand(
         self, ops: Any, share: float, edge: Pair, t: Any, s: Any, radius: Any,
         along: Any, b: Any, z: Any, across: Any, q: Any,
-        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, clinging: Any,
+        free_r: Any, free_i: Any, mirrored_r: Any, mirrored_i: Any, grazing: Any,
         decay: Any, decayed: Any, growth: Any,
     ) -> Pair:  # fmt: skip
         """The integrand times the radius: N' is the conjugate of N, b' minus that of a."""
@@ -167,9 +171,9 @@ class _Evanescent:
         second = edge.scaled(rest) - free.scaled(0.5)
         if rest:
             smooth = wave_difference(ops, edge, mirrored, path, growth, -decayed * growth)
-            second = select(ops, clinging > 0.5, smooth.scaled(rest), second)
+            second = select(ops, grazing > 0.5, smooth.scaled(rest), second)
         else:
-            second = second.scaled(1.0 - clinging)
+            second = second.scaled(1.0 - grazing)
         return factor * first.scaled(0.5) - Pair(factor.real, -factor.imag) * second
 
 
@@ -190,20 +194,20 @@ def wave_difference(
     return select(ops, close, edge * turned, edge - free)
 
 
-def _ends(ops: Any, corner: Corner) -> tuple[Any, Any, Any, Any]:
-    """Sign, (1 + |along|) (R +- s) at both ends, and what (B4) adds to it, its part with q apart.
+def _ends(ops: Any, view: PanelView) -> tuple[Any, Any, Any, Any]:
+    """The sign of ``along``, (1 + |along|) (R +- s) at both ends, and the term of (B4) without q.
 
-    With the sign of ``along`` in front of s, so that the factor is not 0.
+    The sign stands in front of s, so that the factor is not 0.
     """
-    sign = ops.select(corner.along < 0.0, -1.0, 1.0)
-    foot2 = corner.b * corner.b + corner.z * corner.z
+    sign = ops.select(view.along < 0.0, -1.0, 1.0)
+    foot2 = view.b * view.b + view.z * view.z
     found = []
     for s, radius in (
-        (corner.first, corner.radius_first),
-        (corner.last, corner.radius_last),
+        (view.first, view.radius_first),
+        (view.last, view.radius_last),
     ):
         t = sign * s
         # R + t without cancellation
         total = ops.select(t < 0.0, foot2 / (radius + abs(t)), radius + abs(t))
-        found.append((1.0 + abs(corner.along)) * total)
-    return sign, *found, corner.b * corner.across
+        found.append((1.0 + abs(view.along)) * total)
+    return sign, *found, view.b * view.across

@@ -18,7 +18,7 @@ from polywigner.kernels.boundary.distances import (
     paraxial_distance,
     point_in_wavelengths,
 )
-from polywigner.kernels.boundary.edge_waves import EVANESCENT, TRAVELLING, Corner, EdgeWave
+from polywigner.kernels.boundary.edge_waves import EVANESCENT, TRAVELLING, EdgeWave, PanelView
 from polywigner.kernels.kernel import Values
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
@@ -42,7 +42,7 @@ __all__ = [
 ]
 
 Row = tuple[float, ...]
-"""Of a panel and a wave: x, y of its beginning relative to the centre; e_x, e_y; length; p_x, p_y,
+"""A panel and a wave: x, y of its beginning relative to the centre; e_x, e_y; length; p_x, p_y,
 p_z as pairs of floats, the nearest and the rest (q of an evanescent wave, p_z = i q); the wave's
 phase at the beginning; its amplitude over 2 pi, real and imaginary part; 1 if evanescent, else 0.
 """
@@ -71,7 +71,7 @@ class BoundaryTables:
     edges: tuple[Row, ...]
     rules: Rules
     share: float
-    """Of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff), 1 (I)."""
+    """Share of the second term of (B3): 0 (Rayleigh-Sommerfeld II), 1/2 (Kirchhoff), 1 (I)."""
 
 
 def enter(ops: Any, frame: BoundaryFrame, x: Any, y: Any, z: Any, digits: Any) -> Values:
@@ -125,15 +125,15 @@ def _panel(
     last, foot2 = first + length, b * b + z * z
     along, across = px * ex + py * ey, py * ex - px * ey
     ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
-    corner = Corner(first, last, length, *ends, b, z, along, across, pz)
+    view = PanelView(first, last, length, *ends, b, z, along, across, pz)
     free = Pair(*free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
-    seen, sine, depth = wave.seen(ops, corner, free, moment)
+    seen, sine, depth = wave.seen(ops, view, free, moment)
     phase = (*square_along(row, inner), distance, along, start)
     pair = (first, *phase, b, z, across, pz, *seen)
 
-    far, clear, swing, half = lengthwise(ops, corner, sine, depth)
-    near_clear, near_swing, middle, span = anglewise(ops, corner, sine, depth)
+    far, clear, swing, half = lengthwise(ops, view, sine, depth)
+    near_clear, near_swing, middle, span = anglewise(ops, view, sine, depth)
     clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
     needed, expected = nodes_needed(ops, inner[9], clear, 2 * math.pi * swing)
     rule = rule_of(ops, needed)
@@ -146,9 +146,9 @@ def _panel(
     sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
     turns = rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
     error = missed(ops, sums, expected, turns)
-    e, mirrored, clinging = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
+    e, mirrored, grazing = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
-    closed = (wave.closed(ops, corner) * rest).scaled(clinging)
+    closed = (wave.closed(ops, view) * rest).scaled(grazing)
     return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 
@@ -164,30 +164,30 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
     return ex * moment_x + ey * moment_y, ey * moment_x - ex * moment_y, moment_z
 
 
-def lengthwise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """Whether a rule in the length along the panel will do; for it the distance of singularities
-    and the turns of phase, for and over half of the panel, and half the length."""
-    half = 0.5 * corner.length
-    outside = ops.maximum(ops.maximum(corner.first, -corner.last), 0.0)
-    nearest = ops.sqrt(outside * outside + (corner.b * corner.b + corner.z * corner.z))
+def lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """For a rule in the length along the panel: (whether it will do, distance of singularities,
+    turns of phase over half of the panel, half the length); the distance in half-lengths."""
+    half = 0.5 * view.length
+    outside = ops.maximum(ops.maximum(view.first, -view.last), 0.0)
+    nearest = ops.sqrt(outside * outside + (view.b * view.b + view.z * view.z))
     swing = ops.maximum(
-        abs(corner.first / corner.radius_first + corner.along),
-        abs(corner.last / corner.radius_last + corner.along),
+        abs(view.first / view.radius_first + view.along),
+        abs(view.last / view.radius_last + view.along),
     )
     clear = nearest * sine if depth is None else depth / ops.maximum(swing, 1e-30)
     return nearest >= half, ops.minimum(clear, nearest) / half, half * swing, half
 
 
-def anglewise(ops: Any, corner: Corner, sine: Any, depth: Any) -> tuple[Any, ...]:
-    """The same for a rule in v, s = sqrt(b^2 + z^2) sinh v: distance, turns, and the interval of v
-    as middle and half-length."""
-    away = ops.sqrt(corner.b * corner.b + corner.z * corner.z)
-    low = _inverse_sinh(ops, corner.first / away, corner.radius_first / away)
-    high = _inverse_sinh(ops, corner.last / away, corner.radius_last / away)
+def anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
+    """For a rule in v, s = sqrt(b^2 + z^2) sinh v: (distance of singularities, turns of phase over
+    half of the interval of v, its middle, half its length); the distance in half-lengths."""
+    away = ops.sqrt(view.b * view.b + view.z * view.z)
+    low = _inverse_sinh(ops, view.first / away, view.radius_first / away)
+    high = _inverse_sinh(ops, view.last / away, view.radius_last / away)
     middle, span = 0.5 * (low + high), 0.5 * (high - low)
     swing = ops.maximum(
-        abs(corner.first + corner.along * corner.radius_first),
-        abs(corner.last + corner.along * corner.radius_last),
+        abs(view.first + view.along * view.radius_first),
+        abs(view.last + view.along * view.radius_last),
     )
     clear = _STRIP * sine if depth is None else depth / ops.maximum(swing, 1e-30)
     # far away the interval rounds to nothing, and the rule in the length is taken
@@ -211,7 +211,7 @@ def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
 
 
 def square_along(row: Values, inner: Values) -> tuple[Any, Any]:
-    """What radius^2 - distance^2 is at a panel's beginning, and its slope there.
+    """radius^2 - distance^2 at a panel's beginning, and its slope there.
 
     At t along the panel it is constant + t (slope + t).
     """
@@ -280,6 +280,6 @@ def _edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
-    """What comes from t along the panel, against the phase of the distance."""
+    """The wave at t along the panel, its phase relative to that of the distance."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return Pair(*cos_sin_turns(ops, turns))

@@ -5,8 +5,8 @@ module            what is in it
 ================  ==========================================================================
 ``clipping``      the parts of edges inside a mirrored or shifted copy; coincident edges
 ``outer_bounds``  what lies too far off to have a slice
+``slice_sums``    sums over the cut edges, by whichever clipper
 ``slice_parts``   parts of edges that bound slices, listed once for each position or lag
-``run_sums``      sums along an outline, for whole edges of many slices
 ``cells``         the parts of edges inside the other copy, from lists for the offset's cell
 ``cell_lists``    what is left to do in each cell: whole edges, and edges to cut
 ``cell_tree``     the division of the plane of offsets into cells

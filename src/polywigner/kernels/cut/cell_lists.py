@@ -70,7 +70,7 @@ class CellLists:
     scale: tuple[float, float]
     """Cells of the map per length."""
     counts: tuple[int, int]
-    """Of the map, in x and y."""
+    """Size of the map, in x and y."""
     map: npt.NDArray[np.uint32]
     """(counts[1] * counts[0],) number of the cell."""
     edges: Floats
@@ -88,7 +88,7 @@ class CellLists:
     special: CutList
     """All others."""
     held: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
-    """The same in the memory of engines."""
+    """These lists in the memory of engines."""
 
     @property
     def nbytes(self) -> int:

@@ -15,7 +15,7 @@ from polywigner.kernels.cut.cell_tables import GATE, GATE_EXACT, CutList
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, Clipper, RowClipper, View
 from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of
 
-__all__ = ["CellClipper", "arrays_of", "cell_of", "clipper_for", "order"]
+__all__ = ["CellClipper", "arrays_of", "cell_of", "cell_of_offset", "clipper_for"]
 
 Interval = tuple[Any, Any, Any, Any]
 
@@ -23,15 +23,20 @@ Interval = tuple[Any, Any, Any, Any]
 _FAR = 1e9
 
 
-def clipper_for(ops: Any, tables: Tables, tx: Any, ty: Any, *views: View) -> Clipper:
-    """The clipper that suits the number of edges, of samples, and the engine."""
-    cut = cut_of(ops, tables, ops.count(tx))
+def clipper_for(
+    ops: Any, tables: Tables, tx: Any, ty: Any, *views: View, arguments: tuple[Any, ...] = ()
+) -> Clipper:
+    """The clipper that suits the number of edges, of samples, and the engine.
+
+    ``arguments``: of the kernel; what is not a number in them is not in the sums either.
+    """
+    cut = cut_of(ops.target, tables, ops.count(tx))
     if cut.endswith("cells"):
-        return CellClipper(ops, tables, tx, ty, views)
+        return CellClipper(ops, tables, tx, ty, views, arguments)
     return (RowClipper if cut == "rows" else Clipper)(ops, tables, tx, ty)
 
 
-def cell_of(ops: Any, lists: CellLists, x: Any, y: Any) -> Any:
+def cell_of(ops: Any, lists: CellLists, x: Any, y: Any, owner: Hashable = None) -> Any:
     """The number of the cell of an offset; 0 outside of all, and for what is not a number."""
     c, s = lists.turn
     u, v = (x, y) if (c, s) == (1.0, 0.0) else (ops.fma(x, c, y * s), ops.fma(y, c, x * -s))
@@ -40,13 +45,16 @@ def cell_of(ops: Any, lists: CellLists, x: Any, y: Any) -> Any:
     width, height = lists.counts
     inside = (u >= 0.0) & (u < width) & (v >= 0.0) & (v < height)
     column, row = (ops.truncated(ops.select(inside, value, 0.0)) for value in (u, v))
-    (number,) = ops.gather(_held(ops, lists).map, row * width + column)
+    (number,) = ops.gather(_held(ops, lists, owner).map, row * width + column)
     return ops.select_number(inside, number, 0)
 
 
-def order(ops: Any, tables: Tables, tx: Any, ty: Any, view: View) -> Any:
+def cell_of_offset(
+    ops: Any, tables: Tables, tx: Any, ty: Any, view: View, owner: Hashable = None
+) -> Any:
     """The number of the cell of T = 2x or xi: samples sorted by it run through the same lists."""
-    return cell_of(ops, cell_lists(tables, view.point), tx * view.offset, ty * view.offset)
+    lists = cell_lists(tables, view.point)
+    return cell_of(ops, lists, tx * view.offset, ty * view.offset, owner)
 
 
 class _Held:
@@ -65,16 +73,18 @@ class _Held:
         ]
 
 
-def _held(ops: Any, lists: CellLists) -> _Held:
-    if ops.key not in lists.held:
-        lists.held.setdefault(ops.key, _Held(ops, lists))  # in all threads the same
-    found: _Held = lists.held[ops.key]
+def _held(ops: Any, lists: CellLists, owner: Hashable) -> _Held:
+    """The copy of the lists that engines share, or that an owner has for itself."""
+    key = ops.key, owner
+    if key not in lists.held:
+        lists.held.setdefault(key, _Held(ops, lists))  # in all threads the same
+    found: _Held = lists.held[key]
     return found
 
 
-def arrays_of(ops: Any, tables: Tables, view: View) -> list[Any]:
+def arrays_of(ops: Any, tables: Tables, view: View, owner: Hashable) -> list[Any]:
     """The lists in an engine's memory, but the map of the cells, as a plain list of its arrays."""
-    held = _held(ops, cell_lists(tables, view.point))
+    held = _held(ops, cell_lists(tables, view.point), owner)
     found = [held.edges, *held.rest, *held.weights, held.runs, held.first_run]
     found += [table for cuts in held.cuts for table in cuts]
     return [flat for _, flat in found]
@@ -83,16 +93,28 @@ def arrays_of(ops: Any, tables: Tables, view: View) -> list[Any]:
 class CellClipper(Clipper):
     """Cuts the edges that are on the lists of a sample's cell."""
 
-    def __init__(self, ops: Any, tables: Tables, tx: Any, ty: Any, views: tuple[View, ...]) -> None:
+    def __init__(
+        self,
+        ops: Any,
+        tables: Tables,
+        tx: Any,
+        ty: Any,
+        views: tuple[View, ...],
+        arguments: tuple[Any, ...],
+        cell: Any = None,
+        owner: Hashable = None,
+    ) -> None:
+        """``cell``: of each sample, where it is known; ``owner``: whose lists to read."""
         super().__init__(ops, tables, tx, ty)
-        self.views = views
+        self.views, self.arguments, self.cell, self.owner = views, arguments, cell, owner
         self._now: tuple[View, Interval] | None = None
 
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
     ) -> Any:
         # what lies at infinity or is not a number is so in the result
-        totals = [(self.tx - self.tx) + (self.ty - self.ty)] * values
+        given = map(self.ops.detached, (self.tx, self.ty, *self.arguments))
+        totals = [sum(value - value for value in given)] * values
         for view in self.views:
             for part in _Pass(self, view, term, values).sums():
                 totals = [a + b for a, b in zip(totals, part, strict=True)]
@@ -125,24 +147,21 @@ class _Pass:
         self.ops = ops = clipper.ops
         self.x, self.y = clipper.tx * view.offset, clipper.ty * view.offset
         self.lists = cell_lists(clipper.tables, view.point)
-        self.held = _held(ops, self.lists)
-        self.cell = ops.cell
+        self.held = _held(ops, self.lists, clipper.owner)
+        self.cell = clipper.cell
         if self.cell is None:
-            self.cell = cell_of(ops, self.lists, ops.detached(self.x), ops.detached(self.y))
+            at = ops.detached(self.x), ops.detached(self.y)
+            self.cell = cell_of(ops, self.lists, *at, clipper.owner)
 
     def sums(self) -> Iterator[list[Any]]:
         ops, held = self.ops, self.held
         if len(self.lists.runs):
             first, end = self._range(held.first_run)
-            if ops.run_sums is None:
-                yield ops.sum_over_runs(first, end, held.runs, self._whole, self.values)
-            else:
-                yield ops.plain_sum(first, end, self._run, self.values)
+            yield ops.sum_over_runs(first, end, held.runs, self._whole, self.values, self.x)
         for kind, cuts in enumerate((self.lists.plain, self.lists.special)):
             if len(cuts.records):
                 first, end = self._range(held.cuts[kind][0])
-                total = ops.sum_over_range if ops.run_sums is None else ops.plain_sum
-                yield total(first, end, self._part(kind, cuts), self.values)
+                yield ops.sum_over_range(first, end, self._part(kind, cuts), self.values, self.x)
 
     def _range(self, table: Any) -> tuple[Any, Any]:
         (first,), (end,) = (self.ops.gather(table, self.cell + k) for k in (0, 1))
@@ -153,13 +172,6 @@ class _Pass:
         area, real, imag = (self.ops.gather(column, number)[0] for column in self.held.rest)
         # e = length u with length 1: what the kernels compute of u and length stays the same
         return Edge(ax, ay, ax + ex, ay + ey, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag)
-
-    def _run(self, number: Any) -> tuple[Any, ...]:
-        """A run of whole edges, from the sums along the outline."""
-        begin, end, weight, _ = self.ops.gather(self.held.runs, number)
-        offset = self.clipper.tx, self.clipper.ty
-        found = self.ops.run_sums.of_run(self.view, offset, begin, end)
-        return tuple(self._weight(weight)[0] * value for value in found)
 
     def _whole(self, number: Any, weight: Any) -> tuple[Any, ...]:
         return self._term(number, 1.0, 1.0, weight)
@@ -206,17 +218,18 @@ class _Pass:
                 ops.select_number(sooner, row, rows[1]),
             )
 
+        ends = ops.filled(x, 0.0), ops.filled(x, 1.0)
         if not ops.needs_gradient(self.x, self.y):
-            low, high = ops.fold(first, end, (0.0, 1.0), step)
+            low, high = ops.fold(first, end, ends, step)
             return low, high
         # which cuts they are has no derivative; where they lie has
         none = (1 << 32) - 1
-        *_, at_low, at_high = ops.fold(first, end, (0.0, 1.0, none, none), step)
-        ends = []
+        *_, at_low, at_high = ops.fold(first, end, (*ends, none, none), step)
+        found = []
         for row, default in ((at_low, 0.0), (at_high, 1.0)):
             cut, _ = cut_at(ops.select_number(row == none, first, row), self.x, self.y)
-            ends.append(ops.select(row == none, default, cut))
-        return ends[0], ends[1]
+            found.append(ops.select(row == none, default, cut))
+        return found[0], found[1]
 
     def _plain_cut(self, rows: Any, row: Any, x: Any, y: Any) -> tuple[Any, Any]:
         of_x, of_y, constant, begins = self.ops.gather(rows, row)

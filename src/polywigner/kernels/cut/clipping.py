@@ -189,7 +189,7 @@ class Clipper:
 
 
 class RowClipper(Clipper):
-    """The same for edges that are rows of a table, with all decisions taken while running.
+    """Cuts edges that are rows of a table, with all decisions taken while running.
 
     For polygons with so many edges that a kernel with each of them as a constant would take
     minutes to compile: slower per edge, but compiled at once.
@@ -211,7 +211,7 @@ class RowClipper(Clipper):
         group: int,
         others: Sequence[tuple[float, ...]],
     ) -> Any:
-        """The same over all pairs of an edge and of one of other rows, ``term(edge, *other)``."""
+        """Sums over all pairs of an edge and of one of other rows, ``term(edge, *other)``."""
         rows = [(*astuple(edge), *row) for edge in self.edges_of(group) for row in others]
         count = len(fields(Edge))
 

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.kernels.cut.clipping import MIRRORED, View
 from polywigner.kernels.outline.tables import Tables
 
-__all__ = ["may_hold_lags", "may_overlap"]
+__all__ = ["may_meet"]
 
 _DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
 # In the frame, whose unit is the size of the polygon: more than anything is rounded by.
@@ -27,18 +28,13 @@ def _bounds(tables: Tables) -> tuple[list[float], list[float]]:
     return levels.min(axis=0).tolist(), levels.max(axis=0).tolist()
 
 
-def may_hold_lags(tables: Tables, x: Any, y: Any) -> Mask:
-    """Where positions of the frame lie in the bounds; also where they are not numbers."""
-    outside = np.zeros(np.shape(x), bool)
+def may_meet(tables: Tables, view: View, tx: Any, ty: Any) -> Mask:
+    """Where copies at offsets T = 2x or xi of the frame may overlap, or offsets are not numbers."""
+    apart = np.zeros(np.shape(tx), bool)
     for (a, b), low, high in zip(_DIRECTIONS.tolist(), *_bounds(tables), strict=True):
-        level = a * x + b * y
-        outside |= (level < low - _MARGIN) | (level > high + _MARGIN)
-    return ~outside
-
-
-def may_overlap(tables: Tables, xi_x: Any, xi_y: Any) -> Mask:
-    """Where lags of the frame are no longer than the bounds are wide; or not numbers."""
-    apart = np.zeros(np.shape(xi_x), bool)
-    for (a, b), low, high in zip(_DIRECTIONS.tolist(), *_bounds(tables), strict=True):
-        apart |= np.abs(a * xi_x + b * xi_y) > high - low + _MARGIN
+        level = a * tx + b * ty
+        if view is MIRRORED:
+            apart |= (level < 2.0 * low - _MARGIN) | (level > 2.0 * high + _MARGIN)
+        else:
+            apart |= np.abs(level) > high - low + _MARGIN
     return ~apart

@@ -3,10 +3,9 @@
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``stokes``           the plane-wave integral over one triangle, stable for all arguments
+``stokes``           the plane-wave integral over one edge, stable for all arguments
 ``wigner``           Wigner function and lag-slice area
 ``moments``          moments of lag slices, W's derivatives; ``polynomials`` along edges
-``segment_moments``  powers times a wave, over a segment
 ``shared_slices``    W and A as sums over these parts, for many frequencies
 ``fourier``          Fourier transform
 ``ambiguity``        ambiguity function and position-slice area

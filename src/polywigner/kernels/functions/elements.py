@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.functions import ambiguity as ambiguity_sums
 from polywigner.kernels.functions import membership, separable
-from polywigner.kernels.functions import wigner as wigner_sums
+from polywigner.kernels.functions.ambiguity import AMBIGUITY_SUM
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
+from polywigner.kernels.functions.wigner import WIGNER_SUM
 from polywigner.kernels.outline.tables import Tables
 
 __all__ = ["ElementTables", "ambiguity", "element_tables", "field", "wigner"]
@@ -29,7 +29,7 @@ def wigner(ops: Any, tables: ElementTables, x: Any, y: Any, nu_x: Any, nu_y: Any
     """W(x, nu) in the element's frame."""
     if isinstance(tables, SeparableTables):
         return separable.wigner(ops, tables, x, y, nu_x, nu_y)
-    return wigner_sums.wigner(ops, tables, x, y, nu_x, nu_y)
+    return WIGNER_SUM(ops, tables, x, y, nu_x, nu_y)[0]
 
 
 def ambiguity(
@@ -38,7 +38,8 @@ def ambiguity(
     """A(upsilon, xi) in the element's frame as (cosine part, sine part)."""
     if isinstance(tables, SeparableTables):
         return separable.ambiguity(ops, tables, upsilon_x, upsilon_y, xi_x, xi_y)
-    return ambiguity_sums.ambiguity(ops, tables, upsilon_x, upsilon_y, xi_x, xi_y)
+    real, imag = AMBIGUITY_SUM(ops, tables, 0.0, upsilon_x, upsilon_y, xi_x, xi_y)
+    return real, imag
 
 
 def field(ops: Any, tables: ElementTables, x: Any, y: Any) -> tuple[Any, Any]:

@@ -13,7 +13,7 @@ tells the other, and sines are all that is needed of the waves.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,7 +26,7 @@ from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.trigonometry import cos_sin_turns, sinc, sinc_less_one
 
-__all__ = ["GridTables", "fourier_on_grid", "grid_tables", "slice_grid_tables"]
+__all__ = ["GridTables", "OutlineSum", "fourier_on_grid", "grid_tables", "slice_grid_tables"]
 
 # An edge's midpoint wave times nu x e/(2 pi |nu|^2) is rounded to an ulp: F errs by
 # ulp * perimeter/(2 pi |nu|). Nearer to the origin than where that is this much of the area, (F1)
@@ -64,7 +64,8 @@ class GridTables:
     straight: tuple[Family, ...]
     """Edges along either axis."""
     oblique: tuple[Family, ...]
-    edges: int
+    terms: int
+    """One for each edge."""
     perimeter_over_area: float
     half: bool = False
     """Whether the edges are one half of a boundary that is its own mirror image in the origin."""
@@ -80,6 +81,18 @@ class GridTables:
     def floor(self, double: bool) -> float:
         """The least |nu| in the frame at which (F1) keeps its accuracy."""
         return self.perimeter_over_area * _ULP[double] / (2 * math.pi * _LOSS[double])
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineSum:
+    """A kernel's sum over all edges of an outline, with constants for grids of its arguments."""
+
+    summed: Callable[..., tuple[Any, ...]]
+    on_grid: Callable[[Any], GridTables | None]
+    """source -> constants, None where it has none; cached."""
+
+    def __call__(self, ops: Any, tables: Any, *inner: Any) -> tuple[Any, ...]:
+        return self.summed(ops, tables, *inner)
 
 
 def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:

@@ -42,13 +42,10 @@ def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
 
 def field_in_slits(ops: Any, tables: SlitTables, x: Any) -> tuple[Any, Any]:
     """(real, imaginary) part of u less the carrier; a slit has its begin and not its end."""
-    real = imag = _zero_or_nan(x)
+    total = Pair(_zero_or_nan(x), _zero_or_nan(x))
     for slit in tables.edges:
-        inside = ops.select((x >= slit.begin) & (x < slit.end), 1.0, 0.0)
-        field_real, field_imag = field_of(ops, slit.waves, (x,))
-        real = real + inside * field_real
-        imag = imag + inside * field_imag
-    return real, imag
+        total = total + Pair(*slit.field(ops, x))
+    return total.real, total.imag
 
 
 def _zero_or_nan(value: Any) -> Any:

@@ -22,85 +22,41 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from polywigner.kernels.cut.cells import clipper_for
-from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper
+from polywigner.kernels.cut.clipping import MIRRORED, Clipper
+from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.functions.plane import WIGNER, tables_of
-from polywigner.kernels.functions.segment_moments import segment_moments
 from polywigner.kernels.functions.stokes import moved_off_zero
+from polywigner.kernels.functions.wave_sums import mean_pairings, sum_over_waves
+from polywigner.kernels.functions.wigner import doubled_position
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
-from polywigner.kernels.outline.tables import Edge, Tables
-from polywigner.kernels.outline.waves import Beat, RowBeat, mean_beats, rows_of
+from polywigner.kernels.outline.tables import Edge
+from polywigner.kernels.outline.waves import WavePair, WavePairRow
 from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled
+from polywigner.numerics.segment_moments import segment_moments
 from polywigner.numerics.trigonometry import cos_sin_turns
 
-__all__ = ["LAG_MOMENTS", "lag_moments"]
+__all__ = ["LAG_MOMENTS"]
 
-# Of the six moments, which are of functions odd in the lag.
+# Whether each of the six moments is of a function odd in the lag.
 _ODD = (False, True, False, False, True, True)
 _COUNT = len(_ODD)
 
 Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
 
-def lag_moments(ops: Any, tables: Tables, x: Any, y: Any, *frequencies: Any) -> Values:
+def _lag_moments(clipper: Clipper, x: Any, y: Any, *frequencies: Any) -> Values:
     """The moments (T1) in the frame, |xi| in the user's units over those of the frame's largest.
 
     ``frequencies``: the detuned one, by which the waves of the field are taken relative to the
     carrier, and the whole one, along which tau is measured; two components each, in the frame.
     """
     nu, ray = frequencies[:2], frequencies[2:]
-    clipper = clipper_for(ops, tables, 2.0 * x, 2.0 * y, MIRRORED)
-    groups = [k for k in range(len(tables.groups)) if clipper.edges_of(k)]
-    if isinstance(clipper, RowClipper) and tables.waves_per_cut > 1:
-        return _sum_over_rows(tables, clipper, groups, (x, y), nu, ray)
-    totals: list[Any] = [0.0] * _COUNT
-    for group in groups:
-        found = [
-            (other, _Moments(clipper, beat, nu, ray))
-            for other, waves in enumerate(tables.groups)
-            for beat in mean_beats(tables.groups[group], waves)
-        ]
 
-        def term(edge: Edge, found: Any = found) -> tuple[Any, ...]:
-            cuts: dict[int, Cuts] = {}
-            values: list[Any] = []
-            for other, beat in found:
-                if other not in cuts:
-                    cuts[other] = list(clipper.intervals(edge, MIRRORED, other))
-                values += beat.terms(edge, cuts[other])
-            return tuple(values)
+    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> _Moments:
+        return _Moments(clipper, pair, nu, ray)
 
-        counts = [beat.values for _, beat in found]
-        sums = iter(clipper.sum_over_edges(term, sum(counts), group))
-        for (_, beat), count in zip(found, counts, strict=True):
-            totals = added(totals, beat.value([next(sums) for _ in range(count)], (x, y)))
-    return tuple(totals)
-
-
-def _sum_over_rows(
-    tables: Tables,
-    clipper: RowClipper,
-    groups: Sequence[int],
-    position: tuple[Any, Any],
-    nu: Sequence[Any],
-    ray: Sequence[Any],
-) -> Values:
-    """The same with pairs of waves as rows of a table as well."""
-    totals: list[Any] = [0.0] * _COUNT
-    for group in groups:
-        for other, waves in enumerate(tables.groups):
-            beats = mean_beats(tables.groups[group], waves)
-            is_real = beats[0].is_real
-
-            def term(edge: Edge, *row: Any, other: int = other, is_real: bool = is_real) -> Any:
-                beat = _Moments(clipper, RowBeat(is_real, *row), nu, ray)
-                cuts = list(clipper.intervals(edge, MIRRORED, other))
-                return tuple(beat.value(beat.terms(edge, cuts), position))
-
-            part = clipper.sum_over_pairs(term, _COUNT, group, rows_of(beats))
-            totals = added(totals, part)
-    return tuple(totals)
+    return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), _COUNT))
 
 
 class RayFrame:
@@ -148,7 +104,7 @@ class RayFrame:
         """
         ops = self.ops
         cosine, sine = cos_sin_turns(ops, middle)
-        means = segment_moments(ops, length)
+        means = segment_moments(ops, 0.5 * length, 4)
         real, imag = [], []
         for polynomial in self._integrals(p, q):
             even, odd = _contracted(ops, polynomial, means)
@@ -185,17 +141,22 @@ class _Moments:
     """The sums over edges at one frequency."""
 
     def __init__(
-        self, clipper: Clipper, beat: Beat | RowBeat, nu: Sequence[Any], ray: Sequence[Any]
+        self,
+        clipper: Clipper,
+        wave_pair: WavePair | WavePairRow,
+        nu: Sequence[Any],
+        ray: Sequence[Any],
     ) -> None:
-        self.ops, self.beat = clipper.ops, beat
+        self.ops, self.wave_pair = clipper.ops, wave_pair
         self.offset = clipper.tx, clipper.ty
         frame = clipper.tables.frame
-        is_detuned = any(frame.carrier) or isinstance(beat, RowBeat)
-        is_aligned = not is_detuned and not any(beat.detuned((0.0, 0.0)))
-        self.axes = RayFrame(self.ops, frame, beat.detuned(nu), ray, is_aligned)
-        self.values = _COUNT if beat.is_real else 2 * _COUNT
+        is_detuned = any(frame.carrier) or isinstance(wave_pair, WavePairRow)
+        is_aligned = not is_detuned and not any(wave_pair.detuned((0.0, 0.0)))
+        self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray, is_aligned)
+        self.values = _COUNT if wave_pair.is_real else 2 * _COUNT
 
-    def terms(self, edge: Edge, cuts: Cuts) -> tuple[Any, ...]:
+    def terms(self, edge: Edge, sides: Sequence[tuple[float, Cuts]]) -> tuple[Any, ...]:
+        ((_, cuts),) = sides
         fma, axes = self.ops.fma, self.axes
         place = 2.0 * edge.ax - self.offset[0], 2.0 * edge.ay - self.offset[1]
         start, step = axes.turned(*place), axes.turned(edge.ex, edge.ey)
@@ -203,7 +164,7 @@ class _Moments:
         real: list[Any] = [0.0] * _COUNT
         imag: list[Any] = [0.0] * _COUNT
         for somewhere, extent, mutual_real, mutual_imag in cuts:
-            # What is left of an edge may be nothing in the far distance, whose powers overflow.
+            # A cut edge may be empty and far away, where powers overflow.
             middle = self.ops.select(extent == 0.0, 1.0, somewhere)
             extent = 2.0 * extent
             p = [fma(middle, step[0], start[0]), extent * step[0]]
@@ -219,7 +180,7 @@ class _Moments:
 
     def value(self, sums: Sequence[Any], position: tuple[Any, Any]) -> list[Any]:
         """2 Re of amplitude times sum for even functions, -2 Im for odd ones."""
-        real, imag = self.beat.amplitude(self.ops, position)
+        real, imag = self.wave_pair.amplitude(self.ops, position)
         if self.values == _COUNT:
             return [(-2.0 if odd else 2.0) * real * s for odd, s in zip(_ODD, sums, strict=True)]
         pairs = zip(_ODD, sums[:_COUNT], sums[_COUNT:], strict=True)
@@ -230,7 +191,7 @@ class _Moments:
 
 
 def _real_part(real: Any, imag: Any, first: Any, second: Any) -> Any:
-    """Of (real + i imag)(first + i second)."""
+    """Real part of (real + i imag)(first + i second)."""
     if isinstance(imag, float) and imag == 0.0:
         return real * first
     return real * first - imag * second
@@ -274,9 +235,6 @@ LAG_MOMENTS = Kernel(
     2,
     tables_of,
     _enter,
-    lag_moments,
+    SliceSum((MIRRORED,), doubled_position, _lag_moments),
     _leave,
-    copies=1,
-    clips_per_term=24,
-    order=WIGNER.order,
 )

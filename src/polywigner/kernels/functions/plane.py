@@ -11,14 +11,12 @@ import numpy as np
 
 from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.illumination import Array
-from polywigner.kernels.cut import cells
-from polywigner.kernels.cut.clipping import BEHIND, MIRRORED
-from polywigner.kernels.cut.outer_bounds import may_hold_lags, may_overlap
-from polywigner.kernels.functions import ambiguity, fourier
-from polywigner.kernels.functions import wigner as wigner_sums
+from polywigner.kernels.functions import fourier
+from polywigner.kernels.functions.ambiguity import AMBIGUITY_SUM, POSITION_SLICE_AREA
 from polywigner.kernels.functions.fourier import OutlineTables, outline_tables
-from polywigner.kernels.functions.grids import GridTables, grid_tables
+from polywigner.kernels.functions.grids import GridTables, OutlineSum, grid_tables
 from polywigner.kernels.functions.membership import field
+from polywigner.kernels.functions.wigner import LAG_SLICE_AREA, WIGNER_SUM
 from polywigner.kernels.kernel import (
     Kernel,
     Values,
@@ -60,14 +58,18 @@ def tables_of(source: Aperture | Array, double: bool) -> Tables:
 
 
 def new_tables_of(source: Aperture | Array, double: bool) -> Tables:
-    """The same, built anew: with vertices numbered as they are in this of all equal sources."""
+    """Tables as of :func:`tables_of`, built anew, with vertices numbered as in this very source.
+
+    Equal sources may begin their rings at other vertices.
+    """
     if isinstance(source, Aperture):
         elements = [Element(source.rings, source.convex_cover, 1.0, source.illumination)]
     else:
         elements = [
             Element(aperture.rings, aperture.convex_cover, weight, aperture.illumination)
-            for aperture, weight in zip(source.coplanar, source.weights.tolist(), strict=True)
-            if isinstance(aperture, Aperture)
+            for aperture, weight in zip(
+                source.elements_in_plane, source.weights.tolist(), strict=True
+            )
         ]
     return build_tables(elements, double=double)
 
@@ -107,7 +109,7 @@ class PlacedFrame:
 
     plane: Any
     centre: tuple[phases.Doubled, ...]
-    """Of the aperture, in the world."""
+    """Centre of the aperture, in the world."""
     rows: Matrix
     """From nu in the world to nu in the frame, ``Doubled``."""
 
@@ -181,23 +183,6 @@ def enter_both_ends(ops: Any, frame: Any, *arguments: Any) -> Values:
     return (turns, *frame.position(ops, *ahead), *frame.position(ops, *behind))
 
 
-def _mirrored_order(ops: Any, tables: Tables, x: Any, y: Any, *nu: Any) -> Any:
-    return cells.order(ops, tables, 2.0 * x, 2.0 * y, MIRRORED)
-
-
-def _shifted_order(ops: Any, tables: Tables, *inner: Any) -> Any:
-    xi_x, xi_y = inner[-2:]
-    return cells.order(ops, tables, xi_x, xi_y, BEHIND)
-
-
-def _within_support(tables: Tables, x: Any, y: Any, *nu: Any) -> Any:
-    return may_hold_lags(tables, x, y)
-
-
-def _within_lags(tables: Tables, *inner: Any) -> Any:
-    return may_overlap(tables, *inner[-2:])
-
-
 def _fourier_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
     return fourier.fourier(ops, tables, *nu)
 
@@ -227,31 +212,22 @@ AUTOCORRELATION = Kernel(
     ),
     product_of_both,
 )
-WIGNER = Kernel(
-    "wigner",
-    2,
-    tables_of,
-    _enter_wigner,
-    lambda ops, tables, *inner: (wigner_sums.wigner(ops, tables, *inner),),
-    leave_real,
-    copies=1,
-    clips_per_term=4,
-    order=_mirrored_order,
-    within=_within_support,
-)
+WIGNER = Kernel("wigner", 2, tables_of, _enter_wigner, WIGNER_SUM, leave_real)
 POSITION_MARGINAL = Kernel(
     "position marginal",
     2,
     tables_of,
     lambda ops, frame, x, y: frame.position(ops, x, y),
-    lambda ops, tables, *inner: (wigner_sums.lag_slice_area(ops, tables, *inner),),
+    LAG_SLICE_AREA,
     leave_real,
-    copies=1,
-    order=_mirrored_order,
-    within=_within_support,
 )
 FOURIER = Kernel(
-    "fourier", 2, _outline_of, enter_frequency, _fourier_sum, leave_wave, on_grid=_grid_tables_of
+    "fourier",
+    2,
+    _outline_of,
+    enter_frequency,
+    OutlineSum(_fourier_sum, _grid_tables_of),
+    leave_wave,
 )
 FOURIER_COMPLEX = Kernel(
     "fourier, complex nu", 2, _outline_of, enter_complex_frequency, _complex_sum, leave_complex
@@ -267,28 +243,14 @@ FOURIER_PLACED_COMPLEX = Kernel(
     _complex_sum,
     leave_complex,
 )
-AMBIGUITY = Kernel(
-    "ambiguity",
-    2,
-    tables_of,
-    enter_shift,
-    lambda ops, tables, turns, *inner: ambiguity.ambiguity(ops, tables, *inner),
-    leave_wave,
-    copies=2,
-    clips_per_term=16,
-    order=_shifted_order,
-    within=_within_lags,
-)
+AMBIGUITY = Kernel("ambiguity", 2, tables_of, enter_shift, AMBIGUITY_SUM, leave_wave)
 LAG_MARGINAL = Kernel(
     "lag marginal",
     2,
     tables_of,
     lambda ops, frame, xi_x, xi_y: frame.vector(ops, xi_x, xi_y),
-    lambda ops, tables, *inner: ambiguity.position_slice_area(ops, tables, *inner),
+    POSITION_SLICE_AREA,
     leave_real,
-    copies=2,
-    order=_shifted_order,
-    within=_within_lags,
 )
 LAG_MARGINAL_OF_FIELDS = replace(LAG_MARGINAL, name="complex lag marginal", leave=leave_parts)
 POSITION_MARGINAL_OF_WAVES = at_zero_frequency(WIGNER, "position marginal of waves", leads=False)

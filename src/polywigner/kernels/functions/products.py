@@ -29,18 +29,12 @@ WIGNER = replace(
     name="wigner of a product",
     tables=separable_tables,
     edge_sum=lambda ops, tables, *inner: (separable.wigner(ops, tables, *inner),),
-    copies=0,
-    order=None,
-    within=None,
 )
 AMBIGUITY = replace(
     plane.AMBIGUITY,
     name="ambiguity of a product",
     tables=separable_tables,
     edge_sum=lambda ops, tables, turns, *inner: separable.ambiguity(ops, tables, *inner),
-    copies=0,
-    order=None,
-    within=None,
 )
 FOURIER = Kernel(
     "fourier of a product",

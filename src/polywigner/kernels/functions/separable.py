@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,6 @@ from polywigner.kernels.functions.line_fields import LineField, line_field
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.rectangles import Rectangle, rectangle_of
-from polywigner.kernels.outline.tables import Piece
 from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
@@ -45,7 +44,7 @@ _ROUNDINGS = 8
 # but waves that differ by more, in cycles per side, always are two.
 _LARGEST_ROUNDING = 1e-6
 _UNIT = np.finfo(np.float64).eps / 2
-# What a pair of waves counts as, in cuts of an edge.
+# Cost of a pair of waves, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5
 
 Floats = npt.NDArray[np.float64]
@@ -58,10 +57,8 @@ class SeparableTables:
 
     frame: Frame
     fields: tuple[LineField, LineField]
-    edges: tuple[Any, ...] = ((),)
-    """Nothing is cut."""
-    pieces: tuple[Piece, ...] = ()
-    waves_per_cut: int = 1
+    terms: ClassVar[int] = 1
+    """Nothing is cut or summed over edges."""
 
     @property
     def clips(self) -> int:

@@ -1,13 +1,11 @@
 """W and A at one place for many frequencies: the slice cut once, its boundary summed for each.
 
-The same sums as in `wigner` and `ambiguity`, over
-the parts of edges that `cut.slice_parts` has listed for a place:
-docs/theory.md, (W1), (W2), (A1), (I2), (I3).
+The terms are those of `edge_terms`, over the parts of edges that `cut.slice_parts` has listed for a
+place: docs/theory.md, (W1), (W2), (A1), (I2), (I3).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,17 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.kernels.cut.slice_parts import position_slice_parts, slice_parts, wigner_of_part
+from polywigner.kernels.functions.edge_terms import EdgeTerms, term_of_part
 from polywigner.kernels.functions.grids import GridTables, slice_grid_tables
-from polywigner.kernels.functions.plane import AMBIGUITY, WIGNER
-from polywigner.kernels.functions.stokes import moved_off_zero, segment_wave
-from polywigner.kernels.functions.wigner import floored, kept_off_zero, ratio_along
-from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.tables import Tables
-from polywigner.numerics.trigonometry import sin_turns
 
-__all__ = ["PartSum", "SharedSlice", "shared_slice"]
+__all__ = ["PartSum", "SharedSlice"]
 
+Values = tuple[Any, ...]
 Listed = tuple[NDArray[np.intp], NDArray[np.float64]]
 
 
@@ -36,15 +30,19 @@ class SharedSlice:
     arguments: slice
     """Which components are the place on which the parts depend, as the caller gives them."""
     place: slice
-    """The same in the frame."""
+    """Which arguments in the frame are this place."""
     frequency: slice
-    """The frequency in the frame."""
+    """Which arguments in the frame are the frequency."""
     list_parts: Callable[..., Listed]
     """(ops of NumPy in double precision, tables, *place) -> whose, (k, 8) rows."""
-    summed: Callable[..., PartSum]
-    """(ops, columns of a row, is_real, *frequency) -> how to sum rows up."""
+    terms: Callable[[Any, Values, bool], EdgeTerms]
+    """(ops, frequency, whether weights are real) -> a part's terms."""
     is_even: bool
     """Whether it is even in the frequency where rows are of four numbers."""
+
+    def summed(self, ops: Any, columns: int, is_real: bool, *frequency: Any) -> PartSum:
+        """How to sum up rows of so many columns at a frequency."""
+        return PartSum(self.terms, ops, columns == 4, is_real, frequency)
 
     def on_grid(self, ops: Any, tables: Tables, *place: Any) -> GridTables | None:
         """Constants for grids of frequencies at one place (1,); None where there are none."""
@@ -74,97 +72,29 @@ class SharedSlice:
 class PartSum:
     """A sum over parts at given frequencies: what they share, a part's term, the end."""
 
-    values = 1
-
-    def __init__(self, ops: Any, columns: int, is_real: bool, nu_x: Any, nu_y: Any) -> None:
-        self.ops, self.is_real = ops, is_real
-        self.plain = columns == 4
-        self.nu = self._off_zero(nu_x, nu_y) if self.plain else (nu_x, nu_y)
-
-    def _off_zero(self, nu_x: Any, nu_y: Any) -> Values:
-        return moved_off_zero(self.ops, nu_x, nu_y)
+    def __init__(
+        self, terms: Any, ops: Any, is_plain: bool, is_real: bool, frequency: Values
+    ) -> None:
+        self.ops, self.frequency = ops, frequency
+        self.is_plain, self.is_real = is_plain, is_real
+        self._at = terms
+        self.terms: EdgeTerms = terms(ops, frequency, is_real)
+        self.values = self.terms.values
 
     def term(self, *row: Any) -> Values:
         """What a part contributes: (x, y, dx, dy), or all columns of a row."""
-        raise NotImplementedError
+        if self.is_plain:
+            return term_of_part(self.ops, self.terms, (*row, 1.0, 0.0))
+        # a part with a frequency of its own
+        terms = self._at(self.ops, _detuned(row, self.frequency), self.is_real)
+        part = (*row[:5], 0.0 if self.is_real else row[5])
+        return terms.total(term_of_part(self.ops, terms, part))
 
     def total(self, sums: Values) -> Values:
-        """The kernel's sums from those of all terms."""
-        raise NotImplementedError
-
-
-class _WignerSum(PartSum):
-    """(W1) for rows of four numbers, else (W2)."""
-
-    def _off_zero(self, nu_x: Any, nu_y: Any) -> Values:
-        return floored(self.ops, nu_x, nu_y)
-
-    def term(self, *row: Any) -> Values:
-        ops, (nu_x, nu_y) = self.ops, self.nu
-        if not self.plain:
-            return (self._of_waves(row[:6], _detuned(row, self.nu)),)
-        x, y, dx, dy = row
-        along, ratio = ratio_along(ops, nu_x, nu_y, dx, dy)
-        middle = ops.fma(nu_x, x, nu_y * y)
-        return (ratio * (sin_turns(ops, 0.5 * along) * sin_turns(ops, middle)),)
-
-    def _of_waves(self, part: Values, nu: Values) -> Any:
-        """A part with a frequency of its own."""
-        if not self.is_real:
-            return wigner_of_part(self.ops, False, part, nu)
-        ops, (x, y, dx, dy, weight, _) = self.ops, part
-        nu_x, nu_y = floored(ops, *nu)
-        along, across = kept_off_zero(ops, nu_x, nu_y, dx, dy)
-        wave = sin_turns(ops, 0.5 * along) * sin_turns(ops, ops.fma(nu_x, x, nu_y * y))
-        # one division for both denominators: it costs as much as a sine
-        square = math.pi**2 * ops.fma(nu_x, nu_x, nu_y * nu_y)
-        return weight * across * wave / (along * square)
-
-    def total(self, sums: Values) -> Values:
-        if not self.plain:
-            return sums
-        nu_x, nu_y = self.nu
-        return (sums[0] / (math.pi**2 * self.ops.fma(nu_x, nu_x, nu_y * nu_y)),)
-
-
-class _AmbiguitySum(PartSum):
-    """(A1), (I3)."""
-
-    values = 2
-
-    def term(self, *row: Any) -> Values:
-        ops, (x, y, dx, dy) = self.ops, row[:4]
-        v_x, v_y = self.nu if self.plain else moved_off_zero(ops, *_detuned(row, self.nu))
-        length, middle = ops.fma(v_x, dx, v_y * dy), ops.fma(v_x, x, v_y * y)
-        sine, cosine = segment_wave(ops, length, middle)
-        c = ops.fma(v_x, dy, -v_y * dx)
-        if self.plain:
-            return c * sine, c * cosine
-        real, imag = row[4:6]
-        c = c / ops.fma(v_x, v_x, v_y * v_y)
-        if self.is_real:
-            return c * real * sine, c * real * cosine
-        turned = ops.fma(real, sine, -imag * cosine), ops.fma(real, cosine, imag * sine)
-        return c * turned[0], c * turned[1]
-
-    def total(self, sums: Values) -> Values:
-        scale: Any = 1.0 / (2 * math.pi)
-        if self.plain:
-            v_x, v_y = self.nu
-            scale = scale / self.ops.fma(v_x, v_x, v_y * v_y)
-        return sums[0] * scale, -sums[1] * scale
+        """The kernel's sums from those of all terms: W, or A as cosine and sine part."""
+        first, *second = self.terms.total(sums) if self.is_plain else sums
+        return (first, *(-value for value in second))
 
 
 def _detuned(row: Sequence[Any], nu: Values) -> Values:
     return nu[0] - row[6], nu[1] - row[7]
-
-
-_WIGNER = SharedSlice(slice(0, 2), slice(0, 2), slice(2, 4), slice_parts, _WignerSum, True)
-_AMBIGUITY = SharedSlice(
-    slice(2, 4), slice(3, 5), slice(1, 3), position_slice_parts, _AmbiguitySum, False
-)
-
-
-def shared_slice(kernel: Kernel) -> SharedSlice | None:
-    """How slices are shared, or None where nothing is cut or it is cut in another way."""
-    return _WIGNER if kernel is WIGNER else _AMBIGUITY if kernel is AMBIGUITY else None

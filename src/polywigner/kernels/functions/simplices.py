@@ -19,13 +19,13 @@ import numpy as np
 
 from polywigner.geometry import Aperture, PlacedAperture, Slits, triangulate
 from polywigner.kernels.functions.plane import placed_frame
-from polywigner.kernels.functions.stokes import triangle_complex_wave, triangle_plane_wave
 from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_wave
 from polywigner.kernels.outline.frame import Matrix, frame_of, power_of_two, times_doubled
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, mean_wave
+from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.phases import Doubled, doubled
-from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.numerics.trigonometry import cos_sin_turns, sinc
 
 __all__ = [
     "SLITS",
@@ -138,7 +138,7 @@ def _enter(ops: Any, frame: Any, *nu: Any) -> Values:
 
 
 def _enter_complex(ops: Any, frame: Any, *nu: Any) -> Values:
-    """The same with the growth of the centre, and the imaginary parts after the real ones."""
+    """(phase and growth of the centre, real and then imaginary parts of nu as two floats each)."""
     real, imag = nu[0::2], nu[1::2]
     turns = phases.turns_to_centre(ops, frame.centre, *real)
     inner = _in_frame(ops, frame, imag)
@@ -164,8 +164,7 @@ def _interval_sum(ops: Any, tables: SimplexTables, turns: Any, *nu: Any) -> Valu
     frequency = _pairs(nu)
 
     def term(middle: Any, rest: Any, length: Any) -> Values:
-        half = 0.5 * _dot(ops, frequency, ((length, 0.0),))
-        mean, _ = mean_plane_wave(ops, -half, half)
+        mean = sinc(ops, _dot(ops, frequency, ((length, 0.0),)))
         phase = phases.reduced(ops, phases.dot(ops, frequency, ((middle, rest),)))
         cosine, sine = cos_sin_turns(ops, phase)
         return cosine * mean * length, sine * mean * length
@@ -178,7 +177,7 @@ def _triangle_sum(ops: Any, tables: SimplexTables, turns: Any, *nu: Any) -> Valu
 
     def term(*row: Any) -> Values:
         corner, first, second = (_pairs(row[k : k + 4]) for k in (0, 4, 8))
-        wave = triangle_plane_wave(ops, _dot(ops, frequency, first), _dot(ops, frequency, second))
+        wave = simplex_plane_wave(ops, _dot(ops, frequency, first), _dot(ops, frequency, second))
         phase = phases.reduced(ops, phases.dot(ops, frequency, corner))
         real, imag = phases.rotated(ops, phase, *wave)
         return real * row[12], -imag * row[12]
@@ -208,7 +207,7 @@ def _complex_triangle_sum(
     def term(*row: Any) -> Values:
         corner, first, second = (_pairs(row[k : k + 4]) for k in (0, 4, 8))
         phase, level = wave_at.phase_and_level(corner)
-        wave = triangle_complex_wave(ops, wave_at.turns(first), wave_at.turns(second), level)
+        wave = simplex_complex_wave(ops, wave_at.turns(first), wave_at.turns(second), level=level)
         total = (phase * wave).scaled(row[12])
         return total.real, total.imag
 

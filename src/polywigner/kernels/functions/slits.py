@@ -10,6 +10,7 @@ length of the overlap is that of exact arithmetic to an ulp of itself.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -19,12 +20,13 @@ from typing import Any
 from polywigner.geometry import Slits
 from polywigner.illumination import Array
 from polywigner.kernels.outline.frame import power_of_two
-from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
+from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, field_of, waves_in_frame
 from polywigner.numerics import phases
 from polywigner.numerics.phases import Doubled, doubled
-from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.numerics.trigonometry import cos_sin_turns, sinc
 
 __all__ = [
+    "Interval",
     "PairTables",
     "SlitFrame",
     "SlitTables",
@@ -45,6 +47,12 @@ class Interval:
     begin: float
     end: float
     waves: Waves
+
+    def field(self, ops: Any, x: Any) -> tuple[Any, Any]:
+        """(real, imaginary) part of u less the carrier; the begin has it and the end has not."""
+        inside = ops.select((x >= self.begin) & (x < self.end), 1.0, 0.0)
+        real, imag = field_of(ops, self.waves, (x,))
+        return inside * real, inside * imag
 
 
 @dataclass(frozen=True)
@@ -124,11 +132,8 @@ class _Exact:
 
 @lru_cache(maxsize=256)
 def _exact_slits(source: Slits | Array) -> tuple[SlitFrame, tuple[_Exact, ...]]:
-    if isinstance(source, Slits):
-        groups: list[tuple[Slits, complex]] = [(source, 1.0)]
-    else:
-        pairs = zip(source.coplanar, source.weights.tolist(), strict=True)
-        groups = [(slits, weight) for slits, weight in pairs if isinstance(slits, Slits)]
+    weights = source.weights.tolist() if isinstance(source, Array) else [1.0]
+    groups = list(zip(source.elements_in_plane, weights, strict=True))
     low = min(slits.bounds[0] for slits, _ in groups)
     high = max(slits.bounds[1] for slits, _ in groups)
     (carrier,) = carrier_of((slits.illumination for slits, _ in groups), 1)
@@ -156,7 +161,7 @@ def slit_tables(source: Slits | Array, double: bool) -> SlitTables:
 
 @lru_cache(maxsize=256)
 def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """What pairs of slits contribute to the lag slice at x: 2(I_k - x) & 2(x - I_l).
+    """Pairs of slits and their shares in the lag slice at x: 2(I_k - x) & 2(x - I_l).
 
     The pair (l, k) gives the mirror image with the conjugate field, and is counted with (k, l).
     """
@@ -165,8 +170,12 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
     for (k, one), (m, other) in combinations_with_replacement(enumerate(slits), 2):
         gap, mean = 2 * (one.middle + other.middle), one.middle - other.middle
         row = _row(gap, 2 * one.half, 2 * other.half, mean, double)
-        for v, w in product(one.waves, other.waves):
-            mutual = v.amplitude * complex(w.amplitude).conjugate() * (1.0 if k == m else 2.0)
+        pairs: Iterable[tuple[Wave, Wave]] = product(one.waves, other.waves)
+        if k == m:  # waves (v, w) and (w, v) are conjugate as well
+            pairs = combinations_with_replacement(one.waves, 2)
+        for v, w in pairs:
+            twice = 1.0 if k == m and v is w else 2.0
+            mutual = v.amplitude * complex(w.amplitude).conjugate() * twice
             middle, rate = _mean_and_difference(v, w)
             rows.append((*row, mutual.real, mutual.imag, middle, rate / 4))
     return PairTables(frame, _without_still_waves(rows))
@@ -174,7 +183,7 @@ def lag_pairs(source: Slits | Array, double: bool) -> PairTables:
 
 @lru_cache(maxsize=256)
 def position_pairs(source: Slits | Array, double: bool) -> PairTables:
-    """What pairs of slits contribute to the position slice: (I_k - xi/2) & (I_l + xi/2)."""
+    """Pairs of slits and their shares in the position slice: (I_k - xi/2) & (I_l + xi/2)."""
     frame, slits = _exact_slits(source)
     rows = []
     for one, other in product(slits, slits):
@@ -194,7 +203,7 @@ def _row(
 
 
 def _mean_and_difference(one: Wave, other: Wave) -> tuple[float, float]:
-    """Of the frequencies of two waves."""
+    """Mean and difference of the frequencies of two waves."""
     (a,), (b,) = one.frequency, other.frequency
     return (a + b) / 2, a - b
 
@@ -243,11 +252,9 @@ def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
             real, imag = real * cosine - imag * sine, real * sine + imag * cosine
         whole = own[0] + own[1]
         length, aside = _overlap(ops, shift, gap, rest, half, other)
-        half_turns = 0.5 * whole * length
-        mean_wave, _ = mean_plane_wave(ops, -half_turns, half_turns)
         turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
         cosine, sine = cos_sin_turns(ops, turns)
-        size = mean_wave * length
+        size = sinc(ops, whole * length) * length
         return size * (cosine * real + sine * imag), size * (cosine * imag - sine * real)
 
     return ops.sum_over(tables.edges, term, 2, like=nu[0])

@@ -7,11 +7,9 @@ face normals, and non-convex faces need no triangulation (docs/theory.md, (F3)).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,6 @@ import numpy.typing as npt
 
 from polywigner.geometry import Polyhedron
 from polywigner.geometry.exact import whole_numbers
-from polywigner.kernels.functions.stokes import triangle_complex_wave
 from polywigner.kernels.outline.frame import (
     NEEDLE_ASPECT,
     Matrix,
@@ -30,14 +27,16 @@ from polywigner.kernels.outline.frame import (
     vertices_for,
 )
 from polywigner.numerics import phases
-from polywigner.numerics.complex_pairs import Pair, plane_wave, select
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 
-__all__ = ["SolidFrame", "SolidTables", "solid_tables", "solid_transform", "tetrahedron_wave"]
-
-# As in ``stokes``: below this largest separation (turns) the series, above it the recursion.
-_SERIES_BELOW = 0.1
-# First omitted term, (k+1)(k+2)/2 0.63^k/(k+3)!: 1e-19 at k = 16, 6e-9 at k = 9.
-_TERMS_DOUBLE, _TERMS_SINGLE = 16, 9
+__all__ = [
+    "SolidFrame",
+    "SolidTables",
+    "solid_tables",
+    "solid_transform",
+    "solid_transform_complex",
+]
 
 Point = tuple[float, float, float]
 
@@ -109,71 +108,34 @@ def _volumes(corners: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.asarray(exact / scale if exponent < 0 else exact * scale, dtype=np.float64)
 
 
-def solid_transform(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) -> Pair:
-    """F(nu) exp(-2 pi level) in the frame, the level that of the largest wave in its box.
+def solid_transform(ops: Any, tables: SolidTables, *nu: Any) -> tuple[Any, Any]:
+    """F(nu) in the frame for real nu, as (cosine part, sine part). Source: (F3)."""
 
-    nu complex, or real with imaginary parts 0.0, and then the level is 0. Source: (F3).
-    """
+    def term(*row: Any) -> tuple[Any, Any]:
+        corners = (
+            ops.fma(nu[0], x, ops.fma(nu[1], y, nu[2] * z))
+            for x, y, z in (row[0:3], row[3:6], row[6:9])
+        )
+        cosine, sine = simplex_plane_wave(ops, *corners)
+        return cosine * row[9], sine * row[9]
+
+    # A term is long: unrolled, those of a cube take 3 s to compile and run at half the speed.
+    cosine, sine = ops.sum_over(tables.edges, term, 2, like=nu[0], unroll=False)
+    return cosine, sine
+
+
+def solid_transform_complex(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair, Pair]) -> Pair:
+    """F(nu) exp(-2 pi level) in the frame, the level that of the largest wave in its box."""
     level = phases.level(tables.frame, tuple(component.imag for component in nu))
 
     def term(*row: Any) -> tuple[Any, Any]:
         corners = (_dot(nu, row[0:3]), _dot(nu, row[3:6]), _dot(nu, row[6:9]))
-        wave = tetrahedron_wave(ops, *corners, level).scaled(row[9])
+        wave = simplex_complex_wave(ops, *corners, level=level).scaled(row[9])
         return wave.real, wave.imag
 
-    # A term is long: unrolled, those of a cube take 3 s to compile and run at half the speed.
     return Pair(*ops.sum_over(tables.edges, term, 2, like=nu[0].real, unroll=False))
 
 
 def _dot(nu: tuple[Pair, Pair, Pair], point: tuple[Any, ...]) -> Pair:
     x, y, z = (component.scaled(c) for component, c in zip(nu, point, strict=True))
     return x + y + z
-
-
-def tetrahedron_wave(ops: Any, u: Pair, v: Pair, w: Pair, level: Any = 0.0) -> Pair:
-    """exp[0, -2 pi i u, -2 pi i v, -2 pi i w] exp(-2 pi level).
-
-    A sixth of a wave's mean over a tetrahedron, 1/6 at u = v = w = 0. Recursion over the two nodes
-    that lie farthest apart.
-    """
-    origin = Pair(0.0, 0.0)
-    nodes = (origin, u, v, w)
-    first, last, left, right = origin, u, v, w
-    largest: Any = (u - origin).norm()
-    for i, j in list(combinations(range(4), 2))[1:]:
-        k, m = (n for n in range(4) if n not in (i, j))
-        size = (nodes[j] - nodes[i]).norm()
-        wins = size > largest
-        largest = ops.maximum(size, largest)
-        first = select(ops, wins, nodes[i], first)
-        last = select(ops, wins, nodes[j], last)
-        left = select(ops, wins, nodes[k], left)
-        right = select(ops, wins, nodes[m], right)
-    small = largest < _SERIES_BELOW**2
-    distance = last - first
-    divisor = select(ops, small, Pair(1.0, 0.0), distance) * Pair(0.0, -2 * math.pi)
-    ahead = _shifted_triangle(ops, last, left, right, level)
-    behind = _shifted_triangle(ops, first, left, right, level)
-    series = _series(ops, small, u, v, w).scaled(ops.exp(-2 * math.pi * level))
-    return select(ops, small, series, (ahead - behind) / divisor)
-
-
-def _shifted_triangle(ops: Any, a: Pair, b: Pair, c: Pair, level: Any) -> Pair:
-    """exp[a, b, c] exp(-2 pi level) for nodes in turns."""
-    phase = plane_wave(ops, Pair(a.real, 0.0))
-    return phase * triangle_complex_wave(ops, b - a, c - a, level - a.imag)
-
-
-def _series(ops: Any, small: Any, u: Pair, v: Pair, w: Pair) -> Pair:
-    """sum_k h_k(a, b, c)/(k + 3)!; arguments clamped to its domain."""
-    turn, origin = Pair(0.0, -2 * math.pi), Pair(0.0, 0.0)
-    a, b, c = (turn * select(ops, small, node, origin) for node in (u, v, w))
-    one = Pair(1.0, 0.0)
-    h_c, h_bc, h_abc = one, one, one
-    total = Pair(1 / 6, 0.0)
-    for k in range(1, _TERMS_DOUBLE if ops.double else _TERMS_SINGLE):
-        h_c = h_c * c
-        h_bc = h_bc * b + h_c
-        h_abc = h_abc * a + h_bc
-        total = total + h_abc.scaled(1 / math.factorial(k + 3))
-    return total

@@ -5,7 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.functions.plane import enter_complex_frequency, enter_frequency
-from polywigner.kernels.functions.solids import solid_tables, solid_transform
+from polywigner.kernels.functions.solids import (
+    solid_tables,
+    solid_transform,
+    solid_transform_complex,
+)
 from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_wave
 from polywigner.numerics.complex_pairs import Pair
 
@@ -13,14 +17,12 @@ __all__ = ["FOURIER", "FOURIER_COMPLEX"]
 
 
 def _real_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
-    x, y, z = (Pair(component, 0.0) for component in nu)
-    total = solid_transform(ops, tables, (x, y, z))
-    return total.real, -total.imag
+    return solid_transform(ops, tables, *nu)
 
 
 def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
     x, y, z = (Pair(real, imag) for real, imag in zip(nu[:3], nu[3:], strict=True))
-    total = solid_transform(ops, tables, (x, y, z))
+    total = solid_transform_complex(ops, tables, (x, y, z))
     return total.real, total.imag
 
 

@@ -76,7 +76,7 @@ class Frame:
 
     @property
     def rows(self) -> Matrix:
-        """What takes frequencies into the frame."""
+        """The matrix that takes frequencies into the frame."""
         return self.inverse_transpose
 
     def vector(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,11 +24,11 @@ from polywigner.kernels.outline.waves import (
     Waves,
     carrier_of,
     common_factor,
-    difference_beats,
+    difference_pairs,
     waves_in_frame,
 )
 from polywigner.numerics.exact import (
-    Lattice,
+    RoundingGrid,
     exact_cross,
     signed_convex_pieces,
     with_vertices_on_sides,
@@ -39,7 +39,7 @@ __all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grou
 
 # Pairs of waves that are code, of some 20 ms to compile each, where edges are looked up in cells
 _WAVES_IN_CELLS = 16
-# What a further wave over what is left of an edge counts as, in cuts: 5 to 20 ms to compile.
+# Cost of a further wave on the cut edge, in cuts: 5 to 20 ms to compile.
 _CLIPS_PER_WAVE = 24
 
 
@@ -64,9 +64,9 @@ class Edge:
     length: Any
     """e = length u, with one unit vector u for all parallel edges."""
     offset: Any
-    """Of the edge's line."""
+    """Offset of the edge's line."""
     cluster: Any
-    """Of the edge's line."""
+    """Cluster of the edge's line."""
     real: Any = 1.0
     """The complex weight of the element that the edge bounds."""
     imag: Any = 0.0
@@ -95,10 +95,10 @@ class Piece:
     sign: float = 1.0  # -1 for a triangle turned over by rounding
 
 
-def cut_of(ops: Any, tables: Any, samples: int = 0) -> str:
-    """How edges are cut: as planned, or as suits the namespace; ``samples`` of NumPy at a time."""
+def cut_of(target: str, tables: Tables, samples: int = 0) -> str:
+    """How edges are cut: as planned, or as suits a target; ``samples`` of NumPy at a time."""
     found: str | None = tables.cut
-    return found or cut_for(ops.target, tables.clips, tables.clips_for_cells, samples)
+    return found or cut_for(target, tables.clips, tables.clips_for_cells, samples)
 
 
 @dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long
@@ -117,8 +117,7 @@ class Tables:
     cut: str | None = None
     """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
-    """The same tables with other cuts, by cut."""
-    terms: ClassVar[int] = 1  # of a sum over data, beside the edges, that a sample loops through
+    """Copies of these tables with other cuts, by cut."""
 
     @cached_property
     def clips(self) -> int:
@@ -131,14 +130,14 @@ class Tables:
 
     @property
     def cuts(self) -> int:
-        """The same without waves."""
+        """Number of (edge, side of a piece) pairs, waves not counted."""
         return len(self.edges) * sum(len(piece.sides) for piece in self.pieces)
 
     @cached_property
     def waves_per_cut(self) -> int:
         """How many plane waves are integrated over what is left of an edge in a piece."""
         return max(
-            sum(len(difference_beats(one, other)) for other in self.groups) for one in self.groups
+            sum(len(difference_pairs(one, other)) for other in self.groups) for one in self.groups
         )
 
     @property
@@ -151,7 +150,7 @@ class Tables:
         return self.clips if simple else 0
 
     def cut_by(self, cut: str | None) -> Tables:
-        """The same tables, with edges to be cut in a given way; one object for each way."""
+        """A copy of the tables with edges to be cut in a given way; one object for each way."""
         if cut is None or cut == self.cut:
             return self
         return self.variants.setdefault(cut, replace(self, cut=cut))
@@ -173,14 +172,14 @@ _Member = tuple[complex, int, complex]
 
 @dataclass(frozen=True)
 class Element:
-    """What tables are built of: a polygon and the field on it."""
+    """A polygon and the field on it, of which tables are built."""
 
     rings: Sequence[npt.NDArray[np.float64]]
     """The polygon to their left."""
     convex_cover: Sequence[npt.NDArray[np.float64]]
     weight: complex = 1.0
     illumination: Any = None
-    """What the weight multiplies, an Illumination; None for 1."""
+    """The field that the weight multiplies, an Illumination; None for 1."""
 
 
 def _segments_of(polygon: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -198,13 +197,13 @@ def build_tables(
     """
     if frame is None:
         frame = frame_of(np.concatenate([ring for element in elements for ring in element.rings]))
-    lattice = Lattice.for_precision(double)
+    grid = RoundingGrid.for_precision(double)
     frame = replace(frame, carrier=carrier_of((e.illumination for e in elements), 2))
     groups, members = grouped(elements, frame)
     plain = [_in_frame(element, frame) for element in elements]
     linked = linking_angle([ring for outline in plain for ring in outline.rings], double)
     gridded = LineBook(*_segments_of_all(plain), linked, double).has_exact_lines
-    outlines = [_on_grid(element, frame, lattice) for element in elements] if gridded else plain
+    outlines = [_on_grid(element, frame, grid) for element in elements] if gridded else plain
     book = LineBook(*_segments_of_all(outlines), linked, double)
     edges: list[Edge] = []
     pieces: list[Piece] = []
@@ -227,7 +226,7 @@ def build_tables(
         tuple(edges),
         tuple(book.lines),
         tuple(pieces),
-        lattice.step if gridded else None,
+        grid.step if gridded else None,
         uniform=all(weight == 1 for weight in weights),
         phased=any(weight.imag for weight in weights),
         groups=groups,
@@ -257,7 +256,7 @@ class _Outline:
     rings: Sequence[npt.NDArray[np.float64]]
     pieces: Sequence[tuple[npt.NDArray[np.float64], float]]
     numbers: Sequence[npt.NDArray[np.intp]]
-    """Of each ring's vertices, among those of all rings of the element before rounding."""
+    """Numbers of each ring's vertices among those of all rings of the element before rounding."""
 
 
 def _in_frame(element: Element, frame: Frame) -> _Outline:
@@ -271,14 +270,12 @@ def _numbered(rings: Sequence[npt.NDArray[np.float64]]) -> list[npt.NDArray[np.i
     return [np.arange(end - len(ring), end) for end, ring in zip(ends, rings, strict=True)]
 
 
-def _on_grid(element: Element, frame: Frame, lattice: Lattice) -> _Outline:
+def _on_grid(element: Element, frame: Frame, grid: RoundingGrid) -> _Outline:
     points = [frame.vertices(ring) for ring in element.rings]
-    rings = [lattice.rounded(ring) for ring in points]
-    numbers = [
-        own[lattice.is_kept(ring)] for own, ring in zip(_numbered(points), points, strict=True)
-    ]
+    rings = [grid.rounded(ring) for ring in points]
+    numbers = [own[grid.is_kept(ring)] for own, ring in zip(_numbered(points), points, strict=True)]
     joined = with_vertices_on_sides(element.convex_cover, np.concatenate(list(element.rings)))
-    pieces = signed_convex_pieces([lattice.rounded(frame.vertices(piece)) for piece in joined])
+    pieces = signed_convex_pieces([grid.rounded(frame.vertices(piece)) for piece in joined])
     kept = [k for k, ring in enumerate(rings) if len(ring) > 2]
     return _Outline([rings[k] for k in kept], pieces, [numbers[k] for k in kept])
 

@@ -2,7 +2,7 @@
 
 For a field sum_m c_m exp(2 pi i kappa_m.x) on the source (docs/theory.md, (I2), (I3)), W and A are
 sums over pairs of waves of those of the uniform source at a shifted frequency, times a factor that
-depends on position or lag alone. Pairs with one shift are taken together: a *beat*.
+depends on position or lag alone. Pairs with one shift are taken together, as one `WavePair`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from polywigner.numerics.trigonometry import cos_sin_turns
 
 __all__ = [
     "UNIFORM",
-    "Beat",
-    "RowBeat",
     "Wave",
+    "WavePair",
+    "WavePairRow",
     "Waves",
     "carrier_of",
     "common_factor",
-    "difference_beats",
+    "difference_pairs",
     "field_of",
-    "mean_beats",
+    "mean_pairs",
     "rows_of",
     "waves_in_frame",
 ]
@@ -89,11 +89,11 @@ def field_of(ops: Any, waves: Waves, point: Sequence[Any]) -> tuple[Any, Any]:
 
 
 @dataclass(frozen=True)
-class Beat:
+class WavePair:
     """Pairs of waves that see the uniform source at one frequency."""
 
     shift: Vector
-    """What to subtract from the frequency."""
+    """The shift to subtract from the frequency."""
     terms: tuple[tuple[complex, Vector], ...]
     """Amplitudes, and frequencies along position (W) or lag (A)."""
     is_real: bool
@@ -118,8 +118,8 @@ class Beat:
 
 
 @dataclass(frozen=True)
-class RowBeat:
-    """One pair of waves as a row of an engine's table; see :class:`Beat`."""
+class WavePairRow:
+    """One pair of waves as a row of an engine's table; see :class:`WavePair`."""
 
     is_real: bool
     real: Any
@@ -128,6 +128,10 @@ class RowBeat:
     shift_y: Any
     rate_x: Any
     rate_y: Any
+
+    @property
+    def shift(self) -> tuple[Any, Any]:
+        return self.shift_x, self.shift_y
 
     def amplitude(self, ops: Any, point: Sequence[Any]) -> tuple[Any, Any]:
         cosine, sine = cos_sin_turns(ops, self.rate_x * point[0] + self.rate_y * point[1])
@@ -138,12 +142,12 @@ class RowBeat:
         return frequency[0] - self.shift_x, frequency[1] - self.shift_y
 
 
-def rows_of(beats: Sequence[Beat]) -> list[tuple[float, ...]]:
-    """All pairs of waves of the beats as arguments of :class:`RowBeat`."""
+def rows_of(wave_pairs: Sequence[WavePair]) -> list[tuple[float, ...]]:
+    """Every two waves by themselves, as arguments of :class:`WavePairRow`."""
     return [
-        (complex(amplitude).real, complex(amplitude).imag, *beat.shift, *rate)
-        for beat in beats
-        for amplitude, rate in beat.terms
+        (complex(amplitude).real, complex(amplitude).imag, *wave_pair.shift, *rate)
+        for wave_pair in wave_pairs
+        for amplitude, rate in wave_pair.terms
     ]
 
 
@@ -177,7 +181,7 @@ def _times(factor: float, a: Vector) -> Vector:
 
 
 @lru_cache(maxsize=1024)
-def mean_beats(first: Waves, second: Waves) -> tuple[Beat, ...]:
+def mean_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
     """Pairs with one mean frequency, for W: c_m c_n* exp(2 pi i (kappa_m - kappa_n).x).
 
     Of equal fields the pairs (m, n) and (n, m) are conjugate and taken together.
@@ -196,7 +200,7 @@ def mean_beats(first: Waves, second: Waves) -> tuple[Beat, ...]:
 
 
 @lru_cache(maxsize=1024)
-def difference_beats(first: Waves, second: Waves) -> tuple[Beat, ...]:
+def difference_pairs(first: Waves, second: Waves) -> tuple[WavePair, ...]:
     """Pairs with one difference, for A: c_m c_n* exp(i pi (kappa_m + kappa_n).xi)."""
     pairs = []
     for one in first:
@@ -207,7 +211,9 @@ def difference_beats(first: Waves, second: Waves) -> tuple[Beat, ...]:
     return _collected(pairs, is_real=False)
 
 
-def _collected(pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool) -> tuple[Beat, ...]:
+def _collected(
+    pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool
+) -> tuple[WavePair, ...]:
     largest = max((abs(f) for shift, _, _ in pairs for f in shift), default=0.0)
     tolerance = _EQUAL * max(1.0, largest)
     found: list[tuple[Vector, dict[Vector, complex]]] = []
@@ -217,4 +223,6 @@ def _collected(pairs: Sequence[tuple[Vector, complex, Vector]], is_real: bool) -
             terms = {}
             found.append((shift, terms))
         terms[rate] = terms.get(rate, 0.0) + amplitude
-    return tuple(Beat(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in found)
+    return tuple(
+        WavePair(shift, tuple((a, r) for r, a in t.items()), is_real) for shift, t in found
+    )

@@ -5,16 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.functions.fourier import OutlineTables
-from polywigner.kernels.slopes.slopes import Axes, Sink, Slopes, Wanted
+from polywigner.kernels.slopes.slopes import Axes, GradientAccumulator, Slopes
 from polywigner.numerics.complex_pairs import Pair
 
 __all__ = ["fourier_slopes"]
 
 
 def fourier_slopes(
-    ops: Any, tables: OutlineTables, wanted: Wanted, sink: Sink, nu_x: Any, nu_y: Any
+    ops: Any, tables: OutlineTables, accumulator: GradientAccumulator, nu_x: Any, nu_y: Any
 ) -> Slopes:
-    """Of V = F(nu) in the frame."""
+    """Derivatives of V = F(nu) in the frame."""
     axes = Axes(ops, (nu_x, nu_y))
     rows = [
         (*edge[:4], float(begin), float(end))
@@ -26,13 +26,13 @@ def fourier_slopes(
         segment = axes.segment(*axes.of(0.5 * (ax + bx), 0.5 * (ay + by)), *axes.of(ex, ey))
         along, across = (pair.scaled(-segment.dp) for pair in segment.moments(ops))
         e0, e1, _ = segment.means
-        shared: Any = (0.0,) * sink.values
-        if wanted.vertices:
+        shared: Any = (0.0,) * accumulator.values
+        if accumulator.wanted.vertices:
             at = e0.scaled(0.5) - e1, e0.scaled(0.5) + e1
-            shared = sink.edge(begin, end, (ey, -ex), at)
+            shared = accumulator.edge(begin, end, (ey, -ex), at)
         return (along.real, along.imag, across.real, across.imag, *shared)
 
-    sums = ops.sum_over(rows, term, 4 + sink.values, like=nu_x)
+    sums = ops.sum_over(rows, term, 4 + accumulator.values, like=nu_x)
     zero = Pair(0.0, 0.0)
     frequency = axes.gradient(Pair(*sums[:2]), Pair(*sums[2:4]).scaled(0.5))
     return Slopes(list(frequency), [zero, zero], list(sums[4:]))

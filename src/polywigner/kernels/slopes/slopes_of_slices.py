@@ -9,28 +9,28 @@ from typing import Any
 
 from polywigner.kernels.cut.cells import clipper_for
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper, View
-from polywigner.kernels.functions.ambiguity import COPIES, Views, pairings
-from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of
-from polywigner.kernels.outline.waves import Beat, Wave, difference_beats, mean_beats
-from polywigner.kernels.slopes.slopes import Axes, Sink, Slopes, Wanted
+from polywigner.kernels.functions.wave_sums import COPIES, Views, difference_pairings
+from polywigner.kernels.outline.tables import Edge, Piece, Tables
+from polywigner.kernels.outline.waves import Wave, WavePair, difference_pairs, mean_pairs
+from polywigner.kernels.slopes.slopes import Axes, GradientAccumulator, Slopes, Wanted
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
-from polywigner.plans import loops_over_edges
+from polywigner.plans import cut_for
 
 __all__ = ["ambiguity_slopes", "wigner_slopes"]
 
 _ZERO = Pair(0.0, 0.0)
-_Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[Beat]]]]
+_Pairings = Callable[[int, Tables], Iterator[tuple[int, Views, Sequence[WavePair]]]]
 
 
 @dataclass(frozen=True)
 class _Slices:
-    """How a slice is made of the outline. T is 2x or xi."""
+    """A slice as it is made of the outline. T is 2x or xi."""
 
     views: Views
-    """What edges are cut, each moved by its number times T."""
+    """Views in which edges are cut, each moved by its number times T."""
     scale: float
-    """Of the outline in the slice."""
+    """The scale of the outline in the slice."""
     factor: float
     """V is the sum over these views times this."""
     per_place: float
@@ -38,47 +38,48 @@ class _Slices:
     pairings: _Pairings
 
 
-def _mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[Beat]]]:
+def _mean_pairings(group: int, tables: Tables) -> Iterator[tuple[int, Views, Sequence[WavePair]]]:
     for other, waves in enumerate(tables.groups):
-        yield other, _LAG.views, mean_beats(tables.groups[group], waves)
+        yield other, _LAG.views, mean_pairs(tables.groups[group], waves)
 
 
 # Of W the edges of one copy are half the boundary, those of the other give the conjugate.
 _LAG = _Slices(((MIRRORED, -1.0),), 2.0, 2.0, 2.0, _mean_pairings)
-_POSITION = _Slices(COPIES, 1.0, 1.0, 1.0, pairings)
+_POSITION = _Slices(COPIES, 1.0, 1.0, 1.0, difference_pairings)
 
 
 def wigner_slopes(
-    ops: Any, tables: Tables, wanted: Wanted, sink: Sink, x: Any, y: Any, nu_x: Any, nu_y: Any
+    ops: Any, tables: Tables, accumulator: GradientAccumulator, *point: Any
 ) -> Slopes:
-    """Of W(x, nu) in the frame, which is the real part of V."""
-    return _slopes(ops, tables, _LAG, wanted, sink, (2.0 * x, 2.0 * y), (nu_x, nu_y))
+    """Derivatives of W, the real part of V, at (x, y, nu_x, nu_y) in the frame."""
+    x, y, nu_x, nu_y = point
+    return _slopes(ops, tables, _LAG, accumulator, (2.0 * x, 2.0 * y), (nu_x, nu_y))
 
 
 def ambiguity_slopes(
-    ops: Any, tables: Tables, wanted: Wanted, sink: Sink, v_x: Any, v_y: Any, xi_x: Any, xi_y: Any
+    ops: Any, tables: Tables, accumulator: GradientAccumulator, *point: Any
 ) -> Slopes:
-    """Of V = A(upsilon, xi) in the frame."""
-    return _slopes(ops, tables, _POSITION, wanted, sink, (xi_x, xi_y), (v_x, v_y))
+    """Derivatives of V = A at (upsilon_x, upsilon_y, xi_x, xi_y) in the frame."""
+    v_x, v_y, xi_x, xi_y = point
+    return _slopes(ops, tables, _POSITION, accumulator, (xi_x, xi_y), (v_x, v_y))
 
 
 def _slopes(
     ops: Any,
     tables: Tables,
     slices: _Slices,
-    wanted: Wanted,
-    sink: Sink,
+    accumulator: GradientAccumulator,
     shift: tuple[Any, Any],
     frequency: tuple[Any, Any],
 ) -> Slopes:
-    clipper = _clipper(ops, tables, shift, wanted, slices)
+    clipper = _clipper(ops, tables, shift, accumulator.wanted, slices)
     place = tuple(component / slices.per_place for component in shift)
-    result = Slopes([_ZERO, _ZERO], [_ZERO, _ZERO], [0.0] * sink.values)
+    result = Slopes([_ZERO, _ZERO], [_ZERO, _ZERO], [0.0] * accumulator.values)
     for group in range(len(tables.groups)):
         if not clipper.edges_of(group):
             continue
         beats = [
-            _Beat(clipper, slices, wanted, sink, other, views, beat, (frequency, place))
+            _PairSlopes(clipper, slices, accumulator, other, views, beat, (frequency, place))
             for other, views, found in slices.pairings(group, tables)
             for beat in found
         ]
@@ -86,21 +87,21 @@ def _slopes(
         def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
             cuts: dict[Any, Any] = {}
             values: list[Any] = []
-            shared: list[Any] = [0.0] * sink.values
+            shared: list[Any] = [0.0] * accumulator.values
             for beat in beats:
-                found, of_sink = beat.terms(edge, cuts)
+                found, of_shared = beat.terms(edge, cuts)
                 values += found
-                shared = [a + b for a, b in zip(shared, of_sink, strict=True)]
+                shared = [a + b for a, b in zip(shared, of_shared, strict=True)]
             return (*values, *shared)
 
-        count = sum(beat.values for beat in beats) + sink.values
+        count = sum(beat.values for beat in beats) + accumulator.values
         sums = iter(clipper.sum_over_edges(term, count, group))
         areas = []
         for beat in beats:
             areas.append(beat.add([next(sums) for _ in range(beat.values)], result))
         result.shared = [a + b for a, b in zip(result.shared, sums, strict=True)]
-        if wanted.amplitudes:
-            _wave_slopes(ops, tables, slices, sink, place, result, areas)
+        if accumulator.wanted.amplitudes:
+            _wave_slopes(ops, tables, slices, accumulator, place, result, areas)
     return result
 
 
@@ -110,27 +111,25 @@ def _clipper(
     """Edges by name where that matters, by cells otherwise."""
     if not (wanted.vertices or wanted.weights):
         return clipper_for(ops, tables, *shift, *(view for view, _ in slices.views))
-    cut = cut_of(ops, tables)
-    rows = cut == "rows" or (cut != "code" and loops_over_edges(tables.clips))
-    return (RowClipper if rows else Clipper)(ops, tables, *shift)
+    by_name = cut_for(ops.target, tables.clips, cuts_for_cells=0)
+    return (RowClipper if by_name == "rows" else Clipper)(ops, tables, *shift)
 
 
-class _Beat:
-    """What the pairs of waves with one shift of the frequency contribute."""
+class _PairSlopes:
+    """Derivatives of what the pairs of waves with one shift of the frequency contribute."""
 
     def __init__(
         self,
         clipper: Clipper,
         slices: _Slices,
-        wanted: Wanted,
-        sink: Sink,
+        accumulator: GradientAccumulator,
         other: int,
         views: Views,
-        beat: Beat,
+        beat: WavePair,
         point: tuple[tuple[Any, Any], tuple[Any, Any]],
     ) -> None:
         self.clipper, self.ops, self.slices = clipper, clipper.ops, slices
-        self.wanted, self.sink, self.other, self.views = wanted, sink, other, views
+        self.accumulator, self.other, self.views = accumulator, other, views
         self.beat = beat
         frequency, place = point
         self.axes = Axes(self.ops, beat.detuned(frequency))
@@ -139,10 +138,10 @@ class _Beat:
         self.values = 10
 
     def terms(self, edge: Edge, cuts: dict[Any, Any]) -> tuple[list[Any], list[Any]]:
-        """Area, the boundary's push on T, and moments, as ten numbers; what the sink returned."""
+        """Area, the boundary's push on T, and moments, in ten numbers; sums for the accumulator."""
         ops, scale = self.ops, self.slices.scale
         area, push, along, across, begin, end = [_ZERO] * 6
-        shared: list[Any] = [0.0] * self.sink.values
+        shared: list[Any] = [0.0] * self.accumulator.values
         long = scale * edge.length
         along_unit, across_unit = self.clipper.shared(
             edge, lambda: self.axes.of(edge.ux, edge.uy), self.beat.shift
@@ -174,12 +173,12 @@ class _Beat:
                 push = push + e0.scaled(side)
                 to_end = e1.plus(ops, e0, 0.5 * middle)
                 begin, end = begin + (e0 - to_end), end + to_end
-                if self.wanted.weights:
+                if self.accumulator.wanted.weights:
                     found = self._fields(edge, piece, view, own.scaled(base))
                     shared = [a + b for a, b in zip(shared, found, strict=True)]
-        if self.wanted.vertices:
+        if self.accumulator.wanted.vertices:
             factor = self.amplitude.scaled(self.slices.factor * scale**2)
-            found = self.sink.edge(
+            found = self.accumulator.edge(
                 edge.begin, edge.end, (edge.ey, -edge.ex), (begin * factor, end * factor)
             )
             shared = [a + b for a, b in zip(shared, found, strict=True)]
@@ -190,7 +189,7 @@ class _Beat:
     def _cuts(self, edge: Edge, view: View, known: dict[Any, Any]) -> Any:
         key = view, self.other
         if key not in known:
-            if self.wanted.weights:
+            if self.accumulator.wanted.weights:
                 known[key] = list(self._named_cuts(edge, view))
             else:
                 found = self.clipper.intervals(edge, view, self.other)
@@ -203,7 +202,7 @@ class _Beat:
             yield piece, middle, extent, real, -imag if _is_second(view) else imag
 
     def _fields(self, edge: Edge, piece: Piece, view: View, area: Pair) -> list[Any]:
-        """To the sink: V has the term w_k w_l* times this, k the edge's element in most views."""
+        """Tell the accumulator: V has the term w_k w_l* times this, k the edge's element mostly."""
         value = (area * self.amplitude).scaled(self.slices.factor)
         of_edge, of_piece = Pair(edge.real, edge.imag), Pair(piece.real, piece.imag)
         to_edge = value * (of_piece if _is_second(view) else _conjugate(of_piece))
@@ -211,13 +210,13 @@ class _Beat:
         to_piece = value * (_conjugate(of_edge) if _is_second(view) else of_edge)
         if _is_second(view):
             found = (
-                self.sink.field(piece.element, to_piece, _ZERO),
-                self.sink.field(edge.element, _ZERO, to_edge),
+                self.accumulator.field(piece.element, to_piece, _ZERO),
+                self.accumulator.field(edge.element, _ZERO, to_edge),
             )
         else:
             found = (
-                self.sink.field(edge.element, to_edge, _ZERO),
-                self.sink.field(piece.element, _ZERO, to_piece),
+                self.accumulator.field(edge.element, to_edge, _ZERO),
+                self.accumulator.field(piece.element, _ZERO, to_piece),
             )
         return [a + b for a, b in zip(*found, strict=True)]
 
@@ -255,15 +254,15 @@ def _wave_slopes(
     ops: Any,
     tables: Tables,
     slices: _Slices,
-    sink: Sink,
+    accumulator: GradientAccumulator,
     place: Sequence[Any],
     result: Slopes,
     areas: Sequence[Pair],
 ) -> None:
-    """To the sink, of the amplitudes of the waves on the only element."""
+    """Tell the accumulator the derivatives in the amplitudes of the only element's waves."""
     waves = tables.groups[0]
     by_mean = slices is _LAG
-    beats = (mean_beats if by_mean else difference_beats)(waves, waves)
+    beats = (mean_pairs if by_mean else difference_pairs)(waves, waves)
     for m, one in enumerate(waves):
         for n, other in enumerate(waves):
             shift, rate = _mean(one, other), _difference(one, other)
@@ -279,7 +278,7 @@ def _wave_slopes(
                 (m, value * Pair(second.real, second.imag), _ZERO),
                 (n, _ZERO, value * Pair(first.real, first.imag)),
             ):
-                found = sink.field(number, slope, conjugate)
+                found = accumulator.field(number, slope, conjugate)
                 result.shared = [a + b for a, b in zip(result.shared, found, strict=True)]
 
 

@@ -17,7 +17,7 @@ __all__ = ["slopes_in_ends"]
 
 
 def slopes_in_ends(ops: Any, name: str, source: Slits, *points: Any) -> list[tuple[Pair, Pair]]:
-    """Of each slit the derivatives of F, W or A (``name``) in its begin and in its end.
+    """Derivatives of F, W or A (``name``) in the begin and in the end of each slit.
 
     ``points``: nu; x and nu; upsilon and xi. ``ops``: in double precision, whatever they are.
     """

@@ -21,7 +21,7 @@ class SlopeKernel:
     """Derivatives of the sum over edges of a kernel."""
 
     slopes: Callable[..., Slopes]
-    """(ops, tables, wanted, sink, *arguments in the frame)."""
+    """(ops, tables, accumulator, *arguments in the frame)."""
     arguments: int
     """How many of the arguments in the frame it takes, the last ones."""
     frequency_leads: bool = True
@@ -76,14 +76,14 @@ def _transposed(
 _WIGNER = SlopeKernel(wigner_slopes, 4, frequency_leads=False, is_wave=False)
 _AMBIGUITY = SlopeKernel(ambiguity_slopes, 4)
 _FOURIER = SlopeKernel(fourier_slopes, 2, has_place=False)
-_KERNELS = [
-    (plane.WIGNER, _WIGNER),
-    (plane.AMBIGUITY, _AMBIGUITY),
-    (plane.FOURIER, _FOURIER),
-    (plane.FOURIER_PLACED, _FOURIER),
-]
+_KNOWN = {
+    plane.WIGNER: _WIGNER,
+    plane.AMBIGUITY: _AMBIGUITY,
+    plane.FOURIER: _FOURIER,
+    plane.FOURIER_PLACED: _FOURIER,
+}
 
 
 def slope_kernel_of(kernel: Kernel) -> SlopeKernel | None:
     """The derivatives of a kernel, or None if they are Dr.Jit's to find."""
-    return next((slopes for known, slopes in _KERNELS if known is kernel), None)
+    return _KNOWN.get(kernel)

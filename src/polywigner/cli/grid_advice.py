@@ -1,4 +1,4 @@
-"""As many samples as a field needs, where a command was not told how many."""
+"""Numbers of samples that a field needs, for commands that were not told how many."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["samples_of_box", "samples_of_place"]
 
-# What a picture takes to look smooth, and what nobody waits for unasked: a factor of four in time.
+# Fewest samples, for a smooth picture, and most, for a short wait: a factor of four in time.
 _FEWEST = {"line": (401,), "arc": (321,), "plane": (129, 129), "hemisphere": (61, 120)}
 _MOST = {"line": (1601,), "arc": (1281,), "plane": (257, 257), "hemisphere": (121, 240)}
 _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
@@ -22,7 +22,7 @@ _FEWEST_OF_BOX, _MOST_OF_BOX = (64,) * 3, (101,) * 3
 def samples_of_place(
     source: Aperture | ApertureArray, place: Place, wavelength: float, amplitude: bool
 ) -> tuple[int, ...]:
-    """Of a place: what it was given, else what the field there needs, within bounds.
+    """Samples along each axis of a place: those given, else what its field needs, within bounds.
 
     A warning says where the bounds are too narrow.
     """

@@ -19,7 +19,7 @@ from polywigner.explorer.state import State
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
 
-__all__ = ["connect_take_away"]
+__all__ = ["connect_downloads"]
 
 _KINDS = {
     "png": "image/png", "svg": "image/svg+xml", "npz": "application/octet-stream",
@@ -36,7 +36,7 @@ def _taken(state: State, name: str, kind: str) -> bytes:
     return exports.picture_file(state, name, kind)
 
 
-def connect_take_away(session: Session) -> None:
+def connect_downloads(session: Session) -> None:
     """The buttons below "Take away"."""
     controls = session.controls
     session.downloads.js_on_change(

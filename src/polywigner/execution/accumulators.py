@@ -1,4 +1,5 @@
-"""Where derivatives in vertices and fields go: into a change, or added up over all samples."""
+"""Accumulators of derivatives in vertices and fields: forward into a change, in reverse over all
+samples."""
 
 from __future__ import annotations
 
@@ -6,9 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from polywigner.execution.operations import DrjitOperations
+from polywigner.kernels.slopes.slopes import Wanted
 from polywigner.numerics.complex_pairs import Pair
 
-__all__ = ["Forward", "Reverse", "contracted", "reverse_of"]
+__all__ = ["ForwardAccumulator", "ReverseAccumulator", "contracted", "reverse_accumulator"]
 
 
 def contracted(cotangent: Pair, slope: Pair) -> Any:
@@ -27,13 +29,13 @@ def _index(ops: DrjitOperations, number: Any) -> Any:
     return kind(number) if isinstance(number, (int, float)) else ops.truncated(number)
 
 
-class Forward:
+class ForwardAccumulator:
     """Sums up the derivative for given changes of vertices and fields."""
 
     values = 2
 
-    def __init__(self, ops: DrjitOperations, vertices: Any, fields: Any) -> None:
-        self.ops, self.vertices, self.fields = ops, vertices, fields
+    def __init__(self, ops: DrjitOperations, wanted: Wanted, vertices: Any, fields: Any) -> None:
+        self.ops, self.wanted, self.vertices, self.fields = ops, wanted, vertices, fields
 
     def edge(self, begin: Any, end: Any, normal: tuple[Any, Any], at: tuple[Pair, Pair]) -> Any:
         total = Pair(0.0, 0.0)
@@ -57,20 +59,18 @@ class Forward:
         return x, y
 
 
-class Reverse:
+class ReverseAccumulator:
     """Adds up gradients with respect to vertices and fields over all samples."""
 
     values = 0
     cotangent: Pair
-    """Of the samples."""
+    """The gradient in each sample's value."""
 
-    def __init__(self, ops: DrjitOperations, vertices: int, fields: int) -> None:
-        self.ops = ops
+    def __init__(self, ops: DrjitOperations, wanted: Wanted, vertices: int, fields: int) -> None:
+        self.ops, self.wanted = ops, wanted
         self.counts = vertices, fields
         self.targets = [self._zeros(count) for count in self.counts for _ in range(2)]
         self.waiting: dict[tuple[int, int], Any] = {}
-        self.in_strides: list[tuple[int, int]] | None = None
-        """Keys of all that may wait inside a loop over samples, whose sums come out of it."""
 
     @property
     def vertices(self) -> Sequence[Any]:
@@ -95,31 +95,8 @@ class Reverse:
         self._add(3, number, contracted(self.cotangent, Pair(-turned.imag, turned.real)))
         return ()
 
-    def slots(self) -> int:
-        """How many sums there are, of all that may wait."""
-        self.in_strides = [
-            (2 * kind + part, number)
-            for kind, count in enumerate(self.counts)
-            for part in range(2)
-            for number in range(count)
-        ]
-        return len(self.in_strides)
-
-    def taken(self) -> list[Any]:
-        """What waits, for each of the slots."""
-        assert self.in_strides is not None
-        found = [self.ops.float_type(self.waiting.get(key, 0.0)) for key in self.in_strides]
-        self.waiting.clear()
-        return found
-
-    def put_back(self, sums: Sequence[Any]) -> None:
-        """What was taken, summed up."""
-        assert self.in_strides is not None
-        self.waiting.update(zip(self.in_strides, sums, strict=True))
-        self.in_strides = None
-
     def flush(self) -> None:
-        """What could wait, as its edges were not rows of a table."""
+        """Add what could wait, as its edges were not rows of a table."""
         for (slot, number), value in self.waiting.items():
             self._put(slot, number, value)
         self.waiting.clear()
@@ -139,10 +116,8 @@ class Reverse:
     def _may_wait(self, number: Any) -> bool:
         import drjit as dr
 
-        if not isinstance(number, (int, float)):
-            return False
         # What a loop computes does not exist after it.
-        return self.in_strides is not None or not dr.flag(dr.JitFlag.SymbolicScope)
+        return isinstance(number, int | float) and not dr.flag(dr.JitFlag.SymbolicScope)
 
     def _put(self, slot: int, number: Any, value: Any) -> None:
         import drjit as dr
@@ -152,8 +127,8 @@ class Reverse:
         dr.scatter_reduce(dr.ReduceOp.Add, self.targets[slot], value, index)
 
 
-class ReverseByLanes(Reverse):
-    """The same where each number is an array of its own, whose gradients Dr.Jit adds up."""
+class _ReverseByLanes(ReverseAccumulator):
+    """Gradients where each number is an array of its own, and Dr.Jit adds them up."""
 
     def _zeros(self, count: int) -> Any:
         return tuple(self.ops.float_type(0.0) for _ in range(count))
@@ -167,13 +142,15 @@ class ReverseByLanes(Reverse):
         self.targets[slot] = tuple(found)
 
 
-def reverse_of(ops: DrjitOperations, vertices: Any, fields: Any) -> Reverse:
-    """For arrays of these numbers, or tuples of arrays."""
+def reverse_accumulator(
+    ops: DrjitOperations, wanted: Wanted, vertices: Any, fields: Any
+) -> ReverseAccumulator:
+    """An accumulator for arrays of these numbers, or for tuples of arrays, as far as wanted."""
     import drjit as dr
 
-    first = next((pair[0] for pair in (vertices, fields) if pair is not None), None)
-    if isinstance(first, tuple):
-        counts = [0 if pair is None else len(pair[0]) for pair in (vertices, fields)]
-        return ReverseByLanes(ops, *counts)
-    counts = [0 if pair is None else dr.width(pair[0]) for pair in (vertices, fields)]
-    return Reverse(ops, *counts)
+    pairs = vertices if wanted.vertices else None, fields if wanted.fields else None
+    if any(pair is not None and isinstance(pair[0], tuple) for pair in pairs):
+        counts = [0 if pair is None else len(pair[0]) for pair in pairs]
+        return _ReverseByLanes(ops, wanted, *counts)
+    counts = [0 if pair is None else dr.width(pair[0]) for pair in pairs]
+    return ReverseAccumulator(ops, wanted, *counts)

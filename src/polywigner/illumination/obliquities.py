@@ -1,0 +1,199 @@
+"""Obliquity factors: how strong a wave that leaves a source is at an angle to the normal.
+
+At the cosine c the field of a wave that leaves the plane with the direction cosine p_m (D1) carries
+
+    a c + b p_m
+
+of a boundary condition (a, b), and the irradiance of two waves m and n
+
+    g = (a c + b p_m) (a c + b p_n*) = a^2 c^2 + a b c (p_m + p_n*) + b^2 p_m p_n*.
+
+So g is linear in the first three of four forms; the fourth belongs to the third order in the lag:
+
+    1,    p_m + p_n*,    p_m p_n*,    i (p_n* - p_m)                                        (T4)
+
+Where all waves have one cosine the forms are numbers. Else each is a combination of functions W (or
+moments) of four fields: u, that with amplitudes p_m c_m, and those with (1 + p_m) c_m and
+(p_m - i) c_m. The paper's factor g = c is no boundary condition.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.geometry import Aperture
+from polywigner.illumination.array import Array
+from polywigner.illumination.direction_cosines import (
+    AnySource,
+    direction_cosines,
+    fields_of,
+    plus_direction_cosine,
+)
+
+__all__ = [
+    "OBLIQUITIES",
+    "SHARES",
+    "BoundaryCondition",
+    "Forms",
+    "Obliquity",
+    "Shares",
+    "checked_obliquity",
+    "cosine_to",
+    "emission_factor",
+    "irradiance_factor",
+    "takes_slopes",
+    "warn_of_slopes",
+    "weighted_sources",
+]
+
+BoundaryCondition = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
+Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2", "paper"]
+OBLIQUITIES: tuple[str, ...] = get_args(Obliquity)
+
+Forms = tuple[float, float, float, float]
+"""The coefficients of the four forms (T4)."""
+
+
+class Shares(NamedTuple):
+    """A boundary condition: the parts that the field and its slope have in the far field."""
+
+    field: float
+    """a: of the field in the opening."""
+    slope: float
+    """b = 1 - a: of its derivative along the normal."""
+
+
+SHARES = {
+    "rayleigh-sommerfeld-1": Shares(1.0, 0.0),
+    "kirchhoff": Shares(0.5, 0.5),
+    "rayleigh-sommerfeld-2": Shares(0.0, 1.0),
+}
+
+# Waves whose cosines differ by less are at one angle: the rounding of their frequencies.
+_SAME_COSINE = 1e-13
+
+
+def checked_obliquity(obliquity: object, order: int = 1) -> str:
+    """The name of an obliquity, None for Rayleigh-Sommerfeld I; ArgumentError for others."""
+    if obliquity is None:
+        return "rayleigh-sommerfeld-1"
+    if obliquity not in OBLIQUITIES:
+        names = ", ".join(f'"{name}"' for name in OBLIQUITIES)
+        raise ArgumentError(f"expected obliquity to be None or one of {names}, got {obliquity!r}")
+    if obliquity == "paper" and order == 3:
+        raise ArgumentError(
+            'expected obliquity="paper" with order=1, got order 3; the cosine is no boundary '
+            'condition of which a third order could be derived: use "rayleigh-sommerfeld-1"'
+        )
+    return str(obliquity)
+
+
+def takes_slopes(name: str) -> bool:
+    """Whether an obliquity takes the normal derivative of the field, or a method has one that does.
+
+    Its factor depends on the directions of the waves.
+    """
+    return name in SHARES and SHARES[name].slope > 0
+
+
+def warn_of_slopes(source: AnySource, wavelength: float, name: str) -> None:
+    """A PolywignerWarning where an obliquity takes slopes that a fit does not know.
+
+    Slopes of a fit's evanescent waves: a field given as waves, such as a taper, has its own.
+    """
+    if not takes_slopes(name):
+        return
+    for field in fields_of(source):
+        if field is None or not field.is_fit:
+            continue
+        evanescent = int((direction_cosines(field.frequencies, wavelength).imag > 0).sum())
+        if evanescent:
+            warnings.warn(
+                f"{evanescent} of the {len(field)} waves of a fitted field are evanescent, and "
+                f"{name!r} takes their slopes, which values on the aperture do not fix; use "
+                '"rayleigh-sommerfeld-1", or fit frequencies below 1/wavelength alone',
+                PolywignerWarning,
+                stacklevel=3,
+            )
+            return
+
+
+def weighted_sources(
+    source: Aperture | Array, obliquity: str, wavelength: float, order: int = 1
+) -> list[tuple[Aperture | Array, Forms]]:
+    """Sources and coefficients of their forms (T4) that add up to the irradiance.
+
+    One source where all waves leave at one angle, as those of a steered aperture, of a TE10 mode
+    and of elements without a field; else up to three, and to third order up to four: (D2), (D3).
+
+    Warns of fits whose slopes an obliquity takes: :func:`warn_of_slopes`.
+    Raises IlluminationError where waves leave at different angles that all graze the aperture.
+    """
+    warn_of_slopes(source, wavelength, obliquity)
+    if obliquity == "paper":
+        return [(source, (0.0, 1.0, 0.0, 0.0))]
+    a, b = SHARES[obliquity]
+    mixed = a * b
+    p = _common_cosine(source, wavelength) if b else 0j
+    if p is not None:
+        return [(source, (a * a, 2 * mixed * p.real, (b * abs(p)) ** 2, 2 * mixed * p.imag))]
+    turned = plus_direction_cosine(source, wavelength, 0.0)
+    if not a:
+        return [(turned, (0.0, 0.0, b * b, 0.0))]
+    # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*, and so with -i in place of 1 for the fourth
+    fields = [
+        (source, (a * a, -mixed, 0.0, mixed)),
+        (turned, (0.0, -mixed, b * b, mixed)),
+        (plus_direction_cosine(source, wavelength, 1.0), (0.0, mixed, 0.0, 0.0)),
+    ]
+    if order == 3:
+        fields.append((plus_direction_cosine(source, wavelength, -1j), (0.0, 0.0, 0.0, -mixed)))
+    return fields
+
+
+def irradiance_factor(forms: Any, cosine: Any) -> Any:
+    """g at a cosine, to leading order, from the coefficients of the forms (T4)."""
+    first, mixed, both, _ = forms
+    return first * cosine * cosine + mixed * cosine + both
+
+
+def emission_factor(forms: Any, cosine: Any) -> Any:
+    """h = g/cos^2 for a cosine above zero: the factor of a radiance, see (R1).
+
+    Floats or arrays of any engine; dimensionless. All but that of Rayleigh-Sommerfeld I grow
+    without bound towards grazing directions; the two cosines of a parallel floor make the received
+    part finite again.
+    """
+    first, mixed, both, _ = forms
+    if both == 0 and mixed == 0:
+        return first
+    inverse = 1.0 / cosine
+    return first + inverse * (mixed + inverse * both)
+
+
+def cosine_to(normal: NDArray[np.float64], nu: NDArray[Any]) -> NDArray[Any]:
+    """(conj(nu)/|nu|).n for frequencies (..., 3), shape (...): the paper's factor of F.
+
+    NaN at nu = 0, which has no direction.
+    """
+    # scaled first, so that no square underflows or overflows
+    largest = np.maximum(np.abs(nu.real), np.abs(nu.imag)).max(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scaled = nu / largest
+        length = np.sqrt((scaled * scaled.conj()).real.sum(axis=-1))
+        return np.asarray((scaled.conj() @ normal) / length)
+
+
+def _common_cosine(source: Aperture | Array, wavelength: float) -> complex | None:
+    """The direction cosine of all waves of a source, or None if they differ."""
+    still = np.zeros((1, 2))
+    waves = [still if field is None else field.frequencies for field in fields_of(source)]
+    cosines = direction_cosines(np.concatenate(waves), wavelength)
+    same = float(np.abs(cosines - cosines[0]).max()) <= _SAME_COSINE
+    # not NumPy's number, whose products with arrays of Dr.Jit are NumPy's
+    return complex(cosines[0]) if same else None

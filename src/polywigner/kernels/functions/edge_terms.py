@@ -1,0 +1,160 @@
+"""The terms of W and A: what a part of an edge contributes, however the edge was cut.
+
+W and A are sums over the parts of edges that bound a slice (docs/theory.md, (W1), (W2), (A1)). A
+part is a vector d with its middle m, as a lag or as a position; nu.d and nu.m, in turns, and
+cross(nu, d) are all that its term depends on. `EvenTerms` is (W1), for real weights: the other
+copy's edges are mirror images, and only sines are left, in which nothing cancels as nu goes to 0.
+`WaveTerms` is (W2) and (A1), for all weights: cosines appear. They sum to zero at nu = 0, so that
+cos - 1 stands for cos.
+
+Whoever cuts edges makes the terms of a frequency, asks `along` once per direction of edges, adds
+parts with `added`, multiplies by what an edge's parts share with `of_edge`, and ends with `total`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+from polywigner.kernels.cut.clipping import times
+from polywigner.kernels.functions.stokes import moved_off_zero, segment_wave
+from polywigner.numerics.trigonometry import sin_turns
+
+__all__ = ["EdgeTerms", "EvenTerms", "WaveTerms", "ambiguity_terms", "term_of_part", "wigner_terms"]
+
+Values = tuple[Any, ...]
+
+
+class EdgeTerms(Protocol):
+    """A sum over parts of edges at one frequency."""
+
+    nu: Values
+    """The frequency, moved off 0."""
+    values: int
+    """How many numbers a sum is: the real part, or both parts."""
+
+    def along(self, ux: Any, uy: Any) -> Values:
+        """nu.u, and what else the parts of edges along a vector u share."""
+
+    def added(
+        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+    ) -> Values:
+        """The sums of an edge with one more part of it.
+
+        ``half`` nu.d and nu.m in turns, the part's length in units of the edge's, its complex
+        weight. The sums lack what `of_edge` puts in; None before the first part.
+        """
+
+    def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        """An edge's sums, from those over its parts; d = extent length u."""
+
+    def total(self, sums: Values) -> Values:
+        """W or A, from the sums over all edges."""
+
+
+class EvenTerms:
+    """(W1): W for real weights, which is even in the frequency."""
+
+    values = 1
+
+    def __init__(self, ops: Any, nu: Values) -> None:
+        self.ops, self.nu = ops, _floored(ops, *nu)
+
+    def along(self, ux: Any, uy: Any) -> Values:
+        """nu.u, kept off 0, and cross(nu, u)/(nu.u)."""
+        ops, (nu_x, nu_y) = self.ops, self.nu
+        # Its square is a normal number: lanes that wait for others in a loop have q = 0, and
+        # processors take a hundred times as long for subnormal ones.
+        floor = 1e-30 if ops.double else 1e-18
+        along = ops.fma(nu_x, ux, nu_y * uy)
+        along = ops.select(abs(along) < floor, floor, along)
+        return along, ops.fma(nu_x, uy, nu_y * -ux) / along
+
+    def added(
+        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+    ) -> Values:
+        size = times(weight[0], sin_turns(self.ops, half))
+        phase = sin_turns(self.ops, middle)
+        return (size * phase if sums is None else self.ops.fma(size, phase, sums[0]),)
+
+    def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        return (along[1] * sums[0],)
+
+    def total(self, sums: Values) -> Values:
+        nu_x, nu_y = self.nu
+        return (sums[0] / (math.pi**2 * self.ops.fma(nu_x, nu_x, nu_y * nu_y)),)
+
+
+class WaveTerms:
+    """(W2), (A1): W and A for all weights; with several waves on the source, one pair of them.
+
+    Sums are sine and cosine parts.
+    """
+
+    def __init__(self, ops: Any, nu: Values, values: int, factor: float = 1.0) -> None:
+        """``nu`` off 0; ``values``: 1 for sine parts alone; a total is ``factor`` sums / |nu|^2."""
+        self.ops, self.nu, self.values, self.factor = ops, nu, values, factor
+
+    def along(self, ux: Any, uy: Any) -> Values:
+        """nu.u and cross(nu, u)."""
+        nu_x, nu_y = self.nu
+        return self.ops.fma(nu_x, ux, nu_y * uy), self.ops.fma(nu_x, uy, nu_y * -ux)
+
+    def added(
+        self, sums: Values | None, half: Any, middle: Any, extent: Any, weight: Values
+    ) -> Values:
+        ops, (real, imag) = self.ops, weight
+        sine, cosine = segment_wave(ops, half, middle)
+        found = _with(ops, sums, times(real, extent), sine, cosine)
+        if isinstance(imag, float) and imag == 0.0:
+            return found
+        share = times(extent, imag)
+        return ops.fma(-share, cosine, found[0]), ops.fma(share, sine, found[1])
+
+    def of_edge(self, along: Values, length: Any, sums: Values) -> Values:
+        across = times(length, along[1])
+        return tuple(across * value for value in sums[: self.values])
+
+    def total(self, sums: Values) -> Values:
+        nu_x, nu_y = self.nu
+        scale = self.factor / self.ops.fma(nu_x, nu_x, nu_y * nu_y)
+        return tuple(value * scale for value in sums)
+
+
+def term_of_part(ops: Any, terms: EdgeTerms, part: Values) -> Values:
+    """The term of a part (x, y, dx, dy, real, imag): its middle, its vector and its weight."""
+    x, y, dx, dy, *weight = part
+    nu_x, nu_y = terms.nu
+    along = terms.along(dx, dy)
+    middle = ops.fma(nu_x, x, nu_y * y)
+    sums = terms.added(None, 0.5 * along[0], middle, 1.0, tuple(weight))
+    return terms.of_edge(along, 1.0, sums)
+
+
+def wigner_terms(ops: Any, nu: Values, is_even: bool, is_real: bool) -> EdgeTerms:
+    """Terms of W at a frequency.
+
+    ``is_even``: for real weights; ``is_real``: the real part is all that is wanted.
+    """
+    if is_even:
+        return EvenTerms(ops, nu)
+    return WaveTerms(ops, moved_off_zero(ops, *nu), 1 if is_real else 2, 1 / math.pi)
+
+
+def ambiguity_terms(ops: Any, nu: Values) -> EdgeTerms:
+    """Terms of A at a frequency shift."""
+    return WaveTerms(ops, moved_off_zero(ops, *nu), 2, 0.5 / math.pi)
+
+
+def _with(ops: Any, sums: Values | None, share: Any, *waves: Any) -> Values:
+    """Sums, or None, with a share of some waves."""
+    if sums is None:
+        return tuple(times(share, wave) for wave in waves)
+    return tuple(ops.fma(share, wave, total) for wave, total in zip(waves, sums, strict=True))
+
+
+def _floored(ops: Any, nu_x: Any, nu_y: Any) -> Values:
+    """nu, moved off 0 by so little that W, even in nu, changes by less than rounding."""
+    floor = 1e-9 if ops.double else 1e-6
+    tiny = (abs(nu_x) < floor) & (abs(nu_y) < floor)  # false if either is not a number
+    return ops.select(tiny, floor, nu_x), ops.select(tiny, 0.0, nu_y)

@@ -1,0 +1,64 @@
+"""W and its moments as sums over listed parts of edges, a part for each sample of a kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, ClassVar
+
+from polywigner.kernels.cut.slice_parts import PART_COLUMNS
+from polywigner.kernels.functions.edge_terms import term_of_part, wigner_terms
+from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame
+from polywigner.kernels.functions.plane import tables_of
+from polywigner.kernels.kernel import Kernel, Values, leave_real
+from polywigner.kernels.outline.frame import Frame
+
+__all__ = ["PART_MOMENTS", "PART_WIGNER"]
+
+
+@dataclass(frozen=True)
+class PartTables:
+    """What the kernels of parts need to know of a source: whether waves and weights differ."""
+
+    frame: Frame
+    is_aligned: bool
+    is_real: bool
+    terms: ClassVar[int] = 1
+
+
+@lru_cache(maxsize=256)
+def _part_tables(source: Any, double: bool) -> PartTables:
+    tables = tables_of(source, True)
+    still = all(not any(wave.frequency) for group in tables.groups for wave in group)
+    is_real = len(tables.groups) == 1 and not tables.phased
+    return PartTables(tables.frame, still and not any(tables.frame.carrier), is_real)
+
+
+def _enter(ops: Any, frame: Frame, *arguments: Any) -> Values:
+    """(part, detuned frequency of its waves, whole frequency)."""
+    part, nu = arguments[:6], arguments[PART_COLUMNS:]
+    detuned = frame.detuned(ops, *nu)
+    shifted = (n - s for n, s in zip(detuned, arguments[6:PART_COLUMNS], strict=True))
+    return (*part, *shifted, *frame.frequency(ops, *nu))
+
+
+def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
+    """A part's term of (W1) or (W2)."""
+    terms = wigner_terms(ops, inner[6:8], tables.is_real, True)
+    weight = (inner[4], 0.0 if tables.is_real else inner[5])
+    return terms.total(term_of_part(ops, terms, (*inner[:4], *weight)))
+
+
+def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:
+    """A part's term of (T3)."""
+    x, y, dx, dy, real, imag = inner[:6]
+    axes = RayFrame(ops, tables.frame, inner[6:8], inner[8:10], tables.is_aligned)
+    (p, q), (dp, dq) = axes.turned(x, y), axes.turned(dx, dy)
+    found = axes.of_part([p, dp], [q, dq], axes.turns(x, y), axes.turns(dx, dy))
+    even = [2.0 * (real * a - imag * b) for a, b in zip(*found, strict=True)]
+    odd = [-2.0 * (real * b + imag * a) for a, b in zip(*found, strict=True)]
+    return (even[0], odd[1], even[2], even[3], odd[4], odd[5])
+
+
+PART_WIGNER = Kernel("wigner by parts", 0, _part_tables, _enter, _wigner, leave_real)
+PART_MOMENTS = Kernel("lag moments by parts", 0, _part_tables, _enter, _moments, LAG_MOMENTS.leave)

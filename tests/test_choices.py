@@ -1,0 +1,144 @@
+"""Only ``plans`` choose which way is taken, read from the syntax trees.
+
+A choice looks like ``size < _A_NUMBER``. So below the plans every comparison with a number of its
+own is refused, unless the table of exceptions says what else it is for.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import polywigner
+
+PACKAGE = Path(polywigner.__file__).parent
+ROOMS = ("execution", "transforms", "mitsuba")
+
+# Numbers up to this one are those of dimensions, bytes of a float, and the like.
+LARGEST_PLAIN = 8
+
+MEMORY = "how much is in memory at a time"
+DIGITS = "which digits are kept"
+REFUSED = "what is refused"
+LAYOUT = "which arguments count as a grid, or as rows and columns: a request says so"
+SPARED = "of one way: samples that need no work, or one instruction for several of them"
+
+EXCEPTIONS: dict[tuple[str, str], str] = {
+    ("execution/by_cell.py", "_CHUNK"): MEMORY,
+    ("execution/by_cell.py", "16"): SPARED,
+    ("execution/by_cell.py", "32"): SPARED,
+    ("execution/evaluation.py", "_LEAST_APART"): SPARED,
+    ("execution/evaluation.py", "_LEAST_FOR_COPIES"): SPARED,
+    ("execution/frozen.py", "_MOST"): MEMORY,
+    ("execution/grids.py", "_LARGEST"): DIGITS,
+    ("execution/grids.py", "_LEAST_SIDE"): LAYOUT,
+    ("execution/grids.py", "_MOST_BELOW"): LAYOUT,
+    ("execution/on_drjit.py", "_CLIPS_IN_A_LOOP"): SPARED,
+    ("execution/on_drjit.py", "_FEW_CLIPS"): SPARED,
+    ("execution/on_drjit.py", "_LEAST_SHARED"): SPARED,
+    ("execution/on_drjit.py", "_ROWS_FOR_SUMS"): SPARED,
+    ("execution/on_drjit_shared.py", "_FEW_TOGETHER"): SPARED,
+    ("execution/on_numpy.py", "_LEAST_SHARED"): SPARED,
+    ("execution/operations.py", "_FEW_SAMPLES"): SPARED,
+    ("execution/operations.py", "_MOST_LEFT"): SPARED,
+    ("execution/pairs.py", "_LEAST_COLUMNS"): LAYOUT,
+    ("mitsuba/parameters.py", "_LARGEST"): REFUSED,
+    ("mitsuba/parameters.py", "_SMALLEST"): REFUSED,
+    ("mitsuba/placement.py", "PLACE_ERROR"): DIGITS,
+    ("mitsuba/rendering.py", "_LARGEST_SPP"): REFUSED,
+    ("mitsuba/rendering.py", "_NEVER"): REFUSED,
+    ("mitsuba/sources.py", "CAPACITY"): MEMORY,
+    ("mitsuba/traced.py", "_APART"): DIGITS,
+    ("transforms/arguments.py", "_BLOCK"): MEMORY,
+    ("transforms/extremes.py", "_LARGEST_EXPONENT"): DIGITS,
+    ("transforms/extremes.py", "_UNDERFLOW"): DIGITS,
+    ("transforms/projection.py", "LARGEST_SAMPLES"): REFUSED,
+    ("transforms/pupil.py", "_DARK"): DIGITS,
+}
+
+
+def thresholds(tree: ast.AST) -> Iterator[str]:
+    """The constants and numbers that something is compared with by size."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare) and any(
+            isinstance(op, ast.Lt | ast.LtE | ast.Gt | ast.GtE) for op in node.ops
+        ):
+            for side in (node.left, *node.comparators):
+                yield from _numbers(side)
+
+
+def _numbers(expression: ast.expr) -> Iterator[str]:
+    for node in ast.walk(expression):
+        if isinstance(node, ast.Name | ast.Attribute):
+            name = node.id if isinstance(node, ast.Name) else node.attr
+            if name.isupper() and len(name) > 1:
+                yield name
+        number = getattr(node, "value", None)
+        if isinstance(number, int | float) and abs(number) > LARGEST_PLAIN:
+            yield f"{number:g}"
+
+
+def table_of_plans(tree: ast.AST) -> Iterator[str]:
+    """Names of the tables of costs and limits, however they are come by."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == "polywigner.plans.costs":
+            yield "costs"
+        names = [a.name for a in node.names] if isinstance(node, ast.ImportFrom) else []
+        names += [node.attr] if isinstance(node, ast.Attribute) else []
+        yield from {"COSTS", "LIMITS"}.intersection(names)
+
+
+def files() -> list[str]:
+    found = (p for room in ROOMS for p in (PACKAGE / room).rglob("*.py"))
+    return sorted(path.relative_to(PACKAGE).as_posix() for path in found)
+
+
+@pytest.mark.parametrize("file", files())
+def test_no_module_chooses_a_way_but_plans(file: str) -> None:
+    tree = ast.parse((PACKAGE / file).read_text(encoding="utf-8"))
+    found = {name for name in thresholds(tree) if (file, name) not in EXCEPTIONS}
+    assert not found, f"ask polywigner.plans, or say in EXCEPTIONS what {sorted(found)} is for"
+    assert not set(table_of_plans(tree))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "_FEW = 1 << 16\ndef f(n):\n    return g(n) if n > _FEW else h(n)",
+        "def f(n):\n    return g(n) if n > 65536 else h(n)",
+        "def f(n):\n    return g(n) if n >> 4 < 100 else h(n)",
+        "from other import LEAST\ndef f(n):\n    while LEAST <= n < 3 * n:\n        n = g(n)",
+        "import limits\ndef f(n):\n    return g(n) if limits.MOST_SAMPLES > len(n) else h(n)",
+        "_A, _FEW = 1, {True: 3, False: 4}\ndef f(n, d):\n    return [g, h][n * 2 > _FEW[d]](n)",
+    ],
+)
+def test_a_threshold_is_seen(source: str) -> None:
+    assert list(thresholds(ast.parse(source)))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "def f(n):\n    return g(n) if n > 1 else h(n)",
+        "def f(n):\n    return g(n) if is_recorded(n) else h(n)",
+        "_BLOCK = 1 << 16\ndef f(n):\n    return [g(k) for k in range(0, n, _BLOCK)]",
+        "GRID = 'grid'\ndef f(way):\n    return g(way) if way == GRID else h(way)",
+    ],
+)
+def test_what_is_no_threshold_passes(source: str) -> None:
+    assert not list(thresholds(ast.parse(source)))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from polywigner.plans.costs import LIMITS",
+        "from polywigner.plans import COSTS",
+        "from polywigner import plans\nplans.costs.LIMITS['chunk']",
+    ],
+)
+def test_a_look_at_the_tables_is_seen(source: str) -> None:
+    assert list(table_of_plans(ast.parse(source)))
