@@ -41,6 +41,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("execution/on_drjit.py", "_LEAST_SHARED"): SPARED,
     ("execution/on_drjit.py", "_ROWS_FOR_SUMS"): SPARED,
     ("execution/on_drjit_shared.py", "_FEW_TOGETHER"): SPARED,
+    ("execution/on_numpy.py", "_LEAST_MASKED"): SPARED,
     ("execution/on_numpy.py", "_LEAST_SHARED"): SPARED,
     ("execution/operations.py", "_FEW_SAMPLES"): SPARED,
     ("execution/operations.py", "_MOST_LEFT"): SPARED,

@@ -13,7 +13,7 @@ import pytest
 import polywigner
 import polywigner as pw
 import polywigner.plans
-from polywigner.plans import COSTS, Outline, Plan, Request, forced, plan
+from polywigner.plans import COSTS, Outline, Plan, Request, cut_for, forced, launch_for, plan
 from polywigner.plans.plan import LISTED
 
 TABLE = Path(__file__).parent / "data" / "plans.txt"
@@ -183,6 +183,39 @@ def test_only_plans_know_costs_and_limits() -> None:
         if "plans.costs import" in path.read_text(encoding="utf-8")
     }
     assert {user.split("/")[0] for user in users} == {"plans"}
+
+
+@pytest.mark.parametrize("samples", [1, 1000, 100_000, 10_000_000])
+def test_arrays_of_the_engine_are_launched_as_they_may_be(samples: int) -> None:
+    for changes, sortable, recordable in itertools.product((True, False), repeat=3):
+        found = launch_for(samples, changes=changes, sortable=sortable, recordable=recordable)
+        allowed = {"code", "data"} if changes else {"code"}
+        allowed |= {"sorted"} if sortable and not changes else set()
+        allowed |= {"recorded"} if recordable and not changes else set()
+        assert found in allowed
+
+
+def test_few_samples_are_recorded_and_many_are_sorted_or_part_of_a_caller_s_kernel() -> None:
+    apart = {"changes": False, "sortable": True, "recordable": True}
+    assert launch_for(100, **apart) == "recorded"
+    assert launch_for(100_000, **apart) == "sorted"
+    assert launch_for(100_000, **{**apart, "sortable": False}) == "code"
+
+
+def test_an_outline_that_changes_is_data_unless_samples_are_very_many() -> None:
+    changing = {"changes": True, "sortable": False, "recordable": False}
+    assert launch_for(100_000, **changing) == "data"
+    assert launch_for(10_000_000, **changing) == "code"
+
+
+def test_derivatives_are_found_by_cells_from_fewer_edges_on() -> None:
+    """Their code for each cut is some ten times that of the function."""
+    assert cut_for("derivatives", 48, 48) == cut_for("compiled", 48, 48) == "code"
+    assert (cut_for("derivatives", 1024, 1024), cut_for("compiled", 1024, 1024)) == (
+        "cells",
+        "code",
+    )
+    assert cut_for("derivatives", 10_000, 0) == "rows"
 
 
 def test_explain_tells_what_a_call_does() -> None:

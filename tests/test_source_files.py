@@ -349,7 +349,7 @@ def test_bodies_may_be_in_other_files(tmp_path: Path) -> None:
     (tmp_path / "body.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
     body = read_table({"kind": "polyhedron", "file": "body.obj", "unit": "cm"}, tmp_path)
     assert isinstance(body, pw.Polyhedron)
-    assert body.volume == pytest.approx(1e-6, rel=1e-12)
+    assert body.volume == pytest.approx(1e-6, rel=1e-12, abs=0.0)
 
 
 def test_tiles_written_by_hand_are_merged_as_in_an_aperture(tmp_path: Path) -> None:

@@ -22,7 +22,6 @@ from polywigner.kernels import Kernel
 from polywigner.kernels.cut.cells import arrays_of
 from polywigner.kernels.cut.clipping import MIRRORED
 from polywigner.kernels.outline.tables import cut_of
-from polywigner.plans import sorts_samples
 
 __all__ = ["ByCell", "Groups", "grouped", "order_of", "sorts", "traced_by_cell"]
 
@@ -80,7 +79,7 @@ def grouped(cell: Numbers, size: int) -> Groups:
 
 
 def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any]) -> bool:
-    """Whether Dr.Jit arrays are worth evaluating and sorting.
+    """Whether Dr.Jit arrays may be evaluated and sorted, and edges are looked up in cells.
 
     Not where derivatives are taken, nor within a function that is being recorded.
     """
@@ -91,9 +90,7 @@ def sorts(kernel: Kernel, tables: Any, float_type: Any, components: Sequence[Any
     if not cut_of("sorted", tables).endswith("cells"):
         return False
     recording = drjit.flag(drjit.JitFlag.SymbolicScope) or drjit.flag(drjit.JitFlag.FreezingScope)
-    widths = {drjit.width(component) for component in components}
-    whole = sorts_samples(max(widths)) and widths <= {1, max(widths)}
-    return whole and not recording and not any(map(drjit.grad_enabled, components))
+    return not recording and not any(map(drjit.grad_enabled, components))
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,9 +118,10 @@ class ByCell:
         assert kernel.slices is not None
         self.kernel, self.slices, self.entry = kernel, kernel.slices, entry
         self.tables = tables.cut_by(cut_of("sorted", tables))
-        # of two copies, each has a cell of its own
         on_cpu = drjit.backend_v(kind) == drjit.JitBackend.LLVM
-        self.size = _TOGETHER if len(self.slices.views) == 1 and on_cpu else 1
+        self.packet = _TOGETHER if on_cpu else 1
+        # of two copies, each has a cell of its own
+        self.size = self.packet if len(self.slices.views) == 1 else 1
         self.ops = DrjitOperations(kind)
 
     def __call__(self, arguments: Sequence[Any]) -> tuple[Any, ...]:
@@ -171,9 +169,9 @@ class ByCell:
         columns = zip(*(ops.gather((width, rows), one) for one in where), strict=True)
         kind = packet_type(ops.float_type) if self.size > 1 else ops.float_type
         inner = [kind(*column) for column in columns][:count]
-        cell = cells if self.size > 1 else None
+        known = [cells] if self.size > 1 else None
         # lists of its own: while Dr.Jit records, it puts other arrays in their place
-        sums = self.slices.in_cell(ops, self.tables, cell, self.kernel.name, *inner)
+        sums = self.slices.in_cells(ops, self.tables, known, self.kernel.name, *inner)
         return self.kernel.leave(ops, frame, inner, sums)
 
     def _samples(self, groups: Groups) -> tuple[Any, list[Any]]:

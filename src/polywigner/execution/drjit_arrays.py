@@ -25,13 +25,13 @@ from polywigner.execution.drjit_points import (
     tensor_components,
 )
 from polywigner.execution.drjit_results import as_complex, as_tensor
-from polywigner.execution.frozen import freezes, frozen, is_code
+from polywigner.execution.frozen import frozen, is_code, is_known
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameters, Traced, tensor_of
 from polywigner.execution.table_data import TracedOperations, as_data
 from polywigner.kernels import Kernel
-from polywigner.plans import compiles_outline
+from polywigner.plans import launch_for
 from polywigner.toolchain import llvm
 
 __all__ = [
@@ -83,23 +83,41 @@ def evaluate_traced(
     results: tuple[Any, ...]
     if common_width(components) == 0:  # Dr.Jit has no arithmetic of no numbers with one
         results = tuple(nothing(float_type) for _ in range(2 if complex_result else 1))
-    elif parameters is None and sorts(kernel, tables, float_type, components):
-        results = traced_by_cell(kernel, tables, float_type, components)
-    elif parameters is None and is_code(kernel, ops, tables) and freezes(components):
-        code = partial(kernel, ops, tables)
-        whole = frozen(lambda: (code, ()), (kernel, tables), float_type, "as it is")
-        results = whole(*components)
     else:
-        traced = Traced() if parameters is None else parameters.traced(ops, tables)
-        if parameters is not None and _is_data(parameters, components):
-            ops = TracedOperations(float_type)
-            tables = as_data(ops, tables)
-        results = kernel_with_derivatives(kernel, ops, tables, components, traced)
+        results = _launched(kernel, ops, tables, components, parameters)
     if tensors:
         return as_tensor(results, shape, points)
     if complex_result:
         return as_complex(results, None, None)
     return results[0]
+
+
+def _launched(
+    kernel: Kernel,
+    ops: DrjitOperations,
+    tables: Any,
+    components: Sequence[Any],
+    parameters: Parameters | None,
+) -> tuple[Any, ...]:
+    """Results of a kernel for components, one or more of them wide."""
+    import drjit
+
+    launch = launch_for(
+        max(map(drjit.width, components)),
+        changes=parameters is not None and bool(parameters.types),
+        sortable=sorts(kernel, tables, ops.float_type, components),
+        recordable=is_known(components) and is_code(kernel, ops, tables),
+    )
+    if launch == "sorted":
+        return traced_by_cell(kernel, tables, ops.float_type, components)
+    if launch == "recorded":
+        code = partial(kernel, ops, tables)
+        return frozen(lambda: (code, ()), (kernel, tables), ops.float_type, "as it is")(*components)
+    traced = Traced() if parameters is None else parameters.traced(ops, tables)
+    if launch == "data":
+        ops = TracedOperations(ops.float_type)
+        tables = as_data(ops, tables)
+    return kernel_with_derivatives(kernel, ops, tables, components, traced)
 
 
 def checked_float(name: str, value: Any, precision: str | None, engine: str) -> tuple[Any, bool]:
@@ -127,14 +145,6 @@ def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | 
     if parameters is None or parameters.vertices is None:
         return kernel.tables(source, double)
     return getattr(kernel.tables, "__wrapped__", kernel.tables)(source, double)
-
-
-def _is_data(parameters: Parameters, components: Sequence[Any]) -> bool:
-    """Whether a source is better data of a kernel than its code."""
-    import drjit
-
-    changes = parameters.vertices is not None or parameters.fields is not None
-    return changes and not compiles_outline(max(map(drjit.width, components)))
 
 
 def common_float(points: Sequence[tuple[str, Any]], parameters: Parameters | None) -> Any:

@@ -145,10 +145,11 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     if name == POINTS_LISTED:
         assert isinstance(compute, OnNumpy)
         return compute.listed(call.kernel.tables(call.source, True), call.components, results)
+    pairs = call.by_places or call.pairs
     # one place is short enough to be sent with each sample
-    pairs = None if isinstance(compute, OnDrjit) and _is_one_row(call.pairs) else call.pairs
-    if pairs is not None and compute.allows_outer_product(pairs):
-        return _paired(compute, pairs, results)
+    is_short = pairs is None or (isinstance(compute, OnDrjit) and pairs.rows == 1)
+    if call.pairs and pairs and not is_short and compute.allows_outer_product(pairs):
+        return _paired(compute, pairs, _targets(call.pairs, pairs, results))
     return compute.points(call.components, results)
 
 
@@ -162,14 +163,9 @@ def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool
     return values
 
 
-def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, results: Sequence[Array]) -> Launched:
-    tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
+def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, targets: Sequence[Array]) -> Launched:
     for block in pairs.blocks(compute.block):
-        yield tables, block, compute.of_pairs(pairs.block(*block))
-
-
-def _is_one_row(pairs: Pairs | None) -> bool:
-    return pairs is not None and pairs.rows == 1
+        yield targets, block, compute.of_pairs(pairs.block(*block))
 
 
 def _with_places_as_rows(pairs: Pairs, places: slice) -> Pairs | None:

@@ -18,9 +18,9 @@ from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables, cut_of
-from polywigner.plans import is_recorded, unrolls_terms
+from polywigner.plans import unrolls_terms
 
-__all__ = ["freezes", "frozen", "is_code", "is_recording"]
+__all__ = ["frozen", "is_code", "is_known", "is_recording"]
 
 # What is remembered: of so many sources and kinds of arrays, and of each so many configurations
 # (arguments that are one number, and others).
@@ -130,11 +130,11 @@ def is_recording(kind: Any) -> bool:
     return drjit.backend_v(kind) != drjit.JitBackend.LLVM or any(map(drjit.flag, scopes))
 
 
-def freezes(components: Sequence[Any]) -> bool:
-    """Whether a function of these arrays is worth freezing: few numbers, known, no derivatives."""
+def is_known(components: Sequence[Any]) -> bool:
+    """Whether arrays are evaluated, without derivatives, and nothing is being recorded."""
     import drjit
 
-    if is_recording(components[0]) or not is_recorded(max(map(drjit.width, components))):
+    if is_recording(components[0]):
         return False
     # what is yet to be computed is so together with the kernel
     known = (drjit.VarState.Evaluated, drjit.VarState.Literal)

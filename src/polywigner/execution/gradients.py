@@ -22,9 +22,11 @@ from polywigner.execution.derivatives import DerivativeRule, with_derivatives
 from polywigner.execution.operations import DrjitOperations, ScalarOperations
 from polywigner.execution.parameters import Traced
 from polywigner.kernels import Kernel
+from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.slopes.slope_kernels import SlopeKernel, slope_kernel_of
 from polywigner.kernels.slopes.slopes import Wanted
 from polywigner.numerics.complex_pairs import Pair
+from polywigner.plans import cut_for
 
 __all__ = ["kernel_with_derivatives"]
 
@@ -39,6 +41,10 @@ def kernel_with_derivatives(
     shared = (traced.vertices, traced.fields)
     if slopes is None or not dr.grad_enabled((tuple(components), shared)):
         return kernel(ops, tables, *components)
+    if isinstance(tables, Tables) and ops.target == "compiled" and not dr.grad_enabled(shared):
+        # The function is found in the same way: of A, the phase of the centre multiplies both.
+        cut = cut_for("derivatives", tables.clips, tables.clips_for_cells)
+        tables = tables.cut_by(cut)
     inner = kernel.enter(ops, tables.frame, *components)
     typed = tuple(ops.float_type(value) for value in components)
     edge_sum = _EdgeSum(kernel, ops, tables, slopes, traced, typed, dr.detach(inner))

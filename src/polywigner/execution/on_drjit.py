@@ -14,6 +14,7 @@ from polywigner.execution.aligned import aligned
 from polywigner.execution.by_cell import ByCell
 from polywigner.execution.choice import drjit_float
 from polywigner.execution.chunks import Fetch, Launched, parts_of_results
+from polywigner.execution.drjit_ranges import packet_type
 from polywigner.execution.frozen import frozen, is_code, is_recording
 from polywigner.execution.on_drjit_shared import of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
@@ -88,8 +89,38 @@ class OnDrjit:
         self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
+        by_cell = self.by_cell
+        if by_cell is not None and by_cell.packet > 1 and shape[1] % by_cell.packet == 0:
+            return _fetching(self._in_packets(by_cell, entered, shape), shape)
         inner = self.looked_up(entered, shape, *split(self.ops.float_type, *shape))
         return _fetching(self._of_inner(inner), shape)
+
+    def _in_packets(
+        self, by_cell: ByCell, entered: Sequence[Array], shape: tuple[int, int]
+    ) -> tuple[Any, ...]:
+        """Results where a lane takes some samples of one row, which lie in one cell."""
+        import drjit
+
+        kind, packet, size = self.ops.float_type, packet_type(self.ops.float_type), by_cell.packet
+        rows, columns = shape
+        row, column = split(kind, rows, columns // size)
+
+        def found(slot: int, values: Array) -> Any:
+            if values.shape == (rows, 1):
+                return drjit.gather(kind, self._sent(slot, values.ravel(), kind), row)
+            memory = self._sent(slot, np.broadcast_to(values, (1, columns)).ravel(), kind)
+            return drjit.gather(packet, memory, column)
+
+        mixed = [found(slot, values) for slot, values in enumerate(entered)]
+        inner = tuple(packet(*[a] * size) if type(a) is kind else a for a in mixed)
+        cells = by_cell.slices.cells(self.ops, self.tables, *mixed)
+        sums = by_cell.slices.in_cells(self.ops, self.tables, cells, None, *inner)
+        values = self.kernel.leave(self.ops, self.tables.frame, inner, sums)
+        results = tuple(drjit.empty(kind, rows * columns) for _ in values)
+        lane = drjit.arange(type(row), rows * columns // size)
+        for result, value in zip(results, values, strict=True):
+            drjit.scatter(result, value, lane, mode=drjit.ReduceMode.Permute)
+        return results
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
@@ -118,13 +149,13 @@ class OnDrjit:
 
     def allows_outer_product(self, pairs: Pairs) -> bool:
         """Whether samples of one row lie in one cell, where edges are looked up by cells."""
-        slices = self.kernel.slices
-        if slices is None or self.by_cell is None:
+        if self.by_cell is None:
             return True
         few = slice(0, 2)
         inner = self.entered(pairs.block(few, few))
         host = NumpyOperations(double=True)
-        return np.shape(slices.cell_index(host, self.tables, *inner))[-1] == 1
+        cell = self.by_cell.slices.cell_index(host, self.by_cell.tables, *inner)
+        return np.shape(cell)[-1] == 1
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""

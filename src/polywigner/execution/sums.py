@@ -115,7 +115,3 @@ def _looped(
     dr.eval(total)
     result: Array = np.asarray(total.numpy()).reshape(parts, len(points)).sum(axis=0)
     return result
-
-
-def _before(last: Any) -> Any:
-    return lambda row, _: row < last

@@ -1,8 +1,9 @@
 """Which way a call is carried out: chosen once, before any work, from counted sizes and costs.
 
 ``request`` says what is asked for as plain numbers, ``costs`` what each step takes in seconds and
-which benchmark tells, and ``plan`` turns one into a `Plan` by the other. Nothing here computes,
-imports an engine, or looks at an array: equal requests have equal plans.
+which benchmark tells, and ``plan`` turns one into a `Plan` by the other. Dr.Jit arrays and scenes
+ask ``cuts`` and ``traced``. Nothing here computes, imports an engine, or looks at an array: equal
+requests have equal plans.
 """
 
 from polywigner.plans.costs import COSTS, Cost
@@ -10,11 +11,9 @@ from polywigner.plans.cuts import cut_for, forced, loops_over_edges
 from polywigner.plans.plan import Plan, plan
 from polywigner.plans.request import Outline, Request
 from polywigner.plans.traced import (
-    compiles_outline,
     exposes_numbers,
-    is_recorded,
+    launch_for,
     shifts_samples,
-    sorts_samples,
     unrolls_cuts,
     unrolls_steps,
     unrolls_terms,
@@ -26,15 +25,13 @@ __all__ = [
     "Outline",
     "Plan",
     "Request",
-    "compiles_outline",
     "cut_for",
     "exposes_numbers",
     "forced",
-    "is_recorded",
+    "launch_for",
     "loops_over_edges",
     "plan",
     "shifts_samples",
-    "sorts_samples",
     "unrolls_cuts",
     "unrolls_steps",
     "unrolls_terms",

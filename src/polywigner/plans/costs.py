@@ -50,7 +50,7 @@ COSTS: dict[str, Cost] = {
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
     "compiled edge in cells, pairs": Cost(
-        1.2e-9, "the same where places meet frequencies", "outer_products.py"
+        0.7e-9, "the same where places meet frequencies", "outer_products.py"
     ),
     "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
     "compiled copy": Cost(0.5e-6, "sample of an array of copies", "array_cost.py"),
@@ -71,6 +71,8 @@ LIMITS: dict[str, float] = {
     "least cuts in cells, sorted": 500,
     "least cuts in cells": 4500,
     "least cuts in cells, scalar": 300,
+    # Of derivatives in points: much code for each cut (gradient_cuts.py).
+    "least cuts in cells, derivatives": 400,
     "least cuts in cells, NumPy": 4000,
     "least samples in cells, NumPy": 1024,
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
@@ -92,16 +94,16 @@ LIMITS: dict[str, float] = {
     "most samples of a recording": 1 << 16,
     # A term of the Fourier transform takes some 20 ms to compile (fourier_cost.py).
     "most terms as code": 12,
-    # Terms that are whole transforms: half a second to compile (array_cost.py).
+    # Terms that are whole transforms: half a second to compile.
     "most cuts of a sum as code": 256,
     # Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a
-    # minute; as a loop 0.3 s and 0.7 s, and it runs as fast (array_cost.py).
+    # minute; as a loop 0.3 s and 0.7 s, and it runs as fast.
     "most steps as code": 8,
-    # Of fewer samples, to sort them takes longer than it saves (wigner_cost.py).
+    # Of fewer samples, to sort them takes longer than it saves.
     "least samples sorted by cell": 1 << 13,
-    # Derivatives in all vertices are some ten times the code of W, in each kernel of a render: some
-    # seconds to compile (gradient_cost.py).
+    # Code of every kernel of a render. Derivatives of W with 1000 cuts take 3 s to compile
+    # (gradient_cuts.py).
     "most cuts with derivatives in a scene": 1000,
-    # Three samples cost more than the fewer midpoints of a shorter row cancel (render_noise.py).
+    # Three samples cost more than the fewer midpoints of a shorter row cancel.
     "least elements of a row for shifted samples": 4,
 }

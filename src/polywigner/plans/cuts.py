@@ -32,8 +32,9 @@ def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> st
 
     Parameters
     ----------
-    target : ``"numpy"``, ``"scalar"``, ``"compiled"``, or ``"sorted"``: compiled, with samples in
-        the order of the cells. ``"data"`` and ``"code"`` have rows and code only.
+    target : ``"numpy"``, ``"scalar"``, ``"compiled"``; ``"sorted"``: compiled, with samples in the
+        order of the cells; ``"derivatives"``: of a compiled kernel, in points. ``"data"`` and
+        ``"code"`` have rows and code only.
     cuts : of all edges by all sides; ``cuts_for_cells``: the same, or 0 where cells cannot be.
     samples : of NumPy, computed at a time.
     """
@@ -50,6 +51,7 @@ def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> st
         "numpy": "least cuts in cells, NumPy",
         "scalar": "least cuts in cells, scalar",
         "compiled": "least cuts in cells",
+        "derivatives": "least cuts in cells, derivatives",
         "sorted": "least cuts in cells, sorted",
     }[target]
     many = not numpy or samples >= LIMITS["least samples in cells, NumPy"]

@@ -8,25 +8,35 @@ from __future__ import annotations
 from polywigner.plans.costs import LIMITS
 
 __all__ = [
-    "compiles_outline",
     "exposes_numbers",
-    "is_recorded",
+    "launch_for",
     "shifts_samples",
-    "sorts_samples",
     "unrolls_cuts",
     "unrolls_steps",
     "unrolls_terms",
 ]
 
 
-def compiles_outline(samples: int) -> bool:
-    """Whether an outline with derivatives is better code of a kernel than data for it."""
-    return samples >= LIMITS["least samples for an outline as code"]
+def launch_for(samples: int, *, changes: bool, sortable: bool, recordable: bool) -> str:
+    """The way in which a kernel is launched for so many samples that are Dr.Jit arrays.
 
+    ``"sorted"``: at once, in the order of their cells. ``"recorded"``: at once, and without tracing
+    it again. ``"code"`` and ``"data"``: together with what uses the values; of an outline with
+    Dr.Jit's numbers, edges are code of the kernel or data for it.
 
-def is_recorded(samples: int) -> bool:
-    """Whether a kernel for so few samples is recorded once, and launched without tracing it."""
-    return samples <= LIMITS["most samples of a recording"]
+    Parameters
+    ----------
+    changes : whether numbers of the source are Dr.Jit arrays.
+    sortable : whether edges are looked up in cells, and arguments may be evaluated.
+    recordable : whether the kernel is nothing but code, and arguments are evaluated.
+    """
+    if changes:
+        return "code" if samples >= LIMITS["least samples for an outline as code"] else "data"
+    if sortable and samples >= LIMITS["least samples sorted by cell"]:
+        return "sorted"
+    if recordable and samples <= LIMITS["most samples of a recording"]:
+        return "recorded"
+    return "code"
 
 
 def unrolls_terms(terms: int) -> bool:
@@ -42,11 +52,6 @@ def unrolls_cuts(cuts: int) -> bool:
 def unrolls_steps(steps: int) -> bool:
     """Whether a recursion of so many steps is code."""
     return steps <= LIMITS["most steps as code"]
-
-
-def sorts_samples(samples: int) -> bool:
-    """Whether so many Dr.Jit samples are sorted by cell."""
-    return samples >= LIMITS["least samples sorted by cell"]
 
 
 def exposes_numbers(cuts: int) -> bool:

@@ -7,7 +7,7 @@ decisions about edges that coincide.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any
 
 from polywigner.kernels.cut.cell_lists import CellLists, cell_lists
@@ -101,12 +101,12 @@ class CellClipper(Clipper):
         ty: Any,
         views: tuple[View, ...],
         arguments: tuple[Any, ...],
-        cell: Any = None,
+        cells: Sequence[Any] | None = None,
         owner: Hashable = None,
     ) -> None:
-        """``cell``: of each sample, where it is known; ``owner``: whose lists to read."""
+        """``cells``: of samples, for each view, where they are known; ``owner``: whose lists."""
         super().__init__(ops, tables, tx, ty)
-        self.views, self.arguments, self.cell, self.owner = views, arguments, cell, owner
+        self.views, self.arguments, self.cells, self.owner = views, arguments, cells, owner
         self._now: tuple[View, Interval] | None = None
 
     def sum_over_edges(
@@ -148,8 +148,9 @@ class _Pass:
         self.x, self.y = clipper.tx * view.offset, clipper.ty * view.offset
         self.lists = cell_lists(clipper.tables, view.point)
         self.held = _held(ops, self.lists, clipper.owner)
-        self.cell = clipper.cell
-        if self.cell is None:
+        if clipper.cells is not None:
+            self.cell = clipper.cells[clipper.views.index(view)]
+        else:
             at = ops.detached(self.x), ops.detached(self.y)
             self.cell = cell_of(ops, self.lists, *at, clipper.owner)
 

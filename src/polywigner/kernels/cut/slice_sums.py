@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,10 +38,17 @@ class SliceSum:
         """The number of the cell in which edges are looked up: samples are best sorted by it."""
         return cell_of_offset(ops, tables, *self.offset(*inner), self.views[0], owner)
 
-    def in_cell(self, ops: Any, tables: Tables, cell: Any, owner: Hashable, *inner: Any) -> Values:
-        """The sums of samples whose cells are known; None: each view has one of its own."""
+    def cells(self, ops: Any, tables: Tables, *inner: Any) -> list[Any]:
+        """The numbers of the cells in which edges are looked up, for each view."""
         offset = self.offset(*inner)
-        clipper = CellClipper(ops, tables, *offset, self.views, inner, cell, owner)
+        return [cell_of_offset(ops, tables, *offset, view) for view in self.views]
+
+    def in_cells(
+        self, ops: Any, tables: Tables, cells: Sequence[Any] | None, owner: Hashable, *inner: Any
+    ) -> Values:
+        """The sums of samples whose cells are known, or None; ``owner``: whose lists to read."""
+        offset = self.offset(*inner)
+        clipper = CellClipper(ops, tables, *offset, self.views, inner, cells, owner)
         return self.summed(clipper, *inner)
 
     def support_mask(self, tables: Tables, *inner: Any) -> Any:
