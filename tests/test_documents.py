@@ -135,6 +135,7 @@ def test_ratios_in_sentences_are_those_of_the_recorded_comparison() -> None:
 
 def test_files_in_commands_of_the_readme_are_there() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    files = re.findall(r"^polywigner (?:render|transform|pattern|propagate) (\S+)", text, re.MULTILINE)
+    commands = "render|transform|pattern|propagate"
+    files = re.findall(rf"^polywigner (?:{commands}) (\S+)", text, re.MULTILINE)
     assert len(files) == 4
     assert [name for name in files if not (ROOT / name).is_file()] == []
