@@ -127,14 +127,15 @@ def test_ratios_in_sentences_are_those_of_the_recorded_comparison() -> None:
         re.sub(r"\s+", " ", (ROOT / name).read_text("utf-8"))
         for name in ("README.md", "docs/comparison.md")
     )
-    assert f"{ratios('18 hexagons, nu D', 'finufft')} times as long" in readme
-    assert f"coxeter 0.11.0: {ratios('18 hexagons, nu D', 'coxeter')} times" in readme
+    assert f"{ratios('18 hexagons, nu D', 'finufft')} times as fast" in readme
+    assert f"coxeter 0.11.0 | {ratios('18 hexagons, nu D', 'coxeter')} times as fast" in readme
     assert f"{ratios('18 hexagons, nu D', 'coxeter')} times for 18 hexagons" in comparison
     assert f"{ratios('square, nu D', 'coxeter')} times as long for a square" in comparison
 
 
 def test_files_in_commands_of_the_readme_are_there() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    files = re.findall(r"^polywigner (?:render|transform|propagate) (\S+)", text, re.MULTILINE)
-    assert len(files) == 3
+    commands = "render|transform|pattern|propagate"
+    files = re.findall(rf"^polywigner (?:{commands}) (\S+)", text, re.MULTILINE)
+    assert len(files) == 4
     assert [name for name in files if not (ROOT / name).is_file()] == []

@@ -72,3 +72,21 @@ def test_what_rays_alone_have_is_refused_with_other_methods(options: Any, words:
         pw.irradiance(SQUARE, POINTS, WAVELENGTH, "kirchhoff", **options)
     with pytest.raises(ArgumentError, match="kirchhoff"):
         pw.irradiance(SQUARE, POINTS, WAVELENGTH, "helmholtz")
+
+
+@pytest.mark.parametrize(
+    ("obliquity", "method"),
+    [
+        (None, "rayleigh-sommerfeld-1"),
+        ("kirchhoff", "kirchhoff"),
+        ("rayleigh-sommerfeld-2", "rayleigh-sommerfeld-2"),
+    ],
+)
+def test_auto_is_the_exact_field_of_the_boundary_condition(obliquity: Any, method: str) -> None:
+    found = pw.irradiance(SQUARE, POINTS, WAVELENGTH, "auto", obliquity=obliquity)
+    np.testing.assert_array_equal(found, pw.irradiance(SQUARE, POINTS, WAVELENGTH, method))
+
+
+def test_auto_takes_rays_for_what_is_no_boundary_condition() -> None:
+    found = pw.irradiance(SQUARE, POINTS[2], WAVELENGTH, "auto", obliquity="paper")
+    assert found == pw.irradiance(SQUARE, POINTS[2], WAVELENGTH, obliquity="paper")

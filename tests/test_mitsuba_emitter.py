@@ -187,6 +187,26 @@ def test_the_emitted_power_is_the_propagating_part_of_the_field(
     assert abs(samples.mean() - expected) < 4 * error
 
 
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff"])
+def test_the_radiated_power_is_what_parallel_floors_receive_all_around(
+    obliquity: str, llvm: object
+) -> None:
+    """int L cos^2 dx is |E|^2, what a floor parallel to the aperture receives times r^2."""
+    mi = use("llvm_ad_mono")
+    side, count = 0.6 * WAVELENGTH, 2**20  # half of int |u|^2 does not get away
+    entry = light(pw.shapes.square(side), radiated_power="10 mW", obliquity=obliquity)
+    rng = np.random.default_rng(5)
+    x = rng.uniform(-side / 2, side / 2, (count, 2))
+    cosine, phi = rng.uniform(0, 1, count), rng.uniform(0, 2 * np.pi, count)
+    sine = np.sqrt(1 - cosine**2)
+    directions = np.stack([sine * np.cos(phi), sine * np.sin(phi), cosine], axis=-1)
+    radiance = evaluated(mi, emitter_of(entry), x / MILLIMETRE, directions)[:, 0]
+    samples = radiance * cosine**2 * side**2 * 2 * np.pi
+    error = samples.std() / np.sqrt(count)
+    assert error < 1e-4
+    assert abs(samples.mean() - 10e-3) < 4 * error
+
+
 def test_rays_leave_from_the_aperture_to_its_front(llvm: object) -> None:
     mi = use("llvm_ad_mono")
     placed = pose((1.0, 2.0, 3.0), about_x=0.7)

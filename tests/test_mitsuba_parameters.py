@@ -43,6 +43,16 @@ def test_a_file_is_found_beside_the_scene_and_read_in_its_unit(tmp_path: Path) -
     assert spec.power == pytest.approx(SQUARE.area)
 
 
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "paper"])
+def test_a_radiated_power_is_turned_into_the_power_of_the_field(
+    tmp_path: Path, obliquity: str
+) -> None:
+    inside = f'{GOOD}<string name="obliquity" value="{obliquity}"/>'
+    spec = load(tmp_path, inside + '<string name="radiated_power" value="10 dBm"/>')
+    share = pw.radiated_power(SQUARE, WAVELENGTH, obliquity=obliquity) / SQUARE.area
+    assert spec.power == pytest.approx(0.01 / share, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("tolerance", "vertices"),
     [("", 52), ('<string name="tolerance" value="1 um"/>', 136),
@@ -104,6 +114,11 @@ def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: A
         (GOOD.replace("patch.wkt", "memory:123"), ["expected no unit"]),
         (GOOD + '<string name="power" value="much"/>', ["power", "much"]),
         (GOOD + '<float name="power" value="-1"/>', ["power above zero"]),
+        (GOOD + '<string name="radiated_power" value="10 dB"/>', ["radiated_power", "dBm"]),
+        (
+            GOOD + '<float name="power" value="1"/><float name="radiated_power" value="1"/>',
+            ["power or radiated_power", "both", "hemisphere"],
+        ),
         (GOOD + '<float name="power" value="1e300"/>', ["a power that single", "check its unit"]),
         (GOOD.replace("94 GHz", "1e200 Hz"), ["wavelength that single precision", "2.99792e-192"]),
         (GOOD.replace("94 GHz", "1e-20 Hz"), ["wavelength that single precision", "2.99792e+28"]),
@@ -423,6 +438,8 @@ def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
         ({"wavelength": float("nan")}, "finite"),
         ({"wavelength": 1.0, "obliquity": "none"}, "obliquity"),
         ({"wavelength": 1.0, "power": 0.0}, "above zero"),
+        ({"wavelength": 1.0, "radiated_power": 0.0}, "above zero"),
+        ({"wavelength": 1.0, "radiated_power": 1.0, "power": 1.0}, "got both"),
         ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
         ({"wavelength": 1.0, "to_world": np.full((4, 4), np.nan)}, "finite"),
         ({"wavelength": 1.0, "to_world": np.diag([1.0, 1.0, 1e300, 1.0])}, "finite"),

@@ -147,7 +147,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
     pattern = _pattern(source, THETA, PHI)
     folder = tmp_path_factory.mktemp("patterns")
     for suffix in ("csv", "txt", "ffd"):
-        pw.write_pattern(folder / f"horn.{suffix}", pattern)
+        pw.write_pattern(pattern, folder / f"horn.{suffix}")
     return pattern, folder
 
 
@@ -212,11 +212,50 @@ def test_far_field_data_for_hfss_carry_the_radiated_power(exported: tuple[Any, P
 
 def test_polarisation_along_x_turns_the_components(tmp_path: Path) -> None:
     pattern = _pattern(SQUARE, [0.2], [0.0, np.pi / 2])
-    pw.write_pattern(tmp_path / "x.ffd", pattern, polarisation="x")
+    pw.write_pattern(pattern, tmp_path / "x.ffd", polarisation="x")
     values = np.loadtxt((tmp_path / "x.ffd").read_text().splitlines()[4:])
     field = math.sqrt(2 * FREE_SPACE) * pattern["field"].values[0].conj()
     assert values[0, 0] + 1j * values[0, 1] == pytest.approx(field[0])
     assert values[1, 2] + 1j * values[1, 3] == pytest.approx(-field[1])
+
+
+def test_grasp_reads_cuts_whose_square_is_the_directivity(tmp_path: Path) -> None:
+    """Read back as the format describes: header, start, step, number, phi, components, values."""
+    pattern = _pattern(SQUARE, np.radians(np.arange(-60, 61, 5)), np.radians([0.0, 30.0]))
+    pw.write_pattern(pattern, tmp_path / "a.cut")
+    lines = (tmp_path / "a.cut").read_text().splitlines()
+    for j, phi in enumerate((0.0, 30.0)):
+        block = lines[j * 27 : (j + 1) * 27]
+        assert [float(word) for word in block[1].split()] == [-60, 5, 25, phi, 1, 1, 2]
+        values = np.loadtxt(block[2:])
+        level = 10 * np.log10((values**2).sum(axis=1))
+        assert level == pytest.approx(pattern["directivity"].values[:, j], abs=1e-6)
+
+
+def test_planning_tools_get_attenuations_all_around(tmp_path: Path) -> None:
+    """Horizontal: clockwise from above, y up, so that a beam towards x is on the left."""
+    field = pw.steering((math.sin(0.2), 0.0, math.cos(0.2)), WAVELENGTH)
+    source = SQUARE.with_illumination(field)
+    pattern = _pattern(source, np.radians(np.arange(0, 91)), np.radians([0.0, 90.0, 180.0, 270.0]))
+    for suffix in (".msi", ".pln"):
+        pw.write_pattern(pattern, tmp_path / f"a{suffix}")
+    lines = (tmp_path / "a.msi").read_text().splitlines()
+    assert lines == (tmp_path / "a.pln").read_text().splitlines()
+    assert lines[2] == "FREQUENCY 94000"
+    start = lines.index("HORIZONTAL 360") + 1
+    levels = np.array([line.split() for line in lines[start : start + 360]], float)
+    assert levels[:, 0].tolist() == list(range(360))
+    assert levels[levels[:, 1].argmin(), 0] in (349, 350)  # 11 degrees to the left
+    assert (levels[91:270, 1] == 99.9).all()
+    assert lines[start + 360] == "VERTICAL 360" and len(lines) == start + 721
+
+
+def test_the_old_order_of_arguments_still_writes(tmp_path: Path) -> None:
+    pattern = _pattern(SQUARE, [0.0, 0.1], [0.0])
+    with pytest.warns(DeprecationWarning, match="pattern, path"):
+        pw.write_pattern(tmp_path / "a.csv", pattern)  # type: ignore[arg-type]
+    pw.write_pattern(pattern, tmp_path / "b.csv")
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
 REFUSED: dict[str, tuple[Any, type[PolywignerError], str]] = {
@@ -233,25 +272,30 @@ REFUSED: dict[str, tuple[Any, type[PolywignerError], str]] = {
         "radiates",
     ),
     "slits": (lambda: _pattern(pw.Slits([[0, 1]])), ArgumentError, "rectangles"),
-    "a format": (lambda: pw.write_pattern("a.ffs", _pattern()), FileFormatError, "csv"),
-    "no pattern": (lambda: pw.write_pattern("a.csv", SQUARE), ArgumentError, "radiation_pattern"),
+    "no vertical cut": (
+        lambda: pw.write_pattern(_pattern(SQUARE, THETA, [0.0, np.pi]), "a.msi"),
+        ArgumentError,
+        "phi = 90",
+    ),
+    "a format": (lambda: pw.write_pattern(_pattern(), "a.ffs"), FileFormatError, "csv"),
+    "no pattern": (lambda: pw.write_pattern(SQUARE, "a.csv"), ArgumentError, "radiation_pattern"),
     "a polarisation": (
-        lambda: pw.write_pattern("a.csv", _pattern(), polarisation="H"),
+        lambda: pw.write_pattern(_pattern(), "a.csv", polarisation="H"),
         ArgumentError,
         "polarisation",
     ),
     "uneven angles": (
-        lambda: pw.write_pattern("a.ffd", _pattern(SQUARE, [0.0, 0.1, 0.3])),
+        lambda: pw.write_pattern(_pattern(SQUARE, [0.0, 0.1, 0.3]), "a.ffd"),
         ArgumentError,
         "evenly",
     ),
     "negative angles": (
-        lambda: pw.write_pattern("a.ffd", _pattern(SQUARE, [-0.1, 0.1])),
+        lambda: pw.write_pattern(_pattern(SQUARE, [-0.1, 0.1]), "a.ffd"),
         ArgumentError,
         "whole turn",
     ),
     "no folder": (
-        lambda: pw.write_pattern("nowhere/at/all.csv", _pattern()),
+        lambda: pw.write_pattern(_pattern(), "nowhere/at/all.csv"),
         ArgumentError,
         "write",
     ),

@@ -39,13 +39,17 @@ if TYPE_CHECKING:
     )
     from polywigner.propagation import (
         AxisSampling,
+        BeamMetrics,
+        CutMetrics,
         Sampling,
         ambiguity_table,
         amplitude,
+        beam_metrics,
         hemisphere,
         irradiance,
         line,
         plane,
+        radiated_power,
         radiation_pattern,
         suggest_sampling,
         volume,
@@ -54,6 +58,7 @@ if TYPE_CHECKING:
         write_pattern,
         write_vti,
     )
+    from polywigner.quantities import SPEED_OF_LIGHT
     from polywigner.radiometry import (
         EnergyBudget,
         energy_budget,
@@ -70,6 +75,7 @@ if TYPE_CHECKING:
         explain,
         fourier,
         lag_marginal,
+        mtf,
         otf,
         position_marginal,
         projections,
@@ -85,6 +91,7 @@ _HOMES = {
     "Illumination": "polywigner.illumination",
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
+    "SPEED_OF_LIGHT": "polywigner.quantities",
     "automean": "polywigner.geometry",
     "cite": "polywigner.citations",
     "irradiance": "polywigner.propagation",
@@ -111,7 +118,11 @@ _HOMES = {
     "radiance": "polywigner.radiometry",
     "radiant_intensity": "polywigner.radiometry",
     "amplitude": "polywigner.propagation",
+    "beam_metrics": "polywigner.propagation",
     "radiation_pattern": "polywigner.propagation",
+    "radiated_power": "polywigner.propagation",
+    "CutMetrics": "polywigner.propagation",
+    "BeamMetrics": "polywigner.propagation",
     "write_pattern": "polywigner.propagation",
     "ambiguity_table": "polywigner.propagation",
     "wigner_table": "polywigner.propagation",
@@ -131,6 +142,7 @@ _HOMES = {
     "explain": "polywigner.transforms",
     "fourier": "polywigner.transforms",
     "lag_marginal": "polywigner.transforms",
+    "mtf": "polywigner.transforms",
     "otf": "polywigner.transforms",
     "position_marginal": "polywigner.transforms",
     "projections": "polywigner.transforms",
@@ -139,9 +151,12 @@ _HOMES = {
 }
 
 __all__ = [
+    "SPEED_OF_LIGHT",
     "Aperture",
     "Array",
     "AxisSampling",
+    "BeamMetrics",
+    "CutMetrics",
     "EnergyBudget",
     "Illumination",
     "Polyhedron",
@@ -155,6 +170,7 @@ __all__ = [
     "arrays",
     "autocorrelation",
     "automean",
+    "beam_metrics",
     "cite",
     "cosine_taper",
     "differentiable",
@@ -169,6 +185,7 @@ __all__ = [
     "lag_marginal",
     "lag_slice",
     "line",
+    "mtf",
     "otf",
     "phased_array",
     "plane",
@@ -178,6 +195,7 @@ __all__ = [
     "projections",
     "radiance",
     "radiant_intensity",
+    "radiated_power",
     "radiation_pattern",
     "read_aperture",
     "read_polyhedron",
@@ -202,7 +220,11 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     home = _HOMES.get(name)
     if home is None:
-        raise AttributeError(f"module 'polywigner' has no attribute {name!r}")
+        import difflib
+
+        near = difflib.get_close_matches(name, __all__, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        raise AttributeError(f"module 'polywigner' has no attribute {name!r}{hint}")
     value = getattr(importlib.import_module(home), name)
     globals()[name] = value
     return value

@@ -51,6 +51,9 @@ _POWERS = {
     "MW": Fraction(10**6),
 }  # fmt: skip
 
+_POWER_LEVELS = {"dBm": 1e-3, "dBW": 1.0}
+_HIGHEST_LEVEL = 3000.0  # dB: the next power of ten is no float
+
 # ASCII digits only, and at most three digits of exponent: Fraction("1e999999999") fills memory.
 _QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?)\s*([^0-9\s.,;+-]*)\s*"
@@ -85,7 +88,9 @@ def _parse(text: str | float, units: Mapping[str, Fraction], kind: str, example:
             raise QuantityError(f"{expected}; write a number, a space and a unit")
         number, unit = match.groups()
         if unit and unit not in units:
-            raise QuantityError(f"{expected}; use one of the units {', '.join(units)}")
+            more = list(_POWER_LEVELS) if units is _POWERS else []
+            names = ", ".join([*units, *more])
+            raise QuantityError(f"{expected}; use one of the units {names}")
         value = _number(Fraction(number) * (units[unit] if unit else 1))
     if not math.isfinite(value):
         raise QuantityError(f"{expected}; it must be finite")
@@ -156,8 +161,18 @@ def parse_decibels(text: str | float) -> float:
 
 
 def parse_power(text: str | float) -> float:
-    """A power in watts, above zero; a bare number is in watts."""
+    """A power in watts, above zero; a bare number is in watts, and dBm and dBW are levels."""
     example = "10 mW"
+    if isinstance(text, str):
+        for unit, reference in _POWER_LEVELS.items():
+            if text.rstrip().endswith(unit):
+                level = _parse(text, {unit: Fraction(1)}, "power", "10 dBm")
+                power = reference * 10 ** (level / 10) if level < _HIGHEST_LEVEL else math.inf
+                if power == math.inf:
+                    raise QuantityError(
+                        f'expected a power such as "10 dBm", got {_shown(text)}; it must be finite'
+                    )
+                return _positive(power, text, "power", example)
     return _positive(_parse(text, _POWERS, "power", example), text, "power", example)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.app_fields import propagate, volume
+from polywigner.cli.app_fields import pattern, propagate, volume
 from polywigner.cli.options import (
     Array,
     DbFloor,
@@ -154,6 +154,7 @@ def transform(
     )
 
 
+app.command()(pattern)
 app.command()(propagate)
 app.command()(volume)
 

@@ -1,4 +1,4 @@
-"""The commands for fields in front of a source, ``propagate`` and ``volume``: their options."""
+"""The commands for fields in front of a source, ``pattern``, ``propagate`` and ``volume``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,76 @@ from polywigner.cli.options import (
     feeding_of,
 )
 
-__all__ = ["propagate", "volume"]
+__all__ = ["pattern", "propagate", "volume"]
+
+
+def pattern(
+    source: SourceFile,
+    frequency: Frequency = None,
+    wavelength: Wavelength = None,
+    obliquity: Annotated[
+        str,
+        typer.Option(
+            help="Boundary condition: rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, or "
+            "paper."
+        ),
+    ] = "rayleigh-sommerfeld-1",
+    power: Annotated[
+        str | None,
+        typer.Option(
+            help="That the antenna accepts, such as '10 dBm' or '10 mW' (default: the field's own)."
+        ),
+    ] = None,
+    efficiency: Annotated[
+        float, typer.Option(help="Radiated over accepted power: what losses leave, up to 1.")
+    ] = 1.0,
+    polarisation: Annotated[
+        str, typer.Option(help="x or y, of the field on the aperture; for the files.")
+    ] = "y",
+    step: Annotated[
+        str | None, typer.Option(help="Of the angles, such as '0.5 deg' (default: enough).")
+    ] = None,
+    unit: Unit = None,
+    tolerance: Tolerance = None,
+    taper: Taper = None,
+    array: Array = None,
+    window: Window = None,
+    steering: Steering = None,
+    focus: Focus = None,
+    db_floor: DbFloor = -40.0,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help="Of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or pln; "
+            "several times for several of them.",
+        ),
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Compute the radiation pattern of a source, and what a data sheet says of it.
+
+    Prints directivity, gain, EIRP, beam direction, half-power widths and first sidelobes. Writes a
+    figure NAME_pattern.png (cuts, polar plot, u-v map, the numbers) and the values.
+    """
+    from polywigner.cli.pattern import run_pattern
+
+    run_pattern(
+        source,
+        obliquity=obliquity,
+        power=power,
+        efficiency=efficiency,
+        polarisation=polarisation,
+        step=step,
+        frequency=frequency,
+        wavelength=wavelength,
+        unit=unit,
+        tolerance=tolerance,
+        feeding=feeding_of(taper, array, window, steering, focus),
+        floor_db=db_floor,
+        formats=formats or [],
+        out=out,
+    )
 
 
 def propagate(

@@ -12,7 +12,10 @@ from polywigner.errors import ArgumentError
 
 __all__ = ["check_text", "check_writable", "output_stem", "targets", "writing"]
 
-_KNOWN_SUFFIXES = (".png", ".exr", ".json", ".npz", ".nc", ".vti", ".zarr")
+_KNOWN_SUFFIXES = (
+    ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".zarr",
+    ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln",
+)  # fmt: skip
 
 
 def check_text(name: str, path: str) -> None:

@@ -4,8 +4,8 @@
 share, ``scene`` draws a rendered picture, ``slices`` computes what ``transforms`` draws as the
 figure of ``polywigner transform``, ``projections`` draws what ``polywigner.projections`` returns.
 Fields in front of a source: ``lines``, ``planes`` and ``hemispheres`` draw several methods side by
-side, ``volumes`` isosurfaces. ``paper`` has the figures of the paper, ``drawing`` what
-they share with the others.
+side, ``volumes`` isosurfaces, ``patterns`` far fields as data sheets show them. ``paper`` has the
+figures of the paper, ``drawing`` what they share with the others.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 from polywigner.figures.hemispheres import draw_hemispheres
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.lines import draw_lines
+from polywigner.figures.patterns import PatternPanel, draw_pattern
 from polywigner.figures.planes import draw_planes
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene import draw_scene
@@ -29,9 +30,11 @@ from polywigner.figures.volumes import draw_volume
 
 __all__ = [
     "LARGEST_SAMPLES",
+    "PatternPanel",
     "TransformSlices",
     "draw_hemispheres",
     "draw_lines",
+    "draw_pattern",
     "draw_planes",
     "draw_projections",
     "draw_scene",

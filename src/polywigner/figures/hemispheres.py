@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_hemispheres"]
+__all__ = ["draw_disc", "draw_hemispheres"]
 
 _INCHES = 3.3
 _RINGS = (30, 60)  # degrees from the axis
@@ -63,6 +63,11 @@ def draw_hemispheres(
     import matplotlib as mpl
 
     check_floor(floor_db)
+    if "directivity" in found:
+        raise ArgumentError(
+            "expected fields on a hemisphere, got a radiation pattern, whose directivity is in dBi "
+            "already; use draw_pattern"
+        )
     fields = fields_of(found)
     against = chosen_method(fields, against)
     dims = dims_of(found)
@@ -82,7 +87,9 @@ def draw_hemispheres(
         figure.set_layout_engine("compressed")
         panels = figure.subplots(1, len(powers), squeeze=False, sharey=True)[0]
         for axes, (method, power) in zip(panels, powers.items(), strict=True):
-            shown = _draw(axes, theta, phi, level_db(power, zero, floor_db), floor_db)
+            levels = level_db(power, zero, floor_db)
+            shown = draw_disc(axes, theta, phi, levels, floor_db, 0.0)
+            axes.set_xlabel("$s_x$")
             axes.set_title(label_of(found[method], method))
         panels[0].set_ylabel("$s_y$")
         unit = squared_unit(first) if is_field else unit
@@ -95,13 +102,15 @@ def draw_hemispheres(
     return figure
 
 
-def _draw(
+def draw_disc(
     axes: Axes,
     theta: NDArray[np.float64],
     phi: NDArray[np.float64],
     levels: NDArray[np.float64],
-    floor_db: float,
+    low: float,
+    high: float,
 ) -> Any:
+    """Levels (n, m) over theta and phi, in the plane of the direction cosines, with its circles."""
     from matplotlib.patches import Circle
 
     phi, levels = _once_around(phi, levels)
@@ -112,8 +121,8 @@ def _draw(
         levels,
         shading="gouraud",
         cmap=LEVEL_MAP,
-        vmin=floor_db,
-        vmax=0.0,
+        vmin=low,
+        vmax=high,
         rasterized=True,
     )
     for degrees in (*_RINGS, 90):
@@ -126,7 +135,6 @@ def _draw(
     axes.set_aspect("equal")
     axes.set_xlim(-1.02, 1.02)
     axes.set_ylim(-1.02, 1.02)
-    axes.set_xlabel("$s_x$")
     return shown
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any, NoReturn, final
+from typing import TYPE_CHECKING, Any, NoReturn, final
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.arguments import checked_length
 from polywigner.geometry.convex import convex_pieces, triangulate_part
+from polywigner.geometry.display import length_text, plot_rings, shown_as_html
 from polywigner.geometry.exact import Ring, orientations, total_area
 from polywigner.geometry.field import Field, checked_field, checked_shift, turned_points
 from polywigner.geometry.grid import polygons_in
@@ -19,7 +21,11 @@ from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
 from polywigner.geometry.placed import PlacedAperture
 from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.rings import Part, polygon_of_part, rings_of_polygon
+from polywigner.geometry.set_operations import difference, intersection, union
 from polywigner.geometry.winding import split_ring
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["Aperture", "triangulate"]
 
@@ -183,6 +189,34 @@ class Aperture:
         """The aperture itself; an Array has several elements."""
         return (self,)
 
+    def scaled(self, factor: float) -> Aperture:
+        """The aperture and the field on it, ``factor`` times as large about the origin.
+
+        Raises ArgumentError for a factor that is not a finite number above zero, GeometryError
+        where floats end.
+        """
+        size = checked_length(factor, "factor")
+        parts = [tuple(ring * size for ring in part) for part in self._parts]
+        copy, field = Aperture([polygon_of_part(part) for part in parts]), self.illumination
+        return copy if field is None else copy.with_illumination(field.scaled(size))
+
+    def __or__(self, other: Aperture) -> Aperture:
+        """The union; both have one field, or none."""
+        return self._combined(union, other)
+
+    def __and__(self, other: Aperture) -> Aperture:
+        """The part that lies in the other aperture as well, with this one's field."""
+        return self._combined(intersection, other)
+
+    def __sub__(self, other: Aperture) -> Aperture:
+        """The part that does not lie in the other aperture, with this one's field."""
+        return self._combined(difference, other)
+
+    def _combined(self, operation: Callable[..., Any], other: object) -> Aperture:
+        if not isinstance(other, Aperture):
+            return NotImplemented
+        return Aperture(operation(self, other)).with_illumination(self.illumination)
+
     def placed(self, to_world: Any) -> PlacedAperture:
         """This aperture in a rigid pose (4, 4), for transforms with three-component nu.
 
@@ -269,6 +303,36 @@ class Aperture:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self._parts, self.illumination)
+
+    def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
+        """The outline, filled, on axes of matplotlib.
+
+        Parameters
+        ----------
+        ax : axes to draw on; None: new ones of pyplot.
+        unit : of the axes, such as "mm" or "um"; the aperture's own is the metre.
+
+        Returns
+        -------
+        The axes.
+
+        Raises
+        ------
+        ArgumentError for what are no axes, QuantityError for an unknown unit.
+        """
+        return plot_rings(self.rings, ax, unit)
+
+    def _repr_html_(self) -> str:
+        xmin, ymin, xmax, ymax = self.bounds
+        rows = [
+            ("size", length_text(xmax - xmin, ymax - ymin)),
+            ("area", f"{self.area:.6g} m²"),
+            ("vertices", str(sum(map(len, self.rings)))),
+            ("parts", str(len(self._parts))),
+            ("holes", str(len(self.rings) - len(self._parts))),
+            ("field", "1" if self.illumination is None else repr(self.illumination)),
+        ]
+        return shown_as_html("Aperture", rows, self.rings)
 
     def __repr__(self) -> str:
         parts, holes = len(self._parts), len(self.rings) - len(self._parts)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, PolywignerWarning
 
 __all__ = [
     "checked_count",
@@ -29,6 +30,8 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
+# Metres: no wave of an antenna is a thousand kilometres long, and frequencies are larger.
+_LIKE_A_FREQUENCY = 1e6
 # Most vertices, as of a file; a slip of a few zeros would fill the memory.
 _MOST = 1_000_000
 
@@ -63,6 +66,13 @@ def checked_wavelength(value: Any) -> float:
     wavelength = checked_length(value, "wavelength")
     if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
         raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
+    if wavelength > _LIKE_A_FREQUENCY:
+        warnings.warn(
+            f"got a wavelength of {wavelength:g} m: a frequency? Then write frequency="
+            f"{wavelength:g} in its place",
+            PolywignerWarning,
+            stacklevel=3,
+        )
     return wavelength
 
 

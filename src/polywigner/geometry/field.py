@@ -31,6 +31,8 @@ class Field(Protocol):
 
     def turned(self, angle: Any) -> Field: ...
 
+    def scaled(self, factor: float) -> Field: ...
+
 
 def checked_field(field: Any, dimension: int) -> Field:
     """The field of a source in ``dimension`` dimensions.

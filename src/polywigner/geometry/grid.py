@@ -7,7 +7,7 @@ Vertices are put back to the exact values they were given with.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
@@ -16,7 +16,14 @@ from shapely.geometry.base import BaseGeometry
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.rings import extent, rings_of_polygon, without_slight_bends
 
-__all__ = ["grid_size", "polygons_in", "restored", "straightened", "union_on_grid"]
+__all__ = [
+    "combined_on_grid",
+    "grid_size",
+    "polygons_in",
+    "restored",
+    "straightened",
+    "union_on_grid",
+]
 
 # 256 ulp of a coordinate as large as the size: above the few ulp by which computed vertices are
 # off, and a factor 20 below the 1e-12 to which areas and transforms are promised.
@@ -82,8 +89,27 @@ def union_on_grid(
     """
     points = shapely.get_coordinates(list(geometries)) if originals is None else originals
     grid = grid_size(points)
-    union = shapely.union_all(list(geometries), grid_size=grid)
-    polygons = [_without_hairlines(polygon, grid) for polygon in polygons_in(union)]
+    return _cleaned(shapely.union_all(list(geometries), grid_size=grid), points, grid)
+
+
+def combined_on_grid(
+    operation: Callable[..., BaseGeometry], one: BaseGeometry, other: BaseGeometry
+) -> BaseGeometry:
+    """``shapely.intersection`` or ``shapely.difference`` of two, cleaned as unions are.
+
+    An empty collection where no area is left.
+    """
+    points = shapely.get_coordinates([one, other])
+    grid = grid_size(points)
+    found = operation(one, other, grid_size=grid)
+    if not any(not _is_hairline(polygon, grid) for polygon in polygons_in(found)):
+        return shapely.MultiPolygon()
+    return _cleaned(found, points, grid)
+
+
+def _cleaned(found: BaseGeometry, points: Ring, grid: float) -> BaseGeometry:
+    """Without cracks and slivers, with the vertices of ``points`` as they were."""
+    polygons = [_without_hairlines(polygon, grid) for polygon in polygons_in(found)]
     wide = [polygon for polygon in polygons if not _is_hairline(polygon, grid)] or polygons
     joined = wide[0] if len(wide) == 1 else shapely.MultiPolygon(wide)
     return straightened(restored(joined, points, grid), grid)

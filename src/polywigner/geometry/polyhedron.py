@@ -14,6 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
 from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
@@ -29,6 +30,9 @@ _PLANAR = 1e-9
 # 10,000 ends.
 _ROUNDING = 1e-14
 _ROWS = 1024
+
+# Faces that a notebook draws.
+_MOST_DRAWN = 2000
 
 Vertices = NDArray[np.float64]
 
@@ -112,6 +116,19 @@ class Polyhedron:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Polyhedron, (self.vertices, self.faces)
+
+    def _repr_html_(self) -> str:
+        # seen along (1, 1, 1), z upwards
+        x, y, z = (self.vertices - self.vertices.mean(axis=0)).T
+        seen = np.stack([(y - x) / 2**0.5, (2 * z - x - y) / 6**0.5], axis=-1)
+        lines = [seen[[*face, face[0]]] for face in self.faces[:_MOST_DRAWN]]
+        rows = [
+            ("size", length_text(*np.ptp(self.vertices, axis=0).tolist())),
+            ("volume", f"{self.volume:.6g} m³"),
+            ("vertices", str(len(self.vertices))),
+            ("faces", str(len(self.faces))),
+        ]
+        return shown_as_html("Polyhedron", rows, lines=lines)
 
     def __repr__(self) -> str:
         return (

@@ -28,6 +28,7 @@ __all__ = [
     "bow_tie",
     "chevron",
     "chevron_pair",
+    "circle",
     "disc",
     "double_slit",
     "grating",
@@ -115,6 +116,9 @@ def disc(radius: float, n: int = 64) -> Aperture:
     """
     sides = _count(n, "n", 3)
     return Aperture(_circle(_length(radius, "radius") * _equal_area_factor(sides), sides))
+
+
+circle = disc
 
 
 def ring(outer: float, inner: float, n: int = 64) -> Aperture:
@@ -278,3 +282,7 @@ def interferometer(positions: ArrayLike, radius: float, n: int = 32) -> Aperture
     places = _numbers(positions, "positions", "an (m, 2) array", 2)
     circle = disc(radius, n).rings[0]
     return Aperture([circle + place for place in places])
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.field import Field, checked_field, checked_shift
 from polywigner.geometry.numbers import real_numbers
 
@@ -108,6 +109,19 @@ class Slits:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (self.intervals, self.illumination)
+
+    def _repr_html_(self) -> str:
+        height = self.diameter / 10
+        rings = [
+            np.array([(a, 0.0), (b, 0.0), (b, height), (a, height)]) for a, b in self.intervals
+        ]
+        rows = [
+            ("extent", length_text(self.diameter)),
+            ("total width", length_text(self.length)),
+            ("slits", str(len(self.intervals))),
+            ("field", "1" if self.illumination is None else repr(self.illumination)),
+        ]
+        return shown_as_html("Slits", rows, rings)
 
     def __repr__(self) -> str:
         field = "" if self.illumination is None else f", {self.illumination!r}"

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, Slits
+from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.grid import union_on_grid
 from polywigner.geometry.pose import rigid_pose
 from polywigner.illumination.copies import shifted_copies
@@ -20,6 +21,8 @@ from polywigner.illumination.sites import Sites, checked_sites, checked_weights
 
 __all__ = ["Array", "Element"]
 
+# Outlines that a notebook draws: a few hundred kB.
+_MOST_DRAWN = 2000
 # From so many elements on it is looked for whether they are shifted copies of one.
 _LEAST_COPIES = 24
 
@@ -169,6 +172,26 @@ class Array:
 
     def __len__(self) -> int:
         return len(self.weights)
+
+    def _repr_html_(self) -> str:
+        element = self.elements[0] if self.repeated is None else self.repeated[0]
+        sizes = np.abs(self.weights)
+        rings = [] if len(self) > _MOST_DRAWN else self._drawn_rings()
+        rows = [("elements", str(len(self)))]
+        if rings:
+            extent = np.ptp(np.concatenate(rings), axis=0)
+            rows.append(("size", length_text(*extent.tolist())))
+        same = (self.weights == 1).all()
+        rows.append(("weights", "all 1" if same else f"|w| {sizes.min():.4g} to {sizes.max():.4g}"))
+        rows.append(("element", repr(element)))
+        return shown_as_html("Array", rows, rings)
+
+    def _drawn_rings(self) -> list[NDArray[np.float64]]:
+        if self.repeated is None:
+            return [ring for e in self.elements if isinstance(e, Aperture) for ring in e.rings]
+        element, sites = self.repeated
+        rings = element.rings if isinstance(element, Aperture) else ()
+        return [ring + site for site in sites for ring in rings]
 
     def __repr__(self) -> str:
         if self.repeated is not None:

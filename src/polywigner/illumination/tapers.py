@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_count, checked_length, checked_number, shape_of
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.directions import transverse
 from polywigner.illumination.waves import Illumination
 
@@ -51,6 +52,7 @@ def uniform(dimension: int = 2) -> Illumination:
     return Illumination([1.0], np.zeros((1, checked_count(dimension, "dimension", 1, 2))))
 
 
+@takes_frequency
 def steering(direction: Any, wavelength: float) -> Illumination:
     """The phase that turns a beam: u(x) = exp(2 pi i s.x/wavelength), s the transverse direction.
 

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.arguments import checked_length
+from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.field import checked_shift, turned_points
 
 __all__ = ["LARGEST_AMPLITUDE", "Illumination", "restored"]
@@ -93,6 +95,18 @@ class Illumination:
         if self.dimension != 2:
             raise IlluminationError("expected a field in two dimensions to turn, got one of slits")
         return self._from(self.amplitudes, turned_points(self.frequencies, angle))
+
+    def scaled(self, factor: float) -> Illumination:
+        """The field carried along when its source grows by a factor about the origin."""
+        size = checked_length(factor, "factor")
+        return self._from(self.amplitudes, self.frequencies / size)
+
+    def _repr_html_(self) -> str:
+        rows = [("waves", f"{len(self.amplitudes)} in {self.dimension} dimensions")]
+        for amplitude, nu in list(zip(self.amplitudes, self.frequencies, strict=True))[:4]:
+            place = ", ".join(f"{component:.4g}" for component in nu)
+            rows.append((f"({place}) /m", f"{complex(amplitude):.4g}"))
+        return shown_as_html("Illumination", rows)
 
     def __mul__(self, other: Illumination | complex) -> Illumination:
         if isinstance(other, Complex):

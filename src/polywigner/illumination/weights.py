@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, MissingExtraError
 from polywigner.geometry.arguments import checked_count, checked_length
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.directions import transverse, unit_vector
 from polywigner.illumination.layouts import MOST_ELEMENTS, checked_positions
 from polywigner.illumination.tapers import checked_sidelobes
@@ -25,6 +26,7 @@ WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
 """Windows that :func:`window_weights` knows."""
 
 
+@takes_frequency
 def steering_weights(positions: Any, direction: Any, wavelength: float) -> NDArray[np.complex128]:
     """Weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
 
@@ -57,6 +59,7 @@ def steering_weights(positions: Any, direction: Any, wavelength: float) -> NDArr
     return _phases(lambda length: places @ (towards / length), wavelength)
 
 
+@takes_frequency
 def focusing_weights(positions: Any, point: Any, wavelength: float) -> NDArray[np.complex128]:
     """Weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
 

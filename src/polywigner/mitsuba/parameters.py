@@ -22,7 +22,7 @@ from polywigner.geometry import Aperture, read_aperture
 from polywigner.illumination import Array, read_source
 from polywigner.illumination.texts import FEEDING, fed
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
-from polywigner.mitsuba.radiator import Radiator, radiator_of
+from polywigner.mitsuba.radiator import Radiator, emitted_power, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.sources import is_key, registered_source
 from polywigner.quantities import parse_frequency, parse_length, parse_power, wavelength_of
@@ -48,6 +48,7 @@ PARAMETERS = (
     *FEEDING,
     "to_world",
     "power",
+    "radiated_power",
     "obliquity",
     "antithetic",
     "sampling",
@@ -98,13 +99,16 @@ def read_parameters(props: Any) -> EmitterSpec:
     values = {name: props[name] for name in props.keys()}  # noqa: SIM118 (not a dict)
     _reject_unknown(values)
     obliquity = check_obliquity(_text(values, "obliquity", OBLIQUITIES[0]))
-    given = _number(values, "power", parse_power) if "power" in values else None
+    powers = [
+        _number(values, name, parse_power) if name in values else None
+        for name in ("power", "radiated_power")
+    ]
     wavelength = _wavelength(values)
     scene_unit = _scene_unit(values.get("scene_unit", 1.0))
     texts = {name: _text(values, name, None) for name in FEEDING if name in values}
     antithetic = _flag(values, "antithetic", False)
     radiator = radiator_of(fed(_source(values), texts, wavelength), obliquity, antithetic)
-    power = radiator.energy if given is None else given
+    power = emitted_power(radiator, wavelength, obliquity, *powers)
     check_range(radiator, wavelength, power, scene_unit)
     return EmitterSpec(
         radiator=radiator,

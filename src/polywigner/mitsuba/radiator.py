@@ -16,9 +16,10 @@ from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source, mutual_support
 from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.plans import shifts_samples
+from polywigner.propagation.far_fields import powers_of
 from polywigner.transforms import lag_marginal
 
-__all__ = ["Radiator", "radiator_of"]
+__all__ = ["Radiator", "emitted_power", "radiator_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,31 @@ def radiator_of(source: Any, obliquity: str, antithetic: bool = False) -> Radiat
         return _prepared(source, antithetic)
     except PolywignerError as error:
         raise SceneError(str(error)) from None
+
+
+def emitted_power(
+    radiator: Radiator,
+    wavelength: float,
+    obliquity: str,
+    power: float | None,
+    radiated_power: float | None,
+) -> float:
+    """The emitter's int |u|^2, in W, of either power in W; that of the field as it is for neither.
+
+    Raises SceneError for both, and for a source that radiates nothing.
+    """
+    if radiated_power is None:
+        return radiator.energy if power is None else power
+    if power is not None:
+        raise SceneError(
+            "expected power or radiated_power, got both; power is the integral of |u|^2 over the "
+            "aperture, radiated_power what leaves through the hemisphere in front"
+        )
+    try:
+        radiated, energy = powers_of(radiator.source, wavelength, obliquity)
+    except PolywignerError as error:
+        raise SceneError(str(error)) from None
+    return radiated_power * energy / radiated
 
 
 # A scene entry is checked when it is made, and read when the scene is loaded.

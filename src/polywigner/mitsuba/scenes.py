@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import (
@@ -23,7 +24,7 @@ from polywigner.mitsuba.parameters import (
     check_sampling_weight,
     rigid_pose,
 )
-from polywigner.mitsuba.radiator import radiator_of
+from polywigner.mitsuba.radiator import emitted_power, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS
 from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested, original_error, register
 from polywigner.mitsuba.sources import register_source
@@ -37,6 +38,7 @@ _GPU_VARIANT = "cuda_ad_mono"
 _PLAIN_VARIANT = "scalar_rgb"
 
 
+@takes_frequency
 def aperture(
     source: Aperture | Array | npt.ArrayLike,
     wavelength: float,
@@ -50,6 +52,7 @@ def aperture(
     sampling: str = SAMPLINGS[0],
     control_variate: bool = False,
     visible: bool = True,
+    radiated_power: float | None = None,
 ) -> dict[str, Any]:
     """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
@@ -62,8 +65,8 @@ def aperture(
         z = 0 of its own frame and radiates to +z. Default: none.
     obliquity: the diffraction integral that a floor parallel to the aperture receives:
         ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``.
-    power: watts, the integral of |u|^2 over the source. Default: that of the field as it is, in
-        W/m^2: of a uniform aperture the area in m^2.
+    power: watts or a text such as "10 dBm", the integral of |u|^2 over the source. Default: that of
+        the field as it is, in W/m^2: of a uniform aperture the area in m^2.
     bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, though
         ``direct``, ``path`` and ``prb`` do not know it when they sample a light behind:
         docs/plugin.md.
@@ -79,6 +82,9 @@ def aperture(
         source, bias where they see a part of it or gloss: docs/plugin.md.
     visible: False leaves the surface out. It lights the scene as before and stands in no other
         light, but is not seen: by no camera, in no mirror, by no irradiance meter.
+    radiated_power: in place of power, watts or a text: what leaves through the hemisphere in front,
+        as :func:`polywigner.radiated_power` counts it for this obliquity. Small sources radiate
+        less than the integral of |u|^2; the rest is evanescent.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it.
 
@@ -103,12 +109,13 @@ def aperture(
         "visible": check_flag("visible", visible),
     }
     check_nested([] if bsdf is None else ["bsdf"], entry["visible"])
-    watts = radiator.energy if power is None else parse_power(power)
+    powers = [None if given is None else parse_power(given) for given in (power, radiated_power)]
+    watts = emitted_power(radiator, entry["wavelength"], obliquity, powers[0], powers[1])
     check_range(radiator, entry["wavelength"], watts, entry["scene_unit"])
     if to_world is not None:
         pose = rigid_pose(getattr(to_world, "matrix", to_world))
         entry["to_world"] = mi.scalar_rgb.ScalarTransform4f(pose)
-    if power is not None:
+    if power is not None or radiated_power is not None:
         entry["power"] = watts
     if bsdf is not None:
         entry["bsdf"] = _bsdf_entry(bsdf)

@@ -15,6 +15,7 @@ module               what is in it
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
+``beams``            what a data sheet says of a pattern: gain, beamwidths, sidelobes
 ``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
 ``exports``          datasets to NetCDF and VTK files
 ``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields, and
@@ -26,8 +27,10 @@ module               what is in it
 from __future__ import annotations
 
 from polywigner.propagation.amplitudes import amplitude
+from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.builders import hemisphere, line, plane, volume
 from polywigner.propagation.exports import write_netcdf, write_vti
+from polywigner.propagation.far_fields import radiated_power
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
@@ -38,13 +41,17 @@ from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 __all__ = [
     "METHODS",
     "AxisSampling",
+    "BeamMetrics",
+    "CutMetrics",
     "Sampling",
     "ambiguity_table",
     "amplitude",
+    "beam_metrics",
     "hemisphere",
     "irradiance",
     "line",
     "plane",
+    "radiated_power",
     "radiation_pattern",
     "suggest_sampling",
     "volume",

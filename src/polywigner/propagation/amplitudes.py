@@ -15,6 +15,7 @@ from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES, BoundaryCondition, warn_of_slopes
 from polywigner.illumination.support import moved_source
@@ -47,6 +48,7 @@ _LEAST = {True: 1e-13, False: 1e-6}
 _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 
 
+@takes_frequency
 def amplitude(
     source: Aperture | Array | Differentiable,
     points: Any,

@@ -9,6 +9,7 @@ from typing import Any, Unpack
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.propagation.datasets import FieldBlock, dataset, described
 from polywigner.propagation.field_settings import FieldOptions, checked_settings
 from polywigner.propagation.grids import (
@@ -32,6 +33,7 @@ _MOST_IN_MEMORY = 1 << 32
 _COMPILED = 1 << 16
 
 
+@takes_frequency
 def line(
     source: PlaneSource,
     ends: Any,
@@ -61,6 +63,7 @@ def line(
     return dataset(source, line_grid(ends, samples), settings, options.get("progress"))
 
 
+@takes_frequency
 def plane(
     source: PlaneSource,
     where: Any,
@@ -103,6 +106,7 @@ def plane(
     return dataset(source, plane_grid(where, shape), settings, options.get("progress"))
 
 
+@takes_frequency
 def hemisphere(
     source: PlaneSource,
     radius: float,
@@ -137,6 +141,7 @@ def hemisphere(
     return dataset(source, grid, settings, options.get("progress"))
 
 
+@takes_frequency
 def volume(
     source: PlaneSource,
     box: Any,

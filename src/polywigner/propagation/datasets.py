@@ -21,9 +21,9 @@ from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.field_settings import WITH_OBLIQUITY, FieldSettings
 from polywigner.propagation.grids import Grid, shape_of_grid
 from polywigner.propagation.irradiances import irradiance
-from polywigner.propagation.patterns import SPEED_OF_LIGHT
 from polywigner.propagation.stores_files import required
 from polywigner.propagation.stores_layout import Index, chunks_within, source_settings
+from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.radiometry.progress import progress_bar
 

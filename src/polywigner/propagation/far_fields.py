@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError
 from polywigner.execution import Engine, Precision
+from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.direction_cosines import times_direction_cosine
-from polywigner.illumination.obliquities import SHARES
-from polywigner.radiometry.directions import PlaneSource
+from polywigner.illumination.obliquities import OBLIQUITIES, SHARES, Obliquity, warn_of_slopes
+from polywigner.propagation.places import checked_name
+from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier, lag_marginal
 
-__all__ = ["far_field", "radiated_power"]
+__all__ = ["far_field", "powers_of", "radiated_power"]
 
 # Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
 _DARK = 1e-12
@@ -54,8 +57,43 @@ def far_field(
     return values.astype(np.complex64 if precision == "single" else np.complex128)
 
 
-def radiated_power(source: PlaneSource, wavelength: float, obliquity: str) -> float:
-    """int |E|^2 dOmega over the hemisphere, in W, to 1e-12 of int |u|^2: (RP2).
+@takes_frequency
+def radiated_power(
+    source: PlaneSource, wavelength: float, obliquity: Obliquity = "rayleigh-sommerfeld-1"
+) -> float:
+    """Power that leaves through the far hemisphere, P = int |E|^2 dOmega (docs/patterns.md, (RP2)).
+
+    With ``obliquity="paper"`` it is :func:`power`. It differs from int |u|^2 by what is evanescent
+    and by the boundary condition: small patches radiate a seventh.
+
+    Parameters
+    ----------
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    wavelength : in m.
+    obliquity : as of :func:`radiation_pattern`.
+
+    Returns
+    -------
+    In W, to 1e-12 of int |u|^2. Cost: F in some 15 (diameter/wavelength)^2 + 1000 directions.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type or range; IlluminationError for a source that
+    radiates nothing; GeometryError for an Array whose elements do not lie in the plane z = 0.
+
+    >>> import polywigner as pw
+    >>> patch = pw.shapes.rectangle(1.2e-3, 0.9e-3)  # |u|^2 = 1 W/m^2 on 1.08 mm^2
+    >>> round(pw.radiated_power(patch, 3.9e-3) / patch.area, 3)
+    0.135
+    """
+    name = checked_name("obliquity", obliquity, OBLIQUITIES)
+    radiator, length = checked_source(source), checked_wavelength(wavelength)
+    warn_of_slopes(radiator, length, name)
+    return powers_of(radiator, length, name)[0]
+
+
+def powers_of(source: PlaneSource, wavelength: float, obliquity: str) -> tuple[float, float]:
+    """The radiated power and int |u|^2, in W.
 
     Raises IlluminationError for a source that radiates nothing.
     """
@@ -69,4 +107,4 @@ def radiated_power(source: PlaneSource, wavelength: float, obliquity: str) -> fl
             f"expected a source that radiates at a wavelength of {wavelength:g} m, got one whose "
             f"far field carries {power:.3g} W"
         )
-    return power
+    return power, energy

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.text_files import write_lines
+from polywigner.propagation.beams import cuts_of
 from polywigner.transforms.labelled import Labelled
 
 __all__ = ["Polarisation", "write_pattern"]
@@ -24,6 +26,8 @@ Polarisation = Literal["x", "y"]
 _FREE_SPACE = 376.730313412
 # The number that stands for minus infinity, in dBi.
 _FLOOR = -300.0
+# Largest attenuation in dB below the peak, as planning tools have it.
+_MOST_ATTENUATION = 99.9
 # Axial ratio in dB that stands for infinity, as of a linear polarisation.
 _AXIAL_RATIO = 40.0
 
@@ -45,10 +49,12 @@ class _Pattern:
     """E_theta and E_phi (n, m) in V, with their phases."""
     frequency: float
     """Hz."""
+    radiated_power: float
+    """W."""
 
 
 def write_pattern(
-    path: str | os.PathLike[str], pattern: Labelled, *, polarisation: Polarisation = "y"
+    pattern: Labelled, path: str | os.PathLike[str], *, polarisation: Polarisation = "y"
 ) -> None:
     """Write a :func:`radiation_pattern` to a file of angles, directivity and field components.
 
@@ -61,6 +67,11 @@ def write_pattern(
              columns, that scripts and simulators (OSKAR among them) read. Theta runs fastest.
     .ffd     far-field data of HFSS: for its far-field links, and PyAEDT. Evenly spaced angles,
              0 <= theta <= 180 degrees.
+    .cut     TICRA's GRASP: a polar cut for each phi, E_theta and E_phi with a radiated power of 4
+             pi, so that |E|^2 is the directivity. Evenly spaced theta.
+    .msi     MSI Planet, also .pln: attenuations every degree in the horizontal and the vertical
+    .pln     plane, for an aperture whose y axis points up; 99.9 dB behind. Cuts phi = 0 and 90
+             degrees with theta from -90 to 90 degrees, or their halves.
     =======  =====================================================================================
 
     The scalar field becomes the co-polar component by Ludwig's third definition, E_theta = E
@@ -70,8 +81,8 @@ def write_pattern(
 
     Parameters
     ----------
-    path : the suffix chooses the format. The file appears whole or not at all.
     pattern : what :func:`radiation_pattern` returned, or a part of it.
+    path : the suffix chooses the format. The file appears whole or not at all.
     polarisation : "x" or "y", the direction of the electric field on the aperture.
 
     Raises
@@ -79,8 +90,17 @@ def write_pattern(
     FileFormatError for another suffix; ArgumentError for anything but a pattern, another
     polarisation, angles that the format does not take, and a place that cannot be written to.
     """
+    if isinstance(pattern, (str, os.PathLike)):
+        warnings.warn(
+            "write_pattern takes (pattern, path) now; (path, pattern) will end with version 1.0",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        pattern, path = cast(Any, path), cast(Any, pattern)
     file = Path(path)
-    writers = {".csv": _csv, ".txt": _cst, ".ffd": _ffd}
+    writers = {
+        ".csv": _csv, ".txt": _cst, ".ffd": _ffd, ".cut": _grasp, ".msi": _msi, ".pln": _msi,
+    }  # fmt: skip
     if file.suffix.lower() not in writers:
         raise FileFormatError(
             f"{file}: expected a pattern file with the suffix {', '.join(writers)}, got "
@@ -98,7 +118,7 @@ def _checked(pattern: Any, polarisation: str) -> _Pattern:
         theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
         directivity = np.asarray(pattern["directivity"].values, np.float64)
         field = np.asarray(pattern["field"].values, np.complex128)
-        frequency = float(pattern.attrs["frequency"])
+        frequency, power = (float(pattern.attrs[k]) for k in ("frequency", "radiated_power"))
     except (TypeError, KeyError, AttributeError, ValueError):
         dims = ()
     if dims != ("theta", "phi"):
@@ -115,6 +135,7 @@ def _checked(pattern: Any, polarisation: str) -> _Pattern:
         np.maximum(directivity, _FLOOR),
         (scaled * along, scaled * across),
         frequency,
+        power,
     )
 
 
@@ -154,14 +175,67 @@ def _ffd(pattern: _Pattern) -> Lines:
             "use phi over the whole turn"
         )
     for name, angles in (("theta", pattern.theta), ("phi", pattern.phi)):
-        steps = np.diff(angles)
-        if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
-            raise ArgumentError(
-                f"expected evenly spaced {name} for an .ffd file, got steps from {steps.min():g} "
-                f"to {steps.max():g} degrees"
-            )
+        _step(name, angles, ".ffd")
         yield f"{angles[0]:.9g} {angles[-1]:.9g} {len(angles)}"
     yield "Frequencies 1"
     yield f"Frequency {pattern.frequency:.12g}"
     for a, b in zip(*(component.ravel() for component in pattern.components), strict=True):
         yield f"{a.real:.9e} {a.imag:.9e} {b.real:.9e} {b.imag:.9e}"
+
+
+def _grasp(pattern: _Pattern) -> Lines:
+    step = _step("theta", pattern.theta, ".cut")
+    # rE in V, 4 pi |rE|^2/(2 Z0)/P is the directivity
+    scale = math.sqrt(4 * math.pi / (2 * _FREE_SPACE * pattern.radiated_power))
+    for j, phi in enumerate(pattern.phi):
+        yield f"polywigner, {pattern.frequency:.12g} Hz, phi = {phi:.9g} deg"
+        yield f"{pattern.theta[0]:.9g} {step:.9g} {len(pattern.theta)} {phi:.9g} 1 1 2"
+        columns = (scale * component[:, j] for component in pattern.components)
+        for a, b in zip(*columns, strict=True):
+            yield f"{a.real:.9e} {a.imag:.9e} {b.real:.9e} {b.imag:.9e}"
+
+
+def _msi(pattern: _Pattern) -> Lines:
+    peak = float(pattern.directivity.max())
+    yield "NAME polywigner"
+    yield "MAKE polywigner"
+    yield f"FREQUENCY {pattern.frequency / 1e6:.9g}"
+    yield f"GAIN {peak:.3f} dBi"
+    yield "TILT ELECTRICAL"
+    yield "COMMENT directivity of an aperture in its far field, y axis up"
+    # Seen from behind, with y up, x points to the left: angles run to the right and downwards.
+    for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
+        theta, levels = _whole_cut(pattern, phi)
+        yield f"{name} 360"
+        for degrees in range(360):
+            angle = -float(degrees if degrees <= 180 else degrees - 360)
+            behind = abs(angle) > 90
+            level = _FLOOR if behind else float(np.interp(angle, theta, levels))
+            yield f"{degrees} {min(peak - level, _MOST_ATTENUATION):.3f}"
+
+
+def _whole_cut(pattern: _Pattern, phi: float) -> tuple[Table, Table]:
+    """Theta in degrees from -90 or less to 90 or more, and levels in dBi, of a meridian."""
+    found = cuts_of(np.radians(pattern.theta), np.radians(pattern.phi), pattern.directivity)
+    for angle, theta, levels in found:
+        turn = (math.degrees(angle) - phi) % 360.0
+        same, opposite = min(turn, 360.0 - turn) < 1e-6, abs(turn - 180.0) < 1e-6
+        reach = np.degrees(theta)
+        if (same or opposite) and reach.min() <= -90 + 1e-6 and reach.max() >= 90 - 1e-6:
+            return (reach, levels) if same else (-reach[::-1], levels[::-1])
+    raise ArgumentError(
+        f"expected a cut at phi = {phi:g} degrees with theta from -90 to 90 degrees for an .msi "
+        f"file, got phi = {', '.join(f'{a:g}' for a in pattern.phi[:8])} and theta from "
+        f"{pattern.theta.min():g} to {pattern.theta.max():g} degrees; add them to radiation_pattern"
+    )
+
+
+def _step(name: str, angles: Table, suffix: str) -> float:
+    """The step of angles in degrees; ArgumentError where they are not evenly spaced."""
+    steps = np.diff(angles)
+    if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
+        raise ArgumentError(
+            f"expected evenly spaced {name} for an {suffix} file, got steps from {steps.min():g} "
+            f"to {steps.max():g} degrees"
+        )
+    return float((angles[-1] - angles[0]) / max(1, steps.size))

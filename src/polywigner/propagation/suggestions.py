@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_length, checked_number, checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.propagation.suggestions_fields import (
     Band,
@@ -90,6 +91,7 @@ class Sampling:
         raise ArgumentError(f"expected an axis among {names}, got {name!r}")
 
 
+@takes_frequency
 def suggest_sampling(
     source: PhaseSpaceSource,
     wavelength: float | None = None,

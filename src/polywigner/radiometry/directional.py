@@ -11,6 +11,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_directions,
@@ -24,6 +25,7 @@ __all__ = ["Normalisation", "radiance", "radiant_intensity"]
 Normalisation = Literal["si", "paper"]
 
 
+@takes_frequency
 def radiance(
     source: PlaneSource,
     x: Any,
@@ -73,6 +75,7 @@ def radiance(
     return found * found.dtype.type(scale / length**2)
 
 
+@takes_frequency
 def radiant_intensity(
     source: PlaneSource,
     direction: Any,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Engine
 from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
 from polywigner.radiometry.directional import radiance, radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_source
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
@@ -21,6 +22,7 @@ __all__ = ["EnergyBudget", "energy_budget", "flux_vector", "power"]
 _BLOCK = 1 << 22
 
 
+@takes_frequency
 def flux_vector(
     source: PlaneSource, x: Any, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
@@ -66,6 +68,7 @@ def flux_vector(
     return total.reshape(*positions.shape[:-1], 3)
 
 
+@takes_frequency
 def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") -> float:
     """Power that a source radiates through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
 
@@ -118,6 +121,7 @@ class EnergyBudget:
         return self.evanescent / self.total if self.total > 0 else float("nan")
 
 
+@takes_frequency
 def energy_budget(
     source: PlaneSource, wavelength: float, *, engine: Engine = "auto"
 ) -> EnergyBudget:

@@ -24,7 +24,7 @@ from polywigner.transforms.phase_space import (
     wigner,
 )
 from polywigner.transforms.projection import PhaseSpaceFunction, projections
-from polywigner.transforms.pupil import otf
+from polywigner.transforms.pupil import mtf, otf
 from polywigner.transforms.sampling import Weights, sample_automean
 from polywigner.transforms.spectrum import array_factor, fourier
 from polywigner.transforms.traced_sources import Differentiable, differentiable
@@ -42,6 +42,7 @@ __all__ = [
     "explain",
     "fourier",
     "lag_marginal",
+    "mtf",
     "otf",
     "position_marginal",
     "projections",

@@ -5,20 +5,24 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
+from polywigner.geometry.arguments import checked_length, checked_wavelength
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
 
-__all__ = ["otf"]
+__all__ = ["mtf", "otf"]
 
 # Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
 # cancel, and a value normalised by a hundred times that has hardly a digit.
 _DARK = 1e-13
+# Cycles per metre in a cycle per millimetre.
+_PER_MM = 1e3
 
 
 def otf(
@@ -77,6 +81,79 @@ def otf(
     if slope == 0.0:  # in focus it is an area, which takes no sines
         return (lag_marginal(source, lags, **how) + 0j) / _energy(source)
     return ambiguity(source, slope * lags, lags, **how) / _energy(source)
+
+
+def mtf(
+    source: PhaseSpaceSource,
+    frequency: Any,
+    wavelength: Any,
+    focal_length: float,
+    defocus: float = 0.0,
+    pupil_radius: float | None = None,
+    *,
+    weights: Any = None,
+    precision: Precision = None,
+    engine: Engine = "auto",
+) -> Any:
+    """Modulation transfer function of a lens with a pupil of this shape, |OTF| in the focal plane.
+
+    The lag in the pupil is wavelength times focal length times frequency. Of several wavelengths it
+    is the modulus of the mean OTF, as of a detector that sees them all.
+
+    Parameters
+    ----------
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil.
+    frequency : (..., d) in the image, in cycles per mm.
+    wavelength : in m, or (k,) of a polychromatic source.
+    focal_length : in m, or the distance of the image from the pupil.
+    defocus : the wavefront aberration W20 at ``pupil_radius``, in waves of the mean wavelength; the
+        aberration in m is that of all wavelengths.
+    pupil_radius : see :func:`otf`.
+    weights : (k,) of the wavelengths, zero or more; None: all the same.
+    precision, engine : see :func:`fourier`.
+
+    Returns
+    -------
+    (...) float64 from 0 to 1, 1 at frequency 0.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; and as :func:`otf` does.
+
+    >>> import polywigner as pw
+    >>> pupil = pw.shapes.square(10e-3)  # cut-off at 10 mm/(0.5 um 100 mm) = 200 cycles/mm
+    >>> round(float(pw.mtf(pupil, (50.0, 0.0), 0.5e-6, 0.1)), 3)
+    0.75
+    """
+    lengths = np.atleast_1d(np.asarray(wavelength, np.float64))
+    if lengths.ndim != 1 or not lengths.size:
+        raise ArgumentError(f"expected a wavelength in m or (k,) of them, got {wavelength!r}")
+    for length in lengths.tolist():
+        checked_wavelength(length)
+    distance = checked_length(focal_length, "focal_length")
+    share = _shares(weights, lengths.size)
+    dimension = kernels.kernel_for("ambiguity", source).dimension
+    cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
+    how: dict[str, Any] = {"precision": precision, "engine": engine}
+    mean = float(share @ lengths)
+    total: Any = 0.0
+    for part, length in zip(share, lengths.tolist(), strict=True):
+        lags = np.asarray(cycles) * (_PER_MM * length * distance)
+        waves = _number(defocus) * mean / length
+        total = total + part * otf(source, lags, waves, pupil_radius, **how)
+    return np.abs(total).astype(np.float64)[()]
+
+
+def _shares(weights: Any, count: int) -> NDArray[np.float64]:
+    """Weights (count,) as shares of their sum."""
+    given = np.ones(count) if weights is None else np.asarray(weights, np.float64)
+    finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
+    if not finite or not given.sum() > 0:
+        raise ArgumentError(
+            f"expected weights ({count},), one for each wavelength, of zero or more and not all "
+            f"zero, got {weights!r}"
+        )
+    return np.asarray(given / given.sum())
 
 
 def _number(value: Any) -> float:

@@ -1,0 +1,125 @@
+"""``polywigner pattern``: the far field of a source as a data sheet, with files for other tools."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.sources import (
+    check_source_file,
+    field_title,
+    read_fed_source,
+    required_wavelength,
+    wavelength_from,
+)
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_angle, parse_length, parse_power
+
+__all__ = ["run_pattern"]
+
+_FORMATS = ("csv", "txt", "ffd", "cut", "msi", "pln")
+# A lobe of a source D across is lambda/D wide; so many steps across it draw it smoothly.
+_STEPS_PER_LOBE = 8
+# Degrees, unasked: the finest makes 361 x 1440 directions, a second or two for most sources.
+_FINEST, _COARSEST = 0.25, 1.0
+# Directions in front: 0.2 GB.
+_MOST = 4_000_000
+
+
+def run_pattern(
+    source: str,
+    *,
+    obliquity: str,
+    power: str | None,
+    efficiency: float,
+    polarisation: str,
+    step: str | None,
+    frequency: str | None,
+    wavelength: str | None,
+    unit: str | None,
+    tolerance: str | None,
+    feeding: Mapping[str, str | None],
+    floor_db: float,
+    formats: Sequence[str],
+    out: str | None,
+) -> None:
+    """Write NAME.png and the values; print the numbers of a data sheet and the files' paths.
+
+    Raises
+    ------
+    PolywignerError : input that cannot be used; nothing is written then.
+    """
+    check_source_file(source)
+    asked = wavelength_from(frequency, wavelength)
+    reach = None if tolerance is None else parse_length(tolerance)
+    watts = None if power is None else parse_power(power)
+    angle = None if step is None else _step(step)
+    for name in formats:
+        if name not in _FORMATS:
+            raise ArgumentError(f"--format: expected one of {', '.join(_FORMATS)}, got {name!r}")
+    suffixes = [f".{name}" for name in dict.fromkeys(formats or ("csv",))]
+    files = targets(output_stem(out, Path(source).stem + "_pattern"), (".png", *suffixes))
+    check_writable(files)
+
+    # Everything cheap has been checked: only now the libraries that take a second to import.
+    import numpy as np
+
+    import polywigner as pw
+    from polywigner.figures import draw_pattern, outline_of
+    from polywigner.figures.levels import check_floor
+
+    check_floor(floor_db)
+    radiator, said = read_fed_source(source, unit, reach, feeding, asked)
+    length = required_wavelength(said)
+    diameter = outline_of(radiator).diameter
+    check_wavelength(length, diameter)
+    degrees = _degrees(diameter / length) if angle is None else math.degrees(angle)
+    quarter = round(90.0 / degrees)
+    # nothing goes backwards, but HFSS wants to read it
+    reach_of_theta = 2 * quarter if ".ffd" in suffixes else quarter
+    theta = np.radians(np.arange(reach_of_theta + 1) * 90.0 / quarter)
+    phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
+    pattern = pw.radiation_pattern(radiator, length, theta, phi, obliquity=cast(Any, obliquity))
+    metrics = pw.beam_metrics(pattern, power=watts, efficiency=efficiency)
+    figure = draw_pattern(
+        pattern, metrics=metrics, floor_db=floor_db, title=field_title(source, length)
+    )
+    with writing(files) as (picture, *values):
+        figure.savefig(picture, format="png")
+        for path, partial in zip(files[1:], values, strict=True):
+            named = partial.with_name(partial.name + path.suffix)  # the suffix chooses the format
+            pw.write_pattern(pattern, named, polarisation=cast(Any, polarisation))
+            named.replace(partial)
+    print(metrics)
+    for path in files:
+        print(path)
+
+
+def _step(text: str) -> float:
+    """An angle in rad that divides the quarter turn into parts that fit in memory."""
+    angle = parse_angle(text)
+    if not 0 < angle <= math.radians(15.0):
+        raise ArgumentError(f"--step: expected an angle above 0 and up to 15 deg, got {text!r}")
+    if (math.pi / angle) ** 2 > _MOST:
+        least = math.degrees(math.pi / math.sqrt(_MOST))
+        raise ArgumentError(f"--step: expected {least:.2g} deg or more, got {text!r}")
+    return angle
+
+
+def _degrees(wavelengths: float) -> float:
+    """The step for a source so many wavelengths across; a warning where lobes are finer."""
+    wanted = math.degrees(1.0 / wavelengths) / _STEPS_PER_LOBE
+    if 4 * wanted < _FINEST:
+        warnings.warn(
+            f"steps of {_FINEST:g} degrees are coarse for the lobes of a source "
+            f"{wavelengths:.4g} wavelengths across, and miss some; give --step, or use "
+            "polywigner.radiation_pattern on angles about the beam",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return max(step for step in (_FINEST, 0.5, _COARSEST) if step <= max(wanted, _FINEST))

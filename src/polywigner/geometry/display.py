@@ -1,0 +1,98 @@
+"""How sources show themselves: as HTML with a drawing in notebooks, and on axes of matplotlib."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["length_text", "plot_rings", "shown_as_html"]
+
+Points = NDArray[np.float64]
+
+_PIXELS = 160.0
+_MARGIN = 6.0
+_FILL = "#9ecae1"
+_LINE = "#2166ac"
+_UNITS = (("nm", 1e-9), ("µm", 1e-6), ("mm", 1e-3))
+
+
+def length_text(*lengths: float) -> str:
+    """Lengths in the unit of the largest, ``20 x 12 mm``; metres from a metre on."""
+    name, unit = next(((n, u) for n, u in _UNITS if max(lengths) < 1000 * u), ("m", 1.0))
+    return f"{' x '.join(f'{length / unit:.4g}' for length in lengths)} {name}"
+
+
+def shown_as_html(
+    title: str,
+    rows: Iterable[tuple[str, str]],
+    rings: Sequence[Points] = (),
+    lines: Sequence[Points] = (),
+) -> str:
+    """A drawing of filled rings and of lines, y upwards, beside a table of facts."""
+    cells = "".join(
+        f"<tr><td style='text-align:left'>{html.escape(name)}</td>"
+        f"<td style='text-align:left'>{html.escape(value)}</td></tr>"
+        for name, value in rows
+    )
+    picture = _svg(rings, lines)
+    return (
+        f"<div><div style='display:inline-block;vertical-align:top'>{picture}</div>"
+        "<div style='display:inline-block;vertical-align:top;margin-left:1em'>"
+        f"<b>{html.escape(title)}</b><table>{cells}</table></div></div>"
+    )
+
+
+def _svg(rings: Sequence[Points], lines: Sequence[Points]) -> str:
+    if not rings and not lines:
+        return ""
+    points = np.concatenate([*rings, *lines])
+    low, high = points.min(axis=0), points.max(axis=0)
+    scale = _PIXELS / float((high - low).max())
+    width, height = (high - low) * scale + 2 * _MARGIN
+
+    def path(ring: Points) -> str:
+        x, y = (ring - low).T * scale + _MARGIN
+        return "M" + "L".join(f"{a:.2f} {height - b:.2f}" for a, b in zip(x, y, strict=True))
+
+    filled = "".join(path(ring) + "Z" for ring in rings)
+    drawn = "".join(path(line) for line in lines)
+    return (
+        f"<svg xmlns='http://www.w3.org/2000/svg' width='{width:.0f}' height='{height:.0f}'>"
+        f"<path d='{filled}' fill='{_FILL}' fill-rule='evenodd' stroke='{_LINE}'/>"
+        f"<path d='{drawn}' fill='none' stroke='{_LINE}'/></svg>"
+    )
+
+
+def plot_rings(rings: Sequence[Points], ax: Axes | None, unit: str) -> Axes:
+    """The rings filled on ``ax``, or on new axes that pyplot shows, in a unit of length.
+
+    Raises ArgumentError for what are no axes, QuantityError for a unit that is none.
+    """
+    scale = parse_unit(unit)
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots()[1]
+    if not hasattr(ax, "add_patch"):
+        raise ArgumentError(f"expected axes of matplotlib, got {type(ax).__name__}")
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    paths: list[Any] = [Path(np.append(r, r[:1], axis=0) / scale, closed=True) for r in rings]
+    patch = PathPatch(Path.make_compound_path(*paths), facecolor=_FILL, edgecolor=_LINE)
+    ax.add_patch(patch)
+    ax.set_aspect("equal")
+    ax.autoscale_view()
+    ax.set_xlabel(f"x ({unit})")
+    ax.set_ylabel(f"y ({unit})")
+    return ax

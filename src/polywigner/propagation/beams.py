@@ -1,0 +1,277 @@
+"""Numbers that a data sheet gives of a radiation pattern: gain, EIRP, beamwidths, sidelobes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.transforms.labelled import Labelled
+
+__all__ = ["BeamMetrics", "CutMetrics", "beam_metrics", "cuts_of", "decibels_milliwatt"]
+
+_HALF = 10 * math.log10(2.0)
+# Stands for minus infinity, in dBi: parabolas are laid through levels.
+_DARK = -400.0
+# Two meridians half a turn apart, and a beam along the normal, to the rounding of degrees.
+_SAME_ANGLE = 1e-9
+
+Levels = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CutMetrics:
+    """The main beam and the first sidelobes along one meridian, both sides of the normal."""
+
+    phi: float
+    """The meridian of theta > 0, in rad."""
+    theta: float
+    """Of the cut's peak, in rad; negative on the other side of the normal."""
+    directivity: float
+    """Of the cut's peak, in dBi."""
+    half_power_beamwidth: float
+    """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
+    sidelobe_levels: tuple[float, float]
+    """The first sidelobe towards smaller and larger theta, in dB relative to the cut's peak; NaN
+    where the cut ends before."""
+    sidelobe_angles: tuple[float, float]
+    """Their theta, in rad."""
+
+
+@dataclass(frozen=True)
+class BeamMetrics:
+    """The main beam of a pattern; ``str()`` is a table."""
+
+    theta: float
+    """From the normal to the largest directivity, in rad."""
+    phi: float
+    """From the x axis, in rad; 0 for a beam along the normal."""
+    directivity: float
+    """In dBi: 4 pi |E|^2 over the radiated power."""
+    gain: float
+    """In dBi: the directivity times the efficiency."""
+    radiated_power: float
+    """In W, through the hemisphere in front."""
+    eirp: float
+    """Equivalent isotropically radiated power in W: radiated power times directivity."""
+    front_share: float
+    """The radiated power over int |u|^2: what is not evanescent, as the obliquity counts it."""
+    cuts: tuple[CutMetrics, ...]
+    """One for each meridian of the pattern."""
+
+    def __str__(self) -> str:
+        rows = [
+            ("directivity", f"{self.directivity:.2f} dBi"),
+            ("gain", f"{self.gain:.2f} dBi"),
+            ("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"),
+            ("radiated power", f"{self.radiated_power:.4g} W"),
+            ("front share", f"{100 * self.front_share:.1f} % of int |u|^2"),
+            ("beam direction", f"theta {_degrees(self.theta)}, phi {_degrees(self.phi)}"),
+        ]
+        for cut in self.principal_cuts:
+            lobes = ", ".join(
+                f"{level:.1f} dB at {math.degrees(angle):.1f}°"
+                for level, angle in zip(cut.sidelobe_levels, cut.sidelobe_angles, strict=True)
+                if not math.isnan(level)
+            )
+            width = cut.half_power_beamwidth
+            shown = "not in range" if math.isnan(width) else _degrees(width)
+            rows.append((f"cut phi {_degrees(cut.phi)}", f"half-power width {shown}"))
+            rows.append(("", f"sidelobes {lobes or 'not in range'}"))
+        return "\n".join(f"{name:18}{value}".rstrip() for name, value in rows)
+
+    @property
+    def principal_cuts(self) -> tuple[CutMetrics, ...]:
+        """The cuts next to the x axis, to the y axis and to the beam, each once."""
+        wanted = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
+        near = [min(self.cuts, key=lambda cut: _between(cut.phi, angle)) for angle in wanted]
+        return tuple(dict.fromkeys(near))
+
+
+def decibels_milliwatt(power: float) -> float:
+    """A power in W as dBm; minus infinity for 0."""
+    return 10 * math.log10(power) + 30 if power > 0 else -math.inf
+
+
+def beam_metrics(
+    pattern: Labelled, *, power: float | None = None, efficiency: float = 1.0
+) -> BeamMetrics:
+    """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
+
+    Cuts are meridians: columns of the pattern where theta has both signs, else those of phi and phi
+    + pi joined. Between samples the peak is that of a parabola in dB, and half of it is where an
+    inverse parabola crosses: beamwidths are right to 1e-3 of themselves for ten samples in them.
+
+    Parameters
+    ----------
+    pattern : what :func:`radiation_pattern` returned.
+    power : accepted by the antenna, in W; None: what radiates as much as the field does.
+    efficiency : radiated over accepted power, above 0 and up to 1: losses that the field does not
+        know.
+
+    Returns
+    -------
+    :class:`BeamMetrics`; angles in rad, levels in dB, powers in W.
+
+    Raises
+    ------
+    ArgumentError for anything but a pattern over theta and phi with three angles theta or more, a
+    power or an efficiency out of range.
+
+    >>> import numpy as np, polywigner as pw
+    >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
+    >>> square = pw.shapes.square(10e-3)
+    >>> pattern = pw.radiation_pattern(square, 3.2e-3, theta, phi)
+    >>> round(np.degrees(pw.beam_metrics(pattern).cuts[0].half_power_beamwidth), 1)
+    16.1
+    """
+    theta, phi, levels, about = _checked(pattern)
+    share = _positive("efficiency", efficiency)
+    if share > 1:
+        raise ArgumentError(f"expected an efficiency of at most 1, got {efficiency!r}")
+    radiated = about["radiated_power"] if power is None else share * _positive("power", power)
+    cuts = tuple(
+        _metrics(angle, places, values) for angle, places, values in cuts_of(theta, phi, levels)
+    )
+    best = max(cuts, key=lambda cut: cut.directivity)
+    normal = abs(best.theta) < _SAME_ANGLE
+    return BeamMetrics(
+        theta=abs(best.theta),
+        phi=0.0 if normal else (best.phi + (math.pi if best.theta < 0 else 0.0)) % (2 * math.pi),
+        directivity=best.directivity,
+        gain=best.directivity + 10 * math.log10(share),
+        radiated_power=radiated,
+        eirp=radiated * 10 ** (best.directivity / 10),
+        front_share=about["radiated_power"] / about["aperture_power"],
+        cuts=cuts,
+    )
+
+
+def cuts_of(theta: Levels, phi: Levels, values: Any) -> Iterator[tuple[float, Levels, Any]]:
+    """(phi, theta (k,), values (k,)) along meridians, with theta from one horizon to the other.
+
+    Half a meridian where the other half is not among the values (n, m) over theta and phi.
+    """
+    order = np.argsort(theta)
+    if theta.min() < -_SAME_ANGLE:
+        for j, angle in enumerate(phi):
+            yield float(angle), theta[order], values[order, j]
+        return
+    left = set(range(len(phi)))
+    for j, angle in enumerate(phi):
+        if j not in left:
+            continue
+        left.discard(j)
+        opposite = [k for k in left if _between(phi[k], angle, turn=2 * math.pi) > math.pi - 1e-6]
+        if not opposite:
+            yield float(angle), theta[order], values[order, j]
+            continue
+        left.discard(opposite[0])
+        back = order[::-1] if theta[order[0]] > _SAME_ANGLE else order[:0:-1]
+        places = np.concatenate([-theta[back], theta[order]])
+        yield float(angle), places, np.concatenate([values[back, opposite[0]], values[order, j]])
+
+
+def _metrics(phi: float, theta: Levels, levels: Levels) -> CutMetrics:
+    peak = int(np.argmax(levels))
+    angle, level = _vertex(theta, levels, peak)
+    sides = [_side(theta, levels, peak, step, level) for step in (-1, 1)]
+    return CutMetrics(
+        phi=phi,
+        theta=angle,
+        directivity=level,
+        half_power_beamwidth=sides[1][0] - sides[0][0],
+        sidelobe_levels=(sides[0][1] - level, sides[1][1] - level),
+        sidelobe_angles=(sides[0][2], sides[1][2]),
+    )
+
+
+def _side(
+    theta: Levels, levels: Levels, peak: int, step: int, level: float
+) -> tuple[float, float, float]:
+    """(theta of half power, level and theta of the first sidelobe) on one side of a peak."""
+    along = levels[peak::step] if step > 0 else levels[peak::-1]
+    places = theta[peak::step] if step > 0 else theta[peak::-1]
+    below = np.flatnonzero(along < level - _HALF)
+    half = _crossing(along, places, int(below[0]), level - _HALF) if below.size else math.nan
+    rising = np.flatnonzero(np.diff(along) > 0)
+    if not rising.size:
+        return half, math.nan, math.nan
+    first = int(rising[0])  # the null
+    falling = np.flatnonzero(np.diff(along[first:]) < 0)
+    if not falling.size:
+        return half, math.nan, math.nan
+    lobe_angle, lobe = _vertex(places, along, first + int(falling[0]))
+    return half, lobe, lobe_angle
+
+
+def _vertex(places: Levels, levels: Levels, peak: int) -> tuple[float, float]:
+    """The top of the parabola through a largest sample and its neighbours."""
+    if not 0 < peak < len(levels) - 1:
+        return float(places[peak]), float(levels[peak])
+    x, y = places[peak - 1 : peak + 2] - places[peak], levels[peak - 1 : peak + 2] - levels[peak]
+    left, right = y[0] / x[0], y[2] / x[2]
+    curvature = (right - left) / (x[2] - x[0])
+    if not curvature < 0:
+        return float(places[peak]), float(levels[peak])
+    slope = left - curvature * x[0]
+    return float(places[peak] - slope / (2 * curvature)), float(
+        levels[peak] - slope**2 / (4 * curvature)
+    )
+
+
+def _crossing(levels: Levels, places: Levels, k: int, wanted: float) -> float:
+    """Where falling levels pass a value between samples k - 1 and k: an inverse parabola."""
+    some = slice(max(0, k - 2), max(0, k - 2) + 3)
+    x, y = places[some], levels[some]
+    if len(x) == 3 and y[0] > y[1] > y[2]:
+        total = 0.0
+        for i in range(3):
+            others = [j for j in range(3) if j != i]
+            total += x[i] * math.prod((wanted - y[j]) / (y[i] - y[j]) for j in others)
+        if min(places[k - 1], places[k]) <= total <= max(places[k - 1], places[k]):
+            return float(total)
+    return float(np.interp(-wanted, -levels[k - 1 : k + 1], places[k - 1 : k + 1]))
+
+
+def _between(a: float, b: float, turn: float = math.pi) -> float:
+    """The angle between two meridians, whole ones or (``turn`` 2 pi) halves."""
+    rest = (a - b) % turn
+    return min(rest, turn - rest)
+
+
+def _checked(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
+    try:
+        dims = pattern["directivity"].dims
+        theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
+        levels = np.asarray(pattern["directivity"].values, np.float64)
+        about = {k: float(pattern.attrs[k]) for k in ("radiated_power", "aperture_power")}
+    except (TypeError, KeyError, AttributeError, ValueError):
+        dims = ()
+    if dims != ("theta", "phi"):
+        raise ArgumentError(
+            "expected a pattern with directivity over theta and phi, got "
+            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
+        )
+    if len(theta) < 3:
+        raise ArgumentError(
+            f"expected three or more angles theta for a beamwidth, got {len(theta)}; use some ten "
+            "within the main beam"
+        )
+    return theta, phi, np.maximum(levels, _DARK), about
+
+
+def _positive(name: str, value: Any) -> float:
+    number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
+    if not number or not 0 < value < math.inf:
+        raise ArgumentError(f"expected a finite {name} above 0, got {value!r}")
+    return float(value)
+
+
+def _degrees(angle: float) -> str:
+    return f"{math.degrees(angle):.2f}°"

@@ -1,0 +1,130 @@
+"""What data sheets say of a pattern: against closed forms, and against the pattern itself."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+from polywigner.figures import draw_hemispheres, draw_pattern
+
+WAVELENGTH = 299792458 / 94e9
+CUTS = np.radians(np.arange(-90, 90.5, 0.5)), np.radians([0.0, 90.0])
+# Of a beamwidth with some ten samples in it or more: a parabola's error.
+INTERPOLATION = 1e-3
+
+
+def _metrics(source: Any, theta: Any = CUTS[0], phi: Any = CUTS[1], **how: Any) -> Any:
+    return pw.beam_metrics(pw.radiation_pattern(source, WAVELENGTH, theta, phi, **how))
+
+
+def test_a_large_uniform_square_has_the_beam_and_sidelobes_of_the_sinc() -> None:
+    """Half power at 0.4429 lambda/side, first sidelobe -13.26 dB at 1.4303 lambda/side; obliquity 1
+    as of RS-II leaves the sinc as it is."""
+    side = 20 * WAVELENGTH
+    theta = np.radians(np.arange(-20, 20.05, 0.1))
+    found = _metrics(pw.shapes.square(side), theta, obliquity="rayleigh-sommerfeld-2")
+    for cut in found.cuts:
+        half = math.asin(0.442946 / 20)
+        assert cut.half_power_beamwidth == pytest.approx(2 * half, rel=INTERPOLATION)
+        assert cut.sidelobe_levels == pytest.approx((-13.2615, -13.2615), abs=0.01)
+        lobe = math.asin(1.430297 / 20)
+        assert cut.sidelobe_angles == pytest.approx((-lobe, lobe), rel=INTERPOLATION)
+    assert found.theta == pytest.approx(0.0, abs=1e-9)
+    assert found.phi == 0.0
+
+
+def test_a_steered_beam_is_found_where_the_pattern_is_largest() -> None:
+    """A hemisphere of half meridians: joined, they give the same cut as theta of both signs."""
+    field = pw.steering((math.sin(0.3), 0.0, math.cos(0.3)), WAVELENGTH)
+    source = pw.shapes.square(8 * WAVELENGTH).with_illumination(field)
+    theta, phi = np.radians(np.arange(0, 91)), np.radians(np.arange(0, 360, 10))
+    whole, cuts = _metrics(source, theta, phi), _metrics(source)
+    fine = np.linspace(0.2, 0.4, 20001)
+    exact = pw.radiation_pattern(source, WAVELENGTH, fine, 0.0)["directivity"].values[:, 0]
+    assert whole.theta == pytest.approx(fine[exact.argmax()], abs=1e-3)
+    assert whole.phi == pytest.approx(0.0, abs=1e-9)
+    assert whole.directivity == pytest.approx(exact.max(), abs=2e-3)
+    assert len(whole.cuts) == 18
+    one, other = whole.cuts[0], cuts.cuts[0]
+    step = 1e-2  # degrees in a beam of six
+    assert one.half_power_beamwidth == pytest.approx(other.half_power_beamwidth, rel=step)
+    assert one.sidelobe_levels == pytest.approx(other.sidelobe_levels, abs=0.1)
+
+
+def test_a_beam_towards_minus_x_has_phi_of_half_a_turn() -> None:
+    field = pw.steering((-math.sin(0.3), 0.0, math.cos(0.3)), WAVELENGTH)
+    found = _metrics(pw.shapes.square(8 * WAVELENGTH).with_illumination(field))
+    assert found.theta > 0.25
+    assert found.phi == pytest.approx(math.pi)
+
+
+def test_eirp_is_the_power_that_an_isotropic_source_would_need() -> None:
+    """4 pi times the largest radiant intensity; gain and EIRP follow losses and the power."""
+    pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
+    found = pw.beam_metrics(pattern)
+    intensity = float((np.abs(pattern["field"].values) ** 2).max())
+    assert found.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-9)
+    lossy = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
+    assert lossy.gain == pytest.approx(found.directivity - 10 * math.log10(2), abs=1e-9)
+    assert lossy.radiated_power == 1.0
+    assert lossy.eirp == pytest.approx(10 ** (found.directivity / 10), rel=1e-9)
+    assert "dBm" in str(lossy)
+
+
+def test_small_patches_radiate_a_part_of_their_power() -> None:
+    patch = pw.shapes.rectangle(1.2e-3, 0.9e-3)
+    row = pw.phased_array(patch, pw.arrays.grid_positions(8, 1, 1.95e-3, 1.95e-3))
+    share = pw.radiated_power(row, 3.9e-3) / (8 * patch.area)
+    pattern = pw.radiation_pattern(row, 3.9e-3, *CUTS)
+    assert pw.beam_metrics(pattern).front_share == pytest.approx(share, rel=1e-12)
+    assert 0.1 < share < 0.35
+    paper = pw.radiated_power(row, 3.9e-3, obliquity="paper")
+    assert paper == pytest.approx(pw.power(row, 3.9e-3), rel=1e-12)
+
+
+def test_what_the_cut_does_not_reach_is_not_a_number() -> None:
+    theta = np.radians(np.arange(-3, 3.5, 0.5))
+    found = _metrics(pw.shapes.square(10e-3), theta)
+    assert math.isnan(found.cuts[0].half_power_beamwidth)
+    assert all(map(math.isnan, found.cuts[0].sidelobe_levels))
+    assert "not in range" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda p: pw.beam_metrics(pw.shapes.square(1.0)), "radiation_pattern"),  # type: ignore[arg-type]
+        (lambda p: pw.beam_metrics(p, efficiency=1.5), "efficiency"),
+        (lambda p: pw.beam_metrics(p, efficiency=0.0), "efficiency"),
+        (lambda p: pw.beam_metrics(p, power=-1.0), "power"),
+        (lambda p: pw.beam_metrics(p.isel(theta=slice(0, 2))), "three"),
+        (lambda p: draw_hemispheres(p), "draw_pattern"),
+        (lambda p: draw_pattern(p, panels=["map"]), "panels"),
+        (lambda p: draw_pattern(p, panels=["uv"]), "phi"),
+        (lambda p: draw_pattern(p, panels=[]), "one panel"),
+    ],
+)
+def test_bad_arguments_are_refused(made: Any, words: str) -> None:
+    pytest.importorskip("xarray")
+    pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
+    with pytest.raises(ArgumentError, match=words):
+        made(pattern)
+
+
+def test_a_data_sheet_has_cuts_a_polar_plot_a_map_and_a_table(tmp_path: Path) -> None:
+    theta, phi = np.radians(np.arange(0, 91, 3)), np.radians(np.arange(0, 360, 15))
+    pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, theta, phi)
+    figure = draw_pattern(pattern, title="square")
+    assert [axes.name for axes in figure.axes[:2]] == ["rectilinear", "polar"]
+    shown = figure.axes[0].lines[0].get_xydata()
+    assert shown[:, 0].min() == -90.0 and shown[:, 0].max() == 90.0
+    assert np.nanmax(shown[:, 1]) == pytest.approx(pattern.attrs["largest_directivity"])
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert any("directivity" in text for text in texts)
+    figure.savefig(tmp_path / "sheet.png")

@@ -1,0 +1,123 @@
+"""Set operations and scaling of apertures, and how sources show themselves."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import GeometryError, IlluminationError, PolywignerError
+
+# New vertices lie on a grid of 2^-44 of the size.
+GRID = 1e-12
+
+DISC, BAR = pw.shapes.ring(10e-3, 5e-3), pw.shapes.rectangle(30e-3, 4e-3)
+FIELD = pw.cosine_taper(30e-3, 4e-3)
+NU = np.array([[0.0, 0.0], [30.0, -20.0], [400.0, 90.0]])
+
+
+def test_areas_and_transforms_add_up() -> None:
+    """1_A + 1_B = 1_(A or B) + 1_(A and B), and 1_A = 1_(A and B) + 1_(A without B)."""
+    either, both, rest = DISC | BAR, DISC & BAR, DISC - BAR
+    bound = GRID * either.area
+    for nu in NU:
+        one, other = pw.fourier(DISC, nu), pw.fourier(BAR, nu)
+        assert abs(pw.fourier(either, nu) + pw.fourier(both, nu) - one - other) < bound
+        assert abs(pw.fourier(both, nu) + pw.fourier(rest, nu) - one) < bound
+    assert len(rest.rings) == 2 and len(both.rings) == 2
+
+
+def test_vertices_that_stay_are_the_same_floats() -> None:
+    kept = {tuple(vertex) for ring in (DISC - BAR).rings for vertex in ring}
+    assert {tuple(v) for v in DISC.rings[0]} & kept
+
+
+def test_operations_undo_each_other() -> None:
+    square, corner = pw.shapes.square(2.0), pw.shapes.square(1.0).moved((0.5, 0.5))
+    assert (square - corner) | corner == square
+    assert square & corner == corner
+
+
+def test_the_left_one_keeps_its_field() -> None:
+    fed = BAR.with_illumination(FIELD)
+    assert (fed & DISC).illumination == FIELD
+    assert (fed - DISC).illumination == FIELD
+    assert (fed | fed.moved((0.0, 0.0))).illumination == FIELD
+
+
+def test_a_scaled_aperture_has_a_scaled_transform() -> None:
+    """F of u(x/s) is s^2 F(s nu)."""
+    fed = BAR.with_illumination(FIELD)
+    for nu in NU:
+        expected = 6.25 * pw.fourier(fed, 2.5 * nu)
+        assert pw.fourier(fed.scaled(2.5), nu) == pytest.approx(expected, abs=1e-13 * fed.area)
+
+
+@pytest.mark.parametrize(
+    ("made", "error", "words"),
+    [
+        (lambda: DISC & pw.shapes.square(1e-3), GeometryError, "without any area in common"),
+        (lambda: pw.shapes.square(1e-3) - BAR, GeometryError, "nothing is left"),
+        (lambda: DISC | BAR.with_illumination(FIELD), IlluminationError, "with_illumination"),
+        (lambda: DISC & BAR.with_illumination(FIELD), IlluminationError, "take it off"),
+        (lambda: DISC.scaled(0.0), PolywignerError, "factor"),
+        (lambda: DISC.scaled(float("nan")), PolywignerError, "factor"),
+    ],
+)
+def test_what_cannot_be_is_refused(made: Any, error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        made()
+
+
+def test_operations_with_anything_else_are_type_errors() -> None:
+    for operate in (lambda: DISC | 3, lambda: DISC & "a", lambda: DISC - None):  # type: ignore[operator]
+        with pytest.raises(TypeError):
+            operate()
+
+
+SOLID = pw.Polyhedron(
+    1e-2 * np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1.0)]),
+    [(3, 2, 1, 0), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
+)
+
+
+@pytest.mark.parametrize(
+    ("source", "facts"),
+    [
+        (DISC | BAR, ["30 x 20.02 mm", "112"]),
+        (BAR.with_illumination(FIELD), ["plane waves"]),
+        (pw.Slits([[0.0, 1e-3], [2e-3, 3e-3]]), ["3 mm", "2 mm"]),
+        (pw.phased_array(BAR, [(0, 0), (0, 9e-3)], [1, 0.5j]), ["0.5 to 1", "30 x 13 mm"]),
+        (pw.Array([DISC, SOLID]), ["all 1"]),
+        (SOLID, ["10 x 10 x 10 mm", "5"]),
+        (FIELD, ["4 in 2 dimensions"]),
+    ],
+)
+def test_notebooks_show_a_drawing_and_the_facts(source: Any, facts: list[str]) -> None:
+    page = ElementTree.fromstring(source._repr_html_())  # well formed
+    text = " ".join(page.itertext())
+    for fact in facts:
+        assert fact in text
+    assert len(source._repr_html_()) < 20_000
+
+
+def test_an_outline_is_drawn_on_given_axes_in_its_unit() -> None:
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    assert (DISC | BAR).plot(axes, unit="mm") is axes
+    low, high = axes.get_xlim()
+    assert low <= -15.0 and high >= 15.0 and high < 20.0
+    assert axes.get_xlabel() == "x (mm)"
+    with pytest.raises(PolywignerError, match="axes"):
+        DISC.plot(3)  # type: ignore[arg-type]
+
+
+def test_a_misspelt_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(AttributeError, match="did you mean 'wigner'"):
+        _ = pw.wignr
+    assert dir(pw.shapes) == sorted(pw.shapes.__all__)
+    assert pw.shapes.circle(1.0) == pw.shapes.disc(1.0)
