@@ -78,6 +78,8 @@ LIMITS: dict[str, float] = {
     "least cuts in cells, derivatives": 400,
     "least cuts in cells, NumPy": 4000,
     "least samples in cells, NumPy": 1024,
+    # Each pair of waves is code, of some 20 ms to compile (array_cost.py).
+    "most pairs of waves in cells": 16,
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
     # takes seconds.
     "most cuts as code": 4500,
@@ -86,6 +88,17 @@ LIMITS: dict[str, float] = {
     "most samples as rows, NumPy": 256,
     # Terms of A are complex: on NumPy each of its edges takes twice as long as one of W.
     "waves of A on NumPy": 2,
+    # Fewer elements of a lattice are summed pair by pair (array_cost.py).
+    "least elements of a lattice": 4,
+    # Fewer equal elements are cut by one another's pieces (array_cost.py).
+    "least elements in lists of pairs": 6,
+    # With fewer sites of any weights, a midpoint's pairs are summed one by one (array_cost.py).
+    "least weights in a table": 32,
+    # Rows and columns of more amplitudes in all are looked up in a table: a sum of half as many
+    # terms takes longer, as measured with rows of 128 to 1000 elements (array_cost.py).
+    "most amplitudes of factors": 256,
+    # Fewer sites are summed one by one: that is as fast, and compiles at once (array_cost.py).
+    "least sites of an array factor by rows": 16,
     # Samples at a time of NumPy.
     "chunk": 3 << 12,
     # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.

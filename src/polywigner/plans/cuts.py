@@ -8,7 +8,7 @@ from contextvars import ContextVar
 
 from polywigner.plans.costs import LIMITS
 
-__all__ = ["cut_for", "forced", "forced_cut", "loops_over_edges"]
+__all__ = ["cut_for", "forced", "forced_cut", "loops_over_edges", "waves_fit_cells"]
 
 forced_cut: ContextVar[str | None] = ContextVar("forced_cut", default=None)
 """How edges are to be cut whatever it costs; None where plans are free."""
@@ -63,6 +63,11 @@ def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> st
         few = samples <= LIMITS["most samples as rows, NumPy"]
         return "rows" if few and cuts > LIMITS["least cuts as rows, NumPy"] else "code"
     return "rows" if loops_over_edges(cuts) else "code"
+
+
+def waves_fit_cells(waves: int) -> bool:
+    """Whether a kernel that looks edges up in cells may have code for so many pairs of waves."""
+    return waves <= LIMITS["most pairs of waves in cells"]
 
 
 def loops_over_edges(cuts: int) -> bool:

@@ -22,11 +22,10 @@ from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
 from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.plans import has_own_factor
 
 __all__ = ["array_factor_kernel"]
 
-# Fewer sites are summed one by one: that is as fast, and compiles at once.
-_LEAST_SITES = 16
 # Sites that miss a lattice by more, of its extent D, are not taken for it: the phase errs by 6e3
 # times that at |nu| D = 1000. Multiples of a pitch, counted from anywhere in the array, miss less.
 _MISFIT = 2.0**-52
@@ -63,7 +62,7 @@ class FactorTables:
 
 @lru_cache(maxsize=64)
 def _tables(sites: Sites, double: bool) -> FactorTables:
-    lattice = sites.lattice if len(sites.positions) >= _LEAST_SITES else None
+    lattice = sites.lattice if has_own_factor(len(sites.positions)) else None
     profiles = None if lattice is None else separated(lattice.weights)
     if lattice is None or profiles is None:
         return _table_of_sites(sites, double)

@@ -34,6 +34,7 @@ from polywigner.kernels.kernel import (
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.plans import sums_over_lattice
 
 __all__ = [
     "AMBIGUITY",
@@ -44,8 +45,6 @@ __all__ = [
     "is_on_lattice",
 ]
 
-# Fewer elements are summed pair by pair.
-_LEAST_ELEMENTS = 4
 
 ArrayTables = RepeatedTables[LatticeSites]
 
@@ -54,7 +53,7 @@ def _lattice(array: Array) -> Lattice | None:
     phased = array.phased
     if phased is None or not isinstance(_element(phased), Aperture):
         return None
-    return phased.sites.lattice if len(array) >= _LEAST_ELEMENTS else None
+    return phased.sites.lattice if sums_over_lattice(len(array)) else None
 
 
 def _element(array: Array) -> Any:

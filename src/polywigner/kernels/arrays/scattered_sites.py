@@ -15,6 +15,7 @@ from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.functions.elements import ElementTables, element_tables
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
+from polywigner.plans import sums_over_places
 
 __all__ = [
     "ScatterFrame",
@@ -25,8 +26,6 @@ __all__ = [
     "sites_of",
 ]
 
-# Fewer elements are cut by one another's pieces.
-_LEAST_ELEMENTS = 6
 Vector = tuple[float, float]
 Floats = NDArray[np.float64]
 
@@ -66,7 +65,7 @@ def is_scattered(array: Array) -> bool:
     phased = array.phased
     if phased is None or phased.repeated is None:
         return False
-    return isinstance(phased.repeated[0], Aperture) and len(array) >= _LEAST_ELEMENTS
+    return isinstance(phased.repeated[0], Aperture) and sums_over_places(len(array))
 
 
 def _parts_of(array: Array) -> tuple[Aperture, Floats, NDArray[np.complex128]]:

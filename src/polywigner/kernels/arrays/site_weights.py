@@ -19,17 +19,12 @@ from polywigner.kernels.arrays.weight_tables import (
 )
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.plans import tabulates_products
 
 __all__ = ["LatticeSites", "Weights"]
 
 Pair2 = tuple[Any, Any]
 Table = TypeVar("Table", MeanTable, DifferenceTable)
-
-# With fewer sites of any weights, the pairs of a midpoint are summed one by one.
-_LEAST_TABULATED = 32
-# Profiles of more amplitudes in all, that are not equal, are looked up in a table as well: a sum of
-# half as many terms takes longer, as measured with rows of 128 to 1000 elements.
-_LONGEST_SUM = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +50,7 @@ class Weights:
         return {}
 
     def table(self, make: Callable[[Any, bool], Table | None], double: bool) -> Table | None:
-        """The factors as ``make`` has them, where that is worth making and not too large."""
-        if self.values.size < _LEAST_TABULATED:
-            return None
+        """The factors as ``make`` has them, where that is not too large."""
         if (make, double) not in self._tables:
             self._tables[make, double] = make(self.values, double)
         found: Table | None = self._tables[make, double]
@@ -95,8 +88,10 @@ class LatticeSites:
 
     def _table(self, make: Callable[[Any, bool], Table | None], double: bool) -> Table | None:
         """The factors as a table, if that is the best way."""
-        terms = (f.count for f in self.factors or () if not f.profile.is_uniform)
-        if self.factors is not None and sum(terms) <= _LONGEST_SUM:
+        amplitudes = None
+        if self.factors is not None:
+            amplitudes = sum(f.count for f in self.factors if not f.profile.is_uniform)
+        if not tabulates_products(self.weights.values.size, amplitudes):
             return None
         return self.weights.table(make, double)
 

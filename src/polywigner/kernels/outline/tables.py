@@ -33,12 +33,10 @@ from polywigner.numerics.exact import (
     signed_convex_pieces,
     with_vertices_on_sides,
 )
-from polywigner.plans import cut_for
+from polywigner.plans import cut_for, waves_fit_cells
 
 __all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grouped"]
 
-# Pairs of waves that are code, of some 20 ms to compile each, where edges are looked up in cells
-_WAVES_IN_CELLS = 16
 # Cost of a further wave on the cut edge, in cuts: 5 to 20 ms to compile.
 _CLIPS_PER_WAVE = 24
 
@@ -146,7 +144,7 @@ class Tables:
 
         A kernel that works by cells takes one field, and has code for each pair of its waves.
         """
-        simple = len(self.groups) == 1 and self.waves_per_cut <= _WAVES_IN_CELLS
+        simple = len(self.groups) == 1 and waves_fit_cells(self.waves_per_cut)
         return self.clips if simple else 0
 
     def cut_by(self, cut: str | None) -> Tables:
