@@ -3,11 +3,16 @@
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``operations``       the operations namespaces that kernels are written over
+``operations``       the operations namespaces that kernels are written over, one for each engine
+``ranges``           their loops over parts of tables; ``drjit_ranges`` those of Dr.Jit
+``aligned``          NumPy memory copied so that Dr.Jit does not compile anew for it
 ``choice``           which engine and precision a call runs on
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
 ``chunks``           samples chunk by chunk
-``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` the same, compiled
+``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_shared``
+                     places that meet many frequencies
+``by_cell``          samples in the order of their cells; ``frozen`` kernels traced once
+``table_data``       tables as data of a kernel; ``listed_sums`` sums of some rows
 ``pairs``            every position with every frequency
 ``sums``             weighted sums over places, for many points
 ``grids``            frequencies on a grid, from its axes

@@ -3,6 +3,7 @@
 - ``waves``: the immutable :class:`Illumination`
 - ``tapers``, ``directions``: steering, tapers and modes; ``fitting``: to sampled fields
 - ``array``: :class:`Array` and :func:`phased_array`
+- ``elements``, ``copies``, ``sites``, ``lattices``: what an array's elements have in common
 - ``arrays``: where elements go (``layouts``) and what weights they have (``weights``)
 - ``files``: sources in TOML and JSON; ``texts``: tapers and layouts in a few words
 - ``support``: the region outside of which W is zero; ``direction_cosines``: waves weighted by them

@@ -233,7 +233,7 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         run = call + _cost("compiled row", n * views * outline.cuts)
         yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)
     else:
-        setup = compiling
+        setup = compiling + _cost("compile cells", views)
         pairs = request.rows > 1
         name = "compiled edge in cells, pairs" if pairs else "compiled edge in cells"
         run = call + _cost(name, edges)

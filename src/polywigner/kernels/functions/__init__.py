@@ -5,8 +5,10 @@ module               what is in it
 ===================  ==========================================================================
 ``stokes``           the plane-wave integral over one edge, stable for all arguments
 ``wigner``           Wigner function and lag-slice area
-``moments``          moments of lag slices, W's derivatives; ``polynomials`` along edges
-``shared_slices``    W and A as sums over these parts, for many frequencies
+``edge_terms``       the terms of W and A for a part of an edge: each formula once
+``wave_sums``        sums of these terms over pairs of waves; ``part_kernels`` over listed parts
+``moments``          moments of lag slices, W's derivatives
+``shared_slices``    W and A from listed parts of slices, for many frequencies
 ``fourier``          Fourier transform
 ``ambiguity``        ambiguity function and position-slice area
 ``membership``       the field of a source at points
@@ -15,7 +17,7 @@ module               what is in it
 ``solids``           sums over tetrahedra
 ``grids``            Fourier transform on grids of frequencies
 ``separable``        fields f(x) g(y) on a rectangle
-``line_fields``      a few waves on one interval, and their transforms
+``line_fields``      a few waves on one interval, and their transforms; ``line_pairs`` on NumPy
 ``products``         the transforms of rectangles with such fields, as kernels
 ``elements``         one aperture's functions in its frame, by the kernel that suits its field
 ``line``             the transforms of slits
