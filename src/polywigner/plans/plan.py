@@ -216,13 +216,12 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     cut = cut_for("sorted", outline.cuts, cells)
     edges = n * views * outline.edges * outline.waves
     call = _cost("compiled call", 1)
-    compiling = _compiling(request) + _cost("compile a wave", (outline.waves - 1) * views)
     if request.rows and outline.allows_lists and cut != "cells":
         enough = request.columns >= LIMITS["least columns of a compiled list"]
         if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
             run = 2 * call + _listing(request, request.rows)
             run += _cost("compiled listed term", edges)
-            yield Way(LISTED_COMPILED, "llvm", compiling, run, cut)
+            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
             return
     if cut == "code":
         clip = "compile a clip, double" if request.double else "compile a clip"
@@ -233,7 +232,8 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         run = call + _cost("compiled row", n * views * outline.cuts)
         yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)
     else:
-        setup = compiling + _cost("compile cells", views)
+        setup = _compiling(request) + _cost("compile cells", views)
+        setup += _cost("compile a wave", (outline.waves - 1) * views)
         pairs = request.rows > 1
         name = "compiled edge in cells, pairs" if pairs else "compiled edge in cells"
         run = call + _cost(name, edges)
@@ -244,7 +244,7 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         if request.rows and outline.allows_lists:
             run = 2 * call + _listing(request, request.rows)
             run += _cost("compiled listed term", edges)
-            yield Way(LISTED_COMPILED, "llvm", compiling, run, cut)
+            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
 
 
 def _listing(request: Request, places: int) -> float:
