@@ -26,6 +26,8 @@ OUTLINES = {
     "64-gon": Outline(64, 1, 4_096, 64),
     "coastline": Outline(300, 155, 182_400, 454, 1.0),
     "1000-gon": Outline(1000, 1, 1_000_000, 1000, 1.0),
+    "tapered chevron": Outline(6, 2, 2_352, 7, waves=9),
+    "two chevrons": Outline(12, 4, 192, 14),
 }
 SAMPLES = (1, 100, 10_000, 1_000_000)
 LAYOUTS = ("points", "one place", "outer", "grid")
@@ -68,6 +70,17 @@ def test_requests_take_the_ways_of_the_table() -> None:
     expected = TABLE.read_text().splitlines()
     assert len(expected) > 150
     assert table().splitlines() == expected
+
+
+def test_few_samples_stay_on_numpy_and_many_are_compiled() -> None:
+    """The regret of the default, as ways instead of seconds: benchmarks/default_regret.py."""
+    engines: dict[int, list[str]] = {n: [] for n in SAMPLES}
+    for request in requests().values():
+        engines[request.samples].append(plan(request).engine)
+    assert engines[1].count("numpy") == len(engines[1])
+    assert engines[100].count("numpy") >= 0.9 * len(engines[100])
+    assert engines[10_000].count("numpy") >= 0.5 * len(engines[10_000])
+    assert engines[1_000_000].count("llvm") >= 0.8 * len(engines[1_000_000])
 
 
 @pytest.mark.parametrize("name", list(requests()))
