@@ -76,7 +76,8 @@ def test_few_samples_stay_on_numpy_and_many_are_compiled() -> None:
     """The regret of the default, as ways instead of seconds: benchmarks/default_regret.py."""
     engines: dict[int, list[str]] = {n: [] for n in SAMPLES}
     for request in requests().values():
-        engines[request.samples].append(plan(request).engine)
+        if request.families is None:  # grids have axes on NumPy
+            engines[request.samples].append(plan(request).engine)
     assert engines[1].count("numpy") == len(engines[1])
     assert engines[100].count("numpy") >= 0.9 * len(engines[100])
     assert engines[10_000].count("numpy") >= 0.5 * len(engines[10_000])

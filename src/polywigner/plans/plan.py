@@ -152,7 +152,8 @@ def _allowed(request: Request) -> Iterator[Way]:
 def _ways(request: Request) -> Iterator[Way]:
     if request.families is not None:
         points = request.families * request.samples
-        run = _cost("family", request.families) + _cost("point of a family", points)
+        point = "point of a family" if request.outline is None else "point of a family, W"
+        run = _cost("call", 2) + _cost("family", request.families) + _cost(point, points)
         yield Way(GRID, "numpy", 0.0, _listing(request, 1) + run)
     if request.outline is None:
         yield from _sums(request)
