@@ -133,6 +133,12 @@ def test_ratios_in_sentences_are_those_of_the_recorded_comparison() -> None:
     assert f"{ratios('square, nu D', 'coxeter')} times as long for a square" in comparison
 
 
+def test_the_page_of_commands_says_what_the_program_knows() -> None:
+    command = [sys.executable, str(ROOT / "tools" / "cli_reference.py"), "--check"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
+
+
 def test_files_in_commands_of_the_readme_are_there() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     commands = "render|transform|pattern|propagate"
