@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import inspect
 import re
 import runpy
@@ -51,3 +52,19 @@ def test_what_is_shown_as_an_argument_of_a_public_function_is_one(name: str) -> 
     takes_options = any(p.kind is p.VAR_KEYWORD for p in parameters.values())  # named elsewhere
     assert takes_options or names <= set(parameters)
     assert bool(names) == bool(section)
+
+
+CALLABLE = [name for name in pw.__all__ if callable(getattr(pw, name))]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.llvm] * (n == "differentiable")) for n in CALLABLE]
+)
+def test_every_public_name_has_an_example_that_runs(name: str) -> None:
+    examples = doctest.DocTestParser().get_doctest(
+        inspect.getdoc(getattr(pw, name)) or "", {}, name, None, None
+    )
+    assert examples.examples, f"{name} has no example"
+    shown: list[str] = []
+    results = doctest.DocTestRunner(verbose=False).run(examples, out=shown.append)
+    assert not results.failed, "".join(shown)

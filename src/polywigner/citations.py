@@ -43,6 +43,10 @@ def cite(*methods: str) -> str:
     Raises
     ------
     ArgumentError for a method that is none of these.
+
+    >>> import polywigner as pw
+    >>> "2202.02676" in pw.cite("rendering")
+    True
     """
     for method in methods:
         if not isinstance(method, str) or method not in METHODS:

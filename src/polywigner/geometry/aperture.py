@@ -100,6 +100,11 @@ class Aperture:
         For values that are not finite numbers, fewer than three vertices, zero area, a ring that
         crosses or touches itself (the message tells where; see :meth:`from_ring`), holes outside
         their polygon, and parts that overlap.
+
+    >>> import polywigner as pw
+    >>> frame = pw.Aperture([[(0, 0), (3, 0), (3, 2), (0, 2)], [(5, 0), (6, 0), (6, 1)]])
+    >>> frame.area, len(frame.rings)
+    (6.5, 2)
     """
 
     _parts: tuple[Part, ...]

@@ -45,6 +45,11 @@ def automean(aperture: Aperture) -> Aperture:
     ------
     ArgumentError
         For anything but an Aperture.
+
+    >>> import polywigner as pw
+    >>> notch = pw.shapes.chevron(20e-3, 12e-3, 4e-3)
+    >>> pw.automean(notch).area > notch.area
+    True
     """
     _require_aperture(aperture)
     pieces = aperture.convex_cover
@@ -83,6 +88,10 @@ def lag_slice(aperture: Aperture, x: ArrayLike) -> shapely.Polygon | shapely.Mul
     ------
     ArgumentError
         For anything but an Aperture, and for an `x` that is not two finite numbers.
+
+    >>> import polywigner as pw
+    >>> pw.lag_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
+    8.0
     """
     _require_aperture(aperture)
     position = _point(x, "a position x")
@@ -103,6 +112,10 @@ def position_slice(aperture: Aperture, xi: ArrayLike) -> shapely.Polygon | shape
     ------
     ArgumentError
         For anything but an Aperture, and for a `xi` that is not two finite numbers.
+
+    >>> import polywigner as pw
+    >>> pw.position_slice(pw.shapes.square(2.0), (0.5, 0.0)).area
+    3.0
     """
     _require_aperture(aperture)
     half = _point(xi, "a lag xi") / 2

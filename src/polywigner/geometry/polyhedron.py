@@ -55,6 +55,12 @@ class Polyhedron:
     ------
     GeometryError for values that are not finite numbers, faces that are not planar or cross
     themselves, a surface that is not closed or not consistently oriented, and zero volume.
+
+    >>> import polywigner as pw
+    >>> corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    >>> body = pw.Polyhedron(corners, [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)])
+    >>> round(body.volume, 6)
+    0.166667
     """
 
     vertices: Vertices

@@ -191,6 +191,13 @@ def read_aperture(
         The tolerance is not a length above zero, or the path is none.
     MissingExtraError
         The format needs a library that is not installed.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "slot.wkt"
+    >>> _ = path.write_text("POLYGON ((0 0, 4 0, 4 1, 0 1, 0 0))")
+    >>> pw.read_aperture(path, unit="mm").bounds
+    (0.0, 0.0, 0.004, 0.001)
     """
     metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
     try:
@@ -228,6 +235,14 @@ def read_polyhedron(path: str | os.PathLike[str], unit: str | float = "mm") -> P
         The path is none.
     MissingExtraError
         trimesh is not installed.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "body.obj"
+    >>> faces = "f 1 3 2\\nf 1 2 4\\nf 2 3 4\\nf 1 4 3\\n"
+    >>> _ = path.write_text("v 0 0 0\\nv 1 0 0\\nv 0 1 0\\nv 0 0 1\\n" + faces)
+    >>> round(pw.read_polyhedron(path, unit="m").volume, 6)
+    0.166667
     """
     metres, source = _metres(unit), _path(path)
     try:

@@ -33,6 +33,10 @@ class Slits:
     ------
     GeometryError for values that are not finite numbers, slits of zero width, and slits that
     overlap.
+
+    >>> import polywigner as pw
+    >>> pw.Slits([[0.0, 1e-3], [3e-3, 4e-3]]).length
+    0.002
     """
 
     intervals: NDArray[np.float64]

@@ -51,6 +51,11 @@ class Array:
     ArgumentError for anything but elements, none of them, and slits mixed with others.
     IlluminationError for weights that are not n finite complex numbers, for weights all zero, and
     where the largest modulus is not from 1e-100 to 1e100.
+
+    >>> import polywigner as pw
+    >>> pair = pw.Array([pw.shapes.square(1.0), pw.shapes.square(1.0).moved((3, 0))], [1, -1])
+    >>> bool(abs(pw.fourier(pair, (0.0, 0.0))) < 1e-12)
+    True
     """
 
     weights: NDArray[np.complex128]
@@ -219,6 +224,11 @@ def phased_array(element: Aperture | Slits, positions: Any, weights: Any = None)
     ------
     ArgumentError for other elements, and positions that are not (n, d) finite numbers;
     IlluminationError for weights as :class:`Array` does.
+
+    >>> import polywigner as pw
+    >>> places = pw.arrays.grid_positions(8, 8, 2e-3, 2e-3)
+    >>> len(pw.phased_array(pw.shapes.square(1.5e-3), places))
+    64
     """
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(

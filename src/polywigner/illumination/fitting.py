@@ -87,6 +87,13 @@ def fit_illumination(
     ------
     ArgumentError for points, values or options of other shapes or ranges; IlluminationError for
     values all zero, frequencies that do not fit, and a residual above `largest_residual`.
+
+    >>> import polywigner as pw
+    >>> import numpy as np
+    >>> x = np.stack(np.meshgrid(*2 * [np.linspace(-1, 1, 9)]), axis=-1).reshape(-1, 2)
+    >>> fit = pw.fit_illumination(x, np.cos(np.pi * x[:, 0] / 2))
+    >>> fit.residual < 1e-2
+    True
     """
     places, field = _samples(points, values)
     least = checked_number(cut_off, "cut_off", "a fraction from 1e-15 to 1")

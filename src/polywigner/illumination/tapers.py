@@ -48,6 +48,10 @@ def uniform(dimension: int = 2) -> Illumination:
     """The field 1: one plane wave of frequency 0. `dimension`: 2, or 1 for slits.
 
     Raises ArgumentError for other dimensions.
+
+    >>> import polywigner as pw
+    >>> float(pw.uniform()((0.0, 0.0)).real)
+    1.0
     """
     return Illumination([1.0], np.zeros((1, checked_count(dimension, "dimension", 1, 2))))
 
@@ -71,6 +75,11 @@ def steering(direction: Any, wavelength: float) -> Illumination:
     ------
     ArgumentError for a vector that is not of unit length or points behind the aperture, components
     along the aperture that are longer than 1 together, and wavelengths that are not above zero.
+
+    >>> import polywigner as pw
+    >>> beam = pw.steering((0.5, 0.0, 3**0.5 / 2), 10e-3)
+    >>> beam.frequencies.tolist()
+    [[50.0, 0.0]]
     """
     return Illumination(
         [1.0], transverse(direction)[None, :] / checked_length(wavelength, "wavelength")
@@ -97,6 +106,11 @@ def cosine_taper(
     ------
     ArgumentError for lengths that are not above zero, both None, a power out of range, and a
     height for slits.
+
+    >>> import polywigner as pw
+    >>> taper = pw.cosine_taper(10e-3, 10e-3)
+    >>> [round(float(abs(taper(x))), 12) for x in [(0.0, 0.0), (5e-3, 0.0)]]
+    [1.0, 0.0]
     """
     exponent = checked_count(power, "power", 1, _HIGHEST_POWER)
     amplitudes = np.array([math.comb(exponent, k) for k in range(exponent + 1)]) / 2.0**exponent
@@ -134,6 +148,11 @@ def te_mode(
     ------
     ArgumentError for lengths that are not above zero, numbers out of range, a component that the
     mode does not have, and any other component.
+
+    >>> import polywigner as pw
+    >>> mode = pw.te_mode(10e-3, 5e-3)
+    >>> round(float(abs(mode((5e-3, 0.0)))), 12)  # zero at the wall
+    0.0
     """
     a, b = checked_length(width, "width"), checked_length(height, "height")
     along_x = checked_count(m, "m", 0, _HIGHEST_MODE)
@@ -188,6 +207,11 @@ def taylor_taper(
     ------
     ArgumentError for lengths that are not above zero, both None, sll and nbar out of range, and a
     height for slits.
+
+    >>> import polywigner as pw
+    >>> taper = pw.taylor_taper(10e-3, sll=25.0)
+    >>> bool(abs(taper((0.0, 0.0))) > abs(taper((4e-3, 0.0))))
+    True
     """
     decibels, zeros = checked_sidelobes(sll, nbar)
     half = _taylor_coefficients(decibels, zeros)
@@ -217,6 +241,11 @@ def fourier_taper(
     ------
     ArgumentError for lengths that are not above zero, and a height for slits; IlluminationError for
     coefficients that are not finite numbers of such a shape, or all zero.
+
+    >>> import polywigner as pw
+    >>> taper = pw.fourier_taper(2.0, coefficients=[0.25, 0.5, 0.25])  # (1 + cos(pi x))/2
+    >>> round(float(abs(taper((1.0, 0.0)))), 12)
+    0.0
     """
     across = _axes(width, height, dimension)
     try:

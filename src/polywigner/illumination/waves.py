@@ -42,6 +42,11 @@ class Illumination:
     ------
     IlluminationError for values that are not finite numbers, shapes that do not match, a field that
     is zero everywhere, and where the largest modulus of an amplitude is not from 1e-100 to 1e100.
+
+    >>> import polywigner as pw
+    >>> tilt = pw.Illumination([1.0], [(100.0, 0.0)])  # towards s_x = 100 m^-1 times lambda
+    >>> pw.shapes.square(0.01).with_illumination(tilt).illumination == tilt
+    True
     """
 
     amplitudes: NDArray[np.complex128]

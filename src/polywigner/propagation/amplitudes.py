@@ -109,6 +109,10 @@ def amplitude(
     Fresnel fields of points so close that their number of nodes explodes, edges of more than 2e8
     wavelengths, and lengths beyond 1e-75 to 1e75 m; GeometryError for arrays in other planes;
     EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> round(float(abs(pw.amplitude(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3))), 4)
+    0.3103
     """
     if has_derivatives(source, points, wavelength):
         if return_error or obliquity is not None:

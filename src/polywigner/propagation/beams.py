@@ -26,7 +26,13 @@ Levels = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CutMetrics:
-    """The main beam and the first sidelobes along one meridian, both sides of the normal."""
+    """The main beam and the first sidelobes along one meridian, both sides of the normal.
+
+    >>> import polywigner as pw
+    >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
+    >>> pw.beam_metrics(pattern).cuts[0].phi
+    0.0
+    """
 
     phi: float
     """The meridian of theta > 0, in rad."""
@@ -45,7 +51,13 @@ class CutMetrics:
 
 @dataclass(frozen=True)
 class BeamMetrics:
-    """The main beam of a pattern; ``str()`` is a table."""
+    """The main beam of a pattern; ``str()`` is a table.
+
+    >>> import polywigner as pw
+    >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [-0.1, 0.0, 0.1], 0.0)
+    >>> round(pw.beam_metrics(pattern).directivity, 1)
+    21.3
+    """
 
     theta: float
     """From the normal to the largest directivity, in rad."""
@@ -127,7 +139,7 @@ def beam_metrics(
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
     >>> square = pw.shapes.square(10e-3)
     >>> pattern = pw.radiation_pattern(square, 3.2e-3, theta, phi)
-    >>> round(np.degrees(pw.beam_metrics(pattern).cuts[0].half_power_beamwidth), 1)
+    >>> round(float(np.degrees(pw.beam_metrics(pattern).cuts[0].half_power_beamwidth)), 1)
     16.1
     """
     theta, phi, levels, about = _checked(pattern)

@@ -58,6 +58,12 @@ def line(
     Raises
     ------
     As :func:`plane`.
+
+    >>> import polywigner as pw
+    >>> square, ends = pw.shapes.square(10e-3), [(0, 0, 0.05), (0, 0, 0.2)]
+    >>> found = pw.line(square, ends, 5, 3.2e-3, method="kirchhoff")
+    >>> found.kirchhoff.shape
+    (5,)
     """
     settings = checked_settings(wavelength, options)
     return dataset(source, line_grid(ends, samples), settings, options.get("progress"))
@@ -101,6 +107,12 @@ def plane(
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine; MissingExtraError
     without xarray, which the extra ``volume`` brings.
+
+    >>> import polywigner as pw
+    >>> square, where = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.1), (0.02, 0.02, 0.1)]
+    >>> found = pw.plane(square, where, (5, 4), 3.2e-3, method="kirchhoff")
+    >>> sorted(found.kirchhoff.shape)
+    [4, 5]
     """
     settings = checked_settings(wavelength, options)
     return dataset(source, plane_grid(where, shape), settings, options.get("progress"))
@@ -135,6 +147,12 @@ def hemisphere(
     Raises
     ------
     As :func:`plane`; points must have z > 0, that is |theta| < pi/2 about the origin.
+
+    >>> import polywigner as pw
+    >>> square, theta = pw.shapes.square(10e-3), [0.0, 0.5]
+    >>> found = pw.hemisphere(square, 0.1, theta, [0.0], 3.2e-3, method="kirchhoff")
+    >>> found.kirchhoff.shape
+    (2, 1)
     """
     settings = checked_settings(wavelength, options)
     grid = hemisphere_grid(radius, theta, phi, centre)
@@ -179,6 +197,12 @@ def volume(
     Raises
     ------
     As :func:`plane`; StoreError for a place that cannot be written to or has other data.
+
+    >>> import polywigner as pw
+    >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
+    >>> found = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="kirchhoff")
+    >>> found.kirchhoff.size
+    18
     """
     settings = checked_settings(wavelength, options, dtype="float32")
     grid = box_grid(box, shape)

@@ -48,6 +48,14 @@ def write_netcdf(dataset: Any, path: str | os.PathLike[str]) -> None:
     ------
     ArgumentError for anything but a dataset, and a place that cannot be written to;
     MissingExtraError without xarray and h5netcdf.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "w.nc"
+    >>> pw.write_netcdf(table, path)
+    >>> path.stat().st_size > 0
+    True
     """
     for module in ("h5netcdf", "h5py"):
         required(module)
@@ -98,6 +106,15 @@ def write_vti(dataset: Any, path: str | os.PathLike[str]) -> None:
     ------
     ArgumentError for anything but a dataset, for more axes, for axes that are not evenly spaced,
     and for a place that cannot be written to; MissingExtraError without xarray.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> square, box = pw.shapes.square(10e-3), [(-0.02, -0.02, 0.05), (0.02, 0.02, 0.1)]
+    >>> found = pw.volume(square, box, (3, 3, 2), 3.2e-3, method="kirchhoff")
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "field.vti"
+    >>> pw.write_vti(found, path)
+    >>> path.stat().st_size > 0
+    True
     """
     # Our own forty lines: VTK's writer, a package of 600 MB, wants all of an image in memory.
     found = _real_parts(_opened(dataset))

@@ -130,6 +130,10 @@ def irradiance(
     PolywignerWarning where rays are not valid: points nearer than two wavelengths, and to third
     order points nearer than 0.9 sqrt(L^3/wavelength) to the centre, L the longer side of the
     source's bounds; where a tolerance cannot be met; and where :func:`amplitude` does of fits.
+
+    >>> import polywigner as pw
+    >>> round(float(pw.irradiance(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3, "auto")), 4)
+    0.0963
     """
     how: dict[str, Any]
     if method == "auto":

@@ -89,6 +89,14 @@ def write_pattern(
     ------
     FileFormatError for another suffix; ArgumentError for anything but a pattern, another
     polarisation, angles that the format does not take, and a place that cannot be written to.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, [0.0, 0.1], [0.0])
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "square.csv"
+    >>> pw.write_pattern(pattern, path)
+    >>> path.read_text().splitlines()[0].split(",")[:3]
+    ['Phi [deg]', 'Theta [deg]', 'dB(DirTotal)']
     """
     if isinstance(pattern, (str, os.PathLike)):
         warnings.warn(

@@ -72,6 +72,11 @@ def radiation_pattern(
     -----
     PolywignerWarning for "kirchhoff" and "rayleigh-sommerfeld-2" of a :func:`fit_illumination` with
     evanescent waves, whose slopes the fit does not know.
+
+    >>> import polywigner as pw
+    >>> pattern = pw.radiation_pattern(pw.shapes.square(10e-3), 3.2e-3, 0.0, 0.0)
+    >>> round(pattern.attrs["largest_directivity"], 2)  # dBi
+    21.35
     """
     checked_precision(precision)
     checked_engine(engine)

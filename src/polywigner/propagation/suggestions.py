@@ -43,7 +43,13 @@ _MOST_SAMPLES = 1 << 53
 
 @dataclass(frozen=True)
 class AxisSampling:
-    """An evenly spaced axis of a grid."""
+    """An evenly spaced axis of a grid.
+
+    >>> import polywigner as pw
+    >>> axis = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes[0]
+    >>> axis.name, axis.unit, axis.count
+    ('nu_x', '1/m', 27)
+    """
 
     name: str
     """Name of the coordinate, as in :func:`projections`, :func:`plane` and :func:`hemisphere`."""
@@ -74,7 +80,12 @@ class AxisSampling:
 
 @dataclass(frozen=True)
 class Sampling:
-    """The result of :func:`suggest_sampling`; ``sampling["nu_x"]`` is the axis of that name."""
+    """The result of :func:`suggest_sampling`; ``sampling["nu_x"]`` is the axis of that name.
+
+    >>> import polywigner as pw
+    >>> pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).samples
+    729
+    """
 
     quantity: SampledQuantity
     """The quantity that is sampled."""
@@ -151,6 +162,11 @@ def suggest_sampling(
     ------
     ArgumentError for arguments of the wrong type, shape or range, and for a reach or a place where
     the quantity has none; GeometryError for an Array whose elements do not lie in the plane z = 0.
+
+    >>> import polywigner as pw
+    >>> axes = pw.suggest_sampling(pw.shapes.square(10e-3), 3.2e-3).axes
+    >>> [axis.count for axis in axes]
+    [27, 27]
     """
     if not isinstance(quantity, str) or quantity not in get_args(SampledQuantity):
         names = ", ".join(f'"{name}"' for name in get_args(SampledQuantity))

@@ -80,6 +80,11 @@ def wigner_table(
     elements do not lie in the plane z = 0; EngineError without the engine, or the scheduler;
     StoreError for a place that cannot be written to or has too little space, and for other data
     there, be they of another run; MissingExtraError without the extra.
+
+    >>> import polywigner as pw
+    >>> table = pw.wigner_table(pw.shapes.square(1.0), [0.0], [0.0], [0.0, 0.5], [0.0])
+    >>> table.W.shape
+    (1, 1, 2, 1)
     """
     axes = {"x": x, "y": y, "nu_x": nu_x, "nu_y": nu_y}
     running = _Running(out, chunks, precision, engine, scheduler, threads, progress)
@@ -105,6 +110,11 @@ def ambiguity_table(
 
     Everything is as for :func:`wigner_table`, but ``upsilon_x`` and ``upsilon_y`` are (n,)
     frequency shifts in 1/m, ``xi_x`` and ``xi_y`` (n,) lags in m, and the variable A is complex.
+
+    >>> import polywigner as pw
+    >>> table = pw.ambiguity_table(pw.shapes.square(1.0), [0.0, 0.5], [0.0], [0.0], [0.0])
+    >>> table.A.shape
+    (2, 1, 1, 1)
     """
     axes = {"upsilon_x": upsilon_x, "upsilon_y": upsilon_y, "xi_x": xi_x, "xi_y": xi_y}
     running = _Running(out, chunks, precision, engine, scheduler, threads, progress)

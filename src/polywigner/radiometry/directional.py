@@ -61,6 +61,10 @@ def radiance(
     ------
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> round(float(pw.radiance(pw.shapes.square(10e-3), (0, 0), (0, 0, 1), 3.2e-3)), 3)  # W/m^2/sr
+    39.063
     """
     radiator = checked_source(source)
     length = checked_wavelength(wavelength)
@@ -102,6 +106,10 @@ def radiant_intensity(
     Raises
     ------
     As :func:`radiance` does.
+
+    >>> import polywigner as pw
+    >>> round(float(pw.radiant_intensity(pw.shapes.square(10e-3), (0, 0, 1), 3.2e-3)), 6)  # W/sr
+    0.000977
     """
     radiator = checked_source(source)
     length = checked_wavelength(wavelength)

@@ -49,6 +49,10 @@ def flux_vector(
     Raises
     ------
     As :func:`radiance` does.
+
+    >>> import polywigner as pw
+    >>> round(float(pw.flux_vector(pw.shapes.square(10e-3), (0, 0), 3.2e-3)[2]), 2)  # W/m^2
+    0.95
     """
     radiator = checked_source(source)
     length = checked_wavelength(wavelength)
@@ -89,6 +93,10 @@ def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") ->
     Raises
     ------
     As :func:`radiance` does.
+
+    >>> import polywigner as pw
+    >>> round(pw.power(pw.shapes.square(10e-3), frequency=94e9) * 1e6, 2)  # uW
+    93.38
     """
     radiator = checked_source(source)
     length = checked_wavelength(wavelength)
@@ -98,7 +106,13 @@ def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") ->
 
 @dataclass(frozen=True)
 class EnergyBudget:
-    """The shares of int |u|^2 of a source, in W."""
+    """The shares of int |u|^2 of a source, in W.
+
+    >>> import polywigner as pw
+    >>> budget = pw.energy_budget(pw.shapes.square(10e-3), 3.2e-3)
+    >>> round(budget.evanescent_share, 4)
+    0.0663
+    """
 
     total: float
     """int |u|^2 dx = int |F|^2 d nu."""
@@ -140,6 +154,11 @@ def energy_budget(
     Raises
     ------
     As :func:`radiance` does.
+
+    >>> import polywigner as pw
+    >>> budget = pw.energy_budget(pw.shapes.square(10e-3), 3.2e-3)
+    >>> round(budget.propagating / budget.total, 4)
+    0.9337
     """
     radiator = checked_source(source)
     total = float(np.real(lag_marginal(radiator, (0.0, 0.0), engine="numpy")))

@@ -56,6 +56,10 @@ def explain(
     itself would refuse; EngineError without the engine.
 
     For example, ``print(pw.explain(pw.shapes.square(0.01), (0.0, 0.0), (10.0, 20.0)))``.
+
+    >>> import polywigner as pw
+    >>> print(pw.explain(pw.shapes.square(1.0), (0.0, 0.0), (1.0, 0.0)).way.name)
+    edges one by one, on NumPy
     """
     names = _ARGUMENTS.get(function) if isinstance(function, str) else None
     if names is None:

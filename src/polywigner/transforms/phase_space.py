@@ -42,6 +42,11 @@ def autocorrelation(
     ------
     ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> float(pw.autocorrelation(square, (0.5, 0.0), (0.5, 0.0)).real)  # both points lie inside
+    1.0
     """
     points = [("x", x), ("xi", xi)]
     return transform("autocorrelation", source, points, precision, engine, outputs=2)
@@ -78,6 +83,11 @@ def wigner(
     ------
     ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> round(float(pw.wigner(square, (0.5, 0.0), (0.0, 0.0))), 12)  # the area of the lag slice
+    8.0
     """
     points = [("x", x), ("nu", nu)]
     if isinstance(source, Differentiable):
@@ -114,6 +124,11 @@ def ambiguity(
     ------
     ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> float(pw.ambiguity(square, (0.0, 0.0), (1.0, 0.0)).real)  # the overlap of two squares
+    2.0
     """
     points = [("upsilon", upsilon), ("xi", xi)]
     if isinstance(source, Differentiable):
@@ -141,6 +156,11 @@ def position_marginal(
     ------
     ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> round(float(pw.position_marginal(square, (0.5, 0.0))), 12)
+    8.0
     """
     return transform("position_marginal", source, [("x", x)], precision, engine)
 
@@ -168,6 +188,11 @@ def lag_marginal(
     ------
     ArgumentError for arguments of the wrong type or shape; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> float(pw.lag_marginal(square, (0.5, 0.0)))
+    3.0
     """
     kernels.kernel_for("lag_marginal", source)  # its error if there is none
     outputs = 1 if is_uniform(source) else 2

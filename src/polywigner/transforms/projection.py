@@ -97,6 +97,11 @@ def projections(
     ------
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> found = pw.projections(pw.shapes.square(1.0), samples=9, tiles=["x_y"])
+    >>> list(found.data_vars)
+    ['x_y']
     """
     if kind not in get_args(PhaseSpaceFunction):
         names = ", ".join(f'"{name}"' for name in get_args(PhaseSpaceFunction))

@@ -60,6 +60,11 @@ def otf(
     ------
     ArgumentError for arguments of the wrong type, shape or range; IlluminationError for an Array
     whose fields cancel everywhere; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> float(pw.otf(square, (0.5, 0.0)).real)
+    0.75
     """
     kernel = kernels.kernel_for("ambiguity", source)
     radius = _pupil_radius(source) if pupil_radius is None else _number(pupil_radius)

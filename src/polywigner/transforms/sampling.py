@@ -68,6 +68,11 @@ def sample_automean(
     ------
     ArgumentError for arguments of the wrong type, shape or range; GeometryError for an Array whose
     elements do not lie in the plane z = 0; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> places, weights = pw.sample_automean(pw.shapes.square(1.0), 100, seed=1)
+    >>> places.shape, round(float(weights.sum()), 6)
+    ((100, 2), 100.0)
     """
     dimension = kernel_for("position_marginal", source).dimension
     if weights not in get_args(Weights):

@@ -81,6 +81,11 @@ def fourier(
     ------
     ArgumentError for arguments of the wrong type or shape, and an obliquity of slits or bodies,
     which have no normal; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(2.0)
+    >>> round(float(pw.fourier(square, (0.25, 0.0)).real), 6)  # 4 sinc(0.5)
+    2.546479
     """
     if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
@@ -264,6 +269,12 @@ def array_factor(
     ------
     ArgumentError for arguments of the wrong type or shape; IlluminationError for weights that are
     not n finite complex numbers; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> import numpy as np
+    >>> row = np.array([(-1.0, 0.0), (0.0, 0.0), (1.0, 0.0)])
+    >>> round(float(pw.array_factor(row, np.ones(3), (0.5, 0.0)).real), 6)
+    -1.0
     """
     sites = Sites(*checked_sites(positions, weights))
     # phases of sites far apart are worth float64 also where the result is not

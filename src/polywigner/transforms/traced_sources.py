@@ -72,6 +72,16 @@ def differentiable(
     ArgumentError for arrays of the wrong kind or number; GeometryError for vertices that make no
     valid outline or turn it over, and for intervals that do not ascend or that touch;
     IlluminationError as `Array` and `Illumination` do.
+
+    >>> import polywigner as pw
+    >>> import drjit as dr
+    >>> from drjit.llvm.ad import Array2f64
+    >>> corners = Array2f64([0.0, 1.0, 1.0, 0.0], [0.0, 0.0, 1.0, 1.0])
+    >>> dr.enable_grad(corners)
+    >>> square = pw.differentiable(vertices=corners)
+    >>> dr.backward(pw.wigner(square, Array2f64(0.5, 0.5), Array2f64(0.3, 0.0)))
+    >>> dr.grad(corners).numpy().shape
+    (2, 4)
     """
     if intervals is not None or isinstance(source, Slits):
         others = {"vertices": vertices, "weights": weights, "amplitudes": amplitudes}

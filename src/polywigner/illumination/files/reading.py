@@ -39,6 +39,13 @@ def read_source(path: str | os.PathLike[str]) -> Source:
         What it describes is no source: see the functions and classes it names.
     MissingExtraError
         A library is not installed that a window or an outline needs.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
+    >>> pw.write_source(pw.shapes.square(10e-3), path)
+    >>> pw.read_source(path) == pw.shapes.square(10e-3)
+    True
     """
     return read_with_wavelength(path)[0]
 

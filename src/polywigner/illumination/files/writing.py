@@ -36,6 +36,13 @@ def write_source(source: Source, path: str | os.PathLike[str]) -> None:
     GeometryError
         A source whose outline rounding has made invalid, as by a shift by more than 10^15 times
         its size.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
+    >>> pw.write_source(pw.shapes.square(10e-3), path)
+    >>> pw.read_source(path) == pw.shapes.square(10e-3)
+    True
     """
     file = Path(path)
     writers = {".toml": toml_of, ".json": json_of}
