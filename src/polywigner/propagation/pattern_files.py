@@ -68,7 +68,7 @@ def write_pattern(
     .ffd     far-field data of HFSS: for its far-field links, and PyAEDT. Evenly spaced angles,
              0 <= theta <= 180 degrees.
     .cut     TICRA's GRASP: a polar cut for each phi, E_theta and E_phi with a radiated power of 4
-             pi, so that |E|^2 is the directivity. Evenly spaced theta.
+             pi, so that squares are directivities. Evenly spaced theta.
     .msi     MSI Planet, also .pln: attenuations every degree in the horizontal and the vertical
     .pln     plane, for an aperture whose y axis points up; 99.9 dB behind. Cuts phi = 0 and 90
              degrees with theta from -90 to 90 degrees, or their halves.
