@@ -47,6 +47,7 @@ COSTS: dict[str, Cost] = {
     "compile a clip": Cost(0.5e-3, "edge and side in single precision", _CUTS),
     "compile a clip, double": Cost(1.5e-3, "the same in double precision", _CUTS),
     "compile cells": Cost(0.1, "copy of the edges, looked up in cells", _REGRET),
+    "compile copies": Cost(0.1, "copy of the edges, in a sum over elements", _REGRET),
     "compile a wave": Cost(30e-3, "wave of the field on an edge", _REGRET),
     "compiled call": Cost(0.5e-3, "call of a compiled kernel", _REGRET),
     "compiled clip": Cost(0.25e-9, "sample, edge and side as code", _CUTS),

@@ -179,7 +179,8 @@ def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
     yield Way("copies on NumPy", "numpy", 0.0, run)
     run = _cost("compiled call", 2) + _cost("compiled copy", n * outline.waves)
     run += _cost("compiled pair of copies", n * more)
-    yield Way("copies, compiled", "llvm", _compiling(request), run)
+    setup = _compiling(request) + _cost("compile copies", outline.copies)
+    yield Way("copies, compiled", "llvm", setup, run)
 
 
 # ---- one outline ---------------------------------------------------------------------------------

@@ -112,6 +112,11 @@ class PairTables:
     frame: SlitFrame
     edges: tuple[tuple[float, ...], ...]
 
+    @property
+    def terms(self) -> int:
+        """Terms of the sum, as plans count them: a pair takes half as long as an edge of F."""
+        return -(-len(self.edges) // 2)
+
 
 @dataclass(frozen=True)
 class _Exact:
