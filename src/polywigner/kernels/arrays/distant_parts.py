@@ -29,7 +29,7 @@ from polywigner.numerics import phases
 __all__ = ["DistantFrame", "DistantTables", "distant_parts", "pairs_by_difference", "pairs_by_mean"]
 
 # In one frame, the error is some ulps times the square of a source's size over its area, which may
-# be so large (docs/accuracy.md): 4e-13 of the area in double precision, 5e-6 in single. Below,
+# be so large (docs/accuracy.md): 1e-13 of the area in double precision, 5e-6 in single. Below,
 # kernels that find edges by cells lose little; sums over pairs take up to 16 times as long where
 # parts are a few of their sizes apart, and 50 times where they fill the source.
 _LEAST_SPREAD = {True: 32.0, False: 16.0}  # by double precision or not
