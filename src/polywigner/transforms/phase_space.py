@@ -9,10 +9,12 @@ from polywigner.execution import Engine, Precision
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import phase_space_of
+from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
 
 
+@takes_xarray("x", "xi", units="1", long_name="autocorrelation R(x, xi)")
 def autocorrelation(
     source: PhaseSpaceSource,
     x: Any,
@@ -37,6 +39,7 @@ def autocorrelation(
     Returns
     -------
     (...) complex, without unit; 0 or 1 for a uniform source. Dr.Jit input as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -47,6 +50,7 @@ def autocorrelation(
     return transform("autocorrelation", source, points, precision, engine, outputs=2)
 
 
+@takes_xarray("x", "nu", units=content_units, long_name="Wigner function W(x, nu)")
 def wigner(
     source: PhaseSpaceSource | Differentiable,
     x: Any,
@@ -73,6 +77,7 @@ def wigner(
     Returns
     -------
     (...) real, in m^d; zero outside the automean. float32 for single precision.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -85,6 +90,7 @@ def wigner(
     return transform("wigner", source, points, precision, engine)
 
 
+@takes_xarray("upsilon", "xi", units=content_units, long_name="ambiguity function A(upsilon, xi)")
 def ambiguity(
     source: PhaseSpaceSource | Differentiable,
     upsilon: Any,
@@ -109,6 +115,7 @@ def ambiguity(
     Returns
     -------
     (...) complex, in m^d; Dr.Jit input as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -121,6 +128,7 @@ def ambiguity(
     return transform("ambiguity", source, points, precision, engine, outputs=2)
 
 
+@takes_xarray("x", units=content_units, long_name="position marginal R_x(x)")
 def position_marginal(
     source: PhaseSpaceSource, x: Any, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -136,6 +144,7 @@ def position_marginal(
     Returns
     -------
     (...) real, in m^d; equal to W(x, 0).
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -145,6 +154,7 @@ def position_marginal(
     return transform("position_marginal", source, [("x", x)], precision, engine)
 
 
+@takes_xarray("xi", units=content_units, long_name="lag marginal R_xi(xi)")
 def lag_marginal(
     source: PhaseSpaceSource, xi: Any, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -163,6 +173,7 @@ def lag_marginal(
     -------
     (...) in m^d, equal to A(0, xi): real for a uniform source, complex for an Array and for a
     source with an illumination.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------

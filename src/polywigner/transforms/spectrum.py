@@ -32,10 +32,12 @@ from polywigner.transforms.extremes import (
 )
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import fourier_of
+from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["array_factor", "fourier"]
 
 
+@takes_xarray("nu", units=content_units, long_name="Fourier transform F(nu)")
 def fourier(
     source: Source | Differentiable,
     nu: Any,
@@ -76,11 +78,18 @@ def fourier(
     -------
     (...) complex, in m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or
     for tensors a tensor (..., 2) of real and imaginary parts.
+    An ``xarray.DataArray``, components along its last dimension, gives one over its other
+    dimensions, broadcast by name, with their coordinates, a unit and a name; a chunked one stays
+    lazy (docs/howto/notebook.md).
 
     Raises
     ------
     ArgumentError for arguments of the wrong type or shape, and an obliquity of slits or bodies,
     which have no normal; EngineError without the engine.
+
+    >>> import polywigner as pw
+    >>> round(complex(pw.fourier(pw.shapes.square(10e-3), (50.0, 0.0))).real, 9)
+    6.3662e-05
     """
     if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
@@ -235,6 +244,7 @@ def _copies(array: Array) -> Iterator[tuple[Any, Any, Any]]:
         yield placed[0].aperture.placed(pose), shifts, array.weights[members]
 
 
+@takes_xarray("nu", units="1", long_name="array factor")
 def array_factor(
     positions: Any,
     weights: Any,
@@ -259,6 +269,7 @@ def array_factor(
     Returns
     -------
     (...) complex, in the unit of the weights; types as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
