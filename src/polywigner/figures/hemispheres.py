@@ -23,15 +23,17 @@ from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
     TYPOGRAPHY,
+    checked_figure,
     new_figure,
     number_text,
     quantity_text,
     row_bar,
+    write_title,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["draw_disc", "draw_hemispheres"]
 
@@ -45,7 +47,8 @@ def draw_hemispheres(
     against: str | None = None,
     floor_db: float = -40.0,
     title: str = "",
-) -> Figure:
+    figure: Figure | SubFigure | None = None,
+) -> Any:
     """Levels over all directions of a half space, in the plane of the direction cosines s_x, s_y.
 
     Parameters
@@ -55,10 +58,16 @@ def draw_hemispheres(
         are squared.
     against : the variable whose peak is 0 dB; None: the last one.
     floor_db : lowest level, dB; all that is less has its colour.
+    title : above the panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
 
     Raises
     ------
-    ArgumentError : no such quantity or method; other axes.
+    ArgumentError : no such quantity or method; other axes; what is no figure.
     """
     import matplotlib as mpl
 
@@ -83,8 +92,11 @@ def draw_hemispheres(
     }
     zero = peak_of(powers[against], name)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(_INCHES * len(powers) + 1.2, _INCHES + 0.6)
-        figure.set_layout_engine("compressed")
+        if figure is None:
+            figure = new_figure(_INCHES * len(powers) + 1.2, _INCHES + 0.6)
+            figure.set_layout_engine("compressed")
+        else:
+            figure = checked_figure(figure)
         panels = figure.subplots(1, len(powers), squeeze=False, sharey=True)[0]
         for axes, (method, power) in zip(panels, powers.items(), strict=True):
             levels = level_db(power, zero, floor_db)
@@ -98,7 +110,7 @@ def draw_hemispheres(
             f"{what}, dB relative to {quantity_text(zero, unit)}\nfloor {number_text(floor_db)} dB"
         )
         row_bar(panels, shown, text)
-        figure.suptitle(title)
+        write_title(figure, title)
     return figure
 
 

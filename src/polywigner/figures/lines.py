@@ -21,11 +21,19 @@ from polywigner.figures.fields import (
     squared_unit,
 )
 from polywigner.figures.levels import check_floor
-from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, number_text, quantity_text
+from polywigner.figures.style import (
+    TYPOGRAPHY,
+    checked_figure,
+    length_unit,
+    new_figure,
+    number_text,
+    quantity_text,
+    write_title,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["draw_lines"]
 
@@ -64,7 +72,8 @@ def draw_lines(
     floor_db: float = -40.0,
     compared_db: float = COMPARED_DB,
     title: str = "",
-) -> Figure:
+    figure: Figure | SubFigure | None = None,
+) -> Any:
     """Levels along a line by each method, and below them the differences from one of the methods.
 
     Parameters
@@ -78,10 +87,17 @@ def draw_lines(
     floor_db : lowest level shown, dB below the peak of that method. Curves have gaps where values
         are not above zero.
     compared_db : lowest level of that method at which differences are shown.
+    title : above the panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
 
     Raises
     ------
-    ArgumentError : no such quantity, method or coordinate; values over more than one axis.
+    ArgumentError : no such quantity, method or coordinate; values over more than one axis; what is
+    no figure.
     """
     import matplotlib as mpl
 
@@ -93,7 +109,7 @@ def draw_lines(
         side_by_side = len(curves) > 1
         width = 1.0 + 3.0 * len(curves) if side_by_side else 6.4
         size = width, (5.6 if rows == 2 else 3.7) + 0.3 * side_by_side
-        figure = new_figure(*size, spacing=0.03)
+        figure = new_figure(*size, spacing=0.03) if figure is None else checked_figure(figure)
         ratios = (3, 2) if rows == 2 else (1,)
         panels = figure.subplots(
             rows, len(curves), sharex="col", sharey="row", squeeze=False, height_ratios=ratios
@@ -113,7 +129,7 @@ def draw_lines(
                 figure.legend(*handles, loc="outside lower center", ncols=len(handles[0]), **how)
             else:
                 panels[0, 0].legend(**how)
-        figure.suptitle(title)
+        write_title(figure, title)
     return figure
 
 

@@ -12,12 +12,19 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.figures.hemispheres import draw_disc
 from polywigner.figures.levels import check_floor
-from polywigner.figures.style import TYPOGRAPHY, colour_bar, new_figure, number_text
+from polywigner.figures.style import (
+    TYPOGRAPHY,
+    checked_figure,
+    colour_bar,
+    new_figure,
+    number_text,
+    write_title,
+)
 from polywigner.propagation.beams import BeamMetrics, beam_metrics, cuts_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["PatternPanel", "draw_pattern"]
 
@@ -39,7 +46,8 @@ def draw_pattern(
     metrics: BeamMetrics | None = None,
     floor_db: float = -40.0,
     title: str = "",
-) -> Figure:
+    figure: Figure | SubFigure | None = None,
+) -> Any:
     """The directivity of a pattern: cuts over theta, in polar coordinates, over u-v, and a table.
 
     Parameters
@@ -50,10 +58,15 @@ def draw_pattern(
     metrics : the numbers of the table; None: those of :func:`polywigner.beam_metrics`.
     floor_db : lowest level, dB below the largest directivity.
     title : above all panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
 
     Raises
     ------
-    ArgumentError : no pattern, an unknown panel, too few angles.
+    ArgumentError : no pattern, an unknown panel, too few angles; what is no figure.
     """
     import matplotlib as mpl
 
@@ -66,7 +79,10 @@ def draw_pattern(
         columns = 3 if len(chosen) == 3 else min(2, len(chosen))
         rows = -(-len(chosen) // columns)
         width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
-        figure = new_figure(width, 3.4 * rows + 0.3, spacing=0.05)
+        if figure is None:
+            figure = new_figure(width, 3.4 * rows + 0.3, spacing=0.05)
+        else:
+            figure = checked_figure(figure)
         for place, name in enumerate(chosen, start=1):
             projection = "polar" if name == "polar" else None
             axes = figure.add_subplot(rows, columns, place, projection=projection)
@@ -78,7 +94,7 @@ def draw_pattern(
                 _draw_map(axes, pattern, low, high)
             else:
                 _write_table(axes, found)
-        figure.suptitle(title)
+        write_title(figure, title)
     return figure
 
 

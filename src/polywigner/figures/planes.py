@@ -26,16 +26,18 @@ from polywigner.figures.style import (
     LEVEL_MAP,
     SIGNED_MAP,
     TYPOGRAPHY,
+    checked_figure,
     length_unit,
     new_figure,
     number_text,
     quantity_text,
     row_bar,
+    write_title,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["draw_planes"]
 
@@ -54,7 +56,8 @@ def draw_planes(
     floor_db: float = -40.0,
     compared_db: float = COMPARED_DB,
     title: str = "",
-) -> Figure:
+    figure: Figure | SubFigure | None = None,
+) -> Any:
     """Maps of a field on a plane in dB; below them its phases, or differences between methods.
 
     Parameters
@@ -66,10 +69,16 @@ def draw_planes(
     floor_db : lowest level, dB below the peak of that method; all that is less, negative values
         included, has its colour.
     compared_db : lowest level of that method at which differences are shown.
+    title : above the panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
 
     Raises
     ------
-    ArgumentError : no such quantity or method; other axes.
+    ArgumentError : no such quantity or method; other axes; what is no figure.
     """
     import matplotlib as mpl
 
@@ -90,8 +99,11 @@ def draw_planes(
         columns = len(fields)
         inches = _INCHES if rows * columns > 1 else _ALONE
         size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
-        figure = new_figure(*size)
-        figure.set_layout_engine("compressed")  # panels of one shape, next to each other
+        if figure is None:
+            figure = new_figure(*size)
+            figure.set_layout_engine("compressed")  # panels of one shape, next to each other
+        else:
+            figure = checked_figure(figure)
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         top = []
         for axes, (method, power) in zip(panels[0], powers.items(), strict=True):
@@ -111,7 +123,7 @@ def draw_planes(
             axes.set_xlabel(labels[0])
         for axes in panels[:, 0]:
             axes.set_ylabel(labels[1])
-        figure.suptitle(title)
+        write_title(figure, title)
     return figure
 
 

@@ -15,17 +15,19 @@ from polywigner.figures.style import (
     SIGNED_MAP,
     TYPOGRAPHY,
     LengthUnit,
+    checked_figure,
     colour_bar,
     length_unit,
     new_figure,
     signed_norm,
     signed_ticks,
+    write_title,
 )
 from polywigner.transforms.labelled import Labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["Layout", "draw_projections"]
 
@@ -54,8 +56,13 @@ _INCHES = 3.3  # a panel with its colour bar
 
 
 def draw_projections(
-    found: Labelled, layout: Layout = "paper", floor_db: float = -40.0, title: str = ""
-) -> Figure:
+    found: Labelled,
+    layout: Layout = "paper",
+    floor_db: float = -40.0,
+    title: str = "",
+    *,
+    figure: Figure | SubFigure | None = None,
+) -> Any:
     """The tiles of :func:`polywigner.projections`, each with its axes, unit and colour bar.
 
     Of the ambiguity function the real parts. Tiles that change sign are linear within 1 % of
@@ -69,10 +76,16 @@ def draw_projections(
         a column share the axis below it, those in a row the axis to the left. Slits have one tile.
     floor_db : lowest level of power spectra, dB relative to their largest value.
     title : above the panels.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
 
     Raises
     ------
-    ArgumentError for another layout, tiles that are missing, and fewer than two samples on an axis.
+    ArgumentError for another layout, tiles that are missing, fewer than two samples on an axis, and
+    what is no figure.
     """
     import matplotlib as mpl
 
@@ -86,7 +99,11 @@ def draw_projections(
     unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(_INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4, spacing=0.03)
+        if figure is None:
+            size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
+            figure = new_figure(*size, spacing=0.03)
+        else:
+            figure = checked_figure(figure)
         panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
         for row, column in product(range(rows), range(columns)):
             axes = panels[row, column]
@@ -99,7 +116,7 @@ def draw_projections(
             axes.set_xlabel(_axis_label(across, unit))
             if column == 0:
                 axes.set_ylabel(_axis_label(up, unit))
-        figure.suptitle(title)
+        write_title(figure, title)
     return figure
 
 

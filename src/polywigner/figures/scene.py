@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,7 @@ from polywigner.figures.levels import PEAK_RULE, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
     TYPOGRAPHY,
+    checked_axes,
     colour_bar,
     new_figure,
     number_text,
@@ -18,7 +19,7 @@ from polywigner.figures.style import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
 
 __all__ = ["draw_scene"]
 
@@ -28,7 +29,9 @@ def draw_scene(
     reference: float | None,
     floor_db: float,
     unit: str = "W/(m² sr)",
-) -> Figure:
+    *,
+    ax: Axes | None = None,
+) -> Any:
     """A rendered picture in dB relative to ``reference``, with a colour bar that says so.
 
     Parameters
@@ -39,6 +42,15 @@ def draw_scene(
     floor_db : lowest level, dB; everything at or below it, negative radiance included, gets its
         colour.
     unit : unit of ``radiance``, for the label.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
+
+    Returns
+    -------
+    The axes that were given, or the new figure.
+
+    Raises
+    ------
+    ArgumentError : what are no axes.
     """
     import matplotlib as mpl
 
@@ -46,14 +58,17 @@ def draw_scene(
     height, width = picture.shape
     levels = level_db(picture, reference, floor_db)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(*_size(width, height))
-        axes = figure.add_subplot()
+        if ax is None:
+            figure = new_figure(*_size(width, height))
+            axes = figure.add_subplot()
+        else:
+            axes = checked_axes(ax)
         shown = axes.imshow(levels, cmap=LEVEL_MAP, vmin=floor_db, vmax=0.0)
         axes.set_xticks([])
         axes.set_yticks([])
         extend = "max" if np.any(levels > 0) else "neither"
         colour_bar(axes, shown, _label(reference, floor_db, unit), extend)
-    return figure
+    return figure if ax is None else axes
 
 
 def _size(width: int, height: int) -> tuple[float, float]:

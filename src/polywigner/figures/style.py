@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from polywigner.errors import ArgumentError
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = [
     "LEVEL_MAP",
     "SIGNED_MAP",
     "LengthUnit",
+    "checked_axes",
+    "checked_figure",
     "colour_bar",
     "length_unit",
     "new_figure",
@@ -20,6 +24,7 @@ __all__ = [
     "row_bar",
     "signed_norm",
     "signed_ticks",
+    "write_title",
 ]
 
 LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
@@ -79,6 +84,43 @@ def new_figure(width: float, height: float, spacing: float = 0.02) -> Figure:
     figure = Figure(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)
     return figure
+
+
+def checked_figure(figure: Any) -> Any:
+    """The figure or subfigure of a caller, ready to be drawn on.
+
+    An empty figure without a layout gets that of :func:`new_figure`, or colour bars would overlap.
+    Raises ArgumentError for anything else.
+    """
+    from matplotlib.figure import Figure, FigureBase
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    if not isinstance(figure, FigureBase):
+        raise ArgumentError(
+            "expected figure as a matplotlib Figure or SubFigure, got "
+            f"{type(figure).__name__}; several panels are drawn, for which axes are not enough"
+        )
+    if isinstance(figure, Figure) and figure.get_layout_engine() is None and not figure.axes:
+        figure.set_layout_engine(ConstrainedLayoutEngine())
+    return figure
+
+
+def checked_axes(axes: Any) -> Any:
+    """The axes of a caller; ArgumentError for anything else."""
+    from matplotlib.axes import Axes
+
+    if not isinstance(axes, Axes):
+        raise ArgumentError(
+            f"expected ax as matplotlib Axes, got {type(axes).__name__}; make them by "
+            "matplotlib.pyplot.subplots()"
+        )
+    return axes
+
+
+def write_title(figure: Figure | SubFigure, title: str) -> None:
+    """The title above all panels; without one, that of the caller stays."""
+    if title or not figure.get_suptitle():
+        figure.suptitle(title)
 
 
 def colour_bar(axes: Axes, mappable: Any, label: str, extend: str = "neither") -> Any:

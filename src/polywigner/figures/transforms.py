@@ -16,17 +16,19 @@ from polywigner.figures.style import (
     SIGNED_MAP,
     TYPOGRAPHY,
     LengthUnit,
+    checked_figure,
     colour_bar,
     length_unit,
     new_figure,
     number_text,
     signed_norm,
     signed_ticks,
+    write_title,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["draw_transforms"]
 
@@ -35,7 +37,13 @@ _TINT = "#c6d7e6"
 _ACCENT = "#c1440e"
 
 
-def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -> Figure:
+def draw_transforms(
+    slices: TransformSlices,
+    floor_db: float,
+    title: str = "",
+    *,
+    figure: Figure | SubFigure | None = None,
+) -> Any:
     """Six panels: the aperture with its automean, |F|^2, Re F, the lag slice, W and Re A.
 
     Parameters
@@ -44,13 +52,22 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
     floor_db : lowest level of |F|^2, dB relative to |F(0)|^2, the largest value that the
         transform of a uniform aperture has; of other sources, to the largest value shown.
     title : above the panels, before the wavelength.
+    figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
+
+    Returns
+    -------
+    The figure or subfigure.
+
+    Raises
+    ------
+    ArgumentError : a floor that is not below zero; what is no figure.
     """
     import matplotlib as mpl
 
     check_floor(floor_db)
     unit = length_unit(slices.aperture.diameter)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(11.6, 6.9, spacing=0.04)
+        figure = new_figure(11.6, 6.9, spacing=0.04) if figure is None else checked_figure(figure)
         panels = figure.subplots(2, 3).ravel()
         _draw_supports(panels[0], slices, unit)
         _draw_levels(panels[1], slices, unit, floor_db)
@@ -59,7 +76,7 @@ def draw_transforms(slices: TransformSlices, floor_db: float, title: str = "") -
         _draw_signed(panels[4], slices, slices.wigner, unit, "W(x, ν)", r"\nu")
         _draw_signed(panels[5], slices, slices.ambiguity.real, unit, "Re A(υ, ξ)", r"\upsilon")
         letter_panels(panels)
-        figure.suptitle(_heading(title, slices.wavelength))
+        write_title(figure, _heading(title, slices.wavelength))
     return figure
 
 

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, EngineError, MissingExtraError
 from polywigner.figures.fields import Samples, field_samples
 from polywigner.figures.levels import check_floor, level_db
-from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, number_text, quantity_text
+from polywigner.figures.style import (
+    TYPOGRAPHY,
+    checked_axes,
+    length_unit,
+    new_figure,
+    number_text,
+    quantity_text,
+)
 from polywigner.figures.volumes_box import draw_box, draw_outline, draw_picture, draw_wall
 from polywigner.figures.volumes_layers import Layers, cast_layers, closed, shaded
 from polywigner.figures.volumes_pyvista import pyvista_layers
@@ -60,7 +67,8 @@ def draw_volume(
     projection: Projection = "maximum",
     renderer: Renderer = "auto",
     title: str = "",
-) -> Figure:
+    ax: Axes | None = None,
+) -> Any:
     """Isosurfaces of an irradiance inside its box, and its projections on the three back walls.
 
     Lengths have one scale along all axes, unless the box is more than four times as long as wide.
@@ -80,15 +88,21 @@ def draw_volume(
         needs no graphics library; "auto", pyvista where it is installed and works, else the other.
         The rest of the picture is the same.
     title : above the picture.
+    ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
+
+    Returns
+    -------
+    The axes that were given, or the new figure.
 
     Raises
     ------
-    ArgumentError : no such volume, or levels that are none.
+    ArgumentError : no such volume, levels that are none, or what are no axes.
     MissingExtraError, EngineError : pyvista was asked for, and is missing or does not work here.
     """
     import matplotlib as mpl
 
     shells = check_volume_options(surfaces, floor_db, projection, renderer)
+    ax = None if ax is None else checked_axes(ax)
     volume = field_samples(found, name, ("x", "y", "z"), _MOST)
     zero = volume.zero_db(reference)
     lower, upper = volume.corners
@@ -96,7 +110,12 @@ def draw_volume(
     view = View.of(front, upper, _TOWARDS)
     layers = _layers(volume, zero, shells, view, renderer)
     with mpl.rc_context(TYPOGRAPHY):
-        figure, axes, beside = _page(view, front, upper)
+        if ax is None:
+            figure, axes, beside = _page(view, front, upper)
+            place: dict[str, Any] = {"cax": beside}
+        else:
+            axes = ax
+            place = {"ax": axes, "fraction": 0.03, "pad": 0.04}
         colours = _colours(len(shells))
         for axis in range(3):
             wall = level_db(_projected(volume.values, axis, projection), zero, floor_db)
@@ -109,12 +128,12 @@ def draw_volume(
         if source is not None:
             draw_outline(axes, view, source)
         extend = "max" if np.max(volume.values) > zero else "neither"
-        bar = figure.colorbar(shown, cax=beside, extend=extend)
+        bar = axes.figure.colorbar(shown, extend=extend, **place)
         bar.outline.set_linewidth(0.6)
         bar.ax.hlines(shells, 0, 1, colors=[tuple(c) for c in colours], linewidth=3)
         bar.set_label(_label(volume, zero, reference, shells, floor_db, projection))
         axes.set_title(title)
-    return figure
+    return figure if ax is None else axes
 
 
 def check_volume_options(

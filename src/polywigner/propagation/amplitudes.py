@@ -34,6 +34,7 @@ from polywigner.propagation.places import (
     checked_wavelength,
 )
 from polywigner.transforms import Differentiable
+from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["DEFAULT_TOLERANCE", "amplitude", "checked_amplitude_tolerance"]
 
@@ -49,6 +50,7 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 
 
 @takes_frequency
+@takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U")
 def amplitude(
     source: Aperture | Array | Differentiable,
     points: Any,
@@ -96,6 +98,7 @@ def amplitude(
     -------
     (...) complex, in the unit of the source's field; with ``return_error`` a pair of that and (...)
     of floats. complex64 for single precision.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Warns
     -----

@@ -20,7 +20,12 @@ from polywigner.propagation.grids import (
     shape_of_grid,
 )
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_layout import Layout, chunks_within
+from polywigner.propagation.stores_layout import (
+    Layout,
+    chunks_within,
+    source_attrs,
+    source_settings,
+)
 from polywigner.radiometry.directions import PlaneSource, checked_source
 
 __all__ = ["hemisphere", "line", "plane", "volume"]
@@ -225,13 +230,14 @@ def volume(
     engine = resolved(settings.engine, max(_COMPILED, math.prod(sizes)))
     settings = replace(settings, engine=engine)
     block = FieldBlock(radiator, grid, settings.methods[0], settings)
-    about = described(radiator, settings)
-    layout = Layout(block.method, settings.stored, grid.coords, sizes, block.attrs, about)
+    about = described(settings)
+    shown = about | source_attrs(radiator)
+    layout = Layout(block.method, settings.stored, grid.coords, sizes, block.attrs, shown)
     return write_dataset(
         out,
         layout,
         block,
-        {**block.attrs, **about},
+        {**block.attrs, **about, **source_settings(radiator)},
         exclusive=engine != "numpy",
         scheduler=scheduler,
         threads=threads,

@@ -22,7 +22,7 @@ from polywigner.propagation.field_settings import WITH_OBLIQUITY, FieldSettings
 from polywigner.propagation.grids import Grid, shape_of_grid
 from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.stores_files import required
-from polywigner.propagation.stores_layout import Index, chunks_within, source_settings
+from polywigner.propagation.stores_layout import Index, chunks_within, source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.radiometry.progress import progress_bar
@@ -103,19 +103,20 @@ def dataset(
             _filled(block, progress) if chunks is None else _lazy(block, chunks) for block in blocks
         ]
     dims = tuple(grid.coords)
-    coords = {name: (axis.dims, axis.values, axis.attrs) for name, axis in grid.coords.items()}
+    named = grid.coords | source_coords(radiator)
+    coords = {name: (axis.dims, axis.values, axis.attrs) for name, axis in named.items()}
     return xarray.Dataset(
         {
             block.method: (dims, array, block.attrs)
             for block, array in zip(blocks, arrays, strict=True)
         },
         coords=coords | _places(grid),
-        attrs=described(radiator, settings),
+        attrs=described(settings) | source_attrs(radiator),
     )
 
 
-def described(source: PlaneSource, settings: FieldSettings) -> dict[str, Any]:
-    """Attributes of a dataset: what it takes to compute it again, beside the grid."""
+def described(settings: FieldSettings) -> dict[str, Any]:
+    """Attributes of a dataset: what it takes to compute it again, beside grid and source."""
     from polywigner import __version__
 
     return {
@@ -125,7 +126,6 @@ def described(source: PlaneSource, settings: FieldSettings) -> dict[str, Any]:
         "engine": settings.engine,
         "polywigner_version": __version__,
         "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
-        **source_settings(source),
     }
 
 
@@ -169,8 +169,8 @@ def _warnings_once() -> Iterator[None]:
     kinds = {(w.category, re.sub(r"[\d.]+", "", str(w.message))): w for w in reversed(caught)}
     for warning in reversed(kinds.values()):
         warnings.warn(
-            warning.message, warning.category, stacklevel=5
-        )  # who called `line` or the like
+            warning.message, warning.category, stacklevel=6
+        )  # who called `line` or the like, with the frame that takes frequencies between
 
 
 def _lazy(block: FieldBlock, chunks: Any) -> Any:

@@ -40,6 +40,7 @@ from polywigner.propagation.rays_sampling import Sampling, by_samples
 from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable, lag_marginal
+from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["checked_order", "checked_tolerance", "irradiance"]
 
@@ -58,6 +59,7 @@ _THIRD_ORDER_FROM = 0.9
 
 
 @takes_frequency
+@takes_xarray("points", units="W m-2", long_name="irradiance |U|^2")
 def irradiance(
     source: Aperture | Array | Differentiable,
     points: Any,
@@ -116,6 +118,7 @@ def irradiance(
     (...) float64, in the unit of the source's |u|^2; slightly negative at places, near nulls. With
     ``return_error`` a pair, the second the estimated errors of the sum: the difference between the
     last two rules, or the standard deviation of drawn sums.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------

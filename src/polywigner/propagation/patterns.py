@@ -15,6 +15,7 @@ from polywigner.illumination.obliquities import OBLIQUITIES, Obliquity, warn_of_
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.far_fields import far_field, powers_of
 from polywigner.propagation.places import checked_name
+from polywigner.propagation.stores_layout import source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
@@ -121,11 +122,12 @@ def _described(
         {
             name: LabelledArray(values, (name,), {"units": "rad", "long_name": meaning})
             for name, (values, meaning) in axes.items()
-        },
+        }
+        | source_coords(source),
         {
             **about,
             "convention": "waves exp(+ikr)/r, time exp(-i omega t)",
-            "source": repr(source),
+            **source_attrs(source),
             "polywigner_version": __version__,
         },
     )

@@ -25,7 +25,7 @@ from polywigner.propagation.stores_files import (
     recorded,
     required,
 )
-from polywigner.propagation.stores_layout import Index, Layout, fingerprint_of
+from polywigner.propagation.stores_layout import Index, Layout, fingerprint_of, told_settings
 from polywigner.propagation.stores_running import connected, on_cluster, on_this_machine
 from polywigner.radiometry.progress import progress_bar
 
@@ -133,6 +133,7 @@ def _check_same_run(path: Path, fingerprint: str, settings: dict[str, Any]) -> N
         )
     if found[0] == fingerprint:
         return
+    settings = told_settings(settings)
     names = sorted({*found[1], *settings})
     differ = [name for name in names if found[1].get(name) != settings.get(name)]
     told = ", ".join(

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError, MissingExtraError, StoreError
-from polywigner.propagation.stores_layout import Index, Layout, versions
+from polywigner.illumination.files.reading import SOURCE_COORDINATE
+from polywigner.propagation.stores_layout import Index, Layout, told_settings, versions
 
 __all__ = ["Block", "ChunkWriter", "create", "missing", "recent_zarr", "recorded", "required"]
 
@@ -68,8 +69,14 @@ def create(path: Path, layout: Layout, fingerprint: str, settings: dict[str, Any
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(scratch, ignore_errors=True)
-        attrs = {**layout.dataset_attrs, _FINGERPRINT: fingerprint, _SETTINGS: json.dumps(settings)}
+        attrs = {**layout.dataset_attrs, _FINGERPRINT: fingerprint}
+        attrs[_SETTINGS] = json.dumps(told_settings(settings))
+        if "source" in settings:
+            attrs["coordinates"] = SOURCE_COORDINATE  # to xarray it is none of the variables
         group = zarr.create_group(store=scratch, zarr_format=3, attributes=attrs)
+        if "source" in settings:
+            text = group.create_array(SOURCE_COORDINATE, shape=(), chunks=(), dtype="string")
+            text[...] = settings["source"]
         for name, axis in layout.coords.items():
             group.create_array(
                 name,
@@ -109,7 +116,8 @@ def recorded(path: Path) -> tuple[str, dict[str, Any]] | None:
     """Fingerprint and settings of the store at a path; None for anything else that is there."""
     try:
         attrs = json.loads((path / "zarr.json").read_bytes())["attributes"]
-        return attrs[_FINGERPRINT], json.loads(attrs[_SETTINGS])
+        # older stores have the text of the source among their settings
+        return attrs[_FINGERPRINT], told_settings(json.loads(attrs[_SETTINGS]))
     except (OSError, ValueError, KeyError, TypeError):
         return None
 

@@ -16,9 +16,20 @@ from numpy.typing import DTypeLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.illumination.files.encoding import json_of, table_of
+from polywigner.illumination.files.reading import SOURCE_COORDINATE
 from polywigner.transforms.labelled import LabelledArray
 
-__all__ = ["Index", "Layout", "chunks_within", "fingerprint_of", "source_settings", "versions"]
+__all__ = [
+    "Index",
+    "Layout",
+    "chunks_within",
+    "fingerprint_of",
+    "source_attrs",
+    "source_coords",
+    "source_settings",
+    "told_settings",
+    "versions",
+]
 
 Index = tuple[int, ...]
 """One number for each dimension: of a chunk, of its first sample, or of samples in it."""
@@ -29,6 +40,8 @@ _FORMAT = 1
 _LIBRARIES = ("numpy", "drjit")
 # Beyond this a source is told by its digest alone.
 _LONGEST_SOURCE = 1 << 16
+# Of a description, which is shown with a dataset.
+_LONGEST_ATTRIBUTE = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +128,32 @@ def source_settings(source: Any) -> dict[str, Any]:
     text = json_of(table_of(source))
     if len(text) <= _LONGEST_SOURCE:
         return {"source": text}
-    return {"source_sha256": hashlib.sha256(text.encode()).hexdigest()}
+    return {"source_sha256": _digest_of_text(text)}
+
+
+def source_attrs(source: Any) -> dict[str, str]:
+    """Attributes of a dataset that say in one line which source it is of."""
+    text = repr(source)
+    if len(text) > _LONGEST_ATTRIBUTE:
+        text = f"{text[: _LONGEST_ATTRIBUTE - 3]}..."
+    return {"source": text, **{k: v for k, v in source_settings(source).items() if k != "source"}}
+
+
+def source_coords(source: Any) -> dict[str, LabelledArray]:
+    """The coordinate of a dataset that holds the whole source; none for a long one."""
+    text = source_settings(source).get("source")
+    if text is None:
+        return {}
+    # objects: NumPy's texts of fixed length take four times the memory, and zarr has none
+    values = np.array(text, dtype=object)
+    return {SOURCE_COORDINATE: LabelledArray(values, (), {"long_name": "source file in JSON"})}
+
+
+def told_settings(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings with the digest of the source in place of its text."""
+    told = dict(settings)
+    text = told.pop("source", None)
+    return told if text is None else {**told, "source_sha256": _digest_of_text(str(text))}
 
 
 def versions() -> dict[str, str]:
@@ -140,7 +178,11 @@ def fingerprint_of(layout: Layout, settings: Mapping[str, Any]) -> tuple[str, di
         **settings,
     }
     text = json.dumps(whole, sort_keys=True, allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest(), json.loads(text)
+    return _digest_of_text(text), json.loads(text)
+
+
+def _digest_of_text(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _digest(values: NDArray[Any]) -> str:

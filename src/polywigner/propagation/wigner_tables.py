@@ -18,7 +18,14 @@ from polywigner.geometry.arguments import checked_count
 from polywigner.geometry.numbers import real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_layout import Index, Layout, chunks_within, source_settings
+from polywigner.propagation.stores_layout import (
+    Index,
+    Layout,
+    chunks_within,
+    source_attrs,
+    source_coords,
+    source_settings,
+)
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
 from polywigner.transforms.labelled import LabelledArray, LabelledArrays, labelled
 
@@ -172,7 +179,7 @@ def _table(
     checked_engine(running.engine)
     checked_precision(running.precision)
     axes = {name: _checked_axis(name, values) for name, values in given.items()}
-    layout = _layout(kind, axes, running)
+    layout = _layout(kind, axes, running, source_attrs(source))
     # Every chunk by the same engine, wherever it is computed.
     engine: Any = resolved(running.engine, math.prod(layout.chunks))
     arrays = tuple(axis.values for axis in axes.values())
@@ -203,12 +210,13 @@ def _in_memory(layout: Layout, block: _Block, running: _Running) -> Any:
         )
     values = block((0,) * len(layout.shape), layout.shape)
     variable = LabelledArray(values, layout.dims, dict(layout.attrs))
-    return labelled(
-        LabelledArrays({layout.name: variable}, layout.coords, {**layout.dataset_attrs})
-    )
+    coords = {**layout.coords, **source_coords(block.source)}
+    return labelled(LabelledArrays({layout.name: variable}, coords, {**layout.dataset_attrs}))
 
 
-def _layout(kind: Kind, axes: Mapping[str, LabelledArray], running: _Running) -> Layout:
+def _layout(
+    kind: Kind, axes: Mapping[str, LabelledArray], running: _Running, about: Mapping[str, str]
+) -> Layout:
     double = running.precision != "single"
     name, label, kernel = {
         "wigner": ("W", "Wigner function", "exp(-2 pi i nu.xi)"),
@@ -221,7 +229,12 @@ def _layout(kind: Kind, axes: Mapping[str, LabelledArray], running: _Running) ->
         axes,
         _chunks(axes, running.chunks),
         {"units": "m2", "long_name": label},
-        {"kind": kind, "convention": kernel, "precision": "double" if double else "single"},
+        {
+            "kind": kind,
+            "convention": kernel,
+            "precision": "double" if double else "single",
+            **about,
+        },
     )
 
 

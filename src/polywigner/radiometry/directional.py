@@ -19,13 +19,19 @@ from polywigner.radiometry.directions import (
     checked_source,
 )
 from polywigner.transforms import fourier, wigner
+from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["Normalisation", "radiance", "radiant_intensity"]
 
 Normalisation = Literal["si", "paper"]
 
 
+def _radiance_units(arguments: dict[str, Any]) -> str:
+    return "m-4 sr-1" if arguments.get("normalisation") == "paper" else "W m-2 sr-1"
+
+
 @takes_frequency
+@takes_xarray("x", "direction", units=_radiance_units, long_name="radiance L(x, s)")
 def radiance(
     source: PlaneSource,
     x: Any,
@@ -56,6 +62,7 @@ def radiance(
     Returns
     -------
     (...) real, in W/(m^2 sr). Accurate to 1e-12 (single precision: 5e-6) int |u|^2/lambda^2.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -80,6 +87,7 @@ def radiance(
 
 
 @takes_frequency
+@takes_xarray("direction", units="W sr-1", long_name="radiant intensity")
 def radiant_intensity(
     source: PlaneSource,
     direction: Any,
@@ -102,6 +110,7 @@ def radiant_intensity(
     Returns
     -------
     (...) real, not negative, in W/sr.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------

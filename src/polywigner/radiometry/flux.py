@@ -15,6 +15,7 @@ from polywigner.radiometry.directional import radiance, radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_source
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import lag_marginal
+from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["EnergyBudget", "energy_budget", "flux_vector", "power"]
 
@@ -23,6 +24,9 @@ _BLOCK = 1 << 22
 
 
 @takes_frequency
+@takes_xarray(
+    "x", units="W m-2", long_name="flux vector J(x)", components={"flux_component": "xyz"}
+)
 def flux_vector(
     source: PlaneSource, x: Any, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
@@ -45,6 +49,7 @@ def flux_vector(
     (..., 3) in W/m^2. Accurate to 1e-12 int |u|^2/lambda^2. Cost: W in some
     15 (diameter/wavelength)^2 + 1000 directions for each position; memory is bounded. A terminal
     shows a bar where that takes more than seconds.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`, J along ``flux_component``.
 
     Raises
     ------

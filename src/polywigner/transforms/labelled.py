@@ -31,6 +31,8 @@ class Labelled(Protocol):
 
     def __contains__(self, name: object) -> bool: ...
 
+    def __getattr__(self, name: str) -> Any: ...
+
 
 @dataclass(frozen=True, eq=False)
 class LabelledArray:
@@ -47,13 +49,23 @@ class LabelledArray:
     def shape(self) -> tuple[int, ...]:
         return self.values.shape
 
+    def __getattr__(self, name: str) -> Any:
+        return _looked_up(self, name, vars(self).get("attrs", {}))
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.attrs]
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.values, dtype=dtype, copy=True if copy is None else copy)
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledArrays(Mapping[str, LabelledArray]):
-    """Named arrays on common axes; iterates over the arrays, looks up axes as well."""
+    """Named arrays on common axes; iterates over the arrays, looks up axes as well.
+
+    Arrays, axes and attributes whose names are free are attributes of the object too, as in xarray:
+    ``found.directivity``.
+    """
 
     data_vars: Mapping[str, LabelledArray]
     coords: Mapping[str, LabelledArray]
@@ -65,11 +77,28 @@ class LabelledArrays(Mapping[str, LabelledArray]):
     def __contains__(self, name: object) -> bool:
         return name in self.data_vars or name in self.coords
 
+    def __getattr__(self, name: str) -> Any:
+        # not self.attrs: an object that is being unpickled has none yet
+        own = vars(self)
+        places = (own.get(place, {}) for place in ("data_vars", "coords", "attrs"))
+        return _looked_up(self, name, *places)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self.data_vars, *self.coords, *self.attrs]
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.data_vars)
 
     def __len__(self) -> int:
         return len(self.data_vars)
+
+
+def _looked_up(owner: object, name: str, *places: Mapping[str, Any]) -> Any:
+    for place in places:
+        if name in place:
+            return place[name]
+    message = f"{type(owner).__name__!r} object has no attribute {name!r}"
+    raise AttributeError(message, name=name, obj=owner)
 
 
 def labelled(found: LabelledArrays) -> Labelled:

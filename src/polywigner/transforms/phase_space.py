@@ -9,10 +9,12 @@ from polywigner.execution import Engine, Precision
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import phase_space_of
+from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
 
 
+@takes_xarray("x", "xi", units="1", long_name="autocorrelation R(x, xi)")
 def autocorrelation(
     source: PhaseSpaceSource,
     x: Any,
@@ -37,6 +39,7 @@ def autocorrelation(
     Returns
     -------
     (...) complex, without unit; 0 or 1 for a uniform source. Dr.Jit input as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -52,6 +55,7 @@ def autocorrelation(
     return transform("autocorrelation", source, points, precision, engine, outputs=2)
 
 
+@takes_xarray("x", "nu", units=content_units, long_name="Wigner function W(x, nu)")
 def wigner(
     source: PhaseSpaceSource | Differentiable,
     x: Any,
@@ -78,6 +82,7 @@ def wigner(
     Returns
     -------
     (...) real, in m^d; zero outside the automean. float32 for single precision.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -95,6 +100,7 @@ def wigner(
     return transform("wigner", source, points, precision, engine)
 
 
+@takes_xarray("upsilon", "xi", units=content_units, long_name="ambiguity function A(upsilon, xi)")
 def ambiguity(
     source: PhaseSpaceSource | Differentiable,
     upsilon: Any,
@@ -119,6 +125,7 @@ def ambiguity(
     Returns
     -------
     (...) complex, in m^d; Dr.Jit input as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -136,6 +143,7 @@ def ambiguity(
     return transform("ambiguity", source, points, precision, engine, outputs=2)
 
 
+@takes_xarray("x", units=content_units, long_name="position marginal R_x(x)")
 def position_marginal(
     source: PhaseSpaceSource, x: Any, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -151,6 +159,7 @@ def position_marginal(
     Returns
     -------
     (...) real, in m^d; equal to W(x, 0).
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -165,6 +174,7 @@ def position_marginal(
     return transform("position_marginal", source, [("x", x)], precision, engine)
 
 
+@takes_xarray("xi", units=content_units, long_name="lag marginal R_xi(xi)")
 def lag_marginal(
     source: PhaseSpaceSource, xi: Any, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -183,6 +193,7 @@ def lag_marginal(
     -------
     (...) in m^d, equal to A(0, xi): real for a uniform source, complex for an Array and for a
     source with an illumination.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from polywigner.geometry.arguments import checked_length, checked_wavelength
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
+from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["mtf", "otf"]
 
@@ -25,6 +26,7 @@ _DARK = 1e-13
 _PER_MM = 1e3
 
 
+@takes_xarray("xi", units="1", long_name="optical transfer function")
 def otf(
     source: PhaseSpaceSource,
     xi: Any,
@@ -55,6 +57,7 @@ def otf(
     Returns
     -------
     (...) complex, without unit. NumPy arrays only.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------
@@ -88,6 +91,7 @@ def otf(
     return ambiguity(source, slope * lags, lags, **how) / _energy(source)
 
 
+@takes_xarray("frequency", units="1", long_name="modulation transfer function")
 def mtf(
     source: PhaseSpaceSource,
     frequency: Any,
@@ -120,6 +124,7 @@ def mtf(
     Returns
     -------
     (...) float64 from 0 to 1, 1 at frequency 0.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------

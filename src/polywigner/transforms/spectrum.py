@@ -32,10 +32,12 @@ from polywigner.transforms.extremes import (
 )
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import fourier_of
+from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["array_factor", "fourier"]
 
 
+@takes_xarray("nu", units=content_units, long_name="Fourier transform F(nu)")
 def fourier(
     source: Source | Differentiable,
     nu: Any,
@@ -76,6 +78,9 @@ def fourier(
     -------
     (...) complex, in m^d; complex64 for single precision. Dr.Jit input gives ``Complex2f``, or
     for tensors a tensor (..., 2) of real and imaginary parts.
+    An ``xarray.DataArray``, components along its last dimension, gives one over its other
+    dimensions, broadcast by name, with their coordinates, a unit and a name; a chunked one stays
+    lazy (docs/howto/notebook.md).
 
     Raises
     ------
@@ -240,6 +245,7 @@ def _copies(array: Array) -> Iterator[tuple[Any, Any, Any]]:
         yield placed[0].aperture.placed(pose), shifts, array.weights[members]
 
 
+@takes_xarray("nu", units="1", long_name="array factor")
 def array_factor(
     positions: Any,
     weights: Any,
@@ -264,6 +270,7 @@ def array_factor(
     Returns
     -------
     (...) complex, in the unit of the weights; types as in :func:`fourier`.
+    An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
     ------

@@ -13,12 +13,16 @@ from polywigner.geometry.formats.content import bytes_of, text_of
 from polywigner.illumination.files.fields import wavelength_in
 from polywigner.illumination.files.tables import Source, source_of
 
-__all__ = ["Source", "parsed", "read_source", "read_with_wavelength"]
+__all__ = ["SOURCE_COORDINATE", "Source", "parsed", "read_source", "read_with_wavelength"]
 
 _LONGEST_MESSAGE = 1000
 
 
-def read_source(path: str | os.PathLike[str]) -> Source:
+SOURCE_COORDINATE = "source_json"
+"""Name of the coordinate of a dataset that holds its source, as the text of a source file."""
+
+
+def read_source(path: Any) -> Source:
     """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
 
     The format is described in docs/illumination.md. Whatever :func:`write_source` wrote comes back
@@ -34,7 +38,8 @@ def read_source(path: str | os.PathLike[str]) -> Source:
     ------
     FileFormatError
         The file is missing, empty, too large (64 MiB), not of its format, or has a key or a value
-        that is not understood; the message says where, and what is.
+        that is not understood; the message says where, and what is. A dataset has no source, or
+        one so long (64 KiB) that its digest alone is kept.
     GeometryError, IlluminationError, ArgumentError, QuantityError
         What it describes is no source: see the functions and classes it names.
     MissingExtraError
@@ -47,7 +52,24 @@ def read_source(path: str | os.PathLike[str]) -> Source:
     >>> pw.read_source(path) == pw.shapes.square(10e-3)
     True
     """
+    if hasattr(path, "coords") and hasattr(path, "attrs"):
+        return source_of(parsed(_text_in(path), ".json"), Path())
     return read_with_wavelength(path)[0]
+
+
+def _text_in(found: Any) -> str:
+    """The text of the source of a dataset."""
+    if SOURCE_COORDINATE in found.coords:
+        return str(found.coords[SOURCE_COORDINATE].values.item())
+    # datasets and stores written before there was such a coordinate
+    settings = json.loads(found.attrs.get("polywigner_settings", "{}"))
+    for text in (found.attrs.get("source", ""), settings.get("source", "")):
+        if text.startswith("{"):
+            return str(text)
+    raise FileFormatError(
+        f"expected a dataset with its source in the coordinate {SOURCE_COORDINATE}, got one "
+        "without; sources longer than 64 KiB are not kept, write them by polywigner.write_source"
+    )
 
 
 def read_with_wavelength(path: str | os.PathLike[str]) -> tuple[Source, float | None]:

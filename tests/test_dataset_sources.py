@@ -1,0 +1,121 @@
+"""Datasets say in a line which source they are of, and hold the whole of it beside."""
+
+from __future__ import annotations
+
+import copy
+import json
+import pickle
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import FileFormatError, StoreError
+from polywigner.transforms.labelled import LabelledArray, LabelledArrays
+
+xarray = pytest.importorskip("xarray", reason="the extra datasets is not installed")
+for _library in ("zarr", "dask", "h5netcdf"):
+    pytest.importorskip(_library, reason="the extra datasets is not installed")
+
+WAVELENGTH = 3e-3
+SOURCE = pw.shapes.disc(10e-3, 64).with_illumination(pw.steering((0.0, 0.6, 0.8), WAVELENGTH))
+BOX = ((0.0, 0.0, 0.1), (0.02, 0.01, 0.2))
+AXIS = [0.0, 1e-3]
+LONGEST = 200
+
+
+def _datasets(folder: Path) -> dict[str, Any]:
+    how: dict[str, Any] = {"method": "fraunhofer"}
+    return {
+        "line": pw.line(SOURCE, BOX, 3, WAVELENGTH, **how),
+        "pattern": pw.radiation_pattern(SOURCE, WAVELENGTH, [0.0, 0.1], [0.0]),
+        "table": pw.wigner_table(SOURCE, AXIS, AXIS, AXIS, AXIS, engine="numpy"),
+        "stored table": pw.wigner_table(
+            SOURCE, AXIS, AXIS, AXIS, AXIS, folder / "w.zarr", engine="numpy"
+        ),
+        "stored volume": pw.volume(
+            SOURCE, BOX, (2, 2, 2), WAVELENGTH, out=folder / "v.zarr", engine="numpy", **how
+        ),
+    }
+
+
+def test_a_dataset_tells_its_source_in_a_line_and_gives_it_back(tmp_path: Path) -> None:
+    for name, found in _datasets(tmp_path).items():
+        assert found.attrs["source"] == repr(SOURCE), name
+        assert pw.read_source(found) == SOURCE, name
+        assert "source_json" not in found.data_vars, name
+        own = {k: v for k, v in found.attrs.items() if not k.startswith("polywigner_")}
+        assert max(len(str(value)) for value in own.values()) <= LONGEST, name
+        assert all("polygons" not in str(value) for value in found.attrs.values()), name
+
+
+def test_files_give_the_source_back_too(tmp_path: Path) -> None:
+    found = _datasets(tmp_path)
+    for name in ("line", "stored volume"):
+        pw.write_netcdf(found[name], tmp_path / f"{name}.nc")
+        with xarray.open_dataset(tmp_path / f"{name}.nc", engine="h5netcdf") as read:
+            assert pw.read_source(read) == SOURCE
+    assert pw.read_source(xarray.open_zarr(tmp_path / "w.zarr")) == SOURCE
+
+
+def test_a_source_too_long_to_keep_is_told_by_its_digest() -> None:
+    long = pw.shapes.disc(10e-3, 2000)
+    found = pw.line(long, BOX, 2, WAVELENGTH, method="fraunhofer")
+    assert len(found.attrs["source_sha256"]) == 64
+    with pytest.raises(FileFormatError, match="source_json, got one without"):
+        pw.read_source(found)
+
+
+def _made_older(store: Path) -> None:
+    """As stores were written before the source had a variable of its own."""
+    file = store / "zarr.json"
+    table = json.loads(file.read_text())
+    attrs = table["attributes"]
+    text = str(xarray.open_zarr(store)["source_json"].values.item())
+    settings = json.loads(attrs["polywigner_settings"])
+    del settings["source_sha256"], attrs["coordinates"], attrs["source"]
+    attrs["polywigner_settings"] = json.dumps({**settings, "source": text})
+    del table["consolidated_metadata"]["metadata"]["source_json"]
+    file.write_text(json.dumps(table))
+    shutil.rmtree(store / "source_json")
+
+
+def test_an_older_store_is_read_and_taken_up(tmp_path: Path) -> None:
+    store = tmp_path / "w.zarr"
+    arguments = (AXIS, AXIS, AXIS, AXIS, store)
+    values = pw.wigner_table(SOURCE, *arguments, engine="numpy")["W"].values
+    _made_older(store)
+    (chunk,) = (file for file in (store / "W").rglob("0") if file.is_file())
+    chunk.unlink()
+    again = pw.wigner_table(SOURCE, *arguments, engine="numpy")
+    np.testing.assert_array_equal(again["W"].values, values)
+    assert pw.read_source(again) == SOURCE
+    with pytest.raises(StoreError, match="differs in source_sha256") as caught:
+        pw.wigner_table(pw.shapes.square(1e-2), *arguments, engine="numpy")
+    assert "source " not in str(caught.value).partition("differs in")[2]
+
+
+def test_without_xarray_arrays_axes_and_attributes_are_attributes_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    found = pw.radiation_pattern(SOURCE, WAVELENGTH, [0.0, 0.1], [0.0])
+    assert isinstance(found, LabelledArrays)
+    assert found.directivity is found["directivity"]
+    assert found.theta is found["theta"]
+    assert found.wavelength == WAVELENGTH
+    assert found.directivity.units == "dBi"
+    assert {"directivity", "theta", "wavelength"} <= set(dir(found))
+    assert pw.read_source(found) == SOURCE
+    for other in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
+        np.testing.assert_array_equal(other.directivity.values, found.directivity.values)
+    for owner in (found, found.directivity):
+        with pytest.raises(AttributeError, match="no attribute 'directivty'"):
+            _ = owner.directivty
+    # names that the object has itself stay its own
+    array = LabelledArray(np.ones(2), ("x",), {"values": 3})
+    assert array.values is not array.attrs["values"]

@@ -1,0 +1,121 @@
+"""Pictures on the axes and figures of a caller."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure, SubFigure
+
+import polywigner as pw
+from polywigner import figures
+from polywigner.errors import ArgumentError
+
+pytest.importorskip("xarray", reason="the extra datasets is not installed")
+
+WAVELENGTH = 3e-3
+SQUARE = pw.shapes.square(10e-3)
+METHODS: dict[str, Any] = {"method": ("fraunhofer", "fresnel")}
+ANGLES = np.linspace(0.0, 1.4, 8), np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
+
+
+@cache
+def _line(x: float) -> Any:
+    return pw.line(SQUARE, ((x, 0, 0.05), (x, 0, 0.2)), 9, WAVELENGTH, **METHODS)
+
+
+@cache
+def _slices() -> Any:
+    return figures.transform_slices(SQUARE, samples=17)
+
+
+SEVERAL: dict[str, Callable[..., Any]] = {
+    "lines": lambda **how: figures.draw_lines(_line(0.0), **how),
+    "columns of lines": lambda **how: figures.draw_lines(
+        {name: _line(x) for name, x in (("axis", 0.0), ("beside", 0.01))},
+        **how,
+    ),
+    "planes": lambda **how: figures.draw_planes(
+        pw.plane(SQUARE, ((-0.1, 0, 0.05), (0.1, 0, 0.2)), (9, 8), WAVELENGTH, **METHODS), **how
+    ),
+    "hemispheres": lambda **how: figures.draw_hemispheres(
+        pw.hemisphere(SQUARE, 1.0, *ANGLES, WAVELENGTH, method="fraunhofer"), **how
+    ),
+    "pattern": lambda **how: figures.draw_pattern(
+        pw.radiation_pattern(SQUARE, WAVELENGTH, *ANGLES), **how
+    ),
+    "projections": lambda **how: figures.draw_projections(pw.projections(SQUARE, samples=9), **how),
+    "transforms": lambda **how: figures.draw_transforms(_slices(), -30.0, **how),
+}
+ONE: dict[str, Callable[..., Any]] = {
+    "scene": lambda **how: figures.draw_scene(np.ones((4, 6)), 2.0, -40.0, **how),
+    "volume": lambda **how: figures.draw_volume(
+        pw.volume(SQUARE, ((-0.1, -0.1, 0.05), (0.1, 0.1, 0.2)), (6, 6, 6), WAVELENGTH,
+                  method="fraunhofer"),
+        renderer="matplotlib", surfaces=(-1.0,), **how,
+    ),
+}  # fmt: skip
+
+
+def _panels(figure: Any) -> list[str]:
+    """What stands at the axes."""
+    return [
+        " ".join((a.get_title(), a.get_title(loc="left"), a.get_xlabel(), a.get_ylabel()))
+        for a in figure.axes
+    ]
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_several_panels_are_drawn_on_a_figure_and_on_a_part_of_one(name: str) -> None:
+    draw = SEVERAL[name]
+    alone = draw(title="alone")
+    assert isinstance(alone, Figure)
+    own = Figure(figsize=(8, 6))
+    assert draw(figure=own, title="own") is own
+    assert _panels(own) == _panels(alone)
+    assert own.get_suptitle() == "own"
+    assert own.get_layout_engine() is not None  # or colour bars would overlap
+    whole = Figure(figsize=(14, 6), layout="constrained")
+    whole.suptitle("both")
+    left, right = whole.subfigures(1, 2)
+    right.suptitle("mine")
+    assert isinstance(right, SubFigure)
+    assert draw(figure=right) is right
+    assert _panels(right) == _panels(alone)
+    assert not left.axes
+    assert right.get_suptitle() == "mine"  # no title was given
+    assert whole.get_suptitle() == "both"
+
+
+@pytest.mark.parametrize("name", ONE)
+def test_one_panel_is_drawn_on_axes(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("polywigner.figures.volumes._PIXELS", 50)
+    alone = ONE[name]()
+    assert isinstance(alone, Figure)
+    whole = Figure(figsize=(10, 4), layout="constrained")
+    left, right = whole.subplots(1, 2)
+    assert ONE[name](ax=right) is right
+    assert not left.has_data()
+    assert len(whole.axes) == 3  # and a colour bar
+    assert whole.axes[2].get_ylabel() == alone.axes[1].get_ylabel()
+
+
+def test_the_typography_of_the_caller_stays() -> None:
+    before = dict(mpl.rcParams)
+    SEVERAL["lines"](figure=Figure())
+    assert dict(mpl.rcParams) == before
+
+
+@pytest.mark.parametrize("name", [*SEVERAL, *ONE])
+def test_anything_else_is_refused(name: str) -> None:
+    axes = Figure().subplots()
+    if name in SEVERAL:
+        with pytest.raises(ArgumentError, match="Figure or SubFigure, got Axes"):
+            SEVERAL[name](figure=axes)
+    else:
+        with pytest.raises(ArgumentError, match="expected ax as matplotlib Axes, got Figure"):
+            ONE[name](ax=axes.figure)
