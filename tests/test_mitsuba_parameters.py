@@ -67,6 +67,15 @@ def test_a_drawing_is_read_as_finely_as_asked(
     assert spec.source.area == pytest.approx(np.pi * 25e-6, rel=1e-12)
 
 
+def test_layers_of_a_drawing_are_read_and_joined_as_asked(tmp_path: Path) -> None:
+    shapes = [f'<g id="{name}"><rect x="{x}" width="2" height="1"/></g>'
+              for name, x in (("pad", 0), ("feed", 1), ("mark", 5))]  # fmt: skip
+    (tmp_path / "antenna.svg").write_text(f"<svg>{''.join(shapes)}</svg>")
+    inside = GOOD.replace("patch.wkt", "antenna.svg")
+    layers = '<string name="layer" value="pad; feed"/><boolean name="union" value="true"/>'
+    assert load(tmp_path, inside + layers).source.area == pytest.approx(3e-6, rel=1e-12, abs=0.0)
+
+
 @pytest.mark.parametrize(
     ("parameter", "name", "value"),
     [
@@ -347,6 +356,7 @@ def test_a_source_file_is_what_was_written(tmp_path: Path) -> None:
     ("inside", "fragments"),
     [
         ('<string name="unit" value="mm"/>', ["no unit with a source file"]),
+        ('<string name="layer" value="pads"/>', ["no layer with a source file"]),
         ('<string name="taper" value="cosine"/>', ["taper: expected an aperture", "Array"]),
         ('<string name="array" value="2 x 2, 1 mm"/>', ["array: expected an aperture", "Array"]),
         ('<string name="window" value="hamming"/>', ["window: expected an array for it"]),

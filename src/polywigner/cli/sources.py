@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polywigner.cli.output import check_text
 from polywigner.errors import ArgumentError, FileFormatError
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 __all__ = [
+    "Reading",
     "check_source_file",
     "field_title",
     "read_fed_source",
@@ -29,13 +30,29 @@ __all__ = [
 _SAME_WAVELENGTH = 1e-3
 
 
-def check_source_file(path: str) -> None:
+class Reading(NamedTuple):
+    """How to read an aperture file: the texts of the options of these names."""
+
+    unit: str | None
+    tolerance: str | None
+    layer: Sequence[str] | None
+    union: bool
+
+    def of_aperture(self) -> dict[str, Any]:
+        """The arguments of :func:`polywigner.read_aperture`."""
+        reach = None if self.tolerance is None else parse_length(self.tolerance)
+        return self._asdict() | {"unit": self.unit or "mm", "tolerance": reach}
+
+
+def check_source_file(path: str, reading: Reading) -> None:
     """That it can be a file at all, before anything heavy is imported to read it.
 
     Raises
     ------
-    ArgumentError for a name that is not text, FileFormatError where there is no such file.
+    ArgumentError for a name that is not text, FileFormatError where there is no such file,
+    QuantityError for a tolerance that is no length.
     """
+    reading.of_aperture()
     check_text("the aperture file", path)
     if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
         raise FileFormatError(
@@ -77,8 +94,7 @@ def field_title(path: str, wavelength: float) -> str:
 
 def read_fed_source(
     path: str,
-    unit: str | None,
-    tolerance: float | None,
+    reading: Reading,
     feeding: Mapping[str, str | None],
     wavelength: float | None,
 ) -> tuple[Aperture | ApertureArray, float | None]:
@@ -86,7 +102,7 @@ def read_fed_source(
 
     Parameters
     ----------
-    unit, tolerance : of aperture files; None: mm, and the reader's own.
+    reading : of aperture files.
     feeding : texts by their option, of :data:`polywigner.illumination.texts.FEEDING`.
     wavelength : in metres, for steering and focus; None: that of the file, if it has one.
 
@@ -103,14 +119,14 @@ def read_fed_source(
 
     source: Aperture | ApertureArray
     if _is_source_file(path):
-        for name, given in (("--unit", unit), ("--tolerance", tolerance)):
-            if given is not None:
+        for name, given in reading._asdict().items():
+            if given:
                 raise ArgumentError(
-                    f"expected no {name} with a source file, got {given!r}; the file says its own"
+                    f"expected no --{name} with a source file, got {given!r}; the file says its own"
                 )
         source, wavelength = _read_source(path, wavelength)
     else:
-        source = pw.read_aperture(path, unit=unit or "mm", tolerance=tolerance)
+        source = pw.read_aperture(path, **reading.of_aperture())
     texts = {name: text for name, text in feeding.items() if text is not None}
     return fed(source, texts, wavelength), wavelength
 
