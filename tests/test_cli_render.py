@@ -196,6 +196,7 @@ def test_nothing_but_the_paths_is_printed_off_a_terminal(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = scene_of_a_lit_floor(tmp_path)
+    (tmp_path / "out").mkdir()
     capfd.readouterr()
     rendered(path, "--variant", "scalar_rgb", "--spp", "1")
     out, err = capfd.readouterr()
@@ -210,6 +211,7 @@ def test_a_film_in_colour_in_a_variant_without_is_no_news(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = scene_of_the_aperture_itself(tmp_path, 0.0, pixels="")
+    (tmp_path / "out").mkdir()
     capfd.readouterr()
     rendered(path, "--variant", "llvm_ad_mono", "--spp", "1")
     out, err = capfd.readouterr()
@@ -224,6 +226,7 @@ def test_a_tracer_of_particles_draws_no_bar_of_its_own(
     tracer = '"ptracer"><integer name="rr_depth" value="100"/>'
     text = path.read_text().replace('"path">', tracer).replace("orthographic", "perspective")
     path.write_text(text.replace('<scale x="0.005" y="0.005"/>', ""))
+    (tmp_path / "out").mkdir()
     capfd.readouterr()
     _, record = rendered(path, "--variant", "scalar_rgb", "--spp", "1")
     out, err = capfd.readouterr()
@@ -284,7 +287,7 @@ def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(
     rendered(path, "--variant", "scalar_rgb", "--spp", "1")
     err = capfd.readouterr().err
     assert err.startswith("polywigner: warning: ")
-    assert err.count("\n") == 1
+    assert err.count("warning") == 1
     assert "did you mean GHz" in err
 
 

@@ -609,6 +609,32 @@ def test_a_dictionary_that_does_not_load_has_a_one_line_reason(tmp_path: Path) -
     assert "\n" not in str(reason)
 
 
+def test_what_another_plugin_raised_ends_the_line() -> None:
+    """Mitsuba puts the traceback before it."""
+    from polywigner.mitsuba import translate_error
+
+    text = (
+        '[parser.cpp:1718] At a.xml (line 3, col 2): failed to instantiate plugin of type "b": '
+        "Traceback (most recent call last):\n  File \"b.py\", line 6, in b\nKeyError: 'gold'"
+    )
+    reason = str(translate_error(RuntimeError(text)))
+    assert reason.endswith("plugin of type \"b\": KeyError: 'gold'")
+    assert "File" not in reason
+
+
+def test_an_error_of_load_file_ends_with_the_packages_line(tmp_path: Path) -> None:
+    """No lines of the package's own files stand between."""
+    scene = '<scene version="3.0.0"><shape type="wigner">{}</shape></scene>'
+    wrong = '<string name="aperture" value="none.wkt"/><string name="frequency" value="9 GHz"/>'
+    (tmp_path / "scene.xml").write_text(scene.format(wrong))
+    mi = use("scalar_rgb")
+    with pytest.raises(RuntimeError) as caught:
+        mi.load_file(str(tmp_path / "scene.xml"))
+    *before, last = str(caught.value).splitlines()
+    assert last == "FileFormatError: none.wkt: expected a file, got a path that does not exist"
+    assert not any("readers.py" in line or "read_parameters" in line for line in before)
+
+
 @pytest.mark.slow
 def test_apertures_in_memory_are_shared_by_content_and_bounded() -> None:
     from polywigner.mitsuba import sources

@@ -29,7 +29,7 @@ from polywigner.cli.sources import Reading
 __all__ = ["app"]
 
 app = typer.Typer(
-    add_completion=False,
+    add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     # Plain help text: half the start-up time of the boxed one, and it pipes into other tools.

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import shlex
 import sys
 import time
 import warnings
@@ -26,6 +27,7 @@ __all__ = ["run_render"]
 
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
 _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
+_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".toml")
 # By how much fewer samples a sampler needs than independent ones; on floors that are lit without
 # obstacles it was 60, beside edges of shadows less (docs/sampling.md).
 _GAINS = {"multijitter": 10}
@@ -68,6 +70,7 @@ def run_render(
     _check(settings)
     files = targets(output_stem(out, Path(scene).stem), (".exr", ".png", ".json"))
     check_writable(files)
+    _check_is_no_aperture(scene)
 
     from polywigner.figures import draw_scene, picture_peak
     from polywigner.figures.levels import check_floor
@@ -127,6 +130,17 @@ def _check(settings: RenderSettings) -> None:
         raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)
+
+
+def _check_is_no_aperture(scene: str) -> None:
+    suffix = Path(scene).suffix.lower()
+    if suffix in _NO_SCENES:
+        kind = "a source file" if suffix == ".toml" else "an aperture"
+        raise SceneError(
+            f"expected a scene, which is Mitsuba XML, got {scene!r}, which is {kind}; "
+            f"see its transforms by `polywigner transform {shlex.quote(scene)}`, or name it in "
+            'the <shape type="wigner"> of a scene'
+        )
 
 
 def _check_scene(scene: Any, name: str) -> None:

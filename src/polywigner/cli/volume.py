@@ -9,7 +9,7 @@ from typing import Any, cast
 from polywigner.cli.fields import format_suffixes, write_field
 from polywigner.cli.grid_advice import samples_of_box
 from polywigner.cli.methods import compared_with, parse_methods, print_differences
-from polywigner.cli.output import check_writable, output_stem, targets
+from polywigner.cli.output import check_writable, missing_folders, output_stem, say_made, targets
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
     Reading,
@@ -103,6 +103,7 @@ def run_volume(
         checked_settings(length, cast(FieldOptions, how | method.options))
     nx, ny, nz = count or samples_of_box(radiator, corners, length)
     fields, written = {}, []
+    new = missing_folders([stem])
     for method in wanted:
         name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{method.name}")
         store, *files = targets(name, (".zarr", ".png", *suffixes))
@@ -125,5 +126,6 @@ def run_volume(
         written += [store, *files]
     if len(wanted) > 1:
         print_differences(fields, reference)
+    say_made(new)
     for path in written:
         print(path)
