@@ -25,7 +25,7 @@ from polywigner.cli.sources import (
     required_wavelength,
     wavelength_from,
 )
-from polywigner.cli.where import Place, parse_place
+from polywigner.cli.where import Place, parse_place, place_text
 from polywigner.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -102,7 +102,9 @@ def run_propagate(
         "precision": precision,
     }
     found = _fields(radiator, place, wanted, length, how)
-    figure = _figure(found, place, reference, floor_db, field_title(source, length))
+    figure = _figure(
+        found, place, reference, floor_db, f"{field_title(source, length)}\n{place_text(place)}"
+    )
     write_field(found, figure, files)
     if len(wanted) > 1:
         print_differences(found.data_vars, reference)

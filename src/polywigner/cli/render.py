@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from polywigner.cli.output import check_text, check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
 if TYPE_CHECKING:
@@ -104,7 +105,9 @@ def run_render(
     record["used"] |= {"variant": chosen, "spp": samples}
     record["versions"] = _versions(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
-    figure = draw_scene(radiance, reference, floor_db)
+    _warn_of_darkness(radiance)
+    title = _title(loaded, scene, chosen, samples)
+    figure = draw_scene(radiance, reference, floor_db, title=title)
     with writing(files) as (exr, png, text):
         write_exr(exr, image)
         figure.savefig(png, format="png")
@@ -209,6 +212,30 @@ def _radiance(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
+
+
+def _warn_of_darkness(radiance: npt.NDArray[Any]) -> None:
+    """A warning where the picture shows less than half of its pixels."""
+    negative, zero = float((radiance < 0).mean()), float((radiance == 0).mean())
+    if negative + zero > 0.5:
+        warnings.warn(
+            f"{negative + zero:.0%} of the pixels are not positive ({negative:.0%} negative, "
+            f"{zero:.0%} zero) and have the colour of the floor; negative ones are noise, which "
+            "more samples (--spp) take away, or radiance that is negative; zero is where no light "
+            "comes from",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+
+
+def _title(scene: Any, name: str, variant: str, samples: int) -> str:
+    """What the picture is of, and how it was made."""
+    specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
+    found = list(dict.fromkeys(frequency_text(spec.wavelength) for spec in specs))
+    listed = ", ".join(found[:3]) + (", ..." if len(found) > 3 else "")
+    return (
+        f"{short_name(name)}, {listed}\n{variant}, {samples} sample{'s' * (samples > 1)} per pixel"
+    )
 
 
 def _record(

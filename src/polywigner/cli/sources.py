@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polywigner.cli.output import check_text
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.quantities import parse_frequency, parse_length, wavelength_of
+from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, parse_length, wavelength_of
 
 if TYPE_CHECKING:
     from polywigner import Aperture
@@ -21,10 +21,15 @@ __all__ = [
     "Reading",
     "check_source_file",
     "field_title",
+    "frequency_text",
     "read_fed_source",
     "required_wavelength",
+    "short_name",
     "wavelength_from",
 ]
+
+_FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
+_LONGEST_NAME = 32
 
 # A frequency and the wavelength typed for it, with a few digits.
 _SAME_WAVELENGTH = 1e-3
@@ -85,11 +90,26 @@ def required_wavelength(wavelength: float | None) -> float:
 
 
 def field_title(path: str, wavelength: float) -> str:
-    """Above the figure of a field: the source's file and the wavelength."""
+    """Above the figure of a field: the source's file, frequency and wavelength."""
     from polywigner.figures.style import length_unit
 
     unit = length_unit(wavelength)
-    return f"{Path(path).name}, wavelength {wavelength / unit.metres:.4g} {unit.name}"
+    printed = f"{wavelength / unit.metres:.4g} {unit.name}"
+    return f"{short_name(path)}, {frequency_text(wavelength)} (wavelength {printed})"
+
+
+def short_name(path: str) -> str:
+    """A file's name, of which a picture shows the begin and the end where it is long."""
+    name = Path(path).name
+    return name if len(name) <= _LONGEST_NAME else f"{name[:20]}…{name[-11:]}"
+
+
+def frequency_text(wavelength: float) -> str:
+    """The frequency of a wavelength in metres, as it is printed."""
+    frequency = SPEED_OF_LIGHT / wavelength
+    named = [(name, size) for name, size in _FREQUENCIES if frequency >= 0.9995 * size]
+    name, size = named[0] if named else _FREQUENCIES[-1]
+    return f"{frequency / size:.4g} {name}"
 
 
 def read_fed_source(

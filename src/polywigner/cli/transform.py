@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.sources import Reading, check_source_file, read_fed_source, wavelength_from
+from polywigner.cli.sources import (
+    Reading,
+    check_source_file,
+    frequency_text,
+    read_fed_source,
+    short_name,
+    wavelength_from,
+)
 from polywigner.quantities import parse_point
 
 if TYPE_CHECKING:
@@ -63,7 +70,9 @@ def run_transform(
     if length is not None:
         check_wavelength(length, outline.diameter)
     slices = transform_slices(source, position, lag, length, _samples(samples, outline, length))
-    figure = draw_transforms(slices, floor_db, title=Path(aperture).name)
+    name = short_name(aperture)
+    title = name if length is None else f"{name}, {frequency_text(length)}"
+    figure = draw_transforms(slices, floor_db, title=title)
     with writing(files) as (picture, values):
         figure.savefig(picture, format="png")
         with values.open("wb") as file:

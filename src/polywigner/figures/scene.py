@@ -28,6 +28,7 @@ def draw_scene(
     reference: float | None,
     floor_db: float,
     unit: str = "W/(m² sr)",
+    title: str = "",
 ) -> Figure:
     """A rendered picture in dB relative to ``reference``, with a colour bar that says so.
 
@@ -39,6 +40,7 @@ def draw_scene(
     floor_db : lowest level, dB; everything at or below it, negative radiance included, gets its
         colour.
     unit : unit of ``radiance``, for the label.
+    title : above the picture.
     """
     import matplotlib as mpl
 
@@ -52,6 +54,7 @@ def draw_scene(
         axes.set_xticks([])
         axes.set_yticks([])
         extend = "max" if np.any(levels > 0) else "neither"
+        axes.set_title(title, fontsize=8)
         colour_bar(axes, shown, _label(reference, floor_db, unit), extend)
     return figure
 
