@@ -198,3 +198,44 @@ def test_a_full_disk_behind_the_output_is_told_in_one_line() -> None:
     assert run.stderr.count("\n") == 1
     assert "No space left on device" in run.stderr
     assert "fault of polywigner" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("shell", "line"),
+    [
+        ("bash", "complete -o default -F _polywigner_completion polywigner"),
+        ("zsh", "#compdef polywigner"),
+        ("fish", "complete --command polywigner"),
+    ],
+)
+def test_each_shell_gets_its_completion_script(
+    shell: str, line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_POLYWIGNER_COMPLETE", f"source_{shell}")
+    with pytest.raises(SystemExit) as end:
+        main([])
+    script, errors = capsys.readouterr()
+    assert (end.value.code, errors) == (0, "")
+    assert any(text.startswith(line) for text in script.splitlines())
+    assert f"_POLYWIGNER_COMPLETE=complete_{shell}" in script
+
+
+def test_commands_and_options_are_completed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_POLYWIGNER_COMPLETE", "complete_bash")
+    for words, expected in (("polywigner pro", "propagate"), ("polywigner volume --la", "--layer")):
+        monkeypatch.setenv("COMP_WORDS", words)
+        monkeypatch.setenv("COMP_CWORD", str(words.count(" ")))
+        with pytest.raises(SystemExit):
+            main([])
+        assert capsys.readouterr().out.split() == [expected]
+
+
+def test_a_folder_that_is_made_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "square.csv").write_text("0,0\n1,0\n1,1\n0,1\n")
+    command = ["transform", str(tmp_path / "square.csv"), "--samples", "3"]
+    for told in (True, False):  # the second time it is there
+        assert main([*command, "--out", str(tmp_path / "deep" / "down") + "/"]) == 0
+        said = f"made the folder {tmp_path / 'deep' / 'down'}" in capsys.readouterr().err
+        assert said == told

@@ -375,3 +375,16 @@ def test_frequencies_with_the_wrong_number_of_components_are_refused(
     }[function]
     with pytest.raises(ArgumentError, match=rf"2.*got.*{components}"):
         function(*arguments)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("radar.csv", "an aperture"), ("a.toml", "a source")])
+def test_an_aperture_is_not_rendered_but_sent_to_transform(
+    name: str, kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / name
+    path.write_text("0,0\n1,0\n1,1\n")
+    assert main(["render", str(path), "--out", str(tmp_path / "new" / "image")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"which is {kind}" in line
+    assert f"polywigner transform {path}" in line
+    assert [file.name for file in tmp_path.iterdir()] == [name]

@@ -12,8 +12,10 @@ import pytest
 import polywigner as pw
 from polywigner.cli import main
 from polywigner.cli.methods import parse_methods
-from polywigner.cli.where import parse_place
+from polywigner.cli.sources import field_title, frequency_text, short_name
+from polywigner.cli.where import parse_place, place_text
 from polywigner.errors import PolywignerError
+from polywigner.quantities import wavelength_of
 
 xarray = pytest.importorskip("xarray")
 pytest.importorskip("h5netcdf")
@@ -284,3 +286,28 @@ def test_a_text_without_end_is_refused_in_brief() -> None:
     with pytest.raises(PolywignerError) as caught:
         parse_place({"line": "0 mm, " * 100_000}, None)
     assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "expected"),
+    [
+        ("line", "0 mm, 0 mm, 2 mm to 0 mm, -5 mm, 50 mm", "line from (0, 0, 2) to (0, −5, 50) mm"),
+        ("plane", "-3 m to 3 m, 2 m, 1 m to 4 m", "plane y = 2 m"),
+        ("arc", "50 mm, 45 deg", "arc of radius 50 mm, φ = 45°"),
+        ("hemisphere", "120 um", "hemisphere of radius 120 µm"),
+    ],
+)
+def test_a_picture_says_where_its_field_is(kind: str, text: str, expected: str) -> None:
+    kinds = ("line", "arc", "plane", "hemisphere")
+    place = parse_place({name: text if name == kind else None for name in kinds}, None)
+    assert place_text(place) == expected
+
+
+def test_a_picture_says_source_and_frequency_and_cuts_a_long_name() -> None:
+    metres = wavelength_of(94e9)
+    assert field_title("folder/horn.dxf", metres) == "horn.dxf, 94 GHz (wavelength 3.189 mm)"
+    assert frequency_text(wavelength_of(1e12)) == "1 THz"
+    assert frequency_text(wavelength_of(0.25)) == "0.25 Hz"
+    long = short_name(f"{'antenna' * 9}.geojson")
+    assert len(long) == 32
+    assert long.endswith("…nna.geojson")

@@ -13,7 +13,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from polywigner.errors import FileFormatError, GeometryError, MissingExtraError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
 
 ezdxf = pytest.importorskip("ezdxf")
 
@@ -372,3 +372,105 @@ def test_a_missing_library_is_named_with_its_extra(
     monkeypatch.setitem(sys.modules, "ezdxf", None)
     with pytest.raises(MissingExtraError, match=r"ezdxf.*pip install polywigner\[formats\]"):
         pw.read_aperture(tmp_path / "drawing.dxf")
+
+
+# A union is taken on a grid of 2^-44 of the size.
+UNION = 1e-12
+
+PAD = [(1, 1), (3, 1), (3, 3), (1, 3)]
+FEED = [(2, 1.5), (6, 1.5), (6, 2), (2, 2)]
+
+
+def board(space: Any) -> None:
+    """A board around two pads that touch, with a solid and a text on the board's layer."""
+    layer = {"layer": "Edge Cuts"}
+    for start, end in zip(SQUARE, SQUARE[1:] + SQUARE[:1], strict=True):
+        space.add_line(start, end, dxfattribs=layer)
+    space.add_lwpolyline(PAD, close=True, dxfattribs={"layer": "PADS"})
+    space.add_lwpolyline([(3, 1), (5, 1), (5, 3), (3, 3)], close=True, dxfattribs={"layer": "PADS"})
+
+
+def crossing(space: Any) -> None:
+    space.add_lwpolyline(PAD, close=True, dxfattribs={"layer": "PADS"})
+    space.add_lwpolyline(FEED, close=True, dxfattribs={"layer": "FEED"})
+    space.add_circle((1.5, 2.5), 0.25, dxfattribs={"layer": "PADS"})
+
+
+def test_one_layer_is_read_alone_and_solids_on_others_do_no_harm(read: Read) -> None:
+    def build(space: Any) -> None:
+        board(space)
+        space.add_3dface([(0, 0), (1, 0), (1, 1)], dxfattribs={"layer": "Edge Cuts"})
+
+    expected = pw.Aperture(np.array([(1, 1), (5, 1), (5, 3), (1, 3)]) / 1000)
+    assert read(build, layer="pads") == expected  # in capitals or not
+    assert read(board, layer=["Edge Cuts"]) == pw.Aperture(np.array(SQUARE) / 1000)
+
+
+def test_layer_zero_of_a_block_is_the_layer_it_is_inserted_on(read: Read) -> None:
+    def build(space: Any) -> None:
+        block = space.doc.blocks.new("PAD")
+        block.add_lwpolyline(PAD, close=True)
+        block.add_circle((20, 20), 1, dxfattribs={"layer": "MARKS"})
+        space.add_blockref("PAD", (0, 0), dxfattribs={"layer": "PADS"})
+        space.add_blockref("PAD", (50, 0), dxfattribs={"layer": "OTHERS"})
+
+    assert read(build, layer="PADS") == pw.Aperture(np.array(PAD) / 1000)
+    marks = read(build, layer="MARKS")
+    assert marks.area == pytest.approx(2 * math.pi * 1e-6, rel=ROUNDING, abs=0.0)
+
+
+def test_a_layer_that_is_off_is_read_when_it_is_named(read: Read) -> None:
+    def build(space: Any) -> None:
+        space.doc.layers.add("PADS").off()
+        board(space)
+
+    assert read(build).area == pytest.approx(81e-6, rel=ROUNDING, abs=0.0)
+    assert read(build, layer="PADS").area == pytest.approx(8e-6, rel=ROUNDING, abs=0.0)
+
+
+def test_an_unknown_layer_is_answered_with_those_there_are(read: Read) -> None:
+    with pytest.raises(ArgumentError, match=r"got 'COPPER'; it has .*Edge Cuts, PADS"):
+        read(board, layer="COPPER")
+    for wrong in ("", 3, [None]):
+        with pytest.raises(ArgumentError, match="expected a layer by its name"):
+            read(board, layer=wrong)
+    with pytest.raises(ArgumentError, match="expected union as True or False, got 'yes'"):
+        read(board, union="yes")
+
+
+def test_a_frame_around_touching_shapes_is_named_by_its_layer(read: Read) -> None:
+    with pytest.raises(GeometryError) as error:
+        read(board)
+    text = str(error.value)
+    assert "layer 'Edge Cuts' lies around all others" in text
+    assert "layer='PADS' (--layer PADS)" in text
+    assert "shapely" not in text
+
+
+def test_a_pad_and_its_feed_are_joined_when_asked_and_keep_their_hole(read: Read) -> None:
+    with pytest.raises(GeometryError, match=r"give union=True \(--union\)"):
+        read(crossing)
+    joined = read(crossing, union=True)
+    pad, feed = shapely.Polygon(PAD), shapely.Polygon(FEED)
+    outside = shapely.union(pad, feed).area - math.pi * 0.25**2
+    assert joined.area * 1e6 == pytest.approx(outside, rel=UNION)
+    assert [len(part.interiors) for part in joined.polygons.geoms] == [1]
+
+
+def test_strips_that_overlap_into_a_frame_leave_it_open(read: Read) -> None:
+    strips = [(0, 0, 9, 1), (0, 8, 9, 9), (0, 0, 1, 9), (8, 0, 9, 9), (4, 4, 5, 5)]
+
+    def build(space: Any) -> None:
+        for x0, y0, x1, y1 in strips:
+            space.add_lwpolyline([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], close=True)
+
+    expected = shapely.union_all([shapely.box(*strip) for strip in strips])
+    assert read(build, union=True).area * 1e6 == pytest.approx(expected.area, rel=UNION)
+
+
+def test_where_nothing_overlaps_a_union_changes_nothing(read: Read) -> None:
+    def build(space: Any) -> None:
+        square(space)
+        space.add_circle((4, 4), 1)
+
+    assert read(build, union=True) == read(build)

@@ -70,7 +70,7 @@ def test_a_line_shows_levels_and_differences_of_all_methods() -> None:
     np.testing.assert_allclose(drawn.get_ydata()[near], TWICE, rtol=1e-9)
     assert levels.get_xscale() == "log"  # two decades of distance
     assert differences.get_xlabel() == "$z$ (mm)"
-    assert "less exact" in differences.get_title(loc="left")
+    assert "minus exact" in differences.get_title(loc="left")
     assert "W/m²" in levels.get_title(loc="left")
 
 
@@ -113,7 +113,7 @@ def test_a_plane_shows_levels_and_differences_at_their_places() -> None:
     np.testing.assert_allclose(
         image.get_array(), np.maximum(10 * np.log10(true.T / true.max()), -40), atol=1e-9
     )
-    below = panels["less exact"]
+    below = panels["minus exact"]
     np.testing.assert_allclose(below.images[0].get_array(), TWICE, rtol=1e-9)
     assert below.get_xlabel() == "$x$ (mm)" and below.get_ylabel() == "$y$ (mm)"
 

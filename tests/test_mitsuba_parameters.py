@@ -67,6 +67,15 @@ def test_a_drawing_is_read_as_finely_as_asked(
     assert spec.source.area == pytest.approx(np.pi * 25e-6, rel=1e-12)
 
 
+def test_layers_of_a_drawing_are_read_and_joined_as_asked(tmp_path: Path) -> None:
+    shapes = [f'<g id="{name}"><rect x="{x}" width="2" height="1"/></g>'
+              for name, x in (("pad", 0), ("feed", 1), ("mark", 5))]  # fmt: skip
+    (tmp_path / "antenna.svg").write_text(f"<svg>{''.join(shapes)}</svg>")
+    inside = GOOD.replace("patch.wkt", "antenna.svg")
+    layers = '<string name="layer" value="pad; feed"/><boolean name="union" value="true"/>'
+    assert load(tmp_path, inside + layers).source.area == pytest.approx(3e-6, rel=1e-12, abs=0.0)
+
+
 @pytest.mark.parametrize(
     ("parameter", "name", "value"),
     [
@@ -347,6 +356,7 @@ def test_a_source_file_is_what_was_written(tmp_path: Path) -> None:
     ("inside", "fragments"),
     [
         ('<string name="unit" value="mm"/>', ["no unit with a source file"]),
+        ('<string name="layer" value="pads"/>', ["no layer with a source file"]),
         ('<string name="taper" value="cosine"/>', ["taper: expected an aperture", "Array"]),
         ('<string name="array" value="2 x 2, 1 mm"/>', ["array: expected an aperture", "Array"]),
         ('<string name="window" value="hamming"/>', ["window: expected an array for it"]),
@@ -597,6 +607,32 @@ def test_a_dictionary_that_does_not_load_has_a_one_line_reason(tmp_path: Path) -
     assert isinstance(reason, (SceneError, QuantityError))
     assert "94 GHx" in str(reason)
     assert "\n" not in str(reason)
+
+
+def test_what_another_plugin_raised_ends_the_line() -> None:
+    """Mitsuba puts the traceback before it."""
+    from polywigner.mitsuba import translate_error
+
+    text = (
+        '[parser.cpp:1718] At a.xml (line 3, col 2): failed to instantiate plugin of type "b": '
+        "Traceback (most recent call last):\n  File \"b.py\", line 6, in b\nKeyError: 'gold'"
+    )
+    reason = str(translate_error(RuntimeError(text)))
+    assert reason.endswith("plugin of type \"b\": KeyError: 'gold'")
+    assert "File" not in reason
+
+
+def test_an_error_of_load_file_ends_with_the_packages_line(tmp_path: Path) -> None:
+    """No lines of the package's own files stand between."""
+    scene = '<scene version="3.0.0"><shape type="wigner">{}</shape></scene>'
+    wrong = '<string name="aperture" value="none.wkt"/><string name="frequency" value="9 GHz"/>'
+    (tmp_path / "scene.xml").write_text(scene.format(wrong))
+    mi = use("scalar_rgb")
+    with pytest.raises(RuntimeError) as caught:
+        mi.load_file(str(tmp_path / "scene.xml"))
+    *before, last = str(caught.value).splitlines()
+    assert last == "FileFormatError: none.wkt: expected a file, got a path that does not exist"
+    assert not any("readers.py" in line or "read_parameters" in line for line in before)
 
 
 @pytest.mark.slow

@@ -342,6 +342,24 @@ def test_outlines_may_be_in_other_files_and_placed(tmp_path: Path) -> None:
     assert both == pw.Array([triangle, triangle])
 
 
+def test_a_drawing_is_read_by_its_layers_and_joined_as_the_table_says(tmp_path: Path) -> None:
+    """The file is read anew for other layers."""
+    shapes = [f'<g id="{name}"><rect x="{x}" width="2" height="1"/></g>'
+              for name, x in (("pad", 0), ("feed", 1), ("mark", 5))]  # fmt: skip
+    (tmp_path / "antenna.svg").write_text(f"<svg>{''.join(shapes)}</svg>")
+    drawn = {"kind": "aperture", "file": "antenna.svg"}
+    tables = [
+        drawn | {"layer": "pad"},
+        drawn | {"layer": ["pad", "feed"], "union": True},
+        drawn | {"union": True},
+    ]
+    array = read_table({"kind": "array", "elements": tables}, tmp_path)
+    areas = [element.area * 1e6 for element in array.elements]
+    assert areas == pytest.approx([2, 3, 5], rel=1e-12)  # the union's grid is 6e-14
+    with pytest.raises(ArgumentError, match="got 'board'; it has"):
+        read_table(drawn | {"layer": "board"}, tmp_path)
+
+
 def test_bodies_may_be_in_other_files(tmp_path: Path) -> None:
     corners = "".join(
         f"v {x} {y} {z}\n" for x, y, z in [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)]
@@ -380,6 +398,8 @@ BAD = [
     ({"kind": "aperture"}, "one of the keys file, polygons, shape, got none"),
     ({**APERTURE, "file": "a.wkt"}, "got file and shape"),
     ({**APERTURE, "unit": "mm"}, "'unit' with 'file' only"),
+    ({**APERTURE, "layer": "pads"}, "'layer' with 'file' only"),
+    ({**APERTURE, "union": True}, "'union' with 'file' only"),
     ({**APERTURE, "verbatim": True}, "'verbatim' with 'polygons' only"),
     ({**APERTURE, "frequency": 1, "wavelength": 1}, "got both"),
     ({**APERTURE, "frequency": "77 mm"}, "frequency: .*GHz"),

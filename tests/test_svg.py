@@ -12,7 +12,7 @@ import pytest
 import shapely
 
 import polywigner as pw
-from polywigner.errors import FileFormatError, GeometryError, MissingExtraError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, MissingExtraError
 from polywigner.geometry.formats.curves import DEFAULT_TOLERANCE
 
 MILLIMETRES = 'width="20mm" height="10mm" viewBox="0 0 20 10"'
@@ -434,3 +434,57 @@ def test_nested_transforms_agree_with_another_reader(read: Read, seed: int) -> N
     ]
     assert len(shapes) == 2
     assert difference(read(body, root, unit="m"), pw.Aperture(shapes)) < ROUNDING
+
+
+# A union is taken on a grid of 2^-44 of the size.
+UNION = 1e-12
+
+BOARD = (
+    '<g id="layer1" inkscape:label="Board" inkscape:groupmode="layer" filter="{effect}">'
+    '<rect width="20" height="10"/>{text}</g>'
+    '<g id="layer2" inkscape:label="Pads" style="{style}">'
+    '<rect id="left" x="1" y="2" width="3" height="4"/><rect x="3" y="2" width="5" height="4"/></g>'
+)
+INKSCAPE = f'{MILLIMETRES} xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'
+
+
+def test_a_group_is_read_alone_by_its_name_or_id_even_if_hidden(read: Read) -> None:
+    pads = rectangle(1, 2, 8, 6)
+    for style in ("", "display:none"):
+        body = BOARD.format(effect="url(#blur)", text="<text>top</text>", style=style)
+        for layer in ("Pads", "layer2", ["Pads"]):
+            joined = read(body, INKSCAPE, layer=layer, union=True)
+            assert difference(joined, pads) < UNION
+        assert read(body, INKSCAPE, layer="left") == rectangle(1, 2, 4, 6)
+
+
+def test_an_effect_around_a_layer_is_refused_with_it(read: Read) -> None:
+    body = '<g mask="url(#m)"><g id="pads"><rect width="1" height="1"/></g></g>'
+    with pytest.raises(FileFormatError, match="expected shapes without mask"):
+        read(body, layer="pads")
+    assert read(body + '<g id="b"><rect width="9" height="9"/></g>', layer="b").area > 0
+
+
+def test_overlapping_shapes_are_refused_with_advice_for_a_drawing(read: Read) -> None:
+    body = BOARD.format(effect="none", text="", style="")
+    with pytest.raises(GeometryError) as error:
+        read(body, INKSCAPE)
+    assert "layer 'Board' lies around all others" in str(error.value)
+    assert "layer='Pads' (--layer Pads)" in str(error.value)
+    with pytest.raises(GeometryError, match=r"or give union=True \(--union\)"):
+        read(body, INKSCAPE, layer="Pads")
+    assert read(body, INKSCAPE, union=True) == rectangle(0, 0, 20, 10)
+
+
+def test_an_unknown_group_is_answered_with_those_there_are(read: Read) -> None:
+    body = BOARD.format(effect="none", text="", style="")
+    with pytest.raises(ArgumentError, match="got 'pads'; it has Board, Pads, layer1, layer2"):
+        read(body, INKSCAPE, layer="pads")
+
+
+def test_files_without_layers_have_none_to_choose(tmp_path: Path) -> None:
+    path = tmp_path / "square.wkt"
+    path.write_text("MULTIPOLYGON (((0 0, 2 0, 2 2, 0 2, 0 0)), ((1 0, 3 0, 3 2, 1 2, 1 0)))")
+    with pytest.raises(ArgumentError, match="layer of a drawing"):
+        pw.read_aperture(path, layer="pads")
+    assert pw.read_aperture(path, union=True).area == pytest.approx(6e-6, rel=UNION, abs=0.0)

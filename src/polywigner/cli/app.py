@@ -12,21 +12,24 @@ from polywigner.cli.options import (
     DbFloor,
     Focus,
     Frequency,
+    Layer,
     Out,
     SourceFile,
     Steering,
     Taper,
     Tolerance,
+    Union,
     Unit,
     Wavelength,
     Window,
     feeding_of,
 )
+from polywigner.cli.sources import Reading
 
 __all__ = ["app"]
 
 app = typer.Typer(
-    add_completion=False,
+    add_completion=True,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     # Plain help text: half the start-up time of the boxed one, and it pipes into other tools.
@@ -105,6 +108,8 @@ def transform(
     aperture: SourceFile,
     unit: Unit = None,
     tolerance: Tolerance = None,
+    layer: Layer = None,
+    union: Union = False,
     taper: Taper = None,
     array: Array = None,
     window: Window = None,
@@ -141,8 +146,7 @@ def transform(
 
     run_transform(
         aperture,
-        unit=unit,
-        tolerance=tolerance,
+        reading=Reading(unit, tolerance, layer, union),
         feeding=feeding_of(taper, array, window, steering, focus),
         frequency=frequency,
         wavelength=wavelength,
@@ -192,6 +196,8 @@ def explore(
         ),
     ] = None,
     unit: Unit = None,
+    layer: Layer = None,
+    union: Union = False,
     frequency: Frequency = None,
     wavelength: Wavelength = None,
     port: Annotated[int, typer.Option(help="To serve at; 0: any that is free.")] = 5006,
@@ -208,7 +214,7 @@ def explore(
 
     run_explore(
         aperture,
-        unit=unit,
+        reading=Reading(unit, None, layer, union),
         frequency=frequency,
         wavelength=wavelength,
         port=port,

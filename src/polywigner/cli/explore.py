@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from polywigner.cli.sources import check_source_file, wavelength_from
+from polywigner.cli.sources import Reading, check_source_file, wavelength_from
 
 __all__ = ["run_explore"]
 
@@ -12,7 +12,7 @@ __all__ = ["run_explore"]
 def run_explore(
     aperture: str | None,
     *,
-    unit: str | None,
+    reading: Reading,
     frequency: str | None,
     wavelength: str | None,
     port: int,
@@ -26,12 +26,14 @@ def run_explore(
     PolywignerError : a file that cannot be read, an address that cannot be had, no Bokeh.
     """
     if aperture is not None:
-        check_source_file(aperture)
+        check_source_file(aperture, reading)
     wavelength_from(frequency, wavelength)  # its error
     from polywigner.explorer import check_installed, serve, start_state
 
     check_installed()
-    state = start_state(aperture, unit or "mm", frequency or wavelength)
+    state = start_state(
+        aperture, reading.unit or "mm", frequency or wavelength, reading.layer, reading.union
+    )
     if not serve(state, port=port, address=address, browser=browser, say=_say):
         os._exit(0)  # not after the seconds or minutes of a computation nobody waits for
 

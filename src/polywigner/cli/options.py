@@ -15,6 +15,7 @@ __all__ = [
     "Focus",
     "Formats",
     "Frequency",
+    "Layer",
     "Obliquity",
     "Order",
     "Out",
@@ -23,6 +24,7 @@ __all__ = [
     "Steering",
     "Taper",
     "Tolerance",
+    "Union",
     "Unit",
     "Wavelength",
     "Window",
@@ -43,6 +45,13 @@ Unit = Annotated[
 Tolerance = Annotated[
     str | None,
     typer.Option(help="Such as '1 um': how far chords may lie from curves (SVG, DXF)."),
+]
+Layer = Annotated[
+    list[str] | None,
+    typer.Option(help="Of a drawing: a layer or group to read alone; several times for more."),
+]
+Union = Annotated[
+    bool, typer.Option("--union", help="Join shapes of an aperture file that overlap.")
 ]
 Taper = Annotated[
     str | None,

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from polywigner.errors import ArgumentError
 
-__all__ = ["check_text", "check_writable", "output_stem", "targets", "writing"]
+__all__ = [
+    "check_text",
+    "check_writable",
+    "missing_folders",
+    "output_stem",
+    "say_made",
+    "targets",
+    "writing",
+]
 
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".zarr",
@@ -110,12 +119,24 @@ def _scratch(path: Path) -> Path:
     return path.with_name(f"{path.name}.{os.getpid()}.partial")
 
 
+def missing_folders(paths: Sequence[Path]) -> list[Path]:
+    """The folders of these files that are not there yet."""
+    return [folder for folder in {path.parent: None for path in paths} if not folder.is_dir()]
+
+
+def say_made(folders: Sequence[Path]) -> None:
+    """Name folders that were made, on stderr."""
+    for folder in folders:
+        sys.stderr.write(f"polywigner: made the folder {folder}\n")
+
+
 @contextmanager
 def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
     """Give a scratch path beside each target; put all of them in place once the block is done.
 
-    Folders are created. A target may be a folder itself, as stores are. A block that raises leaves
-    neither targets nor scratch files; targets of an earlier run stay as they were.
+    Folders are created, and named on stderr. A target may be a folder itself, as stores are. A
+    block that raises leaves neither targets nor scratch files; targets of an earlier run stay as
+    they were.
 
     Raises
     ------
@@ -123,13 +144,15 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
     """
     partials = tuple(_scratch(path) for path in paths)
     try:
-        for path in paths:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        new = missing_folders(paths)
+        for folder in new:
+            folder.mkdir(parents=True, exist_ok=True)
         yield partials
         for partial in partials:
             partial.stat()  # all are there before the first takes its place
         for partial, path in zip(partials, paths, strict=True):
             _put_in_place(partial, path)
+        say_made(new)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "

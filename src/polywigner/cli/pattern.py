@@ -11,6 +11,7 @@ from typing import Any, cast
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
+    Reading,
     check_source_file,
     field_title,
     read_fed_source,
@@ -18,7 +19,7 @@ from polywigner.cli.sources import (
     wavelength_from,
 )
 from polywigner.errors import ArgumentError
-from polywigner.quantities import parse_angle, parse_length, parse_power
+from polywigner.quantities import parse_angle, parse_power
 
 __all__ = ["run_pattern"]
 
@@ -41,8 +42,7 @@ def run_pattern(
     step: str | None,
     frequency: str | None,
     wavelength: str | None,
-    unit: str | None,
-    tolerance: str | None,
+    reading: Reading,
     feeding: Mapping[str, str | None],
     floor_db: float,
     formats: Sequence[str],
@@ -54,9 +54,8 @@ def run_pattern(
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
-    check_source_file(source)
+    check_source_file(source, reading)
     asked = wavelength_from(frequency, wavelength)
-    reach = None if tolerance is None else parse_length(tolerance)
     watts = None if power is None else parse_power(power)
     angle = None if step is None else _step(step)
     for name in formats:
@@ -74,7 +73,7 @@ def run_pattern(
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
-    radiator, said = read_fed_source(source, unit, reach, feeding, asked)
+    radiator, said = read_fed_source(source, reading, feeding, asked)
     length = required_wavelength(said)
     diameter = outline_of(radiator).diameter
     check_wavelength(length, diameter)

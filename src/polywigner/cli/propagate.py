@@ -18,15 +18,15 @@ from polywigner.cli.methods import (
 from polywigner.cli.output import output_stem, targets
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
+    Reading,
     check_source_file,
     field_title,
     read_fed_source,
     required_wavelength,
     wavelength_from,
 )
-from polywigner.cli.where import Place, parse_place
+from polywigner.cli.where import Place, parse_place, place_text
 from polywigner.errors import ArgumentError
-from polywigner.quantities import parse_length
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,8 +52,7 @@ def run_propagate(
     accuracy: float | None,
     frequency: str | None,
     wavelength: str | None,
-    unit: str | None,
-    tolerance: str | None,
+    reading: Reading,
     feeding: Mapping[str, str | None],
     engine: str,
     precision: str | None,
@@ -69,10 +68,9 @@ def run_propagate(
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
-    check_source_file(source)
+    check_source_file(source, reading)
     place = parse_place(where, samples)
     asked = wavelength_from(frequency, wavelength)
-    reach = None if tolerance is None else parse_length(tolerance)
     suffixes = format_suffixes(formats or ("nc",))
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
@@ -93,7 +91,7 @@ def run_propagate(
     for suffix, module in (("", "xarray"), (".nc", "h5netcdf"), (".zarr", "zarr")):
         if not suffix or suffix in suffixes:
             required(module)  # now rather than after the work
-    radiator, said = read_fed_source(source, unit, reach, feeding, asked)
+    radiator, said = read_fed_source(source, reading, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
     place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))
@@ -104,7 +102,9 @@ def run_propagate(
         "precision": precision,
     }
     found = _fields(radiator, place, wanted, length, how)
-    figure = _figure(found, place, reference, floor_db, field_title(source, length))
+    figure = _figure(
+        found, place, reference, floor_db, f"{field_title(source, length)}\n{place_text(place)}"
+    )
     write_field(found, figure, files)
     if len(wanted) > 1:
         print_differences(found.data_vars, reference)

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import platform
+import shlex
 import sys
 import time
 import warnings
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from polywigner.cli.output import check_text, check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
 if TYPE_CHECKING:
@@ -26,6 +28,7 @@ __all__ = ["run_render"]
 
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
 _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
+_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".toml")
 # By how much fewer samples a sampler needs than independent ones; on floors that are lit without
 # obstacles it was 60, beside edges of shadows less (docs/sampling.md).
 _GAINS = {"multijitter": 10}
@@ -68,6 +71,7 @@ def run_render(
     _check(settings)
     files = targets(output_stem(out, Path(scene).stem), (".exr", ".png", ".json"))
     check_writable(files)
+    _check_is_no_aperture(scene)
 
     from polywigner.figures import draw_scene, picture_peak
     from polywigner.figures.levels import check_floor
@@ -101,7 +105,9 @@ def run_render(
     record["used"] |= {"variant": chosen, "spp": samples}
     record["versions"] = _versions(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
-    figure = draw_scene(radiance, reference, floor_db)
+    _warn_of_darkness(radiance)
+    title = _title(loaded, scene, chosen, samples)
+    figure = draw_scene(radiance, reference, floor_db, title=title)
     with writing(files) as (exr, png, text):
         write_exr(exr, image)
         figure.savefig(png, format="png")
@@ -127,6 +133,17 @@ def _check(settings: RenderSettings) -> None:
         raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)
+
+
+def _check_is_no_aperture(scene: str) -> None:
+    suffix = Path(scene).suffix.lower()
+    if suffix in _NO_SCENES:
+        kind = "a source file" if suffix == ".toml" else "an aperture"
+        raise SceneError(
+            f"expected a scene, which is Mitsuba XML, got {scene!r}, which is {kind}; "
+            f"see its transforms by `polywigner transform {shlex.quote(scene)}`, or name it in "
+            'the <shape type="wigner"> of a scene'
+        )
 
 
 def _check_scene(scene: Any, name: str) -> None:
@@ -195,6 +212,30 @@ def _radiance(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
     colours = 3 if image.shape[-1] >= 3 else 1
     return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
+
+
+def _warn_of_darkness(radiance: npt.NDArray[Any]) -> None:
+    """A warning where the picture shows less than half of its pixels."""
+    negative, zero = float((radiance < 0).mean()), float((radiance == 0).mean())
+    if negative + zero > 0.5:
+        warnings.warn(
+            f"{negative + zero:.0%} of the pixels are not positive ({negative:.0%} negative, "
+            f"{zero:.0%} zero) and have the colour of the floor; negative ones are noise, which "
+            "more samples (--spp) take away, or radiance that is negative; zero is where no light "
+            "comes from",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+
+
+def _title(scene: Any, name: str, variant: str, samples: int) -> str:
+    """What the picture is of, and how it was made."""
+    specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
+    found = list(dict.fromkeys(frequency_text(spec.wavelength) for spec in specs))
+    listed = ", ".join(found[:3]) + (", ..." if len(found) > 3 else "")
+    return (
+        f"{short_name(name)}, {listed}\n{variant}, {samples} sample{'s' * (samples > 1)} per pixel"
+    )
 
 
 def _record(

@@ -5,37 +5,59 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polywigner.cli.output import check_text
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.quantities import parse_frequency, parse_length, wavelength_of
+from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, parse_length, wavelength_of
 
 if TYPE_CHECKING:
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
 __all__ = [
+    "Reading",
     "check_source_file",
     "field_title",
+    "frequency_text",
     "read_fed_source",
     "required_wavelength",
+    "short_name",
     "wavelength_from",
 ]
+
+_FREQUENCIES = (("THz", 1e12), ("GHz", 1e9), ("MHz", 1e6), ("kHz", 1e3), ("Hz", 1.0))
+_LONGEST_NAME = 32
 
 # A frequency and the wavelength typed for it, with a few digits.
 _SAME_WAVELENGTH = 1e-3
 
 
-def check_source_file(path: str) -> None:
+class Reading(NamedTuple):
+    """How to read an aperture file: the texts of the options of these names."""
+
+    unit: str | None
+    tolerance: str | None
+    layer: Sequence[str] | None
+    union: bool
+
+    def of_aperture(self) -> dict[str, Any]:
+        """The arguments of :func:`polywigner.read_aperture`."""
+        reach = None if self.tolerance is None else parse_length(self.tolerance)
+        return self._asdict() | {"unit": self.unit or "mm", "tolerance": reach}
+
+
+def check_source_file(path: str, reading: Reading) -> None:
     """That it can be a file at all, before anything heavy is imported to read it.
 
     Raises
     ------
-    ArgumentError for a name that is not text, FileFormatError where there is no such file.
+    ArgumentError for a name that is not text, FileFormatError where there is no such file,
+    QuantityError for a tolerance that is no length.
     """
+    reading.of_aperture()
     check_text("the aperture file", path)
     if not os.path.isfile(path):  # noqa: PTH113 (pathlib raises for a name too long)
         raise FileFormatError(
@@ -68,17 +90,31 @@ def required_wavelength(wavelength: float | None) -> float:
 
 
 def field_title(path: str, wavelength: float) -> str:
-    """Above the figure of a field: the source's file and the wavelength."""
+    """Above the figure of a field: the source's file, frequency and wavelength."""
     from polywigner.figures.style import length_unit
 
     unit = length_unit(wavelength)
-    return f"{Path(path).name}, wavelength {wavelength / unit.metres:.4g} {unit.name}"
+    printed = f"{wavelength / unit.metres:.4g} {unit.name}"
+    return f"{short_name(path)}, {frequency_text(wavelength)} (wavelength {printed})"
+
+
+def short_name(path: str) -> str:
+    """A file's name, of which a picture shows the begin and the end where it is long."""
+    name = Path(path).name
+    return name if len(name) <= _LONGEST_NAME else f"{name[:20]}…{name[-11:]}"
+
+
+def frequency_text(wavelength: float) -> str:
+    """The frequency of a wavelength in metres, as it is printed."""
+    frequency = SPEED_OF_LIGHT / wavelength
+    named = [(name, size) for name, size in _FREQUENCIES if frequency >= 0.9995 * size]
+    name, size = named[0] if named else _FREQUENCIES[-1]
+    return f"{frequency / size:.4g} {name}"
 
 
 def read_fed_source(
     path: str,
-    unit: str | None,
-    tolerance: float | None,
+    reading: Reading,
     feeding: Mapping[str, str | None],
     wavelength: float | None,
 ) -> tuple[Aperture | ApertureArray, float | None]:
@@ -86,7 +122,7 @@ def read_fed_source(
 
     Parameters
     ----------
-    unit, tolerance : of aperture files; None: mm, and the reader's own.
+    reading : of aperture files.
     feeding : texts by their option, of :data:`polywigner.illumination.texts.FEEDING`.
     wavelength : in metres, for steering and focus; None: that of the file, if it has one.
 
@@ -103,14 +139,14 @@ def read_fed_source(
 
     source: Aperture | ApertureArray
     if _is_source_file(path):
-        for name, given in (("--unit", unit), ("--tolerance", tolerance)):
-            if given is not None:
+        for name, given in reading._asdict().items():
+            if given:
                 raise ArgumentError(
-                    f"expected no {name} with a source file, got {given!r}; the file says its own"
+                    f"expected no --{name} with a source file, got {given!r}; the file says its own"
                 )
         source, wavelength = _read_source(path, wavelength)
     else:
-        source = pw.read_aperture(path, unit=unit or "mm", tolerance=tolerance)
+        source = pw.read_aperture(path, **reading.of_aperture())
     texts = {name: text for name, text in feeding.items() if text is not None}
     return fed(source, texts, wavelength), wavelength
 

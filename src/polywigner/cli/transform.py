@@ -10,8 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.sources import check_source_file, read_fed_source, wavelength_from
-from polywigner.quantities import parse_length, parse_point
+from polywigner.cli.sources import (
+    Reading,
+    check_source_file,
+    frequency_text,
+    read_fed_source,
+    short_name,
+    wavelength_from,
+)
+from polywigner.quantities import parse_point
 
 if TYPE_CHECKING:
     from polywigner import Aperture
@@ -26,8 +33,7 @@ _MOST_UNASKED = 513  # some ten seconds for an aperture of a hundred edges
 def run_transform(
     aperture: str,
     *,
-    unit: str | None,
-    tolerance: str | None,
+    reading: Reading,
     feeding: Mapping[str, str | None],
     frequency: str | None,
     wavelength: str | None,
@@ -47,8 +53,7 @@ def run_transform(
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
-    check_source_file(aperture)
-    reach = None if tolerance is None else parse_length(tolerance)
+    check_source_file(aperture, reading)
     length = wavelength_from(frequency, wavelength)
     position = None if x is None else parse_point(x)
     lag = None if xi is None else parse_point(xi)
@@ -60,12 +65,14 @@ def run_transform(
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
-    source, length = read_fed_source(aperture, unit, reach, feeding, length)
+    source, length = read_fed_source(aperture, reading, feeding, length)
     outline = outline_of(source)
     if length is not None:
         check_wavelength(length, outline.diameter)
     slices = transform_slices(source, position, lag, length, _samples(samples, outline, length))
-    figure = draw_transforms(slices, floor_db, title=Path(aperture).name)
+    name = short_name(aperture)
+    title = name if length is None else f"{name}, {frequency_text(length)}"
+    figure = draw_transforms(slices, floor_db, title=title)
     with writing(files) as (picture, values):
         figure.savefig(picture, format="png")
         with values.open("wb") as file:

@@ -9,9 +9,10 @@ from typing import Any, cast
 from polywigner.cli.fields import format_suffixes, write_field
 from polywigner.cli.grid_advice import samples_of_box
 from polywigner.cli.methods import compared_with, parse_methods, print_differences
-from polywigner.cli.output import check_writable, output_stem, targets
+from polywigner.cli.output import check_writable, missing_folders, output_stem, say_made, targets
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.sources import (
+    Reading,
     check_source_file,
     field_title,
     read_fed_source,
@@ -20,7 +21,6 @@ from polywigner.cli.sources import (
 )
 from polywigner.cli.where import parse_box, parse_levels, parse_shape, shown
 from polywigner.errors import ArgumentError
-from polywigner.quantities import parse_length
 
 __all__ = ["run_volume"]
 
@@ -39,8 +39,7 @@ def run_volume(
     accuracy: float | None,
     frequency: str | None,
     wavelength: str | None,
-    unit: str | None,
-    tolerance: str | None,
+    reading: Reading,
     feeding: Mapping[str, str | None],
     chunks: str | None,
     threads: int | None,
@@ -64,7 +63,7 @@ def run_volume(
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
-    check_source_file(source)
+    check_source_file(source, reading)
     corners = parse_box(box)
     count = None if shape is None else parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
@@ -75,7 +74,6 @@ def run_volume(
     sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
     asked = wavelength_from(frequency, wavelength)
-    reach = None if tolerance is None else parse_length(tolerance)
     stem = output_stem(out, Path(source).stem)
     # the store is written in any case
     suffixes = tuple(suffix for suffix in format_suffixes(formats) if suffix != ".zarr")
@@ -97,7 +95,7 @@ def run_volume(
     check_volume_options(**drawn)
     wanted = parse_methods(methods or _DEFAULT, obliquity, order)
     reference = compared_with(wanted, against)
-    radiator, said = read_fed_source(source, unit, reach, feeding, asked)
+    radiator, said = read_fed_source(source, reading, feeding, asked)
     length = required_wavelength(said)
     check_wavelength(length, outline_of(radiator).diameter)
     for method in wanted:  # before the first is computed
@@ -105,6 +103,7 @@ def run_volume(
         checked_settings(length, cast(FieldOptions, how | method.options))
     nx, ny, nz = count or samples_of_box(radiator, corners, length)
     fields, written = {}, []
+    new = missing_folders([stem])
     for method in wanted:
         name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{method.name}")
         store, *files = targets(name, (".zarr", ".png", *suffixes))
@@ -127,5 +126,6 @@ def run_volume(
         written += [store, *files]
     if len(wanted) > 1:
         print_differences(fields, reference)
+    say_made(new)
     for path in written:
         print(path)

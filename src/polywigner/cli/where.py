@@ -16,6 +16,7 @@ __all__ = [
     "parse_levels",
     "parse_place",
     "parse_shape",
+    "place_text",
     "shown",
 ]
 
@@ -40,6 +41,29 @@ class Place(NamedTuple):
     radius: float = 0.0
     phi: float = 0.0
     reach: float = 0.0
+
+
+def place_text(place: Place) -> str:
+    """Where a field is, as a picture says it."""
+    from polywigner.figures.style import length_unit, number_text
+
+    values = [abs(value) for point in place.points for value in point]
+    unit = length_unit(max(values, default=place.radius))
+
+    def printed(*lengths: float) -> str:
+        return ", ".join(number_text(float(f"{x / unit.metres:.4g}")) for x in lengths)
+
+    if place.kind == "line":
+        start, end = (f"({printed(*point)})" for point in place.points)
+        return f"line from {start} to {end} {unit.name}"
+    if place.kind == "plane":
+        first, last = place.points
+        fixed = next(k for k in range(3) if first[k] == last[k])
+        return f"plane {'xyz'[fixed]} = {printed(first[fixed])} {unit.name}"
+    cut = f", φ = {number_text(float(f'{math.degrees(place.phi):.4g}'))}°"
+    return f"{place.kind} of radius {printed(place.radius)} {unit.name}" + (
+        cut if place.kind == "arc" else ""
+    )
 
 
 def parse_place(texts: Mapping[str, str | None], samples: str | None) -> Place:

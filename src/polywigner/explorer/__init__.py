@@ -11,6 +11,7 @@ Three layers, each knowing only those above it:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from polywigner.explorer.choices import UNITS
@@ -20,10 +21,17 @@ from polywigner.explorer.state import State
 __all__ = ["State", "check_installed", "serve", "start_state"]
 
 
-def start_state(path: str | None, unit: str = "mm", wave: str | None = None) -> State:
+def start_state(
+    path: str | None,
+    unit: str = "mm",
+    wave: str | None = None,
+    layer: Sequence[str] | None = None,
+    union: bool = False,
+) -> State:
     """The state that the page opens with: of an aperture file, or the first shape of the catalogue.
 
-    Lengths are shown in the unit, where the page has it, otherwise in mm.
+    ``layer`` and ``union`` are those of :func:`polywigner.read_aperture`. Lengths are shown in the
+    unit, where the page has it, otherwise in mm.
 
     Raises
     ------
@@ -35,4 +43,5 @@ def start_state(path: str | None, unit: str = "mm", wave: str | None = None) -> 
     same = {"um": "µm"}.get(unit, unit)
     if same in UNITS:
         chosen["unit"] = same
-    return State(**chosen) if path is None else state_of_file(path, unit, State(**chosen))
+    state = State(**chosen)
+    return state if path is None else state_of_file(path, unit, state, layer, union)

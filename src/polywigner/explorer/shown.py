@@ -22,7 +22,7 @@ _MOST_DB = 3.0  # of differences, as in the figures of planes
 
 _TITLES = {
     "F": "F(ν)", "W": "W(x, ν)", "OTF": "OTF(ξ)", "rays": "Wigner rays",
-    "exact": "Kirchhoff, exact", "difference": "rays less exact",
+    "exact": "Kirchhoff, exact", "difference": "rays minus exact",
 }  # fmt: skip
 
 

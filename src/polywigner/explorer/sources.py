@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -118,14 +118,20 @@ def feeding_of(state: State) -> tuple[tuple[str, str], ...]:
     return tuple((name, getattr(state, name)) for name in names if getattr(state, name).strip())
 
 
-def state_of_file(path: str, unit: str, state: State) -> State:
+def state_of_file(
+    path: str,
+    unit: str,
+    state: State,
+    layer: Sequence[str] | None = None,
+    union: bool = False,
+) -> State:
     """A state with the outline of a file, read as ``unit``, in the state's own unit.
 
     Raises
     ------
     PolywignerError for what cannot be read, or has too many vertices.
     """
-    aperture = pw.read_aperture(path, unit=unit)
+    aperture = pw.read_aperture(path, unit=unit, layer=layer, union=union)
     return state.moved(rings=rings_of_aperture(aperture, state.per_metre))
 
 

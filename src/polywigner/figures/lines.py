@@ -248,7 +248,7 @@ def _difference_axis(panels: Any, curves: _Curves, compared_db: float) -> None:
     decades = [10.0**k for k in range(-2, 2) if 10.0**k <= bound]
     called = curves.labels[curves.against]
     panels[0].set_ylabel("difference (dB)")
-    text = f"less {called}, where above {number_text(compared_db)} dB of its peak"
+    text = f"minus {called}, where above {number_text(compared_db)} dB of its peak"
     panels[0].set_title(text, loc="left", fontsize=8)
     for axes in panels:
         axes.set_yscale("symlog", linthresh=_LINEAR_DB, linscale=0.6)

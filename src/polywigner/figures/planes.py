@@ -210,6 +210,6 @@ def _draw_differences(
         how: dict[str, Any] = {"cmap": SIGNED_MAP, "vmin": -bound, "vmax": bound}
         shown = _show(axes, differences[method], extent, **how)
         axes.set_facecolor("0.85")
-        axes.set_title(f"less {called}", fontsize=8)
+        axes.set_title(f"minus {called}", fontsize=8)
     text = f"difference (dB)\ngrey: below {number_text(compared_db)} dB"
     row_bar(panels, shown, text, "both" if largest > bound else "neither")

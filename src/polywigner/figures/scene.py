@@ -29,6 +29,7 @@ def draw_scene(
     reference: float | None,
     floor_db: float,
     unit: str = "W/(m² sr)",
+    title: str = "",
     *,
     ax: Axes | None = None,
 ) -> Any:
@@ -42,6 +43,7 @@ def draw_scene(
     floor_db : lowest level, dB; everything at or below it, negative radiance included, gets its
         colour.
     unit : unit of ``radiance``, for the label.
+    title : above the picture.
     ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
 
     Returns
@@ -67,6 +69,7 @@ def draw_scene(
         axes.set_xticks([])
         axes.set_yticks([])
         extend = "max" if np.any(levels > 0) else "neither"
+        axes.set_title(title, fontsize=8)
         colour_bar(axes, shown, _label(reference, floor_db, unit), extend)
     return figure if ax is None else axes
 

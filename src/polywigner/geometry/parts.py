@@ -29,7 +29,7 @@ from polywigner.geometry.rings import (
 )
 from polywigner.geometry.weld import weld
 
-__all__ = ["merge_parts", "part_of_ring", "part_of_rings"]
+__all__ = ["merge_parts", "part_of_ring", "part_of_rings", "union_parts"]
 
 # In units of area/diameter: dropping vertices this near a line changes the area by about as small
 # a fraction of itself, however thin the part is. In a unit square it is 16 ulp.
@@ -37,6 +37,8 @@ _STRAIGHT = 2.0**-48
 
 # A block of parts that overlap all others is then intersected in about a second.
 _VERTICES_AT_ONCE = 200_000
+
+_MERGE = "merge them with shapely.union_all, or give a hole as shapely.Polygon(outer, [hole])"
 
 _PLACE = re.compile(r"\[(\S+) (\S+)\]")
 
@@ -78,8 +80,15 @@ def _straightened(part: Part) -> Part:
         part = part_of_polygon(simple)
 
 
-def part_of_rings(rings: Sequence[object], name: str = "the polygon") -> Part:
-    """An exterior and its holes as a part; raises where one crosses itself or another."""
+def part_of_rings(
+    rings: Sequence[object],
+    name: str = "the polygon",
+    remedy: str = "repair it with shapely.make_valid or shapely.difference",
+) -> Part:
+    """An exterior and its holes as a part; raises where one crosses itself or another.
+
+    `remedy` ends the message about holes.
+    """
     outer, *holes = (
         part_of_ring(ring, f"hole {number} of {name}" if number else f"the exterior of {name}")[0]
         for number, ring in enumerate(rings)
@@ -92,12 +101,13 @@ def part_of_rings(rings: Sequence[object], name: str = "the polygon") -> Part:
     if all(len(ring) >= 3 for ring in welded) and shapely.is_valid(polygon_of_part(welded)):
         return welded
     raise GeometryError(
-        f"expected holes inside {name} and apart from each other, got {reason}; "
-        "repair it with shapely.make_valid or shapely.difference"
+        f"expected holes inside {name} and apart from each other, got {reason}; {remedy}"
     )
 
 
-def _check_overlaps(parts: Sequence[Part], polygons: Sequence[shapely.Polygon]) -> bool:
+def _check_overlaps(
+    parts: Sequence[Part], polygons: Sequence[shapely.Polygon], remedy: str
+) -> bool:
     """Raise where two parts overlap by more than rounding; tell whether any two touch.
 
     Goes through the parts in blocks, since a thousand parts upon each other make a million pairs.
@@ -115,12 +125,16 @@ def _check_overlaps(parts: Sequence[Part], polygons: Sequence[shapely.Polygon]) 
         pairs = first < second
         if pairs.any():
             touching = True
-            _check_pairs(array, first[pairs], second[pairs], shift)
+            _check_pairs(array, first[pairs], second[pairs], shift, remedy)
     return touching
 
 
 def _check_pairs(
-    array: NDArray[np.object_], first: NDArray[np.intp], second: NDArray[np.intp], shift: float
+    array: NDArray[np.object_],
+    first: NDArray[np.intp],
+    second: NDArray[np.intp],
+    shift: float,
+    remedy: str,
 ) -> None:
     common = shapely.intersection(array[first], array[second])
     # An edge displaced by the rounding tolerance sweeps that tolerance times its length. Half of a
@@ -137,8 +151,7 @@ def _check_pairs(
         spot = shapely.point_on_surface(common[worst])
         raise GeometryError(
             f"expected parts that do not overlap, got {relation} between parts {i} and {j} around "
-            f"({spot.x:.15g}, {spot.y:.15g}); merge them with shapely.union_all, or give a hole as "
-            "shapely.Polygon(outer, [hole])"
+            f"({spot.x:.15g}, {spot.y:.15g}); {remedy}"
         )
 
 
@@ -159,10 +172,13 @@ def _clean_union(parts: Sequence[Part]) -> list[Part] | None:
     return result if before == after and shapely.is_valid(merged) else None
 
 
-def merge_parts(parts: Sequence[Part]) -> list[Part]:
-    """Parts whose union has no inner edges; touching ones are joined, overlapping ones raise."""
+def merge_parts(parts: Sequence[Part], remedy: str = _MERGE) -> list[Part]:
+    """Parts whose union has no inner edges; touching ones are joined, overlapping ones raise.
+
+    `remedy` ends the message about overlaps.
+    """
     polygons = [polygon_of_part(part) for part in parts]
-    if len(parts) == 1 or not _check_overlaps(parts, polygons):
+    if len(parts) == 1 or not _check_overlaps(parts, polygons, remedy):
         return list(parts)
     merged = _clean_union(weld(parts)) or _clean_union(parts)
     if merged is not None:
@@ -171,5 +187,16 @@ def merge_parts(parts: Sequence[Part]) -> list[Part]:
         reach = max(rounding_tolerance(part[0]) for part in merged)
         return [part_of_polygon(polygon) for polygon in polygons_in(straightened(whole, reach))]
     # Rare: the parts' edges run along each other at rounding distance without sharing vertices.
-    coarse = union_on_grid(polygons)
-    return [part_of_polygon(polygon) for polygon in polygons_in(coarse)]
+    return _joined_on_grid(polygons)
+
+
+def union_parts(parts: Sequence[Part]) -> list[Part]:
+    """Parts of the union of parts that may overlap; as :func:`merge_parts` where none does."""
+    try:
+        return merge_parts(parts)
+    except GeometryError:
+        return _joined_on_grid([polygon_of_part(part) for part in parts])
+
+
+def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
+    return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(polygons))]

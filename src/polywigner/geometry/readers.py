@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,12 +29,13 @@ from polywigner.geometry.formats.content import bytes_of, text_of
 from polywigner.geometry.formats.drawing import Drawing, check_rings, check_vertices
 from polywigner.geometry.formats.dxf import read_dxf
 from polywigner.geometry.formats.geojson import rings_of_geojson
+from polywigner.geometry.formats.layers import checked_layers, checked_union
 from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
 from polywigner.geometry.formats.outlines import check_crossings
 from polywigner.geometry.formats.simple_text import rings_of_csv, rings_of_wkt
 from polywigner.geometry.formats.svg import read_svg
 from polywigner.geometry.formats.svg_values import PIXEL
-from polywigner.geometry.parts import merge_parts, part_of_rings
+from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
 
@@ -53,19 +54,32 @@ class _File:
     content: bytes
     unit_metres: float
     tolerance: float | None
+    layers: tuple[str, ...] = ()
+    union: bool = False
 
 
 def _polygons(reader: Callable[[str], list[list[Any]]]) -> Callable[[_File], Drawing]:
     """A reader of text that knows neither units nor curves."""
-    return lambda file: Drawing(reader(text_of(file.content)), file.unit_metres)
+
+    def read(file: _File) -> Drawing:
+        if file.layers:
+            raise ArgumentError(
+                "expected a layer of a drawing (SVG, DXF) only, got one of a file that has no "
+                "layers; leave it out"
+            )
+        return Drawing(reader(text_of(file.content)), file.unit_metres)
+
+    return read
 
 
 def _svg(file: _File) -> Drawing:
-    return read_svg(file.content, file.unit_metres, file.tolerance)
+    return read_svg(file.content, file.unit_metres, file.tolerance, file.layers)
 
 
 def _dxf(file: _File) -> Drawing:
-    return read_dxf(file.path, file.content, file.unit_metres, file.tolerance)
+    return read_dxf(
+        file.path, file.content, file.unit_metres, file.tolerance, file.layers, file.union
+    )
 
 
 _GEOJSON = _polygons(rings_of_geojson)
@@ -112,7 +126,7 @@ def _scaled(points: Any, metres: float) -> Ring:
     return array / per_metre if per_metre and 1 / per_metre == metres else array * metres
 
 
-def _aperture(drawing: Drawing) -> Aperture:
+def _aperture(drawing: Drawing, union: bool) -> Aperture:
     polygons = drawing.polygons
     check_rings(sum(map(len, polygons)))
     vertices = sum(len(ring) for rings in polygons for ring in rings)
@@ -122,10 +136,13 @@ def _aperture(drawing: Drawing) -> Aperture:
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
+    advice = {} if drawing.remedy is None else {"remedy": drawing.remedy}
+
     def build(scale: float) -> Aperture:
         scaled = [[_scaled(ring, scale) for ring in rings] for rings in polygons]
-        parts = [part_of_rings(rings, name) for rings, name in zip(scaled, names, strict=True)]
-        return Aperture._of_parts(merge_parts(parts))
+        named = zip(scaled, names, strict=True)
+        parts = [part_of_rings(rings, name, **advice) for rings, name in named]
+        return Aperture._of_parts(union_parts(parts) if union else merge_parts(parts, **advice))
 
     try:
         return build(drawing.metres)
@@ -157,7 +174,11 @@ def _about(path: Path, error: PolywignerError) -> PolywignerError:
 
 
 def read_aperture(
-    path: str | os.PathLike[str], unit: str | float = "mm", tolerance: float | None = None
+    path: str | os.PathLike[str],
+    unit: str | float = "mm",
+    tolerance: float | None = None,
+    layer: str | Sequence[str] | None = None,
+    union: bool = False,
 ) -> Aperture:
     """Read an aperture from a file; returns it in metres.
 
@@ -177,6 +198,12 @@ def read_aperture(
     tolerance
         Largest distance in metres between a curve (SVG, DXF) and the chords that replace it. None:
         1/2000 of the diagonal of each outline. Whole circles and ellipses keep their area.
+    layer
+        Of a drawing, the layers to read alone: a name, or several. DXF: layers, in capitals or not;
+        SVG: groups or shapes by id or by the name that Inkscape shows. Those that are named are
+        read even where they are hidden. None: all that is visible.
+    union
+        Whether to join shapes that overlap, such as a pad and its feed, rather than to refuse them.
 
     Raises
     ------
@@ -188,7 +215,7 @@ def read_aperture(
     QuantityError
         The unit does not parse.
     ArgumentError
-        The tolerance is not a length above zero, or the path is none.
+        The tolerance is not a length above zero, or the path is none, or there is no such layer.
     MissingExtraError
         The format needs a library that is not installed.
 
@@ -200,12 +227,13 @@ def read_aperture(
     (0.0, 0.0, 0.004, 0.001)
     """
     metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
+    layers, joins = checked_layers(layer), checked_union(union)
     try:
-        file = _File(source, bytes_of(source), metres, reach)
+        file = _File(source, bytes_of(source), metres, reach, layers, joins)
         # Numbers beyond the range of float64 are reported where they arrive, with a place.
         with np.errstate(all="ignore"):
-            return _aperture(_reader_for(file)(file))
-    except (FileFormatError, GeometryError, MissingExtraError) as error:
+            return _aperture(_reader_for(file)(file), joins)
+    except (FileFormatError, GeometryError, MissingExtraError, ArgumentError) as error:
         raise _about(source, error) from None
 
 

@@ -42,6 +42,8 @@ PARAMETERS = (
     "aperture",
     "unit",
     "tolerance",
+    "layer",
+    "union",
     "source",
     "frequency",
     "wavelength",
@@ -228,7 +230,7 @@ def _source(values: dict[str, Any]) -> Any:
         )
     name = _text(values, (given or ["aperture"])[0], None)
     in_file = given == ["aperture"] and not is_key(name)
-    for key in ("unit", "tolerance"):
+    for key in ("unit", "tolerance", "layer", "union"):
         if key in values and not in_file:
             kind = "an aperture from memory" if is_key(name) else "a source file"
             raise SceneError(
@@ -241,7 +243,9 @@ def _source(values: dict[str, Any]) -> Any:
     if not in_file:
         return read_source(path)
     tolerance = _number(values, "tolerance", parse_length) if "tolerance" in values else None
-    return read_aperture(path, unit=_text(values, "unit", "mm"), tolerance=tolerance)
+    layers = [name.strip() for name in _text(values, "layer", "").split(";") if name.strip()]
+    joins = _flag(values, "union", False)
+    return read_aperture(path, _text(values, "unit", "mm"), tolerance, layers, joins)
 
 
 def _wavelength(values: dict[str, Any]) -> float:

@@ -221,7 +221,9 @@ def translate_error(error: Exception) -> PolywignerError:
     own = original_error(error)
     if own is not None:
         return type(own)(f"{place[1]}: {own}" if place else str(own))
-    line = " ".join(text.split("Traceback (most recent call last)")[0].split())
+    head, _, traceback = text.partition("Traceback (most recent call last)")
+    cause = traceback.strip().splitlines()[-1:]  # what a plugin written in Python has raised
+    line = " ".join(" ".join([head, *cause]).split())
     return SceneError(f"expected a scene that Mitsuba can load: {line}")
 
 

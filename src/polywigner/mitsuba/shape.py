@@ -80,7 +80,8 @@ def _build(variant: str, props: Any) -> Any:
         return _mesh(variant, props, spec)
     except PolywignerError as error:
         _recent_errors.append(error)
-        raise
+        # Mitsuba puts the traceback before the message, where frames of this package are no help.
+        raise error.with_traceback(None) from None
 
 
 def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:

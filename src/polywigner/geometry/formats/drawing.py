@@ -26,6 +26,8 @@ class Drawing:
     polygons: list[list[Ring]]
     metres: float
     """Length of the file's unit."""
+    remedy: str | None = None
+    """What to do in a drawing about outlines that overlap."""
 
 
 def check_vertices(count: int) -> None:

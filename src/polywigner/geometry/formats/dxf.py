@@ -5,7 +5,7 @@ ezdxf parses the file; circles, arcs, bulges and splines are followed here, to a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from polywigner.geometry.formats.curves import (
 )
 from polywigner.geometry.formats.drawing import Drawing, required
 from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of
+from polywigner.geometry.formats.layers import check_known, overlap_remedy
 from polywigner.geometry.formats.outlines import nested, without_duplicates
 
 __all__ = ["LARGEST_DXF", "MOST_NESTED_BLOCKS", "read_dxf"]
@@ -35,6 +36,9 @@ LARGEST_DXF = 8 * 2**20
 
 MOST_NESTED_BLOCKS = 16
 """Blocks inserted in blocks."""
+
+_Drawn = tuple[list[Curve], str]
+"""A path and the name of its layer."""
 
 # $INSUNITS; those without an exact length (light years, survey units) are refused.
 _UNITS = {
@@ -49,7 +53,14 @@ _UNITS = {
 _FLAT = 1e-9
 
 
-def read_dxf(path: Path, content: bytes, unit_metres: float, tolerance: float | None) -> Drawing:
+def read_dxf(
+    path: Path,
+    content: bytes,
+    unit_metres: float,
+    tolerance: float | None,
+    layers: Sequence[str] = (),
+    union: bool = False,
+) -> Drawing:
     """The outlines in the model space of a DXF file, on layers that are on.
 
     Parameters
@@ -60,10 +71,14 @@ def read_dxf(path: Path, content: bytes, unit_metres: float, tolerance: float | 
         Metres of one unit, where the file's $INSUNITS does not say.
     tolerance
         Largest distance in metres between a curve and its chords; None: see `flattened`.
+    layers
+        Names of those to read alone, in capitals or not, even where they are off; none: all.
+    union
+        Whether to join outlines that overlap.
 
     Raises
     ------
-    FileFormatError, GeometryError, MissingExtraError.
+    FileFormatError, GeometryError, MissingExtraError; ArgumentError for an unknown layer.
     """
     if len(content) > LARGEST_DXF:
         raise FileFormatError(
@@ -73,7 +88,7 @@ def read_dxf(path: Path, content: bytes, unit_metres: float, tolerance: float | 
     try:
         document = ezdxf.readfile(path)
         metres = _metres(document, content, unit_metres)
-        paths = list(_Blocks(document).paths(document.modelspace()))
+        paths = _Blocks(document, layers).drawn()
     except PolywignerError:
         raise
     except MemoryError:
@@ -82,8 +97,8 @@ def read_dxf(path: Path, content: bytes, unit_metres: float, tolerance: float | 
         raise FileFormatError(
             f"expected DXF, got a file that ezdxf does not read: {_shown(error)}"
         ) from None
-    rings = _rings(paths, None if tolerance is None else tolerance / metres)
-    return Drawing(nested(rings), metres)
+    rings, remedy = _rings(paths, None if tolerance is None else tolerance / metres)
+    return Drawing(nested(rings, union, remedy), metres, remedy)
 
 
 def _shown(error: Exception) -> str:
@@ -103,20 +118,39 @@ def _metres(document: Any, content: bytes, unit_metres: float) -> float:
     return float(_UNITS[code])
 
 
+def _layer_of(entity: Any) -> str:
+    return str(entity.dxf.get("layer", "0"))
+
+
 class _Blocks:
     """The paths of layouts, with blocks read once however often they are inserted."""
 
-    def __init__(self, document: Any) -> None:
+    def __init__(self, document: Any, layers: Sequence[str]) -> None:
         self.document = document
-        self.known: dict[str, list[list[Curve]]] = {}
+        self.asked = {name.lower() for name in layers}
+        self.known: dict[str, list[_Drawn]] = {}
         self.hidden = {
             layer.dxf.name.lower()
             for layer in document.layers
             if layer.is_off() or layer.is_frozen()
         } | {"defpoints"}
+        self.hidden -= self.asked
         self.count = 0
+        if self.asked:
+            known = {layer.dxf.name for layer in document.layers}
+            known |= {_layer_of(entity) for entity in document.chain_layouts_and_blocks()}
+            names = {name.lower(): name for name in known}
+            check_known([names.get(name.lower(), name) for name in layers], known)
 
-    def paths(self, layout: Any, depth: int = 0) -> Iterator[list[Curve]]:
+    def drawn(self) -> list[_Drawn]:
+        """The paths of the model space, each with its layer."""
+        found = self.paths(self.document.modelspace())
+        return [(path, layer) for path, layer in found if self._is_asked(layer)]
+
+    def _is_asked(self, layer: str) -> bool:
+        return not self.asked or layer.lower() in self.asked
+
+    def paths(self, layout: Any, depth: int = 0) -> Iterator[_Drawn]:
         if depth > MOST_NESTED_BLOCKS:
             raise FileFormatError(
                 f"expected blocks nested at most {MOST_NESTED_BLOCKS} deep, got more (or a block "
@@ -124,16 +158,23 @@ class _Blocks:
             )
         for entity in layout:
             kind = entity.dxftype()
-            layer = str(entity.dxf.get("layer", "0")).lower()
-            if kind in IGNORED or layer in self.hidden or entity.dxf.get("invisible", 0):
+            layer = _layer_of(entity)
+            if kind in IGNORED or layer.lower() in self.hidden or entity.dxf.get("invisible", 0):
                 continue
-            found = self._inserted(entity, depth) if kind == "INSERT" else paths_of(entity)
-            for path in found:
+            # Layer 0 of a block stands for the layer that the block is inserted on.
+            if kind != "INSERT" and not (self._is_asked(layer) or (depth and layer == "0")):
+                continue
+            found = (
+                self._inserted(entity, layer, depth)
+                if kind == "INSERT"
+                else ((path, layer) for path in paths_of(entity))
+            )
+            for path, own in found:
                 self.count += len(path)
                 check_number(self.count)
-                yield path
+                yield path, own
 
-    def _inserted(self, insert: Any, depth: int) -> Iterator[list[Curve]]:
+    def _inserted(self, insert: Any, layer: str, depth: int) -> Iterator[_Drawn]:
         name = str(insert.dxf.name)
         if name not in self.known:
             block = insert.block()
@@ -143,8 +184,9 @@ class _Blocks:
         content = self.known[name]
         rows = np.array(list(insert.matrix44().rows()))
         for offset in _grid(insert) if content else ():
-            for path in content:
-                yield [transformed(curve, rows[:3, :3], rows[3, :3] + offset) for curve in path]
+            for path, own in content:
+                moved = [transformed(curve, rows[:3, :3], rows[3, :3] + offset) for curve in path]
+                yield moved, layer if own == "0" else own
 
 
 def _grid(insert: Any) -> Iterator[Points]:
@@ -161,8 +203,9 @@ def _grid(insert: Any) -> Iterator[Points]:
             )
 
 
-def _rings(paths: list[list[Curve]], tolerance: float | None) -> list[Ring]:
-    """Flat rings (n, 2) of closed paths and of those that close when joined."""
+def _rings(drawn: Sequence[_Drawn], tolerance: float | None) -> tuple[list[Ring], str]:
+    """Flat rings (n, 2) of closed paths and of those that close when joined; and a remedy."""
+    paths = [path for path, _ in drawn]
     if not paths:
         raise FileFormatError(
             "expected outlines in the model space, got none; draw closed polylines, circles or "
@@ -180,14 +223,18 @@ def _rings(paths: list[list[Curve]], tolerance: float | None) -> list[Ring]:
             whole.append(path)
         elif len(path) > 1 or np.ptp(rough_points(path[0]), axis=0).max() > gap:
             loose.append(path)  # anything shorter is a point, up to rounding
-    rings = flattened([*whole, *chained(loose, gap)], tolerance)
-    rings = [ring for ring in rings if len(ring) > 2]
-    if not rings:
+    outlines = [*whole, *chained(loose, gap)]  # each begins with the first curve of some path
+    layer_of = {id(path[0]): layer for path, layer in drawn}
+    layers = [layer_of[id(outline[0])] for outline in outlines]
+    found = zip(flattened(outlines, tolerance), layers, strict=True)
+    closed = [(ring, layer) for ring, layer in found if len(ring) > 2]
+    if not closed:
         raise FileFormatError("expected outlines that enclose an area, got none that do")
-    heights = np.concatenate([ring[:, 2] for ring in rings])
+    heights = np.concatenate([ring[:, 2] for ring, _ in closed])
     if np.ptp(heights) > _FLAT * max(gap / JOINT, float(np.abs(points).max())):
         raise FileFormatError(
             f"expected a plane drawing, got heights from {heights.min():g} to {heights.max():g}; "
             "flatten it"
         )
-    return without_duplicates([ring[:, :2] for ring in rings], gap)
+    flat = [ring[:, :2] for ring, _ in closed]
+    return without_duplicates(flat, gap), overlap_remedy(flat, [layer for _, layer in closed])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from polywigner.errors import FileFormatError, GeometryError
 from polywigner.geometry.exact import Ring, signed_area
 from polywigner.geometry.formats.drawing import check_rings
+from polywigner.geometry.grid import polygons_in, union_on_grid
 from polywigner.geometry.parts import part_of_ring
 from polywigner.geometry.rings import (
     clean_ring,
@@ -46,17 +47,40 @@ def filled(rings: Sequence[Ring], rule: str) -> list[Polygon]:
     return [rings_of_polygon(polygon) for polygon in enclosed(clean, rule)]
 
 
-def nested(rings: Sequence[Ring]) -> list[Polygon]:
+def nested(
+    rings: Sequence[Ring], union: bool = False, remedy: str = "join them in the drawing"
+) -> list[Polygon]:
     """Polygons whose holes are the rings inside them, islands in holes and so on.
 
-    Raises GeometryError for a ring that crosses itself and for rings that overlap; they may touch.
+    `union` joins rings that overlap or touch first. Raises GeometryError, which ends with
+    `remedy`, for rings that overlap otherwise; they may touch. A ring that crosses itself raises.
     """
     check_rings(len(rings))
     check_crossings(rings)
     clean = [part_of_ring(ring, f"outline {k}")[0] for k, ring in enumerate(rings)]
     if not shapely.is_simple(_lines(clean)):
-        _check_overlaps(clean)
+        if union:
+            clean = _joined(clean)
+        else:
+            _check_overlaps(clean, remedy)
     return _by_nesting(clean, "evenodd")
+
+
+def _joined(rings: Sequence[Ring]) -> list[Ring]:
+    """The outlines of groups of rings that overlap or touch; those inside others stay."""
+    polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
+    tree = shapely.STRtree(polygons)
+    pairs = [tree.query(polygons, predicate=relation) for relation in ("overlaps", "touches")]
+    first, second = np.concatenate(pairs, axis=1)
+    group = np.arange(len(rings))
+    while (group[first] != group[second]).any():
+        np.minimum.at(group, first, group[second])
+    joined: list[Ring] = []
+    for number in np.unique(group):
+        members = polygons[group == number]
+        region = members[0] if len(members) == 1 else union_on_grid(list(members))
+        joined += [ring for polygon in polygons_in(region) for ring in rings_of_polygon(polygon)]
+    return joined
 
 
 def without_duplicates(rings: Sequence[Ring], gap: float) -> list[Ring]:
@@ -109,7 +133,7 @@ def check_crossings(rings: Sequence[Ring]) -> None:
             )
 
 
-def _check_overlaps(rings: Sequence[Ring]) -> None:
+def _check_overlaps(rings: Sequence[Ring], remedy: str) -> None:
     """Raise where the insides of two rings meet, and neither lies in the other."""
     polygons = np.array([shapely.Polygon(ring) for ring in rings], dtype=object)
     tree = shapely.STRtree(polygons)
@@ -123,7 +147,7 @@ def _check_overlaps(rings: Sequence[Ring]) -> None:
             j, spot = near[deep][0], shapely.point_on_surface(common[deep][0])
             raise GeometryError(
                 f"expected outlines that do not overlap, got outlines {i} and {j} that cross "
-                f"around ({spot.x:.6g}, {spot.y:.6g}); join them in the drawing"
+                f"around ({spot.x:.6g}, {spot.y:.6g}); {remedy}"
             )
 
 

@@ -7,6 +7,7 @@ colour; strokes have no part in it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.curves import Points, flattened
 from polywigner.geometry.formats.drawing import Drawing
+from polywigner.geometry.formats.layers import overlap_remedy
 from polywigner.geometry.formats.outlines import filled
 from polywigner.geometry.formats.svg_document import Document, parsed
 from polywigner.geometry.formats.svg_shapes import view_box
@@ -23,7 +25,9 @@ from polywigner.geometry.formats.svg_values import PIXEL, physical_length
 __all__ = ["read_svg"]
 
 
-def read_svg(content: bytes, unit_metres: float, tolerance: float | None) -> Drawing:
+def read_svg(
+    content: bytes, unit_metres: float, tolerance: float | None, layers: Sequence[str] = ()
+) -> Drawing:
     """The filled shapes of an SVG file, y up, each flattened and filled by its own rule.
 
     Parameters
@@ -34,20 +38,23 @@ def read_svg(content: bytes, unit_metres: float, tolerance: float | None) -> Dra
         Metres of one unit of the file's coordinates, unless the file states a size.
     tolerance
         Largest distance in metres between a curve and its chords; None: see `flattened`.
+    layers
+        Names or ids of the groups or shapes to read alone, even where they are hidden; none: all.
 
     Raises
     ------
-    FileFormatError, MissingExtraError.
+    FileFormatError, MissingExtraError; ArgumentError for a layer that is not there.
     """
     root = parsed(content)
     metres, matrix = _unit(root, unit_metres)
-    shapes = list(Document(root).shapes(matrix))
+    shapes = list(Document(root, layers).shapes(matrix))
     if not shapes:
         raise FileFormatError(
             "expected filled shapes, got none; give the outlines a fill (strokes have no inside)"
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
-    rings = iter(flattened(subpaths, None if tolerance is None else tolerance / metres))
+    outlines = flattened(subpaths, None if tolerance is None else tolerance / metres)
+    rings = iter(outlines)
     polygons = [
         polygon
         for shape in shapes
@@ -55,7 +62,8 @@ def read_svg(content: bytes, unit_metres: float, tolerance: float | None) -> Dra
     ]
     if not polygons:
         raise FileFormatError("expected shapes that enclose an area, got none that do")
-    return Drawing(polygons, metres)
+    names = [shape.layer for shape in shapes for _ in shape.subpaths]
+    return Drawing(polygons, metres, overlap_remedy(outlines, names))
 
 
 def _unit(root: Any, unit_metres: float) -> tuple[float, Points]:

@@ -11,6 +11,7 @@ import numpy as np
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.curves import Points, check_number, count_of
 from polywigner.geometry.formats.drawing import required
+from polywigner.geometry.formats.layers import check_known
 from polywigner.geometry.formats.svg_shapes import (
     SHAPES,
     Place,
@@ -32,6 +33,7 @@ MOST_NESTED = 64
 """Elements inside each other, `use` included."""
 
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
+_NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
 _LINK = "{http://www.w3.org/1999/xlink}href"
 MOST_TEXT = 16 * 2**20
 """Characters in the attributes of elements drawn (what `use` repeats counts each time)."""
@@ -101,11 +103,20 @@ def _tag(element: Any) -> str:
     return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
 
 
-class Document:
-    """A walk over the elements that are drawn."""
+def _names(element: Any) -> list[str]:
+    """What drawing programs call a group or shape; first what they show."""
+    return [element.get(key) for key in _NAMES if element.get(key)]
 
-    def __init__(self, root: Any) -> None:
+
+class Document:
+    """A walk over the elements that are drawn, on `layers` (names or ids) alone if there are."""
+
+    def __init__(self, root: Any, layers: Sequence[str] = ()) -> None:
         self.root = root
+        self.layers = frozenset(layers)
+        known = {name: _tag(e) == "g" for e in root.iter() for name in _names(e)}
+        if not self.layers <= known.keys():
+            check_known(layers, [name for name in known if known[name] or name in self.layers])
         self.styles = Styles("".join(e.text or "" for e in root.iter() if _tag(e) == "style"))
         self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
         self.visited = 0
@@ -115,7 +126,7 @@ class Document:
     def shapes(self, matrix: Points) -> Iterator[Shape]:
         box = view_box(self.root)
         viewport = (None, None) if box is None else (box[2], box[3])
-        place = Place(matrix, np.zeros(2), Style(), viewport)
+        place = Place(matrix, np.zeros(2), Style(), viewport, is_asked=not self.layers)
         inside = self._entered(self.root, place)
         if inside.style.own.get("display") != "none":
             yield from self._children(self.root, inside)
@@ -131,10 +142,22 @@ class Document:
                 f"expected at most {MOST_TEXT >> 20} MiB of attributes (repetitions included), got "
                 "more; simplify the drawing"
             )
-        style = self.styles.of(element, _tag(element), place.style)
-        if style.own.get("display") != "none":
-            check_supported(style, _tag(element))
-        inside = replace(place, style=style, depth=place.depth + 1)
+        tag, names = _tag(element), _names(element)
+        style = self.styles.of(element, tag, place.style)
+        is_asked = place.is_asked or not self.layers.isdisjoint(names)
+        if not place.is_asked:  # a layer asked for is read, hidden or not
+            style = replace(style, own={k: v for k, v in style.own.items() if k != "display"})
+        around = (*place.unchecked, (style, tag)) if style.own.get("display") != "none" else ()
+        for some, name in around if is_asked else ():
+            check_supported(some, name)
+        inside = replace(
+            place,
+            style=style,
+            depth=place.depth + 1,
+            layer=names[0] if tag == "g" and names else place.layer,
+            is_asked=is_asked,
+            unchecked=() if is_asked else around,
+        )
         text = style.own.get("transform")
         if text not in (None, "", "none"):
             inside = inside.moved(*matrix_of(text))
@@ -152,7 +175,7 @@ class Document:
         if inside.style.own.get("display") == "none":
             return
         if tag in SHAPES:
-            if is_painted(inside.style):
+            if inside.is_asked and is_painted(inside.style):
                 shape = shape_of(element, tag, inside)
                 self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
                 check_number(self.curves)
@@ -160,7 +183,7 @@ class Document:
         elif tag == "use":
             yield from self._used(element, inside)
         elif tag in _OPAQUE:
-            if tag != "text" or is_painted(inside.style):
+            if inside.is_asked and (tag != "text" or is_painted(inside.style)):
                 raise FileFormatError(
                     f"expected shapes, got a {tag} element; convert it to paths or remove it"
                 )

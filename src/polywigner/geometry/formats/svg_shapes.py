@@ -35,6 +35,12 @@ class Place:
     style: Style
     viewport: tuple[float | None, float | None]
     depth: int = 0
+    layer: str = ""
+    """The name of the group around it."""
+    is_asked: bool = True
+    """Whether it lies on a layer that is read."""
+    unchecked: tuple[tuple[Style, str], ...] = ()
+    """Styles and tags around it that matter only if it is."""
 
     def moved(self, matrix: Points, offset: Points) -> Place:
         return replace(self, matrix=matrix @ self.matrix, offset=offset @ self.matrix + self.offset)
@@ -44,6 +50,7 @@ class Place:
 class Shape:
     subpaths: list[list[Curve]]
     rule: str
+    layer: str
 
 
 def view_box(element: Any) -> tuple[float, float, float, float] | None:
@@ -110,7 +117,7 @@ def shape_of(element: Any, tag: str, place: Place) -> Shape:
         [transformed(curve, place.matrix, place.offset) for curve in subpath]
         for subpath in subpaths
     ]
-    return Shape(image, place.style.inherited.get("fill-rule", "nonzero"))
+    return Shape(image, place.style.inherited.get("fill-rule", "nonzero"), place.layer)
 
 
 def _polygon(element: Any) -> list[list[Curve]]:

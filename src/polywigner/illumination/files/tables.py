@@ -39,6 +39,7 @@ from polywigner.illumination.files.values import (
     checked_table,
     complex_numbers,
     coordinates,
+    drawing_options,
     flag,
     shown,
     text,
@@ -67,8 +68,8 @@ class _File:
 
     folder: Path
     wavelength: float | None
-    read: dict[tuple[str, str], Aperture | Polyhedron] = field(default_factory=dict)
-    """Other files that were read, by name and unit."""
+    read: dict[tuple[Any, ...], Aperture | Polyhedron] = field(default_factory=dict)
+    """Other files that were read, by name, unit and options."""
 
 
 def source_of(table: Any, folder: Path) -> Source:
@@ -94,14 +95,16 @@ def _of_kind(table: Any, kinds: Mapping[str, Callable[[Table, _File], Any]], fil
 
 def _aperture(table: Table, file: _File) -> Aperture | PlacedAperture:
     origins = ("file", "polygons", "shape")
-    checked_table(table, ("kind",), (*origins, "unit", "verbatim", "illumination", "to_world"))
+    keys = (*origins, "unit", "layer", "union", "verbatim", "illumination", "to_world")
+    checked_table(table, ("kind",), keys)
     origin = _only_one(table, origins)
-    for key, of in (("unit", "file"), ("verbatim", "polygons")):
+    only = {"unit": "file", "layer": "file", "union": "file", "verbatim": "polygons"}
+    for key, of in only.items():
         if key in table and origin != of:
             raise FileFormatError(f"expected {key!r} with {of!r} only, got it with {origin!r}")
     with at(origin):
         if origin == "file":
-            aperture = _from_file(table, file, read_aperture)
+            aperture = _from_file(table, file, read_aperture, **drawing_options(table))
         elif origin == "shape":
             aperture = _shape(table["shape"], Aperture)
         else:
@@ -200,11 +203,12 @@ def _placed(aperture: Aperture, to_world: Any) -> PlacedAperture:
         return PlacedAperture(aperture, pose)
 
 
-def _from_file(table: Table, file: _File, read: Callable[[Path, str], Any]) -> Any:
+def _from_file(table: Table, file: _File, read: Callable[..., Any], **options: Any) -> Any:
     name, unit = text(table["file"]), text(table.get("unit", "mm"))
-    if (name, unit) not in file.read:
-        file.read[name, unit] = read(file.folder / name, unit)
-    return file.read[name, unit]
+    key = (name, unit, *options.values())
+    if key not in file.read:
+        file.read[key] = read(file.folder / name, unit, **options)
+    return file.read[key]
 
 
 def _shape(table: Any, expected: type) -> Any:

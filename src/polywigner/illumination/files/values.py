@@ -28,6 +28,7 @@ __all__ = [
     "complex_numbers",
     "coordinates",
     "decibels",
+    "drawing_options",
     "flag",
     "frequency",
     "length",
@@ -171,3 +172,11 @@ def complex_numbers(value: Any, depth: int = 1) -> Any:
     if len(value) != 2:
         raise FileFormatError(f"expected a complex number as [real, imaginary], got {shown(value)}")
     return complex(number(value[0]), number(value[1]))
+
+
+def drawing_options(table: Table) -> dict[str, Any]:
+    """Which layers of a drawing, and whether to join what overlaps."""
+    layer = table.get("layer")
+    names = [layer] if isinstance(layer, str) or layer is None else checked_list(layer)
+    layers = tuple(text(name) for name in names if name is not None)
+    return {"layer": layers or None, "union": flag(table.get("union", False))}
