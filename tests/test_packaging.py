@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.metadata
+import json
 import re
 import subprocess
 import sys
@@ -89,3 +90,31 @@ def test_every_local_link_of_the_documents_leads_somewhere() -> None:
         [sys.executable, ROOT / "tools" / "check_documents.py"], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+RECIPES = ROOT / "packaging"
+
+
+def test_the_conda_recipe_asks_for_what_the_package_asks_for() -> None:
+    project = PYPROJECT["project"]
+    recipe = (RECIPES / "conda" / "meta.yaml").read_text("utf-8")
+    run = recipe.split("  run:\n")[1].split("\ntest:")[0]
+    asked = {re.split(r"[\s<>=]", line.strip(" -"))[0] for line in run.splitlines() if "- " in line}
+    named = {re.split(r"[<>=\[]", text)[0] for text in project["dependencies"]}
+    named = {"matplotlib-base" if name == "matplotlib" else name for name in named}
+    assert named | {"python"} == asked
+    assert f'version = "{polywigner.__version__}"' in recipe
+    assert project["requires-python"].removeprefix(">=") in recipe
+
+
+def test_the_container_is_built_from_a_checkout_by_somebody_without_rights() -> None:
+    """Each line an instruction that Docker knows, a pinned base, and no root at the end."""
+    text = (RECIPES / "Dockerfile").read_text("utf-8").replace("\\\n", " ")
+    lines = [line.split(maxsplit=1) for line in text.splitlines() if line and line[0] != "#"]
+    known = {"FROM", "COPY", "RUN", "USER", "WORKDIR", "ENTRYPOINT", "CMD"}
+    assert {line[0] for line in lines} <= known
+    assert lines[0][0] == "FROM" and re.fullmatch(r"[a-z]+:\d[\w.-]+", lines[0][1])
+    assert [line[1] for line in lines if line[0] == "USER"] == ["polywigner"]
+    for line in lines:
+        if line[0] in ("ENTRYPOINT", "CMD"):
+            assert isinstance(json.loads(line[1]), list)
