@@ -215,7 +215,9 @@ def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(
     monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
     monkeypatch.setenv("TERM", "xterm")
     _builders(method="fraunhofer", progress=True)["volume"]()
-    assert "fraunhofer" in capfd.readouterr().err
+    drawn = capfd.readouterr().err
+    assert "fraunhofer" in drawn
+    assert drawn.endswith("\x1b[1A\x1b[2K")  # up to its line, and that wiped out
 
 
 def test_without_xarray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
