@@ -407,7 +407,7 @@ BAD = [
     ({"kind": "aperture", "file": "none.wkt"}, "none.wkt: expected"),
     ({"kind": "aperture", "file": 3}, "file: expected a text"),
     ({"kind": "aperture", "shape": "square"}, "without a name"),
-    ({"kind": "aperture", "shape": {"name": "circle"}}, "name of a shape out of bow_tie"),
+    ({"kind": "aperture", "shape": {"name": "circlet"}}, "name of a shape out of bow_tie"),
     ({"kind": "aperture", "shape": {"name": "_circle"}}, "name of a shape"),
     ({"kind": "aperture", "shape": {"name": "square"}}, "expected the key 'a'"),
     ({"kind": "aperture", "shape": {"name": "square", "b": 1, "a": 1}}, "name, a, got 'b'"),
