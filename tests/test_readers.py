@@ -196,7 +196,7 @@ BAD_FILES = {
     "header_only.csv": ("x,y\n", FileFormatError, "none"),
     "huge.csv": ("0,0\n1e999,0\n1,1\n", GeometryError, "finite"),
     "two.csv": ("0,0\n1,0\n", GeometryError, "3 different"),
-    "layout.gds": (b"\0\6\0\2", FileFormatError, ".gds, which is not read"),
+    "drawing.pdf": (b"%PDF-1.7", FileFormatError, ".pdf, which is not read"),
     "drawing.dwg": ("AC1032", FileFormatError, ".dwg, which is not read"),
     "drawing.svgz": (b"\x1f\x8b\x08\0", FileFormatError, ".svgz, which is not read"),
     "words.txt": ("hello world", FileFormatError, "expected"),

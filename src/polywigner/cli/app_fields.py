@@ -30,7 +30,7 @@ from polywigner.cli.options import (
     Window,
     feeding_of,
 )
-from polywigner.cli.sources import Reading
+from polywigner.cli.reading import Reading
 
 __all__ = ["pattern", "propagate", "volume"]
 

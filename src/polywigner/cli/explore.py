@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 
-from polywigner.cli.sources import Reading, check_source_file, wavelength_from
+from polywigner.cli.reading import Reading
+from polywigner.cli.sources import check_source_file, wavelength_from
 
 __all__ = ["run_explore"]
 

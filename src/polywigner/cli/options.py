@@ -34,8 +34,8 @@ __all__ = [
 SourceFile = Annotated[
     str,
     typer.Argument(
-        help="Aperture file: GeoJSON, WKT, SVG, DXF, or CSV with one ring; or a source file: "
-        "TOML or JSON."
+        help="Aperture file: GeoJSON, WKT, SVG, DXF, GDSII, or CSV with one ring; or a source "
+        "file: TOML or JSON."
     ),
 ]
 Unit = Annotated[

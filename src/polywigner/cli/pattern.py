@@ -10,8 +10,8 @@ from typing import Any, cast
 
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.reading import Reading
 from polywigner.cli.sources import (
-    Reading,
     check_source_file,
     field_title,
     read_fed_source,

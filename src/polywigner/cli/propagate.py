@@ -17,8 +17,8 @@ from polywigner.cli.methods import (
 )
 from polywigner.cli.output import output_stem, targets
 from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.reading import Reading
 from polywigner.cli.sources import (
-    Reading,
     check_source_file,
     field_title,
     read_fed_source,

@@ -28,7 +28,7 @@ __all__ = ["run_render"]
 
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
 _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
-_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".toml")
+_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 # By how much fewer samples a sampler needs than independent ones; on floors that are lit without
 # obstacles it was 60, beside edges of shadows less (docs/sampling.md).
 _GAINS = {"multijitter": 10}

@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from polywigner.cli.output import check_text
+from polywigner.cli.reading import Reading
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, parse_length, wavelength_of
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 __all__ = [
-    "Reading",
     "check_source_file",
     "field_title",
     "frequency_text",
@@ -33,20 +33,6 @@ _LONGEST_NAME = 32
 
 # A frequency and the wavelength typed for it, with a few digits.
 _SAME_WAVELENGTH = 1e-3
-
-
-class Reading(NamedTuple):
-    """How to read an aperture file: the texts of the options of these names."""
-
-    unit: str | None
-    tolerance: str | None
-    layer: Sequence[str] | None
-    union: bool
-
-    def of_aperture(self) -> dict[str, Any]:
-        """The arguments of :func:`polywigner.read_aperture`."""
-        reach = None if self.tolerance is None else parse_length(self.tolerance)
-        return self._asdict() | {"unit": self.unit or "mm", "tolerance": reach}
 
 
 def check_source_file(path: str, reading: Reading) -> None:

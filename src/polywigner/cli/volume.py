@@ -11,8 +11,8 @@ from polywigner.cli.grid_advice import samples_of_box
 from polywigner.cli.methods import compared_with, parse_methods, print_differences
 from polywigner.cli.output import check_writable, missing_folders, output_stem, say_made, targets
 from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.reading import Reading
 from polywigner.cli.sources import (
-    Reading,
     check_source_file,
     field_title,
     read_fed_source,

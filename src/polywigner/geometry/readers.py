@@ -1,4 +1,4 @@
-"""Files of apertures and bodies: GeoJSON, WKT, CSV, SVG and DXF; STL, PLY and OBJ.
+"""Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF and GDSII; STL, PLY and OBJ.
 
 Each format becomes polygons, each a list of rings with the exterior first, in the file's own unit.
 Checking them is the business of :class:`Aperture` and :class:`Polyhedron`.
@@ -28,6 +28,7 @@ from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.content import bytes_of, text_of
 from polywigner.geometry.formats.drawing import Drawing, check_rings, check_vertices
 from polywigner.geometry.formats.dxf import read_dxf
+from polywigner.geometry.formats.gds import read_gds
 from polywigner.geometry.formats.geojson import rings_of_geojson
 from polywigner.geometry.formats.layers import checked_layers, checked_union
 from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
@@ -64,8 +65,8 @@ def _polygons(reader: Callable[[str], list[list[Any]]]) -> Callable[[_File], Dra
     def read(file: _File) -> Drawing:
         if file.layers:
             raise ArgumentError(
-                "expected a layer of a drawing (SVG, DXF) only, got one of a file that has no "
-                "layers; leave it out"
+                "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
+                "no layers; leave it out"
             )
         return Drawing(reader(text_of(file.content)), file.unit_metres)
 
@@ -82,22 +83,27 @@ def _dxf(file: _File) -> Drawing:
     )
 
 
+def _gds(file: _File) -> Drawing:
+    return read_gds(file.path, file.content, file.layers)
+
+
 _GEOJSON = _polygons(rings_of_geojson)
 _WKT = _polygons(rings_of_wkt)
 _CSV = _polygons(rings_of_csv)
 _READERS = {
     ".geojson": _GEOJSON, ".json": _GEOJSON, ".wkt": _WKT, ".csv": _CSV, ".svg": _svg,
-    ".dxf": _dxf,
+    ".dxf": _dxf, ".gds": _gds,
 }  # fmt: skip
 
 # The first bytes of files of another suffix (.txt, or none), by format.
 _STARTS = (
     (rb"[{\[]", _GEOJSON),
     (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", _dxf),
+    (rb"\x00\x06\x00\x02", _gds),
     (rb"<", _svg),
     (rb"(?i:SRID|MULTI|POINT|LINE|POLYGON|GEOMETRY|C[A-Z]+|TIN|TRI)", _WKT),
 )
-_NOT_READ = (".gds", ".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
+_NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
 
 
 def _reader_for(file: _File) -> Callable[[_File], Drawing]:
@@ -112,8 +118,8 @@ def _reader_for(file: _File) -> Callable[[_File], Drawing]:
         )
     if suffix in _NOT_READ:
         raise FileFormatError(
-            f"expected GeoJSON, WKT, CSV, SVG or DXF, got {suffix}, which is not read; export the "
-            "outline as one of these"
+            f"expected GeoJSON, WKT, CSV, SVG, DXF or GDSII, got {suffix}, which is not read; "
+            "export the outline as one of these"
         )
     start = file.content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     return next((reader for pattern, reader in _STARTS if re.match(pattern, start)), _CSV)
@@ -190,7 +196,8 @@ def read_aperture(
         with comma, semicolon or blanks between x and y, an optional header line and ``#``
         comments (with semicolons, a decimal comma is understood); ``.svg``: filled shapes, turned
         so that y points up; ``.dxf``: closed outlines in the model space, those inside others
-        being holes. Any other suffix: by content. SVG and DXF need the extra `formats`.
+        being holes; ``.gds``: polygons and paths of a cell. Any other suffix: by content. SVG, DXF
+        and GDSII need the extra `formats`.
     unit
         What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm");
         "px" is 1/96 inch. An SVG file whose width or height is in mm, cm, Q, in, pt or pc, and a
@@ -201,7 +208,8 @@ def read_aperture(
     layer
         Of a drawing, the layers to read alone: a name, or several. DXF: layers, in capitals or not;
         SVG: groups or shapes by id or by the name that Inkscape shows. Those that are named are
-        read even where they are hidden. None: all that is visible.
+        read even where they are hidden. GDSII: layers as "1" or "1/0", and a cell by its name.
+        None: all that is visible.
     union
         Whether to join shapes that overlap, such as a pad and its feed, rather than to refuse them.
 

@@ -1,0 +1,73 @@
+"""Run as a program of its own by ``gds``: gdstk reads a GDSII file, and polygons go to stdout.
+
+A damaged file can end gdstk's process (segmentation faults, loops, memory without bound), which
+must not be the caller's. Nothing of this package is imported here.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from typing import Any
+
+__all__ = ["main"]
+
+
+def _chosen(library: Any, name: str | None) -> Any:
+    cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
+    top = [cell.name for cell in library.top_level() if cell.name in cells]
+    if name is None and len(top) == 1:
+        return cells[top[0]]
+    if name not in cells:
+        wanted = "one top cell" if name is None else f"a cell or layer of the file ({name!r})"
+        listed = ", ".join(sorted(top if name is None else cells)[:12])
+        raise LookupError(f"expected {wanted}, got the cells {listed}; name a cell as layer")
+    return cells[name]
+
+
+def _polygons(path: str, cell: str | None, layers: list[list[int]], most: int) -> dict[str, Any]:
+    gdstk: Any = importlib.import_module("gdstk")
+    library = gdstk.read_gds(path)
+    polygons = _chosen(library, cell).get_polygons()
+    there = sorted({(polygon.layer, polygon.datatype) for polygon in polygons})
+    for wanted in layers:
+        if not any(list(pair[: len(wanted)]) == wanted for pair in there):
+            listed = ", ".join(f"{layer}/{kind}" for layer, kind in there[:12])
+            raise LookupError(
+                f"expected a layer of the cell, got {'/'.join(map(str, wanted))}; it has {listed}"
+            )
+    kept = [
+        polygon
+        for polygon in polygons
+        if not layers
+        or any([polygon.layer, polygon.datatype][: len(wanted)] == wanted for wanted in layers)
+    ]
+    if sum(polygon.size for polygon in kept) > most:
+        raise LookupError(f"expected at most {most} vertices, got more; choose a cell or layer")
+    return {
+        "unit": library.unit,
+        "rings": [polygon.points.tolist() for polygon in kept],
+        "layers": [f"{polygon.layer}/{polygon.datatype}" for polygon in kept],
+    }
+
+
+def main() -> None:
+    """Write what the JSON text in the first argument asks for, or why not."""
+    asked = json.loads(sys.argv[1])
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (asked["memory"],) * 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    except (ImportError, ValueError, OSError):
+        pass  # not on this system
+    try:
+        found = _polygons(asked["path"], asked["cell"], asked["layers"], asked["most"])
+    except LookupError as error:
+        found = {"error": error.args[0]}
+    json.dump(found, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()
