@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.figures import draw_hemispheres, draw_pattern
 
 WAVELENGTH = 299792458 / 94e9
@@ -104,6 +104,14 @@ def test_what_the_cut_does_not_reach_is_not_a_number() -> None:
         (lambda p: pw.beam_metrics(p, efficiency=0.0), "efficiency"),
         (lambda p: pw.beam_metrics(p, power=-1.0), "power"),
         (lambda p: pw.beam_metrics(p.isel(theta=slice(0, 2))), "three"),
+        (lambda p: pw.beam_metrics(p.where(p.theta > 0.2)), "not a number"),
+        (lambda p: pw.beam_metrics(p.isel(phi=slice(0, 0))), "no angles"),
+        (lambda p: pw.beam_metrics(np.zeros(3)), "radiation_pattern"),  # type: ignore[arg-type]
+        (lambda p: pw.write_pattern(p.isel(phi=slice(0, 0)), "a.cut"), "no angles"),
+        (lambda p: pw.write_pattern(p, None), "path"),  # type: ignore[arg-type]
+        (lambda p: draw_pattern(p, metrics=3), "metrics"),  # type: ignore[arg-type]
+        (lambda p: draw_pattern(p, floor_db="a"), "floor"),  # type: ignore[arg-type]
+        (lambda p: draw_pattern(p, panels=3), "panels"),  # type: ignore[arg-type]
         (lambda p: draw_hemispheres(p), "draw_pattern"),
         (lambda p: draw_pattern(p, panels=["map"]), "panels"),
         (lambda p: draw_pattern(p, panels=["uv"]), "phi"),
@@ -128,3 +136,46 @@ def test_a_data_sheet_has_cuts_a_polar_plot_a_map_and_a_table(tmp_path: Path) ->
     texts = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert any("directivity" in text for text in texts)
     figure.savefig(tmp_path / "sheet.png")
+
+
+def test_modes_with_nulls_on_samples_have_numbers() -> None:
+    """A parabola beside a null would overshoot by tens of dB."""
+    theta, phi = np.radians(np.arange(0, 180.5, 0.5)), np.radians(np.arange(0, 360, 10))
+    mouth = pw.shapes.rectangle(14e-3, 11e-3)
+    for mode in ((2, 0), (1, 1)):
+        source = mouth.with_illumination(pw.te_mode(14e-3, 11e-3, *mode))
+        found = _metrics(source, theta, phi)
+        pattern = pw.radiation_pattern(source, WAVELENGTH, theta, phi)
+        assert found.directivity == pytest.approx(pattern.attrs["largest_directivity"], abs=0.05)
+        for cut in found.cuts:
+            for level in cut.sidelobe_levels:
+                assert math.isnan(level) or level < 0.1
+
+
+def test_a_lobe_that_runs_into_the_horizon_is_no_sidelobe() -> None:
+    square = pw.shapes.square(1.4 * WAVELENGTH)
+    theta = np.radians(np.arange(-180, 180.5, 0.5))
+    for obliquity in ("rayleigh-sommerfeld-2", "kirchhoff", "rayleigh-sommerfeld-1"):
+        for cut in _metrics(square, theta, obliquity=obliquity).cuts:
+            assert all(math.isnan(level) or level < 0 for level in cut.sidelobe_levels)
+
+
+def test_a_plane_in_which_the_field_cancels_has_no_numbers() -> None:
+    places = [(-2e-3, 0.0), (2e-3, 0.0)]
+    pair = pw.phased_array(pw.shapes.square(1.5e-3), places, [1, -1])
+    found = _metrics(pair)
+    assert found.cuts[1].directivity == -math.inf
+    assert math.isnan(found.cuts[1].half_power_beamwidth)
+    assert "nothing is radiated" in str(found)
+
+
+def test_few_samples_in_a_beam_are_warned_of() -> None:
+    theta = np.radians(np.arange(-90, 91, 5))
+    with pytest.warns(PolywignerWarning, match="coarse for a half-power width"):
+        _metrics(pw.shapes.square(10e-3), theta)
+
+
+def test_axes_in_the_other_order_are_read_as_well() -> None:
+    pytest.importorskip("xarray")
+    pattern = pw.radiation_pattern(pw.shapes.rectangle(9e-3, 12e-3), WAVELENGTH, *CUTS)
+    assert pw.beam_metrics(pattern.transpose()) == pw.beam_metrics(pattern)

@@ -46,6 +46,10 @@ def test_white_light_is_the_modulus_of_the_mean_otf() -> None:
         ({"wavelength": []}, "wavelength"),
         ({"wavelength": [[1e-6]]}, "wavelength"),
         ({"wavelength": -1e-6}, "wavelength"),
+        ({"wavelength": "0.5 um"}, "wavelength"),
+        ({"wavelength": 1j}, "wavelength"),
+        ({"weights": "a"}, "weights"),
+        ({"defocus": "a"}, "defocus"),
         ({"focal_length": 0.0}, "focal_length"),
         ({"weights": [1.0, 2.0]}, "weights"),
         ({"weights": [-1.0]}, "weights"),
@@ -57,3 +61,8 @@ def test_bad_arguments_are_refused(how: dict[str, Any], words: str) -> None:
     given = {"frequency": (1.0, 0.0), "wavelength": 0.5e-6, "focal_length": 0.1, **how}
     with pytest.raises(ArgumentError, match=words):
         pw.mtf(SQUARE, **given)
+
+
+def test_weights_of_any_size_are_shares() -> None:
+    found = pw.mtf(SQUARE, (50.0, 0.0), [0.5e-6] * 2, 0.1, weights=[1e308] * 2)
+    assert found == pytest.approx(0.75, abs=ROUNDING)

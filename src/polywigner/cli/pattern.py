@@ -92,7 +92,9 @@ def run_pattern(
         figure.savefig(picture, format="png")
         for path, partial in zip(files[1:], values, strict=True):
             named = partial.with_name(partial.name + path.suffix)  # the suffix chooses the format
-            pw.write_pattern(pattern, named, polarisation=cast(Any, polarisation))
+            pw.write_pattern(
+                pattern, named, polarisation=cast(Any, polarisation), efficiency=efficiency
+            )
             named.replace(partial)
     print(metrics)
     for path in files:

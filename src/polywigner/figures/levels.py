@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from numbers import Real
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -23,7 +25,8 @@ def check_floor(floor_db: float) -> float:
     ------
     ArgumentError : not a number below 0 dB and down to -300 dB.
     """
-    if not _LOWEST_DB <= floor_db < 0:
+    number = isinstance(floor_db, Real) and not isinstance(floor_db, bool)
+    if not number or not _LOWEST_DB <= floor_db < 0:
         raise ArgumentError(
             f"expected a floor below 0 dB, down to {_LOWEST_DB:g} dB, got {floor_db}; give for "
             "example --db-floor -40"

@@ -20,7 +20,7 @@ from polywigner.figures.style import (
     number_text,
     write_title,
 )
-from polywigner.propagation.beams import BeamMetrics, beam_metrics, cuts_of
+from polywigner.propagation.beams import BeamMetrics, beam_metrics, checked_pattern, cuts_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -71,6 +71,9 @@ def draw_pattern(
     import matplotlib as mpl
 
     check_floor(floor_db)
+    if metrics is not None and not isinstance(metrics, BeamMetrics):
+        raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
+    checked_pattern(pattern)
     found = beam_metrics(pattern) if metrics is None else metrics
     phi = np.asarray(pattern["phi"].values, np.float64)
     chosen = _chosen(panels, len(phi))
@@ -101,7 +104,7 @@ def draw_pattern(
 def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
     if panels is None:
         return [name for name in _PANELS if name != "uv" or meridians >= _LEAST_MERIDIANS]
-    names = [panels] if isinstance(panels, str) else list(panels)
+    names = [panels] if isinstance(panels, str) or not isinstance(panels, Sequence) else [*panels]
     for name in names:
         if name not in get_args(PatternPanel):
             raise ArgumentError(

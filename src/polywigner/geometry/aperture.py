@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import checked_length
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
 from polywigner.geometry.exact import Ring, orientations, total_area
@@ -200,7 +200,9 @@ class Aperture:
         Raises ArgumentError for a factor that is not a finite number above zero, GeometryError
         where floats end.
         """
-        size = checked_length(factor, "factor")
+        size = checked_number(factor, "factor", "a number above zero")
+        if not size > 0:
+            raise ArgumentError(f"expected factor as a number above zero, got {factor!r}")
         parts = [tuple(ring * size for ring in part) for part in self._parts]
         copy, field = Aperture([polygon_of_part(part) for part in parts]), self.illumination
         return copy if field is None else copy.with_illumination(field.scaled(size))

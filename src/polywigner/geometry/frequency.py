@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable
+from numbers import Real
 from typing import Any, ParamSpec, Protocol, TypeVar, cast, overload
 
 from polywigner.errors import ArgumentError
@@ -12,6 +13,9 @@ from polywigner.geometry.arguments import checked_number
 from polywigner.quantities import SPEED_OF_LIGHT
 
 __all__ = ["takes_frequency"]
+
+# Hz: a wavelength of a thousand kilometres; less is in GHz.
+_LEAST = 300.0
 
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
@@ -38,13 +42,17 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     signature = inspect.signature(function)
     names = list(signature.parameters)
     place = names.index("wavelength")
+    following = list(signature.parameters.values())[place + 1 :]
+    # what follows has a default: a number in its place is a wavelength
+    is_last = not following or following[0].default is not inspect.Parameter.empty
 
     @functools.wraps(function)
     def wrapper(*args: Any, frequency: float | None = None, **kwargs: Any) -> Any:
         if frequency is None:
             return function(*args, **kwargs)
         length = SPEED_OF_LIGHT / _checked(frequency)
-        if kwargs.get("wavelength") is None:
+        has_both = is_last and len(args) > place and isinstance(args[place], Real)
+        if kwargs.get("wavelength") is None and not has_both:
             kwargs.pop("wavelength", None)
             given = (*args[:place], length, *args[place:])
             if len(args) < place:  # arguments before it are named
@@ -71,4 +79,9 @@ def _checked(frequency: Any) -> float:
     number = checked_number(frequency, "frequency", "a number in Hz above zero")
     if not number > 0:
         raise ArgumentError(f"expected frequency as a number in Hz above zero, got {frequency!r}")
+    if number < _LEAST:
+        raise ArgumentError(
+            f"expected frequency in Hz, got {number:g}, a wavelength of "
+            f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
+        )
     return number

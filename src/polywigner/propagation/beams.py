@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -10,14 +11,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.geometry.arguments import checked_number
 from polywigner.transforms.labelled import Labelled
 
-__all__ = ["BeamMetrics", "CutMetrics", "beam_metrics", "cuts_of", "decibels_milliwatt"]
+__all__ = [
+    "BeamMetrics",
+    "CutMetrics",
+    "beam_metrics",
+    "checked_efficiency",
+    "checked_pattern",
+    "cuts_of",
+    "decibels_milliwatt",
+]
 
 _HALF = 10 * math.log10(2.0)
 # Stands for minus infinity, in dBi: parabolas are laid through levels.
 _DARK = -400.0
+# Steeper than this, in dB from a sample to the next, levels are no parabola: a null is near.
+_STEEP = 10.0
+# A cut so far below the beam, in dB, holds nothing but rounding.
+_NOTHING = 150.0
+# With fewer samples within half power, a beamwidth is off by percents.
+_LEAST_SAMPLES = 6
 # Two meridians half a turn apart, and a beam along the normal, to the rounding of degrees.
 _SAME_ANGLE = 1e-9
 
@@ -39,7 +55,7 @@ class CutMetrics:
     theta: float
     """Of the cut's peak, in rad; negative on the other side of the normal."""
     directivity: float
-    """Of the cut's peak, in dBi."""
+    """Of the cut's peak, in dBi; minus infinity where nothing is radiated along the cut."""
     half_power_beamwidth: float
     """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
     sidelobe_levels: tuple[float, float]
@@ -93,7 +109,11 @@ class BeamMetrics:
             )
             width = cut.half_power_beamwidth
             shown = "not in range" if math.isnan(width) else _degrees(width)
-            rows.append((f"cut phi {_degrees(cut.phi)}", f"half-power width {shown}"))
+            name = f"cut phi {_degrees(cut.phi)}"
+            if cut.directivity == -math.inf:
+                rows.append((name, "nothing is radiated"))
+                continue
+            rows.append((name, f"peak {cut.directivity:.2f} dBi, half-power width {shown}"))
             rows.append(("", f"sidelobes {lobes or 'not in range'}"))
         return "\n".join(f"{name:18}{value}".rstrip() for name, value in rows)
 
@@ -117,7 +137,8 @@ def beam_metrics(
 
     Cuts are meridians: columns of the pattern where theta has both signs, else those of phi and phi
     + pi joined. Between samples the peak is that of a parabola in dB, and half of it is where an
-    inverse parabola crosses: beamwidths are right to 1e-3 of themselves for ten samples in them.
+    inverse parabola crosses: beamwidths are right to 3e-3 of themselves for ten samples in them.
+    Cuts end at the horizon, for nothing goes backwards.
 
     Parameters
     ----------
@@ -132,8 +153,12 @@ def beam_metrics(
 
     Raises
     ------
-    ArgumentError for anything but a pattern over theta and phi with three angles theta or more, a
-    power or an efficiency out of range.
+    ArgumentError for anything but a pattern over theta and phi with three angles theta or more in
+    front, a power or an efficiency out of range.
+
+    Warns
+    -----
+    PolywignerWarning where fewer than six samples lie within half power of the beam.
 
     >>> import numpy as np, polywigner as pw
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
@@ -143,14 +168,15 @@ def beam_metrics(
     16.1
     """
     theta, phi, levels, about = _checked(pattern)
-    share = _positive("efficiency", efficiency)
-    if share > 1:
-        raise ArgumentError(f"expected an efficiency of at most 1, got {efficiency!r}")
+    share = checked_efficiency(efficiency)
     radiated = about["radiated_power"] if power is None else share * _positive("power", power)
+    peak = float(levels.max())
     cuts = tuple(
-        _metrics(angle, places, values) for angle, places, values in cuts_of(theta, phi, levels)
+        _metrics(angle, places, values, peak)
+        for angle, places, values in cuts_of(theta, phi, levels)
     )
     best = max(cuts, key=lambda cut: cut.directivity)
+    _warn_of_few_samples(theta, best)
     normal = abs(best.theta) < _SAME_ANGLE
     return BeamMetrics(
         theta=abs(best.theta),
@@ -189,9 +215,24 @@ def cuts_of(theta: Levels, phi: Levels, values: Any) -> Iterator[tuple[float, Le
         yield float(angle), places, np.concatenate([values[back, opposite[0]], values[order, j]])
 
 
-def _metrics(phi: float, theta: Levels, levels: Levels) -> CutMetrics:
+def _warn_of_few_samples(theta: Levels, beam: CutMetrics) -> None:
+    width = beam.half_power_beamwidth
+    step = float(np.diff(np.unique(theta)).max(initial=0.0))
+    if width < _LEAST_SAMPLES * step:
+        warnings.warn(
+            f"steps of {_degrees(step)} are coarse for a half-power width of {_degrees(width)}: "
+            "the numbers may be off by percents; give radiation_pattern more angles theta",
+            PolywignerWarning,
+            stacklevel=3,
+        )
+
+
+def _metrics(phi: float, theta: Levels, levels: Levels, beam: float) -> CutMetrics:
     peak = int(np.argmax(levels))
     angle, level = _vertex(theta, levels, peak)
+    if level < beam - _NOTHING:
+        none = math.nan, math.nan
+        return CutMetrics(phi, angle, -math.inf, math.nan, none, none)
     sides = [_side(theta, levels, peak, step, level) for step in (-1, 1)]
     return CutMetrics(
         phi=phi,
@@ -227,6 +268,8 @@ def _vertex(places: Levels, levels: Levels, peak: int) -> tuple[float, float]:
     if not 0 < peak < len(levels) - 1:
         return float(places[peak]), float(levels[peak])
     x, y = places[peak - 1 : peak + 2] - places[peak], levels[peak - 1 : peak + 2] - levels[peak]
+    if y.min() < -_STEEP or not (x[0] and x[2]):
+        return float(places[peak]), float(levels[peak])
     left, right = y[0] / x[0], y[2] / x[2]
     curvature = (right - left) / (x[2] - x[0])
     if not curvature < 0:
@@ -257,32 +300,55 @@ def _between(a: float, b: float, turn: float = math.pi) -> float:
     return min(rest, turn - rest)
 
 
-def _checked(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
+def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
+    """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes.
+
+    Raises ArgumentError for anything but a pattern, one without angles, and what is no number.
+    """
     try:
-        dims = pattern["directivity"].dims
+        dims = tuple(pattern["directivity"].dims)
         theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
         levels = np.asarray(pattern["directivity"].values, np.float64)
-        about = {k: float(pattern.attrs[k]) for k in ("radiated_power", "aperture_power")}
-    except (TypeError, KeyError, AttributeError, ValueError):
+        names = ("radiated_power", "aperture_power", "frequency")
+        about = {name: float(pattern.attrs[name]) for name in names}
+    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         dims = ()
-    if dims != ("theta", "phi"):
+    if sorted(dims) != ["phi", "theta"]:
         raise ArgumentError(
             "expected a pattern with directivity over theta and phi, got "
             f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
         )
-    if len(theta) < 3:
+    levels = levels if dims[0] == "theta" else levels.T
+    if not levels.size or np.isnan(levels).any():
+        what = "angles that are not a number" if levels.size else "no angles"
+        raise ArgumentError(f"expected a pattern with numbers at its angles, got {what}")
+    return theta, phi, levels, about
+
+
+def _checked(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
+    theta, phi, levels, about = checked_pattern(pattern)
+    front = np.abs(theta) <= math.pi / 2 + 1e-9
+    if np.count_nonzero(front) < 3:
         raise ArgumentError(
-            f"expected three or more angles theta for a beamwidth, got {len(theta)}; use some ten "
-            "within the main beam"
+            "expected three or more angles theta in front for a beamwidth, got "
+            f"{np.count_nonzero(front)}; use some ten within the main beam"
         )
-    return theta, phi, np.maximum(levels, _DARK), about
+    return theta[front], phi, np.maximum(levels[front], _DARK), about
+
+
+def checked_efficiency(value: Any) -> float:
+    """A number above 0 and up to 1; ArgumentError for anything else."""
+    share = _positive("efficiency", value)
+    if share > 1:
+        raise ArgumentError(f"expected an efficiency of at most 1, got {value!r}")
+    return share
 
 
 def _positive(name: str, value: Any) -> float:
-    number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
-    if not number or not 0 < value < math.inf:
-        raise ArgumentError(f"expected a finite {name} above 0, got {value!r}")
-    return float(value)
+    number = checked_number(value, name, "a finite number above 0")
+    if not number > 0:
+        raise ArgumentError(f"expected {name} as a finite number above 0, got {value!r}")
+    return number
 
 
 def _degrees(angle: float) -> str:

@@ -7,15 +7,15 @@ import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.geometry.arguments import checked_path
 from polywigner.geometry.text_files import write_lines
-from polywigner.propagation.beams import cuts_of
+from polywigner.propagation.beams import checked_efficiency, checked_pattern, cuts_of
 from polywigner.transforms.labelled import Labelled
 
 __all__ = ["Polarisation", "write_pattern"]
@@ -51,10 +51,15 @@ class _Pattern:
     """Hz."""
     radiated_power: float
     """W."""
+    efficiency: float
 
 
 def write_pattern(
-    pattern: Labelled, path: str | os.PathLike[str], *, polarisation: Polarisation = "y"
+    pattern: Labelled,
+    path: str | os.PathLike[str],
+    *,
+    polarisation: Polarisation = "y",
+    efficiency: float = 1.0,
 ) -> None:
     """Write a :func:`radiation_pattern` to a file of angles, directivity and field components.
 
@@ -84,6 +89,7 @@ def write_pattern(
     pattern : what :func:`radiation_pattern` returned, or a part of it.
     path : the suffix chooses the format. The file appears whole or not at all.
     polarisation : "x" or "y", the direction of the electric field on the aperture.
+    efficiency : radiated over accepted power, for the gain that .msi and .pln files name.
 
     Raises
     ------
@@ -105,7 +111,7 @@ def write_pattern(
             stacklevel=2,
         )
         pattern, path = cast(Any, path), cast(Any, pattern)
-    file = Path(path)
+    file = checked_path(path)
     writers = {
         ".csv": _csv, ".txt": _cst, ".ffd": _ffd, ".cut": _grasp, ".msi": _msi, ".pln": _msi,
     }  # fmt: skip
@@ -116,24 +122,23 @@ def write_pattern(
         )
     if not isinstance(polarisation, str) or polarisation not in ("x", "y"):
         raise ArgumentError(f'expected polarisation to be "x" or "y", got {polarisation!r}')
-    lines = writers[file.suffix.lower()](_checked(pattern, polarisation))
+    lines = writers[file.suffix.lower()](_checked(pattern, polarisation, efficiency))
     write_lines(file, lines)
 
 
-def _checked(pattern: Any, polarisation: str) -> _Pattern:
+def _checked(pattern: Any, polarisation: str, efficiency: float) -> _Pattern:
+    theta, phi, directivity, about = checked_pattern(pattern)
     try:
-        dims = pattern["directivity"].dims
-        theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
-        directivity = np.asarray(pattern["directivity"].values, np.float64)
+        dims = tuple(pattern["field"].dims)
         field = np.asarray(pattern["field"].values, np.complex128)
-        frequency, power = (float(pattern.attrs[k]) for k in ("frequency", "radiated_power"))
     except (TypeError, KeyError, AttributeError, ValueError):
         dims = ()
-    if dims != ("theta", "phi"):
+    if sorted(dims) != ["phi", "theta"]:
         raise ArgumentError(
-            "expected a pattern with directivity and field over theta and phi, got "
-            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
+            "expected a pattern with directivity and field over theta and phi, got one without a "
+            "field; use what polywigner.radiation_pattern returned"
         )
+    field = field if dims[0] == "theta" else field.T
     scaled = math.sqrt(2 * _FREE_SPACE) * field.conj()
     sine, cosine = np.sin(phi), np.cos(phi)
     along, across = (cosine, -sine) if polarisation == "x" else (sine, cosine)
@@ -142,8 +147,9 @@ def _checked(pattern: Any, polarisation: str) -> _Pattern:
         np.degrees(phi),
         np.maximum(directivity, _FLOOR),
         (scaled * along, scaled * across),
-        frequency,
-        power,
+        about["frequency"],
+        about["radiated_power"],
+        checked_efficiency(efficiency),
     )
 
 
@@ -208,9 +214,9 @@ def _msi(pattern: _Pattern) -> Lines:
     yield "NAME polywigner"
     yield "MAKE polywigner"
     yield f"FREQUENCY {pattern.frequency / 1e6:.9g}"
-    yield f"GAIN {peak:.3f} dBi"
+    yield f"GAIN {peak + 10 * math.log10(pattern.efficiency):.3f} dBi"
     yield "TILT ELECTRICAL"
-    yield "COMMENT directivity of an aperture in its far field, y axis up"
+    yield "COMMENT far field of an aperture, y axis up"
     # Seen from behind, with y up, x points to the left: angles run to the right and downwards.
     for name, phi in (("HORIZONTAL", 0.0), ("VERTICAL", 90.0)):
         theta, levels = _whole_cut(pattern, phi)
@@ -243,7 +249,7 @@ def _step(name: str, angles: Table, suffix: str) -> float:
     steps = np.diff(angles)
     if steps.size and np.ptp(steps) > 1e-6 * abs(angles[-1] - angles[0]):
         raise ArgumentError(
-            f"expected evenly spaced {name} for an {suffix} file, got steps from {steps.min():g} "
+            f"expected evenly spaced {name} for a {suffix} file, got steps from {steps.min():g} "
             f"to {steps.max():g} degrees"
         )
     return float((angles[-1] - angles[0]) / max(1, steps.size))

@@ -11,7 +11,8 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.arguments import checked_length, checked_wavelength
+from polywigner.geometry.arguments import checked_length
+from polywigner.geometry.numbers import real_numbers
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
@@ -135,13 +136,13 @@ def mtf(
     >>> round(float(pw.mtf(pupil, (50.0, 0.0), 0.5e-6, 0.1)), 3)
     0.75
     """
-    lengths = np.atleast_1d(np.asarray(wavelength, np.float64))
-    if lengths.ndim != 1 or not lengths.size:
-        raise ArgumentError(f"expected a wavelength in m or (k,) of them, got {wavelength!r}")
+    lengths = _numbers(wavelength, "a wavelength in m or (k,) of them")
     for length in lengths.tolist():
-        checked_wavelength(length)
+        checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     share = _shares(weights, lengths.size)
+    if not np.isfinite(_number(defocus)):
+        raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
     dimension = kernels.kernel_for("ambiguity", source).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
@@ -156,14 +157,26 @@ def mtf(
 
 def _shares(weights: Any, count: int) -> NDArray[np.float64]:
     """Weights (count,) as shares of their sum."""
-    given = np.ones(count) if weights is None else np.asarray(weights, np.float64)
+    given = np.ones(count) if weights is None else _numbers(weights, f"weights ({count},)")
     finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
-    if not finite or not given.sum() > 0:
+    if not finite or not given.any():
         raise ArgumentError(
             f"expected weights ({count},), one for each wavelength, of zero or more and not all "
             f"zero, got {weights!r}"
         )
-    return np.asarray(given / given.sum())
+    shares = given / given.max()  # so that the sum does not overflow
+    return np.asarray(shares / shares.sum())
+
+
+def _numbers(values: Any, meaning: str) -> NDArray[np.float64]:
+    """Real numbers as (k,), one or more."""
+    try:
+        numbers = np.atleast_1d(real_numbers(values))
+    except ValueError as error:
+        raise ArgumentError(f"expected {meaning}, got {error}") from None
+    if numbers.ndim != 1 or not numbers.size:
+        raise ArgumentError(f"expected {meaning}, got {values!r}")
+    return numbers
 
 
 def _number(value: Any) -> float:
