@@ -30,8 +30,8 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Metres: no wave of an antenna is a thousand kilometres long, and frequencies are larger.
-_LIKE_A_FREQUENCY = 1e6
+# Metres: no wave of an antenna is so long, and frequencies in Hz are such numbers.
+_LIKE_A_FREQUENCY = 1e6, 1e17
 # Most vertices, as of a file; a slip of a few zeros would fill the memory.
 _MOST = 1_000_000
 
@@ -66,7 +66,7 @@ def checked_wavelength(value: Any) -> float:
     wavelength = checked_length(value, "wavelength")
     if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
         raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
-    if wavelength > _LIKE_A_FREQUENCY:
+    if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
         warnings.warn(
             f"got a wavelength of {wavelength:g} m: a frequency? Then write frequency="
             f"{wavelength:g} in its place",

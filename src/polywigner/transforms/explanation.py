@@ -58,7 +58,8 @@ def explain(
     For example, ``print(pw.explain(pw.shapes.square(0.01), (0.0, 0.0), (10.0, 20.0)))``.
 
     >>> import polywigner as pw
-    >>> print(pw.explain(pw.shapes.square(1.0), (0.0, 0.0), (1.0, 0.0)).way.name)
+    >>> square = pw.shapes.square(1.0)
+    >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").way.name)
     edges one by one, on NumPy
     """
     names = _ARGUMENTS.get(function) if isinstance(function, str) else None
