@@ -109,6 +109,7 @@ def test_a_wide_aperture_gets_more_samples_and_where_they_do_not_do_a_warning(
     # horizon on either side.
     needed = 4 * 24 + 1
     options = ("--wavelength", "0.5 mm", "--samples")
+    (rectangle.parent / "out").mkdir()  # nothing to say of a folder that is there
     transformed(rectangle, *options, str(needed))
     assert capfd.readouterr().err == ""
     transformed(rectangle, *options, str(needed - 2))
