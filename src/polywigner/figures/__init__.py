@@ -14,7 +14,7 @@ from __future__ import annotations
 from polywigner.figures.hemispheres import draw_hemispheres
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.lines import draw_lines
-from polywigner.figures.patterns import PatternPanel, draw_pattern
+from polywigner.figures.patterns import draw_pattern
 from polywigner.figures.planes import draw_planes
 from polywigner.figures.projections import draw_projections
 from polywigner.figures.scene import draw_scene
@@ -30,7 +30,6 @@ from polywigner.figures.volumes import draw_volume
 
 __all__ = [
     "LARGEST_SAMPLES",
-    "PatternPanel",
     "TransformSlices",
     "draw_hemispheres",
     "draw_lines",
