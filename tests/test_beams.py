@@ -179,3 +179,8 @@ def test_axes_in_the_other_order_are_read_as_well() -> None:
     pytest.importorskip("xarray")
     pattern = pw.radiation_pattern(pw.shapes.rectangle(9e-3, 12e-3), WAVELENGTH, *CUTS)
     assert pw.beam_metrics(pattern.transpose()) == pw.beam_metrics(pattern)
+    one, other = (
+        draw_pattern(found, panels=["cuts"]).axes[0].lines[0].get_xydata()
+        for found in (pattern, pattern.transpose())
+    )
+    np.testing.assert_array_equal(one, other)

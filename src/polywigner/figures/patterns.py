@@ -20,13 +20,18 @@ from polywigner.figures.style import (
     number_text,
     write_title,
 )
-from polywigner.propagation.beams import BeamMetrics, beam_metrics, checked_pattern, cuts_of
+from polywigner.propagation.beams import BeamMetrics, beam_metrics
+from polywigner.propagation.pattern_cuts import checked_pattern, cuts_of, front_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 __all__ = ["PatternPanel", "draw_pattern"]
+
+Floats = NDArray[np.float64]
+Cut = tuple[str, Floats, Floats]
+"""Label, theta in rad, directivity in dBi."""
 
 PatternPanel = Literal["cuts", "polar", "uv", "table"]
 
@@ -73,10 +78,11 @@ def draw_pattern(
     check_floor(floor_db)
     if metrics is not None and not isinstance(metrics, BeamMetrics):
         raise ArgumentError(f"expected metrics of beam_metrics, got {type(metrics).__name__}")
-    checked_pattern(pattern)
+    theta, phi, levels, _ = checked_pattern(pattern)
     found = beam_metrics(pattern) if metrics is None else metrics
-    phi = np.asarray(pattern["phi"].values, np.float64)
+    theta, levels = front_of(theta, levels)
     chosen = _chosen(panels, len(phi))
+    cuts = _principal(theta, phi, levels, found)
     low, high = found.directivity + floor_db, found.directivity
     with mpl.rc_context(TYPOGRAPHY):
         columns = 3 if len(chosen) == 3 else min(2, len(chosen))
@@ -90,11 +96,11 @@ def draw_pattern(
             projection = "polar" if name == "polar" else None
             axes = figure.add_subplot(rows, columns, place, projection=projection)
             if name == "cuts":
-                _draw_cuts(axes, pattern, found, low, high)
+                _draw_cuts(axes, cuts, low, high)
             elif name == "polar":
-                _draw_polar(axes, pattern, found, low, high)
+                _draw_polar(axes, cuts, low, high)
             elif name == "uv":
-                _draw_map(axes, pattern, low, high)
+                _draw_map(axes, theta, phi, levels, low, high)
             else:
                 _write_table(axes, found)
         write_title(figure, title)
@@ -120,12 +126,8 @@ def _chosen(panels: Sequence[str] | None, meridians: int) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _principal(
-    pattern: Any, metrics: BeamMetrics
-) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
-    """(label, theta, dBi) of the cuts that the table names."""
-    theta, phi = (np.asarray(pattern[d].values, np.float64) for d in ("theta", "phi"))
-    levels = np.asarray(pattern["directivity"].values, np.float64)
+def _principal(theta: Floats, phi: Floats, levels: Floats, metrics: BeamMetrics) -> list[Cut]:
+    """The cuts that the table names."""
     wanted = [cut.phi for cut in metrics.principal_cuts]
     return [
         (f"$\\phi$ = {number_text(round(math.degrees(angle), 2))}°", places, values)
@@ -134,17 +136,15 @@ def _principal(
     ]
 
 
-def _draw_cuts(axes: Axes, pattern: Any, metrics: BeamMetrics, low: float, high: float) -> None:
+def _draw_cuts(axes: Axes, cuts: Sequence[Cut], low: float, high: float) -> None:
     from matplotlib.ticker import MultipleLocator
 
     reach = 0.0
-    for number, (label, theta, levels) in enumerate(_principal(pattern, metrics)):
-        shown = np.where(np.abs(theta) <= math.pi / 2 + 1e-9, levels, np.nan)
-        shown[shown < low - 100] = low - 100
+    for number, (label, theta, levels) in enumerate(cuts):
         style: dict[str, Any] = {"color": _COLOURS[number], "ls": _DASHES[number], "lw": 1.2}
-        axes.plot(np.degrees(theta), shown, label=label, **style)
+        axes.plot(np.degrees(theta), np.maximum(levels, low - 100), label=label, **style)
         reach = max(reach, min(90.0, float(np.degrees(np.abs(theta).max()))))
-    axes.axhline(metrics.directivity - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
+    axes.axhline(high - 10 * math.log10(2), color="0.6", lw=0.6, ls=":")
     axes.set_xlim(-reach, reach)
     axes.set_ylim(low, high + 0.05 * (high - low))
     axes.xaxis.set_major_locator(MultipleLocator(30 if reach > 45 else 10))
@@ -155,11 +155,10 @@ def _draw_cuts(axes: Axes, pattern: Any, metrics: BeamMetrics, low: float, high:
     axes.legend(frameon=False, fontsize=8)
 
 
-def _draw_polar(axes: Any, pattern: Any, metrics: BeamMetrics, low: float, high: float) -> None:
-    for number, (label, theta, levels) in enumerate(_principal(pattern, metrics)):
-        front = np.abs(theta) <= math.pi / 2 + 1e-9
+def _draw_polar(axes: Any, cuts: Sequence[Cut], low: float, high: float) -> None:
+    for number, (label, theta, levels) in enumerate(cuts):
         style: dict[str, Any] = {"color": _COLOURS[number], "ls": _DASHES[number], "lw": 1.2}
-        axes.plot(theta[front], np.maximum(levels[front], low), label=label, **style)
+        axes.plot(theta, np.maximum(levels, low), label=label, **style)
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.set_thetamin(-90)
@@ -173,11 +172,10 @@ def _draw_polar(axes: Any, pattern: Any, metrics: BeamMetrics, low: float, high:
     axes.set_title("directivity (dBi) over $\\theta$", fontsize=8)
 
 
-def _draw_map(axes: Axes, pattern: Any, low: float, high: float) -> None:
-    theta, phi = (np.asarray(pattern[d].values, np.float64) for d in ("theta", "phi"))
-    levels = np.maximum(np.asarray(pattern["directivity"].values, np.float64), low)
-    front = np.abs(theta) <= math.pi / 2 + 1e-9
-    shown = draw_disc(axes, theta[front], phi, levels[front], low, high)
+def _draw_map(
+    axes: Axes, theta: Floats, phi: Floats, levels: Floats, low: float, high: float
+) -> None:
+    shown = draw_disc(axes, theta, phi, np.maximum(levels, low), low, high)
     axes.set_xlabel("$u = \\sin\\theta\\,\\cos\\phi$")
     axes.set_ylabel("$v = \\sin\\theta\\,\\sin\\phi$")
     colour_bar(axes, shown, f"directivity (dBi), floor {number_text(round(low, 1))} dBi")

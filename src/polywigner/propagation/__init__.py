@@ -15,7 +15,8 @@ module               what is in it
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
-``beams``            what a data sheet says of a pattern: gain, beamwidths, sidelobes
+``beams``            what a data sheet says of a pattern: gain, beamwidths, sidelobes, from
+                     ``pattern_cuts``, cuts along meridians
 ``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
 ``exports``          datasets to NetCDF and VTK files
 ``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields, and

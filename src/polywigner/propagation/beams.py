@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,12 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry.arguments import checked_number
+from polywigner.propagation.pattern_cuts import (
+    angle_between,
+    checked_pattern,
+    cuts_of,
+    front_of,
+)
 from polywigner.transforms.labelled import Labelled
 
 __all__ = [
@@ -20,8 +25,6 @@ __all__ = [
     "CutMetrics",
     "beam_metrics",
     "checked_efficiency",
-    "checked_pattern",
-    "cuts_of",
     "decibels_milliwatt",
 ]
 
@@ -34,7 +37,7 @@ _STEEP = 10.0
 _NOTHING = 150.0
 # With fewer samples within half power, a beamwidth is off by percents.
 _LEAST_SAMPLES = 6
-# Two meridians half a turn apart, and a beam along the normal, to the rounding of degrees.
+# A beam along the normal, to the rounding of degrees.
 _SAME_ANGLE = 1e-9
 
 Levels = NDArray[np.float64]
@@ -121,7 +124,7 @@ class BeamMetrics:
     def principal_cuts(self) -> tuple[CutMetrics, ...]:
         """The cuts next to the x axis, to the y axis and to the beam, each once."""
         wanted = (0.0, math.pi / 2, *((self.phi,) if abs(self.theta) > _SAME_ANGLE else ()))
-        near = [min(self.cuts, key=lambda cut: _between(cut.phi, angle)) for angle in wanted]
+        near = [min(self.cuts, key=lambda cut: angle_between(cut.phi, angle)) for angle in wanted]
         return tuple(dict.fromkeys(near))
 
 
@@ -188,31 +191,6 @@ def beam_metrics(
         front_share=about["radiated_power"] / about["aperture_power"],
         cuts=cuts,
     )
-
-
-def cuts_of(theta: Levels, phi: Levels, values: Any) -> Iterator[tuple[float, Levels, Any]]:
-    """(phi, theta (k,), values (k,)) along meridians, with theta from one horizon to the other.
-
-    Half a meridian where the other half is not among the values (n, m) over theta and phi.
-    """
-    order = np.argsort(theta)
-    if theta.min() < -_SAME_ANGLE:
-        for j, angle in enumerate(phi):
-            yield float(angle), theta[order], values[order, j]
-        return
-    left = set(range(len(phi)))
-    for j, angle in enumerate(phi):
-        if j not in left:
-            continue
-        left.discard(j)
-        opposite = [k for k in left if _between(phi[k], angle, turn=2 * math.pi) > math.pi - 1e-6]
-        if not opposite:
-            yield float(angle), theta[order], values[order, j]
-            continue
-        left.discard(opposite[0])
-        back = order[::-1] if theta[order[0]] > _SAME_ANGLE else order[:0:-1]
-        places = np.concatenate([-theta[back], theta[order]])
-        yield float(angle), places, np.concatenate([values[back, opposite[0]], values[order, j]])
 
 
 def _warn_of_few_samples(theta: Levels, beam: CutMetrics) -> None:
@@ -294,46 +272,15 @@ def _crossing(levels: Levels, places: Levels, k: int, wanted: float) -> float:
     return float(np.interp(-wanted, -levels[k - 1 : k + 1], places[k - 1 : k + 1]))
 
 
-def _between(a: float, b: float, turn: float = math.pi) -> float:
-    """The angle between two meridians, whole ones or (``turn`` 2 pi) halves."""
-    rest = (a - b) % turn
-    return min(rest, turn - rest)
-
-
-def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
-    """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes.
-
-    Raises ArgumentError for anything but a pattern, one without angles, and what is no number.
-    """
-    try:
-        dims = tuple(pattern["directivity"].dims)
-        theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
-        levels = np.asarray(pattern["directivity"].values, np.float64)
-        names = ("radiated_power", "aperture_power", "frequency")
-        about = {name: float(pattern.attrs[name]) for name in names}
-    except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        dims = ()
-    if sorted(dims) != ["phi", "theta"]:
-        raise ArgumentError(
-            "expected a pattern with directivity over theta and phi, got "
-            f"{type(pattern).__name__} without; use what polywigner.radiation_pattern returned"
-        )
-    levels = levels if dims[0] == "theta" else levels.T
-    if not levels.size or np.isnan(levels).any():
-        what = "angles that are not a number" if levels.size else "no angles"
-        raise ArgumentError(f"expected a pattern with numbers at its angles, got {what}")
-    return theta, phi, levels, about
-
-
 def _checked(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
     theta, phi, levels, about = checked_pattern(pattern)
-    front = np.abs(theta) <= math.pi / 2 + 1e-9
-    if np.count_nonzero(front) < 3:
+    theta, levels = front_of(theta, levels)
+    if len(theta) < 3:
         raise ArgumentError(
             "expected three or more angles theta in front for a beamwidth, got "
-            f"{np.count_nonzero(front)}; use some ten within the main beam"
+            f"{len(theta)}; use some ten within the main beam"
         )
-    return theta[front], phi, np.maximum(levels[front], _DARK), about
+    return theta, phi, np.maximum(levels, _DARK), about
 
 
 def checked_efficiency(value: Any) -> float:

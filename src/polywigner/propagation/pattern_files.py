@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import checked_path
 from polywigner.geometry.text_files import write_lines
-from polywigner.propagation.beams import checked_efficiency, checked_pattern, cuts_of
+from polywigner.propagation.beams import checked_efficiency
+from polywigner.propagation.pattern_cuts import checked_pattern, cuts_of
 from polywigner.transforms.labelled import Labelled
 
 __all__ = ["Polarisation", "write_pattern"]
