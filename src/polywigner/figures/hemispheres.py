@@ -23,8 +23,7 @@ from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
     TYPOGRAPHY,
-    checked_figure,
-    new_figure,
+    figure_on,
     number_text,
     quantity_text,
     row_bar,
@@ -92,11 +91,8 @@ def draw_hemispheres(
     }
     zero = peak_of(powers[against], name)
     with mpl.rc_context(TYPOGRAPHY):
-        if figure is None:
-            figure = new_figure(_INCHES * len(powers) + 1.2, _INCHES + 0.6)
-            figure.set_layout_engine("compressed")
-        else:
-            figure = checked_figure(figure)
+        size = _INCHES * len(powers) + 1.2, _INCHES + 0.6
+        figure = figure_on(figure, *size, is_compressed=True)
         panels = figure.subplots(1, len(powers), squeeze=False, sharey=True)[0]
         for axes, (method, power) in zip(panels, powers.items(), strict=True):
             levels = level_db(power, zero, floor_db)

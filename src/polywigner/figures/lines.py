@@ -23,9 +23,8 @@ from polywigner.figures.fields import (
 from polywigner.figures.levels import check_floor
 from polywigner.figures.style import (
     TYPOGRAPHY,
-    checked_figure,
+    figure_on,
     length_unit,
-    new_figure,
     number_text,
     quantity_text,
     write_title,
@@ -109,7 +108,7 @@ def draw_lines(
         side_by_side = len(curves) > 1
         width = 1.0 + 3.0 * len(curves) if side_by_side else 6.4
         size = width, (5.6 if rows == 2 else 3.7) + 0.3 * side_by_side
-        figure = new_figure(*size, spacing=0.03) if figure is None else checked_figure(figure)
+        figure = figure_on(figure, *size, spacing=0.03)
         ratios = (3, 2) if rows == 2 else (1,)
         panels = figure.subplots(
             rows, len(curves), sharex="col", sharey="row", squeeze=False, height_ratios=ratios

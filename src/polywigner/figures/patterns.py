@@ -14,9 +14,8 @@ from polywigner.figures.hemispheres import draw_disc
 from polywigner.figures.levels import check_floor
 from polywigner.figures.style import (
     TYPOGRAPHY,
-    checked_figure,
     colour_bar,
-    new_figure,
+    figure_on,
     number_text,
     write_title,
 )
@@ -88,10 +87,7 @@ def draw_pattern(
         columns = 3 if len(chosen) == 3 else min(2, len(chosen))
         rows = -(-len(chosen) // columns)
         width = sum(max(_PANELS[name][0] for name in chosen[k::columns]) for k in range(columns))
-        if figure is None:
-            figure = new_figure(width, 3.4 * rows + 0.3, spacing=0.05)
-        else:
-            figure = checked_figure(figure)
+        figure = figure_on(figure, width, 3.4 * rows + 0.3, spacing=0.05)
         for place, name in enumerate(chosen, start=1):
             projection = "polar" if name == "polar" else None
             axes = figure.add_subplot(rows, columns, place, projection=projection)

@@ -26,9 +26,8 @@ from polywigner.figures.style import (
     LEVEL_MAP,
     SIGNED_MAP,
     TYPOGRAPHY,
-    checked_figure,
+    figure_on,
     length_unit,
-    new_figure,
     number_text,
     quantity_text,
     row_bar,
@@ -99,11 +98,7 @@ def draw_planes(
         columns = len(fields)
         inches = _INCHES if rows * columns > 1 else _ALONE
         size = (inches * columns + 1.4, (inches * ratio + 0.45) * rows + 0.3)
-        if figure is None:
-            figure = new_figure(*size)
-            figure.set_layout_engine("compressed")  # panels of one shape, next to each other
-        else:
-            figure = checked_figure(figure)
+        figure = figure_on(figure, *size, is_compressed=True)
         panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
         top = []
         for axes, (method, power) in zip(panels[0], powers.items(), strict=True):

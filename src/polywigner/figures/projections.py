@@ -15,10 +15,9 @@ from polywigner.figures.style import (
     SIGNED_MAP,
     TYPOGRAPHY,
     LengthUnit,
-    checked_figure,
     colour_bar,
+    figure_on,
     length_unit,
-    new_figure,
     signed_norm,
     signed_ticks,
     write_title,
@@ -99,11 +98,8 @@ def draw_projections(
     unit = length_unit(max(float(np.ptp(found[d].values)) for d in lengths))
     rows, columns = (max(cell[k] for cell in cells) + 1 for k in (0, 1))
     with mpl.rc_context(TYPOGRAPHY):
-        if figure is None:
-            size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
-            figure = new_figure(*size, spacing=0.03)
-        else:
-            figure = checked_figure(figure)
+        size = _INCHES * columns + 0.5, _INCHES * rows * 0.92 + 0.4
+        figure = figure_on(figure, *size, spacing=0.03)
         panels = figure.subplots(rows, columns, squeeze=False, sharex="col", sharey="row")
         for row, column in product(range(rows), range(columns)):
             axes = panels[row, column]

@@ -15,8 +15,8 @@ __all__ = [
     "SIGNED_MAP",
     "LengthUnit",
     "checked_axes",
-    "checked_figure",
     "colour_bar",
+    "figure_on",
     "length_unit",
     "new_figure",
     "number_text",
@@ -86,12 +86,20 @@ def new_figure(width: float, height: float, spacing: float = 0.02) -> Figure:
     return figure
 
 
-def checked_figure(figure: Any) -> Any:
-    """The figure or subfigure of a caller, ready to be drawn on.
+def figure_on(
+    figure: Any, width: float, height: float, *, spacing: float = 0.02, is_compressed: bool = False
+) -> Any:
+    """The figure or subfigure of a caller, ready to be drawn on; for None a :func:`new_figure`.
 
-    An empty figure without a layout gets that of :func:`new_figure`, or colour bars would overlap.
-    Raises ArgumentError for anything else.
+    ``is_compressed``: panels of one shape lie next to each other on a new one. An empty figure
+    without a layout gets that of :func:`new_figure`, or colour bars would overlap. Raises
+    ArgumentError for anything else.
     """
+    if figure is None:
+        made = new_figure(width, height, spacing)
+        if is_compressed:
+            made.set_layout_engine("compressed")
+        return made
     from matplotlib.figure import Figure, FigureBase
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 

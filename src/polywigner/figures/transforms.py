@@ -16,10 +16,9 @@ from polywigner.figures.style import (
     SIGNED_MAP,
     TYPOGRAPHY,
     LengthUnit,
-    checked_figure,
     colour_bar,
+    figure_on,
     length_unit,
-    new_figure,
     number_text,
     signed_norm,
     signed_ticks,
@@ -67,7 +66,7 @@ def draw_transforms(
     check_floor(floor_db)
     unit = length_unit(slices.aperture.diameter)
     with mpl.rc_context(TYPOGRAPHY):
-        figure = new_figure(11.6, 6.9, spacing=0.04) if figure is None else checked_figure(figure)
+        figure = figure_on(figure, 11.6, 6.9, spacing=0.04)
         panels = figure.subplots(2, 3).ravel()
         _draw_supports(panels[0], slices, unit)
         _draw_levels(panels[1], slices, unit, floor_db)
