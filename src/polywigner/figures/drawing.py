@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polywigner.figures.style import LengthUnit
+from polywigner.geometry.display import draw_rings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,18 +20,10 @@ __all__ = ["draw_polygons", "length_axes", "letter_panels", "number_panels"]
 
 def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
     """A shapely polygon or multipolygon in metres, holes cut out, in the unit that is printed."""
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
     polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
     rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
-    if not rings:
-        return
-    path = Path.make_compound_path(
-        *(Path(np.asarray(ring.coords) / unit.metres, closed=True) for ring in rings)
-    )
-    axes.add_patch(PathPatch(path, **how))
-    axes.update_datalim(path.vertices)
+    if rings:
+        draw_rings(axes, [np.asarray(ring.coords) for ring in rings], unit.metres, **how)
 
 
 def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from polywigner.errors import ArgumentError
+from polywigner.geometry.display import LengthUnit, length_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,24 +42,6 @@ TYPOGRAPHY: dict[Any, Any] = {
     "xtick.major.width": 0.6,
     "ytick.major.width": 0.6,
 }
-
-
-class LengthUnit(NamedTuple):
-    """A unit of length to print: its name and its size in metres."""
-
-    name: str
-    metres: float
-
-
-_UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3))
-
-
-def length_unit(length: float) -> LengthUnit:
-    """The unit in which a length (metres) reads as a number from 1 to 1000, where there is one."""
-    for unit in _UNITS:
-        if length < 1000 * unit.metres:
-            return unit
-    return LengthUnit("m", 1.0)
 
 
 def number_text(value: float) -> str:

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
     "checked_count",
     "checked_length",
     "checked_number",
     "checked_path",
+    "checked_row",
     "checked_wavelength",
     "shape_of",
 ]
@@ -45,6 +48,17 @@ def checked_number(value: Any, name: str, meaning: str) -> float:
     if not math.isfinite(number):
         raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
     return number
+
+
+def checked_row(values: Any, expected: str) -> NDArray[np.float64]:
+    """Real numbers (k,), one or more; ArgumentError that begins with ``expected``."""
+    try:
+        numbers = np.atleast_1d(real_numbers(values))
+    except ValueError as error:
+        raise ArgumentError(f"{expected}, got {error}") from None
+    if numbers.ndim != 1 or not numbers.size:
+        raise ArgumentError(f"{expected}, got shape {shape_of(values)}")
+    return numbers
 
 
 def checked_length(value: Any, name: str, zero: bool = False) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,14 @@ from polywigner.quantities import parse_unit
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["length_text", "plot_rings", "shown_as_html"]
+__all__ = [
+    "LengthUnit",
+    "draw_rings",
+    "length_text",
+    "length_unit",
+    "plot_rings",
+    "shown_as_html",
+]
 
 Points = NDArray[np.float64]
 
@@ -23,13 +30,30 @@ _PIXELS = 160.0
 _MARGIN = 6.0
 _FILL = "#9ecae1"
 _LINE = "#2166ac"
-_UNITS = (("nm", 1e-9), ("µm", 1e-6), ("mm", 1e-3))
+
+
+class LengthUnit(NamedTuple):
+    """A unit of length to print: its name and its size in metres."""
+
+    name: str
+    metres: float
+
+
+_UNITS = (LengthUnit("nm", 1e-9), LengthUnit("µm", 1e-6), LengthUnit("mm", 1e-3))
+
+
+def length_unit(length: float) -> LengthUnit:
+    """The unit in which a length (metres) reads as a number from 1 to 1000, where there is one."""
+    for unit in _UNITS:
+        if length < 1000 * unit.metres:
+            return unit
+    return LengthUnit("m", 1.0)
 
 
 def length_text(*lengths: float) -> str:
     """Lengths in the unit of the largest, ``20 x 12 mm``; metres from a metre on."""
-    name, unit = next(((n, u) for n, u in _UNITS if max(lengths) < 1000 * u), ("m", 1.0))
-    return f"{' x '.join(f'{length / unit:.4g}' for length in lengths)} {name}"
+    unit = length_unit(max(lengths))
+    return f"{' x '.join(f'{length / unit.metres:.4g}' for length in lengths)} {unit.name}"
 
 
 def shown_as_html(
@@ -85,14 +109,21 @@ def plot_rings(rings: Sequence[Points], ax: Axes | None, unit: str) -> Axes:
         ax = pyplot.subplots()[1]
     if not hasattr(ax, "add_patch"):
         raise ArgumentError(f"expected axes of matplotlib, got {type(ax).__name__}")
-    from matplotlib.patches import PathPatch
-    from matplotlib.path import Path
-
-    paths: list[Any] = [Path(np.append(r, r[:1], axis=0) / scale, closed=True) for r in rings]
-    patch = PathPatch(Path.make_compound_path(*paths), facecolor=_FILL, edgecolor=_LINE)
-    ax.add_patch(patch)
+    closed = [np.append(ring, ring[:1], axis=0) for ring in rings]
+    draw_rings(ax, closed, scale, facecolor=_FILL, edgecolor=_LINE)
     ax.set_aspect("equal")
     ax.autoscale_view()
     ax.set_xlabel(f"x ({unit})")
     ax.set_ylabel(f"y ({unit})")
     return ax
+
+
+def draw_rings(ax: Axes, rings: Sequence[Points], metres: float, **how: Any) -> None:
+    """Closed rings in metres as one patch, holes cut out, in a unit of so many metres."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    paths: list[Any] = [Path(ring / metres, closed=True) for ring in rings]
+    path = Path.make_compound_path(*paths)
+    ax.add_patch(PathPatch(path, **how))
+    ax.update_datalim(path.vertices)

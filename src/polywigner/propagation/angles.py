@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_row
 
 __all__ = ["checked_phi", "checked_theta", "unit_vectors"]
 
@@ -38,12 +37,7 @@ def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
 
 def _checked(values: Any, name: str, largest: float) -> Angles:
     expected = f"expected {name} as angles (n,) in rad"
-    try:
-        angles = np.atleast_1d(real_numbers(values))
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if angles.ndim != 1 or not angles.size:
-        raise ArgumentError(f"{expected}, got shape {shape_of(values)}")
+    angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
         raise ArgumentError(
             f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, got {values!r}; use "

@@ -11,8 +11,7 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.arguments import checked_length
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_length, checked_row
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
@@ -74,9 +73,7 @@ def otf(
     radius = _pupil_radius(source) if pupil_radius is None else _number(pupil_radius)
     if not 0.0 < radius < np.inf:
         raise ArgumentError(f"expected a pupil_radius above zero, got {pupil_radius!r}")
-    waves = _number(defocus)
-    if not np.isfinite(waves):
-        raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
+    waves = _checked_waves(defocus)
     # Two divisions: the square of a radius may be too small or too large for a float.
     slope = -2.0 * waves / radius / radius
     if not np.isfinite(slope):
@@ -136,28 +133,27 @@ def mtf(
     >>> round(float(pw.mtf(pupil, (50.0, 0.0), 0.5e-6, 0.1)), 3)
     0.75
     """
-    lengths = _numbers(wavelength, "a wavelength in m or (k,) of them")
+    lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     share = _shares(weights, lengths.size)
-    if not np.isfinite(_number(defocus)):
-        raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
     dimension = kernels.kernel_for("ambiguity", source).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    mean = float(share @ lengths)
+    aberration = _checked_waves(defocus) * float(share @ lengths)
     total: Any = 0.0
     for part, length in zip(share, lengths.tolist(), strict=True):
         lags = np.asarray(cycles) * (_PER_MM * length * distance)
-        waves = _number(defocus) * mean / length
-        total = total + part * otf(source, lags, waves, pupil_radius, **how)
+        total = total + part * otf(source, lags, aberration / length, pupil_radius, **how)
     return np.abs(total).astype(np.float64)[()]
 
 
 def _shares(weights: Any, count: int) -> NDArray[np.float64]:
     """Weights (count,) as shares of their sum."""
-    given = np.ones(count) if weights is None else _numbers(weights, f"weights ({count},)")
+    given = (
+        np.ones(count) if weights is None else checked_row(weights, f"expected weights ({count},)")
+    )
     finite = given.shape == (count,) and np.isfinite(given).all() and (given >= 0).all()
     if not finite or not given.any():
         raise ArgumentError(
@@ -168,15 +164,11 @@ def _shares(weights: Any, count: int) -> NDArray[np.float64]:
     return np.asarray(shares / shares.sum())
 
 
-def _numbers(values: Any, meaning: str) -> NDArray[np.float64]:
-    """Real numbers as (k,), one or more."""
-    try:
-        numbers = np.atleast_1d(real_numbers(values))
-    except ValueError as error:
-        raise ArgumentError(f"expected {meaning}, got {error}") from None
-    if numbers.ndim != 1 or not numbers.size:
-        raise ArgumentError(f"expected {meaning}, got {values!r}")
-    return numbers
+def _checked_waves(defocus: Any) -> float:
+    waves = _number(defocus)
+    if not np.isfinite(waves):
+        raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
+    return waves
 
 
 def _number(value: Any) -> float:
