@@ -1,10 +1,11 @@
 """Apertures as polygons: the region itself, what its autocorrelation spans, shapes and files.
 
 - ``aperture``: the immutable :class:`Aperture`; ``triangulate`` for meshes
-- ``rings``, ``parts``, ``weld``, ``winding``: from raw vertices to valid, merged parts
+- ``outline_inputs``, ``rings``, ``parts``, ``weld``, ``winding``: from raw vertices to valid,
+  merged parts; ``set_operations``: unions, intersections and differences of apertures
 - ``convex``: convex cover and triangulation; ``exact``: predicates without rounding
 - ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
-- ``trapezoids``: uniform positions
+- ``trapezoids``: uniform positions; ``display``: sources in notebooks and on axes
 - ``slits``, ``polyhedron``, ``placed``, ``pose``: sources in one and three dimensions
 - ``shapes``: catalogue; ``readers``: files, by the ``formats``
 """

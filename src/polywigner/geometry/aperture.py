@@ -16,11 +16,11 @@ from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
 from polywigner.geometry.exact import Ring, orientations, total_area
 from polywigner.geometry.field import Field, checked_field, checked_shift, turned_points
-from polywigner.geometry.grid import polygons_in
-from polywigner.geometry.parts import merge_parts, part_of_ring, part_of_rings
+from polywigner.geometry.outline_inputs import parts_from
+from polywigner.geometry.parts import merge_parts
 from polywigner.geometry.placed import PlacedAperture
 from polywigner.geometry.pose import rigid_pose
-from polywigner.geometry.rings import Part, polygon_of_part, rings_of_polygon
+from polywigner.geometry.rings import Part, polygon_of_part
 from polywigner.geometry.set_operations import difference, intersection, union
 from polywigner.geometry.winding import split_ring
 
@@ -38,44 +38,6 @@ def _frozen(array: NDArray[Any]) -> NDArray[Any]:
 
 def _rotated_to_smallest(ring: Ring) -> Ring:
     return np.roll(ring, -int(np.lexsort(ring.T[::-1])[0]), axis=0)
-
-
-def _is_ring(vertices: Any) -> bool:
-    """Whether this is one ring of (x, y) pairs rather than a sequence of rings."""
-    if isinstance(vertices, np.ndarray) and vertices.dtype != object:
-        return vertices.ndim <= 2
-    if not len(vertices) or isinstance(vertices[0], shapely.Polygon):
-        return not len(vertices)
-    return np.ndim(np.asarray(vertices[0], dtype=object)) < 2
-
-
-def _part_of_polygon(polygon: shapely.Polygon, name: str) -> Part:
-    return part_of_rings(rings_of_polygon(polygon, name), name)
-
-
-def _parts_from(vertices: Any) -> list[Part]:
-    if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
-        polygons = polygons_in(vertices)
-        if not polygons:
-            raise GeometryError("expected a polygon with vertices, got an empty one")
-        single = len(polygons) == 1
-        return [
-            _part_of_polygon(p, "the polygon" if single else f"polygon {n}")
-            for n, p in enumerate(polygons)
-        ]
-    if not isinstance(vertices, (np.ndarray, Sequence)) or isinstance(vertices, (str, bytes)):
-        raise GeometryError(
-            "expected an (n, 2) array of vertices, a list of such rings, or a shapely Polygon or "
-            f"MultiPolygon, got {type(vertices).__name__}"
-        )
-    if _is_ring(vertices):
-        return [part_of_ring(vertices)]
-    return [
-        _part_of_polygon(ring, f"part {n}")
-        if isinstance(ring, shapely.Polygon)
-        else part_of_ring(ring, f"ring {n}")
-        for n, ring in enumerate(vertices)
-    ]
 
 
 @final
@@ -112,7 +74,7 @@ class Aperture:
     """The field on the aperture, an Illumination; None where it is 1."""
 
     def __init__(self, vertices: Any) -> None:
-        self._set(merge_parts(_parts_from(vertices)))
+        self._set(merge_parts(parts_from(vertices)))
 
     def _set(self, parts: Sequence[Part]) -> None:
         frozen = tuple(tuple(_frozen(ring) for ring in part) for part in parts)
