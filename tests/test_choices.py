@@ -60,7 +60,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/functions/grids.py", "_MOST_EDGES"): MEMORY,
     ("kernels/functions/grids.py", "_MOST_SLENDER"): DIGITS,
     ("kernels/functions/grids.py", "_NEAR"): DIGITS,
-    ("kernels/functions/line_pairs.py", "_NEAR"): DIGITS,
     ("kernels/functions/separable.py", "_PRODUCT"): DIGITS,
     ("kernels/functions/simplices.py", "_MOST_CANCELLING"): DIGITS,
     ("kernels/functions/solids.py", "NEEDLE_ASPECT"): DIGITS,

@@ -17,7 +17,7 @@ module               what is in it
 ``solids``           sums over tetrahedra
 ``grids``            Fourier transform on grids of frequencies
 ``separable``        fields f(x) g(y) on a rectangle
-``line_fields``      a few waves on one interval, and their transforms; ``line_pairs`` on NumPy
+``line_fields``      a few waves on one interval, and their transforms
 ``products``         the transforms of rectangles with such fields, as kernels
 ``elements``         one aperture's functions in its frame, by the kernel that suits its field
 ``line``             the transforms of slits

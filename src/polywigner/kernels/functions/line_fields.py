@@ -15,14 +15,10 @@ seven waves takes a fifth of the time that it has pair by pair, as ``slits`` sum
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from polywigner.kernels.functions.line_pairs import are_pairs, sum_of_pairs
 from polywigner.kernels.functions.slits import Interval
 from polywigner.kernels.outline.waves import WavePair, Waves, difference_pairs, mean_pairs
 from polywigner.numerics.complex_pairs import Pair
@@ -50,11 +46,11 @@ class LineField:
     def wigner(self, ops: Any, x: Any, nu: Any) -> Any:
         """W, which is real."""
         length = _length(ops, self.half - abs(x), 4.0)
-        return self.means.whole(ops, x, nu, length).real
+        return self.means.total(ops, x, nu, length).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
         length = _length(ops, 2.0 * self.half - abs(xi), 1.0)
-        return self.differences.whole(ops, xi, upsilon, length)
+        return self.differences.total(ops, xi, upsilon, length)
 
     def fourier(self, ops: Any, nu: Any) -> Pair:
         length = 2.0 * self.half
@@ -90,7 +86,7 @@ class _WavePairs:
     is_real: bool
 
     def total(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
-        """The sum over pairs, each with its sinc at a length."""
+        """The sum over pairs, each with the length times its sinc."""
         waves = [cos_sin_turns(ops, rate * place) if rate else (1.0, 0.0) for rate in self.rates]
         real: Any = 0.0
         imag: Any = 0.0
@@ -99,27 +95,7 @@ class _WavePairs:
             amplitude = _amplitude(ops, terms, waves)
             real = real + share * amplitude.real
             imag = imag if self.is_real else imag + share * amplitude.imag
-        return Pair(real, imag)
-
-    def whole(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
-        """:meth:`total` times the length."""
-        if not are_pairs(place, frequency):
-            return self.total(ops, place, frequency, length).scaled(length)
-        if place.shape[0] == 1:
-            turned = self.whole(ops, place.T, frequency.T, length.T)
-            return Pair(np.transpose(turned.real), np.transpose(turned.imag))
-        return sum_of_pairs(ops, self.shifts, self._amplitudes(place), frequency, length)
-
-    def _amplitudes(self, place: Any) -> Any:
-        """Amplitudes of all shifts at places (n, 1) of NumPy, (n, shifts)."""
-        rates = 2j * math.pi * np.array(self.rates)
-        waves = np.exp(np.asarray(place, np.float64) * rates)
-        ahead, behind = np.zeros((2, len(self.rates), len(self.shifts)), np.complex128)
-        for k, terms in enumerate(self.terms):
-            for amplitude, number, sign in terms:
-                (ahead if sign > 0 else behind)[number, k] += amplitude
-        found = waves @ ahead + waves.conj() @ behind
-        return found.real if self.is_real else found
+        return Pair(real, imag).scaled(length)
 
 
 def _amplitude(
