@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NoReturn
 
@@ -55,6 +55,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for name in _MARKERS:
         if item.get_closest_marker(name):
             _need(name, item.config)
+
+
+@pytest.fixture(autouse=True)
+def _scenes_end_with_their_test() -> Iterator[None]:
+    yield
+    if scenes := sys.modules.get("mitsuba_scenes"):
+        scenes.KEPT.clear()
 
 
 @pytest.fixture

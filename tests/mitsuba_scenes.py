@@ -27,6 +27,9 @@ CUDA = pytest.param("cuda_ad_mono", marks=pytest.mark.cuda)
 # |W| is at most 4 areas; float32 kernels are good to 5e-6 areas, and frequencies formed in float32
 # turn the phase by 1e-7 of some tens of turns.
 RADIANCE_ERROR = 2e-5
+# Scenes of single emitters, freed after each test (conftest.py): Dr.Jit traces all emitters that
+# are alive into every kernel, and a scene that its own emitter holds is never freed.
+KEPT: list[Any] = []
 
 VARIANTS = ["scalar_rgb", MONO, RGB, SPECTRAL, CUDA]
 
@@ -104,13 +107,12 @@ def light(
 
 
 def emitter_of(entry: dict[str, Any]) -> Any:
-    """The emitter inside one aperture, loaded alone; keeps its scene alive."""
+    """The emitter inside one aperture, loaded alone; its scene lives as long as the test."""
     import mitsuba as mi
 
     scene = mi.load_dict({"type": "scene", "aperture": entry})
-    emitter = scene.emitters()[0]
-    emitter.kept_scene = scene
-    return emitter
+    KEPT.append(scene)
+    return scene.emitters()[0]
 
 
 def draws(count: int, within: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -123,13 +123,15 @@ def test_sampled_directions_follow_their_density_by_chi_square(
     mi = use("llvm_ad_mono")
     from mitsuba.chi2 import ChiSquareTest, SphericalDomain
 
-    emitter = emitter_of(light(source, to_world=pose(about_x=0.4), sampling=sampling))
+    entry = light(source, to_world=pose(about_x=0.4), sampling=sampling)
+    scene = mi.load_dict({"type": "scene", "aperture": entry})
+    emitter = scene.emitters()[0]
     it = mi.Interaction3f()
     it.p = mi.Point3f(2.0, -1.0, 6.0)
 
     def density(direction: Any) -> Any:
-        si = emitter.kept_scene.ray_intersect(mi.Ray3f(it.p, direction))
-        ds = mi.DirectionSample3f(emitter.kept_scene, si, it)
+        si = scene.ray_intersect(mi.Ray3f(it.p, direction))
+        ds = mi.DirectionSample3f(scene, si, it)
         import drjit as dr
 
         return dr.select(si.is_valid(), emitter.pdf_direction(it, ds, True), 0.0)
