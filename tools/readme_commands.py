@@ -1,0 +1,21 @@
+"""The shell blocks of README as one script: what a reader types after cloning.
+
+The block that clones is left out, with its `make demo` and `make test`. Run by .ci/run in a clone
+and an environment that hold nothing but what the blocks themselves install.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+
+def commands(readme: str) -> str:
+    """The lines of all shell blocks but the one that clones."""
+    blocks = re.findall(r"^```sh\n(.*?)^```$", readme, re.DOTALL | re.MULTILINE)
+    return "".join(block for block in blocks if not block.startswith("git clone"))
+
+
+if __name__ == "__main__":
+    sys.stdout.write(commands(Path(__file__).parents[1].joinpath("README.md").read_text("utf-8")))
