@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from mitsuba_scenes import MONO, SQUARE, WAVELENGTH, pose, use
+from mitsuba_scenes import MONO, SQUARE, WAVELENGTH, light, pose, use
 from polywigner.errors import EngineError, PolywignerError, SceneError
 
 pytestmark = pytest.mark.drjit
@@ -545,6 +545,28 @@ def test_an_unusable_new_value_is_refused_when_the_scene_is_updated(
     params[f"aperture.emitter.{name}"] = value
     with pytest.raises(SceneError, match=name):
         params.update()
+
+
+TILES = pw.phased_array(SQUARE, pw.arrays.grid_positions(5, 4, 0.011), np.ones(20))
+
+
+@pytest.mark.parametrize(
+    ("variant", "source", "name", "reason"),
+    [
+        ("scalar_rgb", SQUARE, "vertices", "a variant of Mitsuba that compiles"),
+        pytest.param("llvm_ad_mono", COSINE, "vertices", "a uniform", marks=pytest.mark.llvm),
+        pytest.param("llvm_ad_mono", SQUARE, "weights", "an array", marks=pytest.mark.llvm),
+        pytest.param("llvm_ad_mono", TILES, "vertices", "got 6400 pairs", marks=pytest.mark.llvm),
+    ],
+)
+def test_an_emitter_says_why_its_numbers_are_no_parameters(
+    variant: str, source: Any, name: str, reason: str
+) -> None:
+    mi = use(variant)
+    scene = mi.load_dict({"type": "scene", "aperture": light(source)})
+    assert f"aperture.emitter.{name}" not in mi.traverse(scene)
+    with pytest.raises(SceneError, match=reason):
+        getattr(scene.emitters()[0], name)
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO])

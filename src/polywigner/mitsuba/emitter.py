@@ -113,6 +113,22 @@ def emitter_class(variant: str) -> Any:
             if self._traced.weights is not None:
                 callback.put("weights", self._traced.weights, mi.ParamFlags.Differentiable)
 
+        @property
+        def vertices(self) -> Any:
+            """x and y of each vertex (m), as a scene's parameters have them; else SceneError."""
+            return self._exposed(self._traced.vertices)
+
+        @property
+        def weights(self) -> Any:
+            """Real and imaginary part of each weight, as a scene's parameters; else SceneError."""
+            return self._exposed(self._traced.weights)
+
+        def _exposed(self, values: Any) -> Any:
+            if values is None:
+                reason = self._traced.why_not or "an array"
+                raise SceneError(f"expected, for parameters with derivatives, {reason}")
+            return values
+
         def parameters_changed(self, keys: list[str]) -> None:
             """Take over new values; a new pose moves the mesh as well."""
             if "wavelength" in keys or "power" in keys:

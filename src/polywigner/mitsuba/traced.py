@@ -30,17 +30,27 @@ class TracedSource:
 
     ``vertices``: x and y of each in metres, of a uniform aperture, or of an array of uniform
     apertures that do not overlap. ``weights``: real and imaginary part of each, of such an array.
-    None where there are none, or too many.
+    None where they are not exposed; ``why_not`` says why.
     """
 
     def __init__(self, m: Any, radiator: Radiator) -> None:
         self._m, self._radiator = m, radiator
         self.vertices: Any = None
         self.weights: Any = None
-        if not dr.is_jit_v(m.Float) or not _is_simple(radiator.source):
-            return
-        self._tables = new_tables_of(radiator.centred, dr.itemsize_v(m.Float) == 8)
-        if not exposes_numbers(self._tables.clips):
+        self.why_not = ""
+        if not dr.is_jit_v(m.Float):
+            self.why_not = "a variant of Mitsuba that compiles, such as llvm_ad_rgb"
+        elif not _is_simple(radiator.source):
+            self.why_not = "a uniform aperture, or an array of such that do not overlap"
+        else:
+            self._tables = new_tables_of(radiator.centred, dr.itemsize_v(m.Float) == 8)
+            cuts = self._tables.clips
+            if not exposes_numbers(cuts):
+                self.why_not = (
+                    f"a source of few edges, as code of the render's kernel, got {cuts} pairs of "
+                    "edges; gradients of pw.wigner and pw.fourier have no such limit"
+                )
+        if self.why_not:
             return
         self.vertices = m.Float(_corners(radiator.source).ravel().tolist())
         if isinstance(radiator.source, Array):
