@@ -208,6 +208,8 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     run += _cost("edge", n * views * outline.edges * min(outline.pieces, 2) * waves)
     pairs = outline.edges * outline.pieces if cut == "code" else outline.pieces
     run += _cost("pair in Python", chunks * views * pairs)
+    if cut == "rows":
+        run += _cost("line in Python", views * outline.lines)
     name = "edges one by one, on NumPy" if cut == "code" else "edges as rows, on NumPy"
     yield Way(name, "numpy", 0.0, run, cut)
 
