@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -95,9 +95,6 @@ def _call_of(
 ) -> _Call:
     shape = np.broadcast_shapes(*(c.shape for c in components))
     tables = kernel.tables(source, double)
-    grid = None
-    if engine in ("auto", "numpy") and components[-1].shape == shape:
-        grid = plan_for_grid(kernel, source, components, double)
     pairs, shared = _pairs_of(kernel, components, shape), _listed_by(kernel)
     by_places = None
     if shared is not None and pairs is not None:
@@ -109,9 +106,13 @@ def _call_of(
         double=double,
         engine=engine,
         pairs=by_places,
-        families=None if grid is None else grid.families,
         account=account_of(kernel.name, tables),
     )
+    grid = None
+    if engine in ("auto", "numpy") and components[-1].shape == shape:
+        grid = plan_for_grid(kernel, source, components, double, request)
+        if grid is not None:
+            request = replace(request, families=grid.families)
     return _Call(kernel, source, tables, components, double, pairs, by_places, grid, request)
 
 

@@ -7,7 +7,7 @@ is recognised by its values, whatever its spacing, and computed from its axes.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from polywigner.execution.choice import planned
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.requests import request_for
 from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
+from polywigner.plans import Request
 from polywigner.plans.plan import GRID
 
 __all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
@@ -112,14 +113,24 @@ class GridPlan:
 
 
 def plan_for_grid(
-    kernel: Kernel, source: Any, components: Sequence[Array], double: bool
+    kernel: Kernel,
+    source: Any,
+    components: Sequence[Array],
+    double: bool,
+    request: Request | None = None,
 ) -> GridPlan | None:
-    """How to compute a kernel from the axes of a grid; None where that cannot be done."""
+    """How to compute a kernel from the axes of a grid; None where that cannot be done.
+
+    None also where the way would not be taken if there were but one family of edges: to count them
+    a slice is listed, which may take longer than the whole call by another way.
+    """
     if kernel.dimension < 2:
         return None
     *place, x, y = components
     grid = _grid_of(x, y)
     if grid is None or any(c.size != 1 for c in place):
+        return None
+    if request is not None and planned(replace(request, families=1)).way.name != GRID:
         return None
     tables = _tables_for_grid(kernel, source, [_axis(c).ravel() for c in place])
     if tables is None:
