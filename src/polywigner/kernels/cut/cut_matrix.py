@@ -24,8 +24,10 @@ __all__ = ["CutMatrix", "EdgeParts"]
 
 # What rounding may part two pieces of a cut edge by, as a fraction of it.
 _ADJOINING = 1e-13
-# Pairs of an edge and a piece at a time: some temporary arrays of 2 MB each.
+# Pairs of an edge and a piece, or a side of those near it, at a time: temporary arrays of 2 MB.
 _BLOCK = 1 << 18
+# Pieces near an edge, about.
+_NEAR = 3
 # Boxes reach further by this, in the frame: no rounding may part what touches.
 _MARGIN = 1e-9
 
@@ -64,7 +66,8 @@ class CutMatrix:
         """The parts of one group's edges inside another's pieces, block by block of places."""
         columns = _edges_of(self.tables, group)
         for weight, pieces in _pieces_of(self.tables, other):
-            step = max(1, _BLOCK // max(1, len(columns) * len(pieces.first)))
+            sides = pieces.count.mean() * min(len(pieces.count), _NEAR)
+            step = max(1, int(_BLOCK / max(1, len(columns) * max(len(pieces.count), sides))))
             for start in range(0, len(self.tx), step):
                 places = slice(start, start + step)
                 e, place, low, high = self._joined(columns, pieces, view, places)
@@ -112,19 +115,55 @@ class CutMatrix:
         candidates: tuple[Numbers, Numbers, Numbers],
     ) -> tuple[Floats, Floats]:
         """From and to where edges are inside pieces at places."""
-        edge, piece, place = candidates
+        edge, _, place = candidates
+        low, high = np.zeros(len(edge)), np.ones(len(edge))
         if not len(edge):
-            return np.empty(0), np.empty(0)
+            return low, high
+        owner, side = self._crossed(columns, pieces, view, candidates)
+        if not len(owner):
+            return low, high
+        cut, rising = self._cuts(columns[edge[owner]], pieces.lines[side], view, place[owner])
+        begins = rising == pieces.left[side]
+        far = RowClipper.FAR
+        first = np.flatnonzero(np.append(True, owner[1:] != owner[:-1]))
+        owner = owner[first]
+        low[owner] = np.maximum.reduceat(np.where(begins, cut, -far), first).clip(min=0.0)
+        high[owner] = np.minimum.reduceat(np.where(begins, far, cut), first).clip(max=1.0)
+        return low, high
+
+    def _crossed(
+        self,
+        columns: Floats,
+        pieces: _Pieces,
+        view: View,
+        candidates: tuple[Numbers, Numbers, Numbers],
+    ) -> tuple[Numbers, Numbers]:
+        """(candidate, side) wherever rounding leaves open that an edge lies inside a side.
+
+        Most edges have both ends well inside of most sides, which is told by two products; where
+        an edge has both well outside of one, that side alone stands for all.
+        """
+        edge, piece, place = candidates
+        own = Edge(*columns[edge].T)
+        moved = [
+            view.point * start + view.offset * offset[place]
+            for start, offset in ((own.ax, self.tx), (own.ay, self.ty))
+        ]
         count = pieces.count[piece]
         owner = np.repeat(np.arange(len(edge)), count)
         first = np.cumsum(count) - count
         side = np.arange(len(owner)) + (pieces.first[piece] - first)[owner]
-        cut, rising = self._cuts(columns[edge[owner]], pieces.lines[side], view, place[owner])
-        begins = rising == pieces.left[side]
-        far = RowClipper.FAR
-        low = np.maximum.reduceat(np.where(begins, cut, -far), first)
-        high = np.minimum.reduceat(np.where(begins, far, cut), first)
-        return np.maximum(low, 0.0), np.minimum(high, 1.0)
+        x, y, ex, ey = (
+            np.repeat(value, count) for value in (*moved, view.point * own.ex, view.point * own.ey)
+        )
+        dx, dy, offset = (column[side] for column in pieces.inward)
+        start = dx * y - dy * x - offset
+        end = start + (dx * ey - dy * ex)
+        crossed = ~(np.minimum(start, end) > _MARGIN)
+        outside = np.maximum(start, end) < -_MARGIN
+        hidden = np.logical_or.reduceat(outside, first)
+        (kept,) = np.nonzero(crossed & (outside | ~hidden[owner]))
+        return owner[kept], side[kept]
 
     def _cuts(
         self, columns: Floats, lines: Floats, view: View, place: Numbers
@@ -170,6 +209,9 @@ class _Pieces:
         """(s, 7) the line of each side."""
         self.left = np.array([side > 0 for _, side in sides])
         """(s,) whether the piece lies to the left of it."""
+        signs = np.where(self.left, 1.0, -1.0)
+        self.inward = tuple(np.ascontiguousarray(column * signs) for column in self.lines.T[:3])
+        """Direction and offset (s,) of each line, turned so that the piece lies to its left."""
         self.count = np.array([len(piece.sides) for piece in pieces])
         self.first = np.cumsum(self.count) - self.count
         """(p,) the first side of each piece."""
