@@ -112,15 +112,15 @@ def page() -> str:
     lines = [
         "# Tables: Wigner rays against diffraction integrals",
         "",
-        "These tables give the error of Wigner rays against exact diffraction integrals. Use them to",
-        "decide how far from a source rays are good enough.",
-        "[Fields at points](propagation.md#wigner-rays) explains the orders and draws the conclusions.",
+        "These tables give the error of Wigner rays against exact diffraction integrals. Use them",
+        "to decide how far from a source rays are good enough. The page on",
+        "[fields at points](propagation.md#wigner-rays) explains the orders and the results.",
         "",
         "Errors are in dB, for rays of leading (1) and third (3) order with the obliquity of the",
         "integral. A dash stands where a sum of rays is below zero. The frequency is 94 GHz",
         "(wavelength 3.19 mm). The sources are a 10 mm square, a triangle and an L as wide, two",
-        "chevrons (26 mm wide together), a square horn in TE10, and 4 x 4 patches of 0.7 wavelengths",
-        "at a pitch of one, steered to 20 degrees. This page is written by",
+        "chevrons (26 mm wide together), a square horn in TE10, and 4 x 4 patches of 0.7",
+        "wavelengths at a pitch of one, steered to 20 degrees. This page is written by",
         "`benchmarks/propagation_tables.py --write`.",
     ]
     for condition, short in CONDITIONS.items():
