@@ -112,13 +112,16 @@ def page() -> str:
     lines = [
         "# Tables: Wigner rays against diffraction integrals",
         "",
-        "Errors in dB of leading (1) and third (3) order, with rays of the integral's own",
-        "obliquity; a dash where a sum of rays is below zero. At 94 GHz (wavelength 3.19 mm): a",
-        "10 mm square, a triangle and an L as wide, two chevrons 26 mm wide together, a square",
-        "horn in TE10, 4 x 4 patches of 0.7 wavelengths at a pitch of one, steered to 20 degrees.",
-        "Made by",
-        "`benchmarks/propagation_tables.py --write`; what the numbers mean is in",
-        "[propagation](propagation.md#wigner-rays).",
+        "These tables give the error of Wigner rays against exact diffraction integrals. Use them",
+        "to decide how far from a source rays are good enough. The page on",
+        "[fields at points](propagation.md#wigner-rays) explains the orders and the results.",
+        "",
+        "Errors are in dB, for rays of leading (1) and third (3) order with the obliquity of the",
+        "integral. A dash stands where a sum of rays is below zero. The frequency is 94 GHz",
+        "(wavelength 3.19 mm). The sources are a 10 mm square, a triangle and an L as wide, two",
+        "chevrons (26 mm wide together), a square horn in TE10, and 4 x 4 patches of 0.7",
+        "wavelengths at a pitch of one, steered to 20 degrees. This page is written by",
+        "`benchmarks/propagation_tables.py --write`.",
     ]
     for condition, short in CONDITIONS.items():
         lines += ["", f"## {short}, on boresight, distance in wavelengths", ""]

@@ -7,10 +7,8 @@ an assertion that fails there fails the build.
 
 from __future__ import annotations
 
-import re
 import sys
 from pathlib import Path
-from typing import Any
 
 import polywigner
 from polywigner.toolchain import llvm
@@ -31,6 +29,7 @@ extensions = [
     "sphinx_gallery.gen_gallery",
     "docstrings",
     "mathml",
+    "pages",
 ]
 include_patterns = ["*.md", "docs/*.md", "docs/api/*.rst", "docs/lessons/lesson_*.rst"]
 include_patterns += ["docs/theory/*.md", "docs/howto/*.md", "examples/*/README.md"]
@@ -84,27 +83,3 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
-
-# A link to a folder shows its files on a code host, and one to a lesson its code; here they show
-# the folder's page, and the lesson with what it draws.
-LINK = re.compile(r"\]\(([^):#]+)\)")
-# A link to a work in docs/sources.md stays, and gets its number; the list there is the site's own.
-WORK = re.compile(r"\[([^]\[]+)\]\([./]*sources\.md#(\w+)\)")
-LIST = re.compile(r"<!-- filled: references -->.*?<!-- end -->", re.DOTALL)
-BIBLIOGRAPHY = "```{bibliography}\n:all:\n:style: unsrt\n```"
-LESSON = re.compile(r"\]\([./]*examples/lessons/(lesson_\w+)\.py\)")
-
-
-def link_to_pages(app: Any, page: str, text: list[str]) -> None:
-    here = Path(app.env.doc2path(page)).parent
-
-    def page_of(link: re.Match[str]) -> str:
-        has_page = (here / link[1] / "README.md").is_file()
-        return f"]({link[1]}/README.md)" if has_page else link[0]
-
-    plain = LIST.sub(BIBLIOGRAPHY, WORK.sub(r"\1 {cite:p}`\2`", text[0]))
-    text[0] = LINK.sub(page_of, LESSON.sub(r"](/docs/lessons/\1.rst)", plain))
-
-
-def setup(app: Any) -> None:
-    app.connect("source-read", link_to_pages)

@@ -53,6 +53,14 @@ def dead_links(path: Path) -> Iterator[str]:
             yield f"link to {target}, which does not exist"
         elif there.suffix == ".md" and anchor and anchor not in anchors(there.read_text("utf-8")):
             yield f"link to {target}: no such heading"
+        elif there.suffix == ".rst" and anchor and not has_entry(there, anchor):
+            yield f"link to {target}: no such entry"
+
+
+def has_entry(page: Path, name: str) -> bool:
+    """Whether a page of the API reference has an entry for the name, or for the class it is of."""
+    entries = re.findall(r"^\.\. auto(?:function|class):: (\w+)$", page.read_text("utf-8"), re.M)
+    return any(f"{name}.".startswith(f"polywigner.{entry}.") for entry in entries)
 
 
 def broken_code(path: Path) -> Iterator[str]:
