@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
@@ -29,8 +29,8 @@ Values = NDArray[Any]
 def radiation_pattern(
     source: PlaneSource,
     wavelength: float,
-    theta: Any,
-    phi: Any,
+    theta: ArrayLike,
+    phi: ArrayLike,
     *,
     obliquity: Obliquity = "rayleigh-sommerfeld-1",
     precision: Precision = None,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
@@ -109,8 +109,8 @@ def suggest_sampling(
     quantity: SampledQuantity = "intensity",
     *,
     reach: float | None = None,
-    box: Any = None,
-    line: Any = None,
+    box: ArrayLike | None = None,
+    line: ArrayLike | None = None,
     radius: float | None = None,
     oversampling: float = 2.0,
     error_db: float = 1.0,
