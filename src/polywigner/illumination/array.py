@@ -112,6 +112,21 @@ class Array:
         return 2 if kinds == {Aperture} else 3
 
     @cached_property
+    def bounds(self) -> tuple[float, ...]:
+        """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+
+        Raises GeometryError if an element does not lie in that plane.
+        """
+        if self.repeated is not None:
+            element, positions = self.repeated
+            low, high = positions.min(axis=0), positions.max(axis=0)
+            if len(low) < 3:
+                return tuple((np.array(element.bounds) + np.concatenate([low, high])).tolist())
+        boxes = np.array([element.bounds for element in self.elements_in_plane])
+        half = boxes.shape[1] // 2
+        return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
+
+    @cached_property
     def elements_in_plane(self) -> tuple[Any, ...]:
         """The elements as apertures in the plane z = 0, poses in that plane applied; or the slits.
 
