@@ -133,7 +133,7 @@ def test_a_pattern_says_what_it_is() -> None:
     assert found.attrs["frequency"] == pytest.approx(94e9)
     assert found.attrs["wavelength"] == WAVELENGTH
     assert found.attrs["obliquity"] == "rayleigh-sommerfeld-1"
-    assert found.attrs["polywigner_version"] == pw.__version__
+    assert found["field"].attrs["polywigner_version"] == pw.__version__
     single = _pattern(SQUARE, 0.3, precision="single")["field"].values
     assert single.dtype == np.complex64
 
