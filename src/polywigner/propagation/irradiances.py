@@ -140,6 +140,7 @@ def irradiance(
     0.0963
     """
     how: dict[str, Any]
+    checked_method(method, ("wigner", *METHODS, "auto"))
     if method == "auto":
         method = checked_obliquity(obliquity, checked_order(order))
         method, obliquity = ("wigner", "paper") if method == "paper" else (method, None)
@@ -173,7 +174,7 @@ def irradiance(
     source = checked_source(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
-    if checked_method(method, ("wigner", *METHODS)) != "wigner":
+    if method != "wigner":
         _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
         how = {"precision": precision, "engine": engine, "obliquity": obliquity}
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
