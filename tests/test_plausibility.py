@@ -43,6 +43,16 @@ def test_a_source_of_thousands_of_wavelengths_is_asked_about_once(name):
     assert found.filename == __file__  # so Python shows it once for a line
 
 
+def test_a_sweep_is_asked_about_once_by_default():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for wavelength in (1e-3, 2e-3, 3e-3):
+            pw.radiant_intensity(IN_MM, AXIS, wavelength)
+            with warnings.catch_warnings():  # Python forgets which lines have warned
+                pass
+    assert len(caught) == 1
+
+
 @pytest.mark.parametrize("name", CALLS)
 def test_sources_of_the_usual_sizes_are_not_asked_about(name):
     assert not warned(CALLS[name], SQUARE, WAVELENGTH)

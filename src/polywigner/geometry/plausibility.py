@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 import warnings
 from numbers import Real
@@ -31,6 +32,8 @@ _LONGEST = 1e4
 # that has one. Of radio waves few sources are that large, of light nearly all; there up to a metre.
 _MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
 _SHORTEST_RADIO = 1e-4
+_asked: set[tuple[str, int, str]] = set()
+
 # Radians: a turn, and a coarse step beyond it.
 _A_TURN = 7.0
 
@@ -87,12 +90,25 @@ def is_called_by_user(depth: int = 1) -> bool:
 def warn_caller(message: str) -> None:
     """A :class:`PolywignerWarning` at the line outside of the package that called into it.
 
-    Python shows each once for a line.
+    Once for a line, whatever the numbers in it, as a sweep would change them; always where filters
+    say so.
     """
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and _is_ours(frame):
         level, frame = level + 1, frame.f_back
-    warnings.warn(message, PolywignerWarning, stacklevel=level)
+    # Python's own memory of lines is lost with every catch_warnings, also one in a library.
+    place = frame.f_code.co_filename, frame.f_lineno, re.sub(r"\d[\d.e+-]*", "", message)
+    if place not in _asked or not _is_once():
+        _asked.add(place)
+        warnings.warn(message, PolywignerWarning, stacklevel=level)
+
+
+def _is_once() -> bool:
+    """Whether filters leave it at one warning for a line."""
+    for action, text, category, module, _ in warnings.filters:
+        if text is None and module is None and issubclass(PolywignerWarning, category):
+            return action not in ("always", "error")
+    return True
 
 
 def _is_ours(frame: Any) -> bool:
