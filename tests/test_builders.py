@@ -147,7 +147,7 @@ def test_a_dataset_says_what_it_is_and_can_be_saved(tmp_path: Path) -> None:
     assert "order" not in found["kirchhoff"].attrs
     assert found["distance"].attrs["units"] == "m"
     assert found.attrs["wavelength"] == WAVELENGTH
-    assert found.attrs["polywigner_version"] == pw.__version__
+    assert found["wigner"].attrs["polywigner_version"] == pw.__version__
     assert pw.read_source(found) == field
     found.to_netcdf(tmp_path / "line.nc", engine="h5netcdf")
     assert xarray.open_dataset(tmp_path / "line.nc", engine="h5netcdf").identical(found)

@@ -53,6 +53,14 @@ def test_a_dataset_tells_its_source_in_a_line_and_gives_it_back(tmp_path: Path) 
         assert all("polygons" not in str(value) for value in found.attrs.values()), name
 
 
+def test_fields_and_patterns_show_themselves_in_few_lines(tmp_path: Path) -> None:
+    """A line of the display for each axis, each variable and each attribute, beside five."""
+    found = _datasets(tmp_path)
+    assert set(found["line"].attrs) == {"wavelength", "frequency", "source"}
+    assert len(repr(found["line"]).splitlines()) <= 14
+    assert len(repr(found["pattern"]).splitlines()) <= 17
+
+
 def test_files_give_the_source_back_too(tmp_path: Path) -> None:
     found = _datasets(tmp_path)
     for name in ("line", "stored volume"):

@@ -16,6 +16,12 @@ SQUARE = pw.shapes.square(10e-3)
 POINTS = np.array([[0.0, 0.0, 2 * WAVELENGTH], [4e-3, -9e-3, 30e-3], [0.1, 0.05, 0.2]])
 
 
+def test_a_method_that_is_none_is_answered_with_all_that_are() -> None:
+    for given in ("exact", None):
+        with pytest.raises(ArgumentError, match=r'"wigner", "rayleigh.*"fraunhofer", "auto", got'):
+            pw.irradiance(SQUARE, POINTS, WAVELENGTH, given)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("method", "value"),
     [

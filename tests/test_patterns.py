@@ -133,7 +133,7 @@ def test_a_pattern_says_what_it_is() -> None:
     assert found.attrs["frequency"] == pytest.approx(94e9)
     assert found.attrs["wavelength"] == WAVELENGTH
     assert found.attrs["obliquity"] == "rayleigh-sommerfeld-1"
-    assert found.attrs["polywigner_version"] == pw.__version__
+    assert found["field"].attrs["polywigner_version"] == pw.__version__
     single = _pattern(SQUARE, 0.3, precision="single")["field"].values
     assert single.dtype == np.complex64
 
@@ -230,6 +230,16 @@ def test_grasp_reads_cuts_whose_square_is_the_directivity(tmp_path: Path) -> Non
         values = np.loadtxt(block[2:])
         level = 10 * np.log10((values**2).sum(axis=1))
         assert level == pytest.approx(pattern["directivity"].values[:, j], abs=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".ffd", ".cut", ".msi"])
+def test_angles_in_any_order_are_written_in_ascending_order(tmp_path: Path, suffix: str) -> None:
+    degrees, about = np.arange(0.0, 91.0, 10.0), np.arange(0.0, 271.0, 90.0)
+    theta, phi = np.radians(degrees), np.radians(about)
+    files = [tmp_path / f"up{suffix}", tmp_path / f"down{suffix}"]
+    pw.write_pattern(_pattern(SQUARE, theta, phi), files[0])
+    pw.write_pattern(_pattern(SQUARE, theta[::-1], phi[::-1]), files[1])
+    assert files[0].read_text() == files[1].read_text()
 
 
 def test_planning_tools_get_attenuations_all_around(tmp_path: Path) -> None:

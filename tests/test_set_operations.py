@@ -109,6 +109,7 @@ def test_an_outline_is_drawn_on_given_axes_in_its_unit() -> None:
 
     axes = Figure().subplots()
     assert (DISC | BAR).plot(axes, unit="mm") is axes
+    assert DISC.placed(np.eye(4)).plot(axes) is axes
     low, high = axes.get_xlim()
     assert low <= -15.0 and high >= 15.0 and high < 20.0
     assert axes.get_xlabel() == "x (mm)"

@@ -60,4 +60,7 @@ class MissingExtraError(PolywignerError, ImportError):
 
 
 class PolywignerWarning(UserWarning):
-    """A result is less accurate than what was asked for, or than its method usually is."""
+    """A result is less accurate than what was asked for, or than its method usually is.
+
+    Or an argument looks like one in another unit.
+    """

@@ -32,6 +32,10 @@ def format_suffixes(formats: Sequence[str]) -> tuple[str, ...]:
     return tuple(f".{name}" for name in dict.fromkeys(formats))
 
 
+# Attributes of a store of fields.
+_OF_FIELDS = {"wavelength", "frequency", "source"}
+
+
 def check_files(files: Sequence[Path]) -> None:
     """Fail before the long work rather than after it: where one of the files cannot be written.
 
@@ -54,7 +58,7 @@ def check_files(files: Sequence[Path]) -> None:
 def _is_written_whole(store: Path) -> bool:
     try:
         attrs = json.loads((store / "zarr.json").read_bytes())["attributes"]
-        return "polywigner_version" in attrs and "polywigner_fingerprint" not in attrs
+        return attrs.keys() >= _OF_FIELDS and "polywigner_fingerprint" not in attrs
     except (OSError, ValueError, KeyError, TypeError):
         return False
 

@@ -5,20 +5,16 @@ from __future__ import annotations
 import warnings
 
 from polywigner.errors import ArgumentError
+from polywigner.geometry.plausibility import doubt_of_wavelength
 
 __all__ = ["check_wavelength"]
-
-# From an aperture that is a point, in effect, to the largest telescopes at visible light; a slip
-# between units is a factor of a thousand or a billion.
-_LARGEST_RATIO = 1e4
-_SMALLEST_RATIO = 1e-6
 
 # Nothing but a slip; and pictures cannot have axes of 1e-300.
 _ABSURD = 1e12
 
 
 def check_wavelength(wavelength: float, diameter: float) -> None:
-    """Warn of a wavelength that hardly belongs to an aperture.
+    """Warn of a wavelength that hardly belongs to an aperture, as functions in Python do.
 
     Parameters
     ----------
@@ -29,14 +25,9 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
     ------
     ArgumentError : the two differ by more than twelve orders of magnitude.
     """
-    ratio = wavelength / diameter
-    if _SMALLEST_RATIO <= ratio <= _LARGEST_RATIO:
+    doubt = doubt_of_wavelength(wavelength, diameter)
+    if doubt is None:
         return
-    question = "GHz for the frequency" if ratio > 1 else "mm for the wavelength"
-    finding = (
-        f"a wavelength of {wavelength:.3g} m, which is {ratio:.1g} times the aperture's diameter "
-        f"of {diameter:.3g} m; did you mean {question}, or another unit for the aperture?"
-    )
-    if not 1 / _ABSURD <= ratio <= _ABSURD:
-        raise ArgumentError(f"expected a wavelength that belongs to the aperture, got {finding}")
-    warnings.warn(f"got {finding}", RuntimeWarning, stacklevel=2)
+    if not 1 / _ABSURD <= wavelength / diameter <= _ABSURD:
+        raise ArgumentError(f"expected a wavelength that belongs to the aperture, got {doubt}")
+    warnings.warn(f"got {doubt}", RuntimeWarning, stacklevel=2)

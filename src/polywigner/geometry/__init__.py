@@ -7,6 +7,7 @@
 - ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
 - ``trapezoids``: uniform positions; ``display``: sources in notebooks and on axes
 - ``slits``, ``polyhedron``, ``placed``, ``pose``: sources in one and three dimensions
+- ``array_types``: names of what arguments may be; ``plausibility``: questions about units
 - ``shapes``: catalogue; ``readers``: files, by the ``formats``
 """
 

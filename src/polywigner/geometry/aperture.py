@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, NoReturn, final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.array_types import Outline
 from polywigner.geometry.convex import convex_pieces, triangulate_part
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
 from polywigner.geometry.exact import Ring, orientations, total_area
@@ -73,7 +74,7 @@ class Aperture:
     illumination: Field | None
     """The field on the aperture, an Illumination; None where it is 1."""
 
-    def __init__(self, vertices: Any) -> None:
+    def __init__(self, vertices: Outline) -> None:
         self._set(merge_parts(parts_from(vertices)))
 
     def _set(self, parts: Sequence[Part]) -> None:
@@ -89,7 +90,7 @@ class Aperture:
         return aperture
 
     @classmethod
-    def from_ring(cls, ring: Any, winding: str = "nonzero") -> Aperture:
+    def from_ring(cls, ring: ArrayLike, winding: str = "nonzero") -> Aperture:
         """The region enclosed by one ring (n, 2) that may cross itself, as simple parts.
 
         `winding`: "nonzero" keeps what the ring runs around at all, "evenodd" what it runs around
@@ -116,7 +117,7 @@ class Aperture:
         object.__setattr__(aperture, "illumination", field)
         return aperture
 
-    def moved(self, shift: Any) -> Aperture:
+    def moved(self, shift: ArrayLike) -> Aperture:
         """The aperture and the field on it shifted by (2,).
 
         Vertices are rounded, so that a copy far away differs from this one in their last digits.
@@ -186,7 +187,7 @@ class Aperture:
             return NotImplemented
         return Aperture(operation(self, other)).with_illumination(self.illumination)
 
-    def placed(self, to_world: Any) -> PlacedAperture:
+    def placed(self, to_world: ArrayLike) -> PlacedAperture:
         """This aperture in a rigid pose (4, 4), for transforms with three-component nu.
 
         Raises GeometryError for a matrix that is not a rotation and a translation.

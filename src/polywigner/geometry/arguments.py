@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.errors import ArgumentError
 from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
@@ -33,8 +32,6 @@ def shape_of(value: Any) -> str:
         return "of lists of different lengths"
 
 
-# Metres: no wave of an antenna is so long, and frequencies in Hz are such numbers.
-_LIKE_A_FREQUENCY = 1e6, 1e17
 # Most vertices, as of a file; a slip of a few zeros would fill the memory.
 _MOST = 1_000_000
 
@@ -80,13 +77,6 @@ def checked_wavelength(value: Any) -> float:
     wavelength = checked_length(value, "wavelength")
     if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
         raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
-    if _LIKE_A_FREQUENCY[0] < wavelength < _LIKE_A_FREQUENCY[1]:
-        warnings.warn(
-            f"got a wavelength of {wavelength:g} m: a frequency? Then write frequency="
-            f"{wavelength:g} in its place",
-            PolywignerWarning,
-            stacklevel=3,
-        )
     return wavelength
 
 

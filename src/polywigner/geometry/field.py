@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.plausibility import warn_of_degrees
 
 __all__ = ["Field", "checked_field", "checked_shift", "turned_points"]
 
@@ -73,6 +74,8 @@ def turned_points(points: NDArray[np.float64], angle: Any) -> NDArray[np.float64
     Quarter turns are exact. Raises ArgumentError for an angle that is not a finite number.
     """
     turn = checked_number(angle, "angle", "an angle in radians")
+    if (2.0 * turn).is_integer():  # turns that add up may go on and on
+        warn_of_degrees("angle", np.array([turn]))
     quarters = round(turn / (math.pi / 2))
     c, s = math.cos(turn), math.sin(turn)
     if turn == quarters * (math.pi / 2):

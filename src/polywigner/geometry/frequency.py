@@ -10,6 +10,7 @@ from typing import Any, ParamSpec, Protocol, TypeVar, cast, overload
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.plausibility import is_called_by_user, warn_of_wavelength
 from polywigner.quantities import SPEED_OF_LIGHT
 
 __all__ = ["takes_frequency"]
@@ -49,6 +50,11 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
     @functools.wraps(function)
     def wrapper(*args: Any, frequency: float | None = None, **kwargs: Any) -> Any:
         if frequency is None:
+            if is_called_by_user():
+                warn_of_wavelength(
+                    args[0] if args else kwargs.get("source"),
+                    args[place] if len(args) > place else kwargs.get("wavelength"),
+                )
             return function(*args, **kwargs)
         length = SPEED_OF_LIGHT / _checked(frequency)
         has_both = is_last and len(args) > place and isinstance(args[place], Real)
@@ -63,6 +69,8 @@ def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
                 if "too many" not in str(error):
                     raise
             else:
+                if is_called_by_user():
+                    warn_of_wavelength(given[0] if given else kwargs.get("source"), length)
                 return function(*given, **kwargs)
         raise ArgumentError("expected a wavelength or a frequency, got both; leave one of them out")
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from polywigner.geometry.aperture import Aperture
 
 __all__ = ["PlacedAperture"]
@@ -40,6 +42,10 @@ class PlacedAperture:
     @property
     def area(self) -> float:
         return self.aperture.area
+
+    def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
+        """The outline in its own plane, as :meth:`Aperture.plot` draws it."""
+        return self.aperture.plot(ax, unit)
 
     def _key(self) -> tuple[Aperture, bytes]:
         return self.aperture, self.pose.tobytes()

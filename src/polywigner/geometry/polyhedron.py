@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import operator
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, NoReturn, final
+from typing import Any, NoReturn, SupportsIndex, final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.display import length_text, shown_as_html
@@ -67,7 +67,7 @@ class Polyhedron:
     """(n, 3) float64, read-only."""
     faces: tuple[tuple[int, ...], ...]
 
-    def __init__(self, vertices: Any, faces: Any) -> None:
+    def __init__(self, vertices: ArrayLike, faces: Iterable[Iterable[SupportsIndex]]) -> None:
         points = _checked_vertices(vertices)
         numbers = _checked_faces(faces, len(points))
         _check_closed(numbers)

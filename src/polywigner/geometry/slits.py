@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any, NoReturn, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
 from polywigner.geometry.display import length_text, shown_as_html
@@ -44,7 +44,7 @@ class Slits:
     illumination: Field | None
     """The field on the slits, an Illumination; None where it is 1."""
 
-    def __init__(self, intervals: Any) -> None:
+    def __init__(self, intervals: ArrayLike) -> None:
         array = _ascending(intervals)
         array.setflags(write=False)
         object.__setattr__(self, "intervals", array)
@@ -62,7 +62,7 @@ class Slits:
         """
         return _restored(self.intervals, illumination)
 
-    def moved(self, shift: Any) -> Slits:
+    def moved(self, shift: ArrayLike) -> Slits:
         """The slits and the field in them shifted by a number, or by (1,).
 
         Raises ArgumentError for anything but one finite number.

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, NoReturn, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, Slits
@@ -63,7 +63,7 @@ class Array:
     repeated: tuple[Aperture | Slits, NDArray[np.float64]] | None
     """The one element and the positions (n, d) of its copies, if made by `phased_array`."""
 
-    def __init__(self, elements: Iterable[Element], weights: Any = None) -> None:
+    def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
         found = checked_elements(elements)
         self.__dict__["elements"] = found
         self.__dict__["weights"] = checked_weights(weights, len(found))
@@ -112,6 +112,21 @@ class Array:
         return 2 if kinds == {Aperture} else 3
 
     @cached_property
+    def bounds(self) -> tuple[float, ...]:
+        """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of apertures in the plane z = 0.
+
+        Raises GeometryError if an element does not lie in that plane.
+        """
+        if self.repeated is not None:
+            element, positions = self.repeated
+            low, high = positions.min(axis=0), positions.max(axis=0)
+            if len(low) < 3:
+                return tuple((np.array(element.bounds) + np.concatenate([low, high])).tolist())
+        boxes = np.array([element.bounds for element in self.elements_in_plane])
+        half = boxes.shape[1] // 2
+        return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
+
+    @cached_property
     def elements_in_plane(self) -> tuple[Any, ...]:
         """The elements as apertures in the plane z = 0, poses in that plane applied; or the slits.
 
@@ -143,7 +158,7 @@ class Array:
             raise GeometryError("expected apertures for a support in the plane, got Slits")
         return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
 
-    def placed(self, to_world: Any) -> Array:
+    def placed(self, to_world: ArrayLike) -> Array:
         """The whole array moved by a rigid pose (4, 4), for transforms with three-component nu.
 
         Raises GeometryError for a matrix that is not a rotation and a translation, and for slits.
@@ -208,7 +223,9 @@ class Array:
         return f"Array({counts}, {uniform})"
 
 
-def phased_array(element: Aperture | Slits, positions: Any, weights: Any = None) -> Array:
+def phased_array(
+    element: Aperture | Slits, positions: ArrayLike, weights: ArrayLike | None = None
+) -> Array:
     """One element many times: copies of it, its field included, shifted to the positions.
 
     The same field as `Array([element.moved(p) for p in positions], weights)`, at a fraction of the

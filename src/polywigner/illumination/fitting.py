@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_count, checked_number, shape_of
@@ -41,9 +41,9 @@ class FittedIllumination(NamedTuple):
 
 
 def fit_illumination(
-    points: Any,
-    values: Any,
-    frequencies: Any = None,
+    points: ArrayLike,
+    values: ArrayLike,
+    frequencies: ArrayLike | None = None,
     *,
     order: int = 4,
     cut_off: float = _CUT_OFF,

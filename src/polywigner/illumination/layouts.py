@@ -11,7 +11,7 @@ import math
 from typing import Any, Literal, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_count, checked_length, checked_number, shape_of
@@ -85,7 +85,7 @@ def triangular_positions(
     return _pairs(along_x, np.broadcast_to(along_y, along_x.shape))
 
 
-def ring_positions(radii: Any, counts: Any) -> Positions:
+def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
     """Concentric rings: counts[k] elements at equal angles on the circle of radius radii[k].
 
     (sum of counts, 2), ring after ring, each counter-clockwise from the x axis. A radius of 0 with
@@ -112,18 +112,31 @@ def ring_positions(radii: Any, counts: Any) -> Positions:
 
 @overload
 def thinned(
-    positions: Any, fill: float, seed: int, taper: Any = None, return_index: Literal[False] = False
+    positions: ArrayLike,
+    fill: float,
+    seed: int,
+    taper: ArrayLike | None = None,
+    return_index: Literal[False] = False,
 ) -> Positions: ...
 
 
 @overload
 def thinned(
-    positions: Any, fill: float, seed: int, taper: Any = None, *, return_index: Literal[True]
+    positions: ArrayLike,
+    fill: float,
+    seed: int,
+    taper: ArrayLike | None = None,
+    *,
+    return_index: Literal[True],
 ) -> tuple[Positions, NDArray[np.intp]]: ...
 
 
 def thinned(
-    positions: Any, fill: float, seed: int, taper: Any = None, return_index: bool = False
+    positions: ArrayLike,
+    fill: float,
+    seed: int,
+    taper: ArrayLike | None = None,
+    return_index: bool = False,
 ) -> Positions | tuple[Positions, NDArray[np.intp]]:
     """Positions drawn at random from a full layout: statistical thinning.
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_count, checked_length, checked_number, shape_of
@@ -57,7 +57,7 @@ def uniform(dimension: int = 2) -> Illumination:
 
 
 @takes_frequency
-def steering(direction: Any, wavelength: float) -> Illumination:
+def steering(direction: ArrayLike, wavelength: float) -> Illumination:
     """The phase that turns a beam: u(x) = exp(2 pi i s.x/wavelength), s the transverse direction.
 
     The Fourier transform of the aperture with this field peaks at nu = s/wavelength, which is the
@@ -222,7 +222,7 @@ def taylor_taper(
 
 
 def fourier_taper(
-    width: float, height: float | None = None, *, coefficients: Any, dimension: int = 2
+    width: float, height: float | None = None, *, coefficients: ArrayLike, dimension: int = 2
 ) -> Illumination:
     """A Fourier series over the width: u(x) = sum_k a_k exp(2 pi i k x/width).
 

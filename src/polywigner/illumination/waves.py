@@ -8,7 +8,7 @@ from numbers import Complex
 from typing import Any, NoReturn, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_length
@@ -59,7 +59,7 @@ class Illumination:
     Products, sums and moved copies of a fit are fits. Equality leaves it out, and so do files.
     """
 
-    def __init__(self, amplitudes: Any, frequencies: Any) -> None:
+    def __init__(self, amplitudes: ArrayLike, frequencies: ArrayLike) -> None:
         waves = _merged(*_checked(amplitudes, frequencies))
         for name, array in zip(("amplitudes", "frequencies"), waves, strict=True):
             array.setflags(write=False)
@@ -75,20 +75,20 @@ class Illumination:
         """d, the number of components of a position."""
         return int(self.frequencies.shape[1])
 
-    def __call__(self, x: Any) -> Any:
+    def __call__(self, x: ArrayLike) -> Any:
         """The field at positions x (..., d), complex (...)."""
         points = np.asarray(x, dtype=np.float64)
         if points.ndim == 0 or points.shape[-1] != self.dimension:
             raise ArgumentError(f"expected x of shape (..., {self.dimension}), got {points.shape}")
         return np.exp(2j * np.pi * (points @ self.frequencies.T)) @ self.amplitudes
 
-    def moved(self, shift: Any) -> Illumination:
+    def moved(self, shift: ArrayLike) -> Illumination:
         """The field carried along by a shift (d,): u(x - shift)."""
         offset = checked_shift(shift, self.dimension)
         turns = [_exact_turns(kappa, offset.tolist()) for kappa in self.frequencies.tolist()]
         return self._from(self.amplitudes * np.exp(-2j * np.pi * np.array(turns)), self.frequencies)
 
-    def turned(self, angle: Any) -> Illumination:
+    def turned(self, angle: float) -> Illumination:
         """The field carried along by a turn about the origin, by an angle in radians.
 
         Counter-clockwise; quarter turns are exact. Of a field in two dimensions; to turn an

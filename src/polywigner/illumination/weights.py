@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, MissingExtraError
 from polywigner.geometry.arguments import checked_count, checked_length
@@ -27,7 +27,9 @@ WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
 
 
 @takes_frequency
-def steering_weights(positions: Any, direction: Any, wavelength: float) -> NDArray[np.complex128]:
+def steering_weights(
+    positions: ArrayLike, direction: ArrayLike, wavelength: float
+) -> NDArray[np.complex128]:
     """Weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
 
     The array factor, and what the array radiates, peaks towards `direction`. The elements' own
@@ -60,7 +62,9 @@ def steering_weights(positions: Any, direction: Any, wavelength: float) -> NDArr
 
 
 @takes_frequency
-def focusing_weights(positions: Any, point: Any, wavelength: float) -> NDArray[np.complex128]:
+def focusing_weights(
+    positions: ArrayLike, point: ArrayLike, wavelength: float
+) -> NDArray[np.complex128]:
     """Weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
 
     R_k is the distance from element k to the point, R that from the origin: the waves

@@ -15,6 +15,7 @@ from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.array_types import Points
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES, BoundaryCondition, warn_of_slopes
@@ -53,7 +54,7 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 @takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U")
 def amplitude(
     source: Aperture | Array | Differentiable,
-    points: Any,
+    points: Points,
     wavelength: float,
     method: Method = "rayleigh-sommerfeld-1",
     *,

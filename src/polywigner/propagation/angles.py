@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_row
+from polywigner.geometry.plausibility import warn_of_degrees
 
 __all__ = ["checked_phi", "checked_theta", "unit_vectors"]
 
@@ -43,4 +44,5 @@ def _checked(values: Any, name: str, largest: float) -> Angles:
             f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, got {values!r}; use "
             "numpy.radians for degrees"
         )
+    warn_of_degrees(name, angles)
     return angles

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, TypeAlias, Unpack
+
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
@@ -28,12 +31,18 @@ from polywigner.propagation.stores_layout import (
 )
 from polywigner.radiometry.directions import PlaneSource, checked_source
 
+if TYPE_CHECKING:
+    import xarray
+
 __all__ = ["hemisphere", "line", "plane", "volume"]
 
 # Samples of a stored chunk: 4 MB of float32, a file that disks and clusters like.
 _CHUNK = 1 << 20
 # Most values that are computed at once: 16 GiB of float32.
 _MOST_IN_MEMORY = 1 << 32
+Chunks: TypeAlias = int | str | Sequence[int | str | Sequence[int] | None] | Mapping[int, Any]
+"""Sizes of chunks as dask takes them."""
+
 # Sums over edges and rays make many samples of one point: worth a compiler even for small chunks.
 _COMPILED = 1 << 16
 
@@ -41,11 +50,11 @@ _COMPILED = 1 << 16
 @takes_frequency
 def line(
     source: PlaneSource,
-    ends: Any,
+    ends: ArrayLike,
     samples: int,
     wavelength: float,
     **options: Unpack[FieldOptions],
-) -> Any:
+) -> xarray.Dataset:
     """A field along a line, both ends included, over its ``distance`` from the first end.
 
     Parameters
@@ -77,11 +86,11 @@ def line(
 @takes_frequency
 def plane(
     source: PlaneSource,
-    where: Any,
+    where: ArrayLike,
     shape: tuple[int, int],
     wavelength: float,
     **options: Unpack[FieldOptions],
-) -> Any:
+) -> xarray.Dataset:
     """A field on a rectangle of any size, place and resolution (docs/volumes.md).
 
     Parameters
@@ -127,12 +136,12 @@ def plane(
 def hemisphere(
     source: PlaneSource,
     radius: float,
-    theta: Any,
-    phi: Any,
+    theta: ArrayLike,
+    phi: ArrayLike,
     wavelength: float,
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0),
     **options: Unpack[FieldOptions],
-) -> Any:
+) -> xarray.Dataset:
     """A field at one distance from a point, over angles: on a hemisphere, or along a cut.
 
     Parameters
@@ -167,16 +176,16 @@ def hemisphere(
 @takes_frequency
 def volume(
     source: PlaneSource,
-    box: Any,
+    box: ArrayLike,
     shape: tuple[int, int, int],
     wavelength: float,
     *,
-    chunks: Any = None,
+    chunks: Chunks | None = None,
     out: str | os.PathLike[str] | None = None,
     scheduler: str | None = None,
     threads: int | None = None,
     **options: Unpack[FieldOptions],
-) -> Any:
+) -> xarray.Dataset:
     """A field in a box of any size, place and resolution (docs/volumes.md).
 
     Eager by default, in blocks of bounded memory: beside the result, float32 unless told otherwise,

@@ -77,10 +77,19 @@ class FieldBlock:
 
     @property
     def attrs(self) -> dict[str, Any]:
-        """Attributes of the variable: units and settings."""
-        quantity = self.settings.quantity
-        about = {"units": _UNITS[quantity], "long_name": _LONG_NAMES[quantity]}
-        return about | self.settings.of(self.method)
+        """Attributes of the variable: units and all settings but the wavelength."""
+        from polywigner import __version__
+
+        settings, quantity = self.settings, self.settings.quantity
+        return {
+            "units": _UNITS[quantity],
+            "long_name": _LONG_NAMES[quantity],
+            **settings.of(self.method),
+            "precision": settings.precision or "double",
+            "engine": settings.engine,
+            "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
+            "polywigner_version": __version__,
+        }
 
 
 def dataset(
@@ -116,16 +125,10 @@ def dataset(
 
 
 def described(settings: FieldSettings) -> dict[str, Any]:
-    """Attributes of a dataset: what it takes to compute it again, beside grid and source."""
-    from polywigner import __version__
-
+    """Attributes of a dataset, few, for all are shown with it: those of variables are not."""
     return {
         "wavelength": settings.wavelength,
         "frequency": SPEED_OF_LIGHT / settings.wavelength,
-        "precision": settings.precision or "double",
-        "engine": settings.engine,
-        "polywigner_version": __version__,
-        "convention": "waves exp(+ikr)/r, time exp(-i omega t); |u|^2 on the source in W m-2",
     }
 
 

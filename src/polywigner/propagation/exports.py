@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -22,6 +22,9 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_path
 from polywigner.propagation.stores_files import recent_zarr, required
+
+if TYPE_CHECKING:
+    import xarray
 
 __all__ = ["write_netcdf", "write_vti", "write_zarr"]
 
@@ -32,8 +35,11 @@ _SLAB = 1 << 24
 _EVEN = 1e-6
 _VTK_TYPES = {"float32": "Float32", "float64": "Float64"}
 
+Stored: TypeAlias = "xarray.Dataset | xarray.DataArray | str | os.PathLike[str]"
+"""A dataset in memory or lazy, one array, or the path of a store on disk."""
 
-def write_netcdf(dataset: Any, path: str | os.PathLike[str]) -> None:
+
+def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset to a NetCDF 4 file, which MATLAB, Julia, Panoply and xarray read.
 
     NetCDF has no complex numbers: of a complex variable A there are A_real and A_imag. Needs the
@@ -90,7 +96,7 @@ def write_zarr(dataset: Any, path: str | os.PathLike[str]) -> None:
         raise _not_written(Path(path), error) from error
 
 
-def write_vti(dataset: Any, path: str | os.PathLike[str]) -> None:
+def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     """Write a dataset of up to three evenly spaced axes to VTK image data (XML, raw binary).
 
     ParaView, VisIt, 3D Slicer and PyVista read it. Axes named x, y and z are those of the image, so

@@ -21,6 +21,7 @@ from polywigner.execution import (
 )
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.array_types import DrJitArray, Points
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
@@ -62,8 +63,8 @@ _THIRD_ORDER_FROM = 0.9
 @takes_xarray("points", units="W m-2", long_name="irradiance |U|^2")
 def irradiance(
     source: Aperture | Array | Differentiable,
-    points: Any,
-    wavelength: Any,
+    points: Points,
+    wavelength: float | DrJitArray,
     method: str = "wigner",
     *,
     obliquity: Obliquity | None = None,
@@ -72,7 +73,7 @@ def irradiance(
     return_error: bool = False,
     sampling: Sampling = "gauss",
     samples: int | None = None,
-    seed: Any = None,
+    seed: int | np.random.Generator | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -139,6 +140,7 @@ def irradiance(
     0.0963
     """
     how: dict[str, Any]
+    checked_method(method, ("wigner", *METHODS, "auto"))
     if method == "auto":
         method = checked_obliquity(obliquity, checked_order(order))
         method, obliquity = ("wigner", "paper") if method == "paper" else (method, None)
@@ -172,7 +174,7 @@ def irradiance(
     source = checked_source(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
-    if checked_method(method, ("wigner", *METHODS)) != "wigner":
+    if method != "wigner":
         _check_rays_only(method, order=order != 1, sampling=sampling != "gauss", samples=samples)
         how = {"precision": precision, "engine": engine, "obliquity": obliquity}
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:

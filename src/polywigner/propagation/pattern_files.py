@@ -87,7 +87,8 @@ def write_pattern(
 
     Parameters
     ----------
-    pattern : what :func:`radiation_pattern` returned, or a part of it.
+    pattern : what :func:`radiation_pattern` returned, or a part of it, angles in any order: files
+        have them in ascending order.
     path : the suffix chooses the format. The file appears whole or not at all.
     polarisation : "x" or "y", the direction of the electric field on the aperture.
     efficiency : radiated over accepted power, for the gain that .msi and .pln files name.
@@ -140,6 +141,9 @@ def _checked(pattern: Any, polarisation: str, efficiency: float) -> _Pattern:
             "field; use what polywigner.radiation_pattern returned"
         )
     field = field if dims[0] == "theta" else field.T
+    ascending = np.ix_(np.argsort(theta, kind="stable"), np.argsort(phi, kind="stable"))
+    theta, phi = np.sort(theta), np.sort(phi)
+    directivity, field = directivity[ascending], field[ascending]
     scaled = math.sqrt(2 * _FREE_SPACE) * field.conj()
     sine, cosine = np.sin(phi), np.cos(phi)
     along, across = (cosine, -sine) if polarisation == "x" else (sine, cosine)

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
@@ -29,8 +29,8 @@ Values = NDArray[Any]
 def radiation_pattern(
     source: PlaneSource,
     wavelength: float,
-    theta: Any,
-    phi: Any,
+    theta: ArrayLike,
+    phi: ArrayLike,
     *,
     obliquity: Obliquity = "rayleigh-sommerfeld-1",
     precision: Precision = None,
@@ -113,7 +113,12 @@ def _described(
 
     dims = tuple(axes)
     names = {"units": "dBi", "long_name": "directivity"}
-    far = {"units": "W0.5 sr-0.5", "long_name": "far field r exp(-ikr) U"}
+    far = {
+        "units": "W0.5 sr-0.5",
+        "long_name": "far field r exp(-ikr) U",
+        "convention": "waves exp(+ikr)/r, time exp(-i omega t)",
+        "polywigner_version": __version__,
+    }
     return LabelledArrays(
         {
             "directivity": LabelledArray(directivity, dims, names),
@@ -124,10 +129,5 @@ def _described(
             for name, (values, meaning) in axes.items()
         }
         | source_coords(source),
-        {
-            **about,
-            "convention": "waves exp(+ikr)/r, time exp(-i omega t)",
-            **source_attrs(source),
-            "polywigner_version": __version__,
-        },
+        about | source_attrs(source),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
@@ -109,8 +109,8 @@ def suggest_sampling(
     quantity: SampledQuantity = "intensity",
     *,
     reach: float | None = None,
-    box: Any = None,
-    line: Any = None,
+    box: ArrayLike | None = None,
+    line: ArrayLike | None = None,
     radius: float | None = None,
     oversampling: float = 2.0,
     error_db: float = 1.0,
@@ -181,7 +181,7 @@ def suggest_sampling(
     length = checked_wavelength(wavelength)
     if quantity == "render":
         return Sampling(quantity, (), samples_for_error(plane, length, error_db, level_db))
-    bounds = _bounds(plane)
+    bounds = plane.bounds
     if quantity == "pattern":
         step = length / (2 * math.hypot(*np.subtract(bounds[2:], bounds[:2])))
         bands = [
@@ -238,7 +238,7 @@ def _phase_space_axes(
             f"{type(source).__name__}"
         )
     most = _largest_frequency(wavelength, reach)
-    bounds, waves = _bounds(source), most + _largest_wave(source)
+    bounds, waves = source.bounds, most + _largest_wave(source)
     half = len(bounds) // 2
     narrow = _OF_WIDTH * min(map(_narrowest, source.elements_in_plane))
     bands = []
@@ -267,13 +267,6 @@ def _largest_frequency(wavelength: Any, reach: Any) -> float:
     if wavelength is None:
         raise ArgumentError("expected a wavelength or a reach, got neither; give one in m or 1/m")
     return 1 / checked_wavelength(wavelength)
-
-
-def _bounds(source: Any) -> tuple[float, ...]:
-    """(lowest, highest) of slits, (xmin, ymin, xmax, ymax) of others."""
-    boxes = np.array([element.bounds for element in source.elements_in_plane], dtype=np.float64)
-    half = boxes.shape[1] // 2
-    return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
 
 
 def _narrowest(element: Any) -> float:

@@ -6,6 +6,7 @@ import math
 from typing import Any, Literal, get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
@@ -34,8 +35,8 @@ def _radiance_units(arguments: dict[str, Any]) -> str:
 @takes_xarray("x", "direction", units=_radiance_units, long_name="radiance L(x, s)")
 def radiance(
     source: PlaneSource,
-    x: Any,
-    direction: Any,
+    x: ArrayLike,
+    direction: ArrayLike,
     wavelength: float,
     normalisation: Normalisation = "si",
     *,
@@ -90,7 +91,7 @@ def radiance(
 @takes_xarray("direction", units="W sr-1", long_name="radiant intensity")
 def radiant_intensity(
     source: PlaneSource,
-    direction: Any,
+    direction: ArrayLike,
     wavelength: float,
     *,
     precision: Precision = None,

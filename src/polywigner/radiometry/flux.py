@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine
 from polywigner.geometry.arguments import checked_wavelength
@@ -28,7 +27,7 @@ _BLOCK = 1 << 22
     "x", units="W m-2", long_name="flux vector J(x)", components={"flux_component": "xyz"}
 )
 def flux_vector(
-    source: PlaneSource, x: Any, wavelength: float, *, engine: Engine = "auto"
+    source: PlaneSource, x: ArrayLike, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
     """Flux vector J(x) = int L(x, s) s dOmega over the directions of z > 0.
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 __all__ = ["progress_bar"]
+
+# Of a bar below a cell: characters, and seconds between two drawings.
+_COLUMNS = 100
+_INTERVAL = 0.1
 
 
 @contextmanager
@@ -15,7 +22,7 @@ def progress_bar(
 ) -> Iterator[Callable[..., None]]:
     """A function to call after each of ``total`` parts, or with their number; ``done`` are done.
 
-    ``show``: None draws the bar if stderr is a terminal.
+    ``show``: None draws the bar if stderr is a terminal. Nothing is left of it, in notebooks too.
     """
     if not (sys.stderr.isatty() if show is None else show):
         yield lambda parts=1: None
@@ -38,6 +45,53 @@ def progress_bar(
         TextColumn("left:"),
         TimeRemainingColumn(),
     )
+    if _is_notebook():
+        bar = Progress(*columns)
+        task = bar.add_task("", total=total, completed=done)
+        with _shown_as_text(bar) as refresh:
+
+            def advance(parts: int = 1) -> None:
+                bar.advance(task, parts)
+                refresh()
+
+            yield advance
+        return
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total, completed=done)
         yield lambda parts=1: bar.advance(task, parts)
+
+
+def _is_notebook() -> bool:
+    """Whether cells are run by a kernel; does not import IPython."""
+    find_shell = getattr(sys.modules.get("IPython"), "get_ipython", None)
+    return hasattr(find_shell() if find_shell else None, "kernel")
+
+
+@contextmanager
+def _shown_as_text(bar: Any) -> Iterator[Callable[[], None]]:
+    """A function that draws the bar below a cell, some times a second.
+
+    Rich draws in an output widget, whose empty area stays, and which takes ipywidgets. An output
+    without any data has no area; and unlike ``clear_output`` it leaves the cell's others alone.
+    """
+    from IPython.display import display
+    from rich.console import Console
+
+    def data() -> dict[str, str]:
+        console = Console(file=io.StringIO(), width=_COLUMNS, force_jupyter=False)
+        with console.capture() as text:
+            console.print(bar.get_renderable())
+        return {"text/plain": text.get().rstrip()}
+
+    handle, drawn = display(data(), raw=True, display_id=True), time.monotonic()
+
+    def refresh() -> None:
+        nonlocal drawn
+        if time.monotonic() - drawn >= _INTERVAL:
+            handle.update(data(), raw=True)
+            drawn = time.monotonic()
+
+    try:
+        yield refresh
+    finally:
+        handle.update({}, raw=True)

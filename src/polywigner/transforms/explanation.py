@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from numpy.typing import ArrayLike
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Polyhedron
 from polywigner.illumination import Array
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
-from polywigner.transforms.arguments import checked_call, in_plane
+from polywigner.transforms.arguments import PhaseSpaceSource, checked_call, in_plane
 
 __all__ = ["explain"]
 
@@ -25,8 +25,8 @@ _ARGUMENTS = {
 
 
 def explain(
-    source: Any,
-    *arguments: Any,
+    source: PhaseSpaceSource | Polyhedron,
+    *arguments: ArrayLike,
     function: str = "wigner",
     engine: execution.Engine = "auto",
     precision: execution.Precision = None,

@@ -6,6 +6,7 @@ from typing import Any
 
 from polywigner import kernels
 from polywigner.execution import Engine, Precision
+from polywigner.geometry.array_types import Points
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import phase_space_of
@@ -17,8 +18,8 @@ __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", 
 @takes_xarray("x", "xi", units="1", long_name="autocorrelation R(x, xi)")
 def autocorrelation(
     source: PhaseSpaceSource,
-    x: Any,
-    xi: Any,
+    x: Points,
+    xi: Points,
     *,
     precision: Precision = None,
     engine: Engine = "auto",
@@ -58,8 +59,8 @@ def autocorrelation(
 @takes_xarray("x", "nu", units=content_units, long_name="Wigner function W(x, nu)")
 def wigner(
     source: PhaseSpaceSource | Differentiable,
-    x: Any,
-    nu: Any,
+    x: Points,
+    nu: Points,
     *,
     precision: Precision = None,
     engine: Engine = "auto",
@@ -103,8 +104,8 @@ def wigner(
 @takes_xarray("upsilon", "xi", units=content_units, long_name="ambiguity function A(upsilon, xi)")
 def ambiguity(
     source: PhaseSpaceSource | Differentiable,
-    upsilon: Any,
-    xi: Any,
+    upsilon: Points,
+    xi: Points,
     *,
     precision: Precision = None,
     engine: Engine = "auto",
@@ -145,7 +146,7 @@ def ambiguity(
 
 @takes_xarray("x", units=content_units, long_name="position marginal R_x(x)")
 def position_marginal(
-    source: PhaseSpaceSource, x: Any, *, precision: Precision = None, engine: Engine = "auto"
+    source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
     """R_x(x): the autocorrelation integrated over lag, the area of the lag slice at x.
 
@@ -176,7 +177,7 @@ def position_marginal(
 
 @takes_xarray("xi", units=content_units, long_name="lag marginal R_xi(xi)")
 def lag_marginal(
-    source: PhaseSpaceSource, xi: Any, *, precision: Precision = None, engine: Engine = "auto"
+    source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
     """R_xi(xi): the autocorrelation integrated over position, the area of the position slice.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
@@ -29,7 +29,7 @@ _PER_MM = 1e3
 @takes_xarray("xi", units="1", long_name="optical transfer function")
 def otf(
     source: PhaseSpaceSource,
-    xi: Any,
+    xi: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
     *,
@@ -92,13 +92,13 @@ def otf(
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
 def mtf(
     source: PhaseSpaceSource,
-    frequency: Any,
-    wavelength: Any,
+    frequency: ArrayLike,
+    wavelength: ArrayLike,
     focal_length: float,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
     *,
-    weights: Any = None,
+    weights: ArrayLike | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:

@@ -8,11 +8,13 @@ from functools import partial
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.array_types import Points
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import cosine_to
 from polywigner.illumination.sites import Sites, checked_sites
@@ -40,7 +42,7 @@ __all__ = ["array_factor", "fourier"]
 @takes_xarray("nu", units=content_units, long_name="Fourier transform F(nu)")
 def fourier(
     source: Source | Differentiable,
-    nu: Any,
+    nu: Points,
     *,
     obliquity: Literal["paper"] | None = None,
     precision: Precision = None,
@@ -101,7 +103,7 @@ def fourier(
     how: dict[str, Any] = {"obliquity": obliquity, "precision": precision, "engine": engine}
     with np.errstate(invalid="ignore", over="ignore"):  # of waves that leave the floats
         values = _fourier(source, nu, how)
-    if obliquity is not None or execution.is_drjit(nu) or not np.iscomplexobj(nu):
+    if obliquity is not None or not _is_complex(nu):
         return values
     if isinstance(source, Slits) or (isinstance(source, Array) and source.dimension == 1):
         plane = nu
@@ -247,9 +249,9 @@ def _copies(array: Array) -> Iterator[tuple[Any, Any, Any]]:
 
 @takes_xarray("nu", units="1", long_name="array factor")
 def array_factor(
-    positions: Any,
-    weights: Any,
-    nu: Any,
+    positions: ArrayLike,
+    weights: ArrayLike | None,
+    nu: Points,
     *,
     precision: Precision = None,
     engine: Engine = "auto",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, Slits
+from polywigner.geometry.array_types import DrJitArray
 from polywigner.geometry.exact import signed_area
 from polywigner.illumination import Array, Illumination
 from polywigner.kernels.outline.waves import waves_in_frame
@@ -37,10 +38,10 @@ class Differentiable:
 def differentiable(
     source: Aperture | Array | Slits | None = None,
     *,
-    vertices: Any = None,
-    weights: Any = None,
-    amplitudes: Any = None,
-    intervals: Any = None,
+    vertices: DrJitArray | None = None,
+    weights: DrJitArray | None = None,
+    amplitudes: DrJitArray | None = None,
+    intervals: DrJitArray | None = None,
 ) -> Differentiable:
     """A source of which some numbers are Dr.Jit arrays, to differentiate with respect to them.
 

@@ -6,7 +6,7 @@ import json
 import os
 import tomllib
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol, runtime_checkable
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.formats.content import bytes_of, text_of
@@ -22,7 +22,18 @@ SOURCE_COORDINATE = "source_json"
 """Name of the coordinate of a dataset that holds its source, as the text of a source file."""
 
 
-def read_source(path: Any) -> Source:
+@runtime_checkable
+class Dataset(Protocol):
+    """An ``xarray.Dataset``, or the labelled arrays that stand for it without xarray."""
+
+    @property
+    def attrs(self) -> Any: ...
+
+    @property
+    def coords(self) -> Any: ...
+
+
+def read_source(path: str | os.PathLike[str] | Dataset) -> Source:
     """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
 
     The format is described in docs/illumination.md. Whatever :func:`write_source` wrote comes back
@@ -52,7 +63,7 @@ def read_source(path: Any) -> Source:
     >>> pw.read_source(path) == pw.shapes.square(10e-3)
     True
     """
-    if hasattr(path, "coords") and hasattr(path, "attrs"):
+    if isinstance(path, Dataset):
         return source_of(parsed(_text_in(path), ".json"), Path())
     return read_with_wavelength(path)[0]
 

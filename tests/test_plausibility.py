@@ -1,0 +1,104 @@
+"""Numbers that look like ones in another unit are asked about, once, where they are given."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import PolywignerWarning
+
+WAVELENGTH = 3.2e-3
+SQUARE = pw.shapes.square(10e-3)
+IN_MM = pw.shapes.square(10.0)  # 10 mm as a number of metres
+POINT = (0.0, 0.0, 50.0)
+AXIS = (0.0, 0.0, 1.0)
+FEW = np.radians([0.0, 10.0])
+
+CALLS = {
+    "amplitude": lambda s, w: pw.amplitude(s, POINT, w),
+    "irradiance": lambda s, w: pw.irradiance(s, POINT, w, "fresnel"),
+    "radiance": lambda s, w: pw.radiance(s, (0.0, 0.0), AXIS, w),
+    "radiant_intensity": lambda s, w: pw.radiant_intensity(s, AXIS, w),
+    "suggest_sampling": lambda s, w: pw.suggest_sampling(s, w, "pattern"),
+    "hemisphere": lambda s, w: pw.hemisphere(s, 50.0, FEW, 0.0, w, method="fresnel"),
+    "frequency": lambda s, w: pw.radiant_intensity(s, AXIS, frequency=pw.SPEED_OF_LIGHT / w),
+    "named": lambda s, w: pw.radiant_intensity(direction=AXIS, wavelength=w, source=s),
+    "array": lambda s, w: pw.radiant_intensity(pw.Array([s]), AXIS, w),
+}
+
+
+def warned(call, *arguments):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        call(*arguments)
+    return caught
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_source_of_thousands_of_wavelengths_is_asked_about_once(name):
+    (found,) = warned(CALLS[name], IN_MM, WAVELENGTH)
+    assert found.category is PolywignerWarning
+    assert "wavelengths across: is a unit wrong" in str(found.message)
+    assert found.filename == __file__  # so Python shows it once for a line
+
+
+def test_a_sweep_is_asked_about_once_by_default():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for wavelength in (1e-3, 2e-3, 3e-3):
+            pw.radiant_intensity(IN_MM, AXIS, wavelength)
+            with warnings.catch_warnings():  # Python forgets which lines have warned
+                pass
+    assert len(caught) == 1
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_sources_of_the_usual_sizes_are_not_asked_about(name):
+    assert not warned(CALLS[name], SQUARE, WAVELENGTH)
+
+
+@pytest.mark.parametrize(
+    ("size", "wavelength"), [(25e-3, 550e-9), (0.2, 550e-9), (2e-7, 550e-9), (1e-6, 1.2e-4)]
+)
+def test_optics_and_small_holes_are_not_asked_about(size, wavelength):
+    assert not warned(pw.suggest_sampling, pw.shapes.square(size), wavelength, "pattern")
+
+
+def test_bounds_of_arrays_hold_their_elements():
+    positions = [(0.0, 0.0), (3.0, 1.0)]
+    for array in (
+        pw.phased_array(SQUARE, positions),
+        pw.Array([SQUARE.moved(p) for p in positions]),
+    ):
+        np.testing.assert_allclose(array.bounds, (-5e-3, -5e-3, 3.005, 1.005))
+    slits = pw.Slits([(0.0, 1.0)])
+    assert pw.phased_array(slits, [0.0, 4.0]).bounds == pw.Array([slits, slits.moved([4.0])]).bounds
+
+
+@pytest.mark.parametrize("phi", [[0, 90], 45.0, np.linspace(0, 360, 12)])
+def test_azimuths_beyond_a_turn_are_asked_about(phi):
+    for call in (
+        lambda: pw.radiation_pattern(SQUARE, WAVELENGTH, FEW, phi),
+        lambda: pw.hemisphere(SQUARE, 0.1, FEW, phi, WAVELENGTH, method="kirchhoff"),
+    ):
+        (found,) = warned(call)
+        assert "numpy.radians(phi)" in str(found.message)
+        assert found.filename == __file__
+
+
+def test_whole_numbers_behind_the_source_are_asked_about():
+    (found,) = warned(pw.radiation_pattern, SQUARE, WAVELENGTH, [0, 1, 2, 3], 0.0)
+    assert "numpy.radians(theta)" in str(found.message)
+
+
+def test_turns_in_degrees_are_asked_about():
+    (found,) = warned(SQUARE.turned, 45)
+    assert "numpy.radians(angle)" in str(found.message)
+
+
+def test_angles_in_radians_are_not_asked_about():
+    theta, phi = np.linspace(-np.pi, np.pi, 9), np.arange(0, 2 * np.pi + 0.1, 0.1)
+    assert not warned(pw.radiation_pattern, SQUARE, WAVELENGTH, theta, phi)
+    assert not warned(pw.radiation_pattern, SQUARE, WAVELENGTH, [0.0, 1.0], 0.0)
+    assert not warned(SQUARE.turned, 2 * np.pi / 3 + 4 * np.pi)
