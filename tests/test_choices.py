@@ -56,7 +56,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/cut/cell_tree.py", "_GAIN"): SPARED,
     ("kernels/cut/clipping.py", "NEARLY_PARALLEL"): DIGITS,
     ("kernels/cut/cut_matrix.py", "_ADJOINING"): DIGITS,
-    ("kernels/cut/cut_matrix.py", "_NEAR"): MEMORY,
+    ("kernels/cut/cut_matrix.py", "_MARGIN"): DIGITS,
     ("kernels/cut/outer_bounds.py", "_MARGIN"): DIGITS,
     ("kernels/functions/grids.py", "_MOST_EDGES"): MEMORY,
     ("kernels/functions/grids.py", "_MOST_SLENDER"): DIGITS,

@@ -385,6 +385,7 @@ def test_elements_off_the_plane_are_refused() -> None:
 
 
 @methods
+@pytest.mark.filterwarnings("ignore:got a source of")
 @pytest.mark.filterwarnings("error")
 def test_the_field_of_a_source_far_below_a_wavelength_is_as_good_as_promised(method: Any) -> None:
     """Well within a wavelength: exp(ikR)/R of a point, with the static field of its derivative."""

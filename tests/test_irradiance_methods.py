@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, PolywignerWarning
 
 WAVELENGTH = 299792458 / 94e9
 SQUARE = pw.shapes.square(10e-3)
@@ -96,3 +96,9 @@ def test_auto_is_the_exact_field_of_the_boundary_condition(obliquity: Any, metho
 def test_auto_takes_rays_for_what_is_no_boundary_condition() -> None:
     found = pw.irradiance(SQUARE, POINTS[2], WAVELENGTH, "auto", obliquity="paper")
     assert found == pw.irradiance(SQUARE, POINTS[2], WAVELENGTH, obliquity="paper")
+
+
+def test_rays_from_many_edges_name_the_faster_method() -> None:
+    points = (0.0, 0.0, 1e-2)
+    with pytest.warns(PolywignerWarning, match="60 edges take seconds; method='auto'"):
+        pw.irradiance(pw.shapes.regular_polygon(60, 1e-3), points, 3e-3)

@@ -23,6 +23,7 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import DrJitArray, Points
 from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.plausibility import warn_caller
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
@@ -52,6 +53,8 @@ _FLOOR = 1e-3
 _TOLERANCE = 1e-3
 # Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
+# Edges from which on rays take seconds, and the exact field a hundredth of that.
+_MANY_EDGES = 50
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
 _NEAREST = 2.0
 # The third order holds beyond this times sqrt(L^3/wavelength): there the next term of the phase,
@@ -189,6 +192,12 @@ def irradiance(
     check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
     _warn_where_invalid(source, flat, length, order)
+    edges = sum(len(ring) for e in source.elements_in_plane for ring in e.rings)
+    if sampling == "gauss" and edges > _MANY_EDGES:
+        warn_caller(
+            f"rays from {edges} edges take seconds; method='auto' gives the exact field, and is "
+            "some hundred times as fast"
+        )
     found = _summed(source, rays, flat, allowed, sampling, samples, seed)
     values = found.values.reshape(places.shape[:-1])[()]
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
