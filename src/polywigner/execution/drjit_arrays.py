@@ -8,6 +8,7 @@ with real and imaginary part last, since Dr.Jit has no complex tensors.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any
@@ -80,6 +81,7 @@ def evaluate_traced(
     if kernel.in_one_frame is not None and (parameters is not None or _follows(components)):
         kernel = kernel.in_one_frame
     tables = _tables(kernel, source, ops.double, parameters)
+    components = [_unfolded(component) for component in components]
     results: tuple[Any, ...]
     if common_width(components) == 0:  # Dr.Jit has no arithmetic of no numbers with one
         results = tuple(nothing(float_type) for _ in range(2 if complex_result else 1))
@@ -128,6 +130,21 @@ def checked_float(name: str, value: Any, precision: str | None, engine: str) -> 
     double = drjit.itemsize_v(found) == 8
     check_request(found, double, precision, engine)
     return found, double
+
+
+def _unfolded(component: Any) -> Any:
+    """A component as it is, but a constant that is no number as one that is looked up.
+
+    Dr.Jit folds constants into the code, and drops NaN in doing so.
+    """
+    import drjit
+
+    if component.state != drjit.VarState.Literal or drjit.grad_enabled(component):
+        return component
+    value = component[0]
+    if math.isfinite(value):
+        return component
+    return drjit.opaque(type(component), value, drjit.width(component))
 
 
 def _follows(components: Sequence[Any]) -> bool:

@@ -15,6 +15,7 @@ from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
     "checked_count",
+    "checked_generator",
     "checked_length",
     "checked_number",
     "checked_path",
@@ -78,6 +79,23 @@ def checked_wavelength(value: Any) -> float:
     if not (0.0 < wavelength * wavelength < math.inf and 1.0 / wavelength**2 < math.inf):
         raise ArgumentError(f"expected a wavelength in metres, got {wavelength!r}; check its unit")
     return wavelength
+
+
+_RANDOM = (np.random.Generator, np.random.BitGenerator, np.random.SeedSequence, type(None))
+
+
+def checked_generator(seed: Any) -> np.random.Generator:
+    """NumPy's random numbers of a seed; ArgumentError for what is none.
+
+    NumPy itself ends the process for some, such as a ``numpy.matrix``.
+    """
+    entries = seed if isinstance(seed, (list, tuple)) and seed else [seed]
+    whole = all(isinstance(k, (int, np.integer)) and not isinstance(k, bool) for k in entries)
+    if not isinstance(seed, _RANDOM) and not (whole and min(entries) >= 0):
+        raise ArgumentError(
+            f"expected seed as a whole number of at least zero or a Generator, got {seed!r}"
+        )
+    return np.random.default_rng(seed)
 
 
 def checked_count(value: Any, name: str, least: int, most: int | None = None) -> int:

@@ -52,7 +52,10 @@ def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
 
 def warn_of_wavelength(source: Any, wavelength: Any) -> None:
     """Ask about a wavelength like a frequency, or one that hardly belongs to the source."""
-    length = float(wavelength) if isinstance(wavelength, Real) else 0.0
+    try:
+        length = float(wavelength) if isinstance(wavelength, Real) else 0.0
+    except OverflowError:  # of a large int
+        return
     if not 0 < length < math.inf:
         return  # the function says what it expects
     if _LIKE_A_FREQUENCY[0] < length < _LIKE_A_FREQUENCY[1]:

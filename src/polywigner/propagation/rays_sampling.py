@@ -14,9 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError, MissingExtraError
+from polywigner.errors import MissingExtraError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_count
+from polywigner.geometry.arguments import checked_count, checked_generator
 from polywigner.illumination import Array
 from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate
@@ -75,12 +75,7 @@ def by_samples(
 
 def _draws(sampling: str, seed: Any) -> list[Draw]:
     """Numbers drawn for each batch. Those of Sobol are rounded up to a power of two."""
-    try:
-        generator = np.random.default_rng(seed)
-    except (TypeError, ValueError):
-        raise ArgumentError(
-            f"expected seed as a whole number of at least zero or a Generator, got {seed!r}"
-        ) from None
+    generator = checked_generator(seed)
     if sampling != "sobol":
         return [lambda size: generator.random((size, 2))] * _BATCHES
     sobol = _sobol()

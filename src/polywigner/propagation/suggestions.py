@@ -20,7 +20,7 @@ from polywigner.propagation.suggestions_fields import (
     bands_on_line,
     bands_on_sphere,
 )
-from polywigner.propagation.suggestions_noise import samples_for_error
+from polywigner.propagation.suggestions_noise import checked_decibels, samples_for_error
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import PhaseSpaceSource
 
@@ -174,13 +174,14 @@ def suggest_sampling(
     finer = checked_number(oversampling, "oversampling", "a number of at least 1")
     if not finer >= 1:
         raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
+    error, level = checked_decibels(error_db, level_db)
     _check_used(quantity, {"reach": reach, "box": box, "line": line, "radius": radius})
     if quantity in _PHASE_SPACE:
         return _of(quantity, _phase_space_axes(source, wavelength, quantity, reach, finer))
     plane = checked_source(source)
     length = checked_wavelength(wavelength)
     if quantity == "render":
-        return Sampling(quantity, (), samples_for_error(plane, length, error_db, level_db))
+        return Sampling(quantity, (), samples_for_error(plane, length, error, level))
     bounds = plane.bounds
     if quantity == "pattern":
         step = length / (2 * math.hypot(*np.subtract(bounds[2:], bounds[:2])))

@@ -14,7 +14,7 @@ from polywigner.illumination.support import mutual_support
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.transforms import fourier, sample_automean, wigner
 
-__all__ = ["samples_for_error"]
+__all__ = ["checked_decibels", "samples_for_error"]
 
 _SEED = 20220202  # any: the same call gives the same number
 
@@ -30,17 +30,8 @@ _QUANTILE = 0.9
 Values = NDArray[np.float64]
 
 
-def samples_for_error(source: PlaneSource, wavelength: float, error_db: Any, level_db: Any) -> int:
-    """Independent uniform positions x in the support S that give I within error_db, rms (N7).
-
-    The estimate of |F|^2 by n positions is area(S) times the mean of W(x, nu), and its relative
-    variance (area(S) int W^2 dx/|F|^4 - 1)/n. The number is for nine of ten directions of the
-    far field whose |F|^2 lies within 1.5 dB of the level.
-
-    Raises
-    ------
-    ArgumentError for an error that is not above zero, or a level above zero.
-    """
+def checked_decibels(error_db: Any, level_db: Any) -> tuple[float, float]:
+    """An error above zero, and a level of at most zero; ArgumentError for others."""
     error = checked_number(error_db, "error_db", "decibels above zero")
     level = checked_number(level_db, "level_db", "decibels of at most zero")
     if not _LEAST_ERROR <= error <= -_LOWEST:
@@ -52,6 +43,16 @@ def samples_for_error(source: PlaneSource, wavelength: float, error_db: Any, lev
         raise ArgumentError(
             f"expected level_db as decibels of at most zero, from {_LOWEST:g}, got {level_db!r}"
         )
+    return error, level
+
+
+def samples_for_error(source: PlaneSource, wavelength: float, error: float, level: float) -> int:
+    """Independent uniform positions x in the support S that give I within an error in dB, rms (N7).
+
+    The estimate of |F|^2 by n positions is area(S) times the mean of W(x, nu), and its relative
+    variance (area(S) int W^2 dx/|F|^4 - 1)/n. The number is for nine of ten directions of the
+    far field whose |F|^2 lies within 1.5 dB of the level.
+    """
     rng = np.random.default_rng(_SEED)
     nu, intensity = _at_level(source, wavelength, 10 ** (level / 10), rng)
     support = mutual_support(source)

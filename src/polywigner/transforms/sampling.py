@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
 from polywigner.geometry import Aperture, Slits, automean
+from polywigner.geometry.arguments import checked_generator
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
@@ -110,12 +111,7 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
     if isinstance(samples, int | np.integer) and not isinstance(samples, bool):
         if samples < 1:
             raise ArgumentError(f"expected at least one sample, got {samples}")
-        try:
-            return np.random.default_rng(seed).random((int(samples), columns))
-        except (TypeError, ValueError):
-            raise ArgumentError(
-                f"expected seed as a whole number of at least zero or a Generator, got {seed!r}"
-            ) from None
+        return checked_generator(seed).random((int(samples), columns))
     expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
     try:
         array = np.asarray(samples, dtype=np.float64)
