@@ -32,7 +32,7 @@ COSTS: dict[str, Cost] = {
     "edge": Cost(35e-9, "sample and edge that is left in a slice", _REGRET),
     "pair in Python": Cost(5e-6, "edge and convex piece, for 12288 samples", _REGRET),
     "line in Python": Cost(45e-6, "line that cuts all edges as rows", _REGRET),
-    "box": Cost(10e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
+    "box": Cost(20e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
     "listed cut": Cost(0.05e-6, "place, edge and side near it", _REGRET),
     "listed term": Cost(20e-9, "sample and part of its slice", _REGRET),
     "edge in cells": Cost(0.4e-6, "sample and edge, looked up in cells", _REGRET),
