@@ -48,3 +48,14 @@ def test_one_place_that_is_no_number_gives_none_at_any_frequency(source: pw.Aper
     found = Array2f64(Float64([0.0, 1.0, 2.0]), Float64([0.0, 0.3, 0.0]))
     assert np.isnan(pw.wigner(source, lost, found).numpy()).all()
     assert np.isnan(pw.ambiguity(source, found, lost).numpy()).all()
+
+
+def test_a_file_name_is_text_in_a_title_and_no_formula() -> None:
+    from matplotlib.figure import Figure
+
+    from polywigner.cli.sources import short_name
+
+    figure = Figure()
+    title = figure.suptitle(short_name("drawings/a$b_{$.csv"))
+    figure.draw_without_rendering()
+    assert title.get_text() == r"a\$b_{\$.csv"

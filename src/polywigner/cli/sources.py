@@ -85,9 +85,11 @@ def field_title(path: str, wavelength: float) -> str:
 
 
 def short_name(path: str) -> str:
-    """A file's name, of which a picture shows the begin and the end where it is long."""
+    """A file's name as a picture's title shows it: as text, and the ends of a long one."""
     name = Path(path).name
-    return name if len(name) <= _LONGEST_NAME else f"{name[:20]}…{name[-11:]}"
+    if len(name) > _LONGEST_NAME:
+        name = f"{name[:20]}…{name[-11:]}"
+    return name.replace("$", r"\$")  # no formula of Matplotlib
 
 
 def frequency_text(wavelength: float) -> str:
