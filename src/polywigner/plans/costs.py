@@ -51,6 +51,7 @@ COSTS: dict[str, Cost] = {
     "compile copies": Cost(0.1, "copy of the edges, in a sum over elements", _REGRET),
     "compile a wave": Cost(30e-3, "wave of the field on an edge", _REGRET),
     "compiled call": Cost(0.5e-3, "call of a compiled kernel", _REGRET),
+    "compiled sample": Cost(10e-9, "sample that goes to the engine and back", _CUTS),
     "compiled clip": Cost(0.25e-9, "sample, edge and side as code", _CUTS),
     "compiled row": Cost(1.5e-9, "sample, edge and side as rows of a table", _CUTS),
     "compiled term": Cost(9e-9, "sample and term of a plain sum", _REGRET),

@@ -167,7 +167,7 @@ def _ways(request: Request) -> Iterator[Way]:
 def _sums(request: Request) -> Iterator[Way]:
     count = request.samples * max(1, request.terms)
     yield Way("sum on NumPy", "numpy", 0.0, _cost("call", 1) + _cost("term", count))
-    run = _cost("compiled call", 1) + _cost("compiled term", count)
+    run = _calling(request) + _cost("compiled term", count)
     yield Way("sum, compiled", "llvm", _compiling(request), run)
 
 
@@ -177,7 +177,7 @@ def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
     run = _cost("call on copies", outline.copies) + _cost("pair of copies", pairs * more)
     run += _cost("copy", n * outline.waves) + _cost("cut", n * outline.cuts)
     yield Way("copies on NumPy", "numpy", 0.0, run)
-    run = _cost("compiled call", 2) + _cost("compiled copy", n * outline.waves)
+    run = 2 * _calling(request) + _cost("compiled copy", n * outline.waves)
     run += _cost("compiled pair of copies", n * more)
     setup = _compiling(request) + _cost("compile copies", outline.copies)
     yield Way("copies, compiled", "llvm", setup, run)
@@ -191,7 +191,8 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     waves = outline.waves * LIMITS["waves of A on NumPy"] if views > 1 else outline.waves
     if outline.allows_lists:
         places = request.rows or n
-        terms = _cost("listed term", n * outline.edges * views * waves)
+        # about half of each copy's edges bound a slice
+        terms = _cost("listed term", n * outline.edges * views * waves / 2)
         name = LISTED if request.rows else POINTS_LISTED
         yield Way(name, "numpy", 0.0, _cost("call", 2) + _listing(request, places) + terms)
     if request.rows and outline.allows_lists:
@@ -219,11 +220,11 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     cells = outline.cuts if outline.allows_cells else 0
     cut = cut_for("sorted", outline.cuts, cells)
     edges = n * views * outline.edges * outline.waves
-    call = _cost("compiled call", 1)
+    call = _calling(request)
     if request.rows and outline.allows_lists and cut != "cells":
         enough = request.columns >= LIMITS["least columns of a compiled list"]
         if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
-            run = 2 * call + _listing(request, request.rows)
+            run = call + _listing(request, request.rows)
             run += _cost("compiled listed term", edges)
             yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
             return
@@ -246,7 +247,7 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         run = call + _cost("compiled edge in coarse cells", edges)
         yield Way("coarse cells", "llvm", setup, run, "coarse cells")
         if request.rows and outline.allows_lists:
-            run = 2 * call + _listing(request, request.rows)
+            run = call + _listing(request, request.rows)
             run += _cost("compiled listed term", edges)
             yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
 
@@ -265,6 +266,11 @@ def _cells(outline: Outline) -> float:
     """To find the cells of an outline."""
     per_edge = LIMITS["cell pairs per edge"] * outline.edges
     return _cost("cell pair", min(per_edge, LIMITS["cell pairs per cut"] * outline.cuts))
+
+
+def _calling(request: Request) -> float:
+    """To call a compiled kernel with arrays of NumPy, and fetch the results."""
+    return _cost("compiled call", 1) + _cost("compiled sample", request.samples)
 
 
 def _compiling(request: Request) -> float:
