@@ -360,6 +360,20 @@ def obj() -> list[bytes]:
     return [*_meshes("obj"), pyramid, pyramid.replace(b"f -3 -2 -1", b"f 3 4 5")]
 
 
+def gerber() -> list[bytes]:
+    """A patch with its feed, dark and clear, arcs, and a macro."""
+    head = "G04 board*\n%FSLAX33Y33*%\n%MOMM*%\n"
+    bodies = (
+        "G36*\nX0Y0D02*\nG01X8000D01*\nY6000D01*\nX0D01*\nY0D01*\nG37*\n%ADD10C,1*%\nD10*\n"
+        "X4000Y0D02*\nY-5000D01*\n%LPC*%\nX4000Y3000D03*\n%LPD*%\n",
+        "%ADD10C,0.5X0.2*%\n%ADD11O,1X2*%\n%ADD12P,2X6*%\n%ADD13C,0.3*%\nD10*\nX0Y0D03*\nD11*\n"
+        "X3000D03*\nD12*\nX6000D03*\nD13*\nG75*\nX9000Y0D02*\nG03X10000Y1000I0J1000D01*\n",
+        "%AMBox*0 rounded*21,1,$1,$2,0,0,30*1,1,$1/2,$1-0.5,0*1,0,0.2,0,0*%\n%ADD10Box,2X1*%\n"
+        "D10*\nX0Y0D03*\nX5000Y5000D03*\n",
+    )
+    return [f"{head}{body}M02*\n".encode() for body in bodies]
+
+
 FORMATS = {
     "geojson": Format(".geojson", geojson),
     "wkt": Format(".wkt", wkt),
@@ -368,6 +382,7 @@ FORMATS = {
     "svg text": Format(".txt", svg),
     "dxf": Format(".dxf", dxf),
     "dxf binary": Format(".dxf", dxf_binary),
+    "gerber": Format(".gbr", gerber),
     "stl": Format(".stl", lambda: _meshes("stl"), is_body=True),
     "stl ascii": Format(".stl", lambda: _meshes("stl_ascii"), is_body=True),
     "ply": Format(".ply", ply, is_body=True),

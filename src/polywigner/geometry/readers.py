@@ -1,4 +1,4 @@
-"""Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF and GDSII; STL, PLY and OBJ.
+"""Files of apertures and bodies: GeoJSON, WKT, CSV, SVG, DXF, GDSII, Gerber; STL, PLY and OBJ.
 
 Each format becomes polygons, each a list of rings with the exterior first, in the file's own unit.
 Checking them is the business of :class:`Aperture` and :class:`Polyhedron`.
@@ -6,7 +6,6 @@ Checking them is the business of :class:`Aperture` and :class:`Polyhedron`.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Callable, Sequence
@@ -26,10 +25,16 @@ from polywigner.errors import (
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.content import bytes_of, text_of
-from polywigner.geometry.formats.drawing import Drawing, check_rings, check_vertices
+from polywigner.geometry.formats.drawing import (
+    Drawing,
+    check_rings,
+    check_vertices,
+    checked_tolerance,
+)
 from polywigner.geometry.formats.dxf import read_dxf
 from polywigner.geometry.formats.gds import read_gds
 from polywigner.geometry.formats.geojson import rings_of_geojson
+from polywigner.geometry.formats.gerber import read_gerber
 from polywigner.geometry.formats.layers import checked_layers, checked_union
 from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
 from polywigner.geometry.formats.outlines import check_crossings
@@ -59,15 +64,19 @@ class _File:
     union: bool = False
 
 
+def _check_no_layers(file: _File) -> None:
+    if file.layers:
+        raise ArgumentError(
+            "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
+            "no layers; leave it out"
+        )
+
+
 def _polygons(reader: Callable[[str], list[list[Any]]]) -> Callable[[_File], Drawing]:
     """A reader of text that knows neither units nor curves."""
 
     def read(file: _File) -> Drawing:
-        if file.layers:
-            raise ArgumentError(
-                "expected a layer of a drawing (SVG, DXF, GDSII) only, got one of a file that has "
-                "no layers; leave it out"
-            )
+        _check_no_layers(file)
         return Drawing(reader(text_of(file.content)), file.unit_metres)
 
     return read
@@ -87,12 +96,18 @@ def _gds(file: _File) -> Drawing:
     return read_gds(file.path, file.content, file.layers)
 
 
+def _gerber(file: _File) -> Drawing:
+    _check_no_layers(file)
+    return read_gerber(file.content, file.tolerance)
+
+
 _GEOJSON = _polygons(rings_of_geojson)
 _WKT = _polygons(rings_of_wkt)
 _CSV = _polygons(rings_of_csv)
 _READERS = {
     ".geojson": _GEOJSON, ".json": _GEOJSON, ".wkt": _WKT, ".csv": _CSV, ".svg": _svg,
     ".dxf": _dxf, ".gds": _gds,
+    ".gbr": _gerber, ".ger": _gerber, ".gtl": _gerber, ".gbl": _gerber, ".art": _gerber,
 }  # fmt: skip
 
 # The first bytes of files of another suffix (.txt, or none), by format.
@@ -101,6 +116,7 @@ _STARTS = (
     (rb"AutoCAD Binary DXF|(?:999\r?\n[^\n]*\n\s*)*0\s*\r?\n\s*SECTION", _dxf),
     (rb"\x00\x06\x00\x02", _gds),
     (rb"<", _svg),
+    (rb"G0?4|%(?:FS|MO|T[FA]|AM|AD|IN|LN|IP|AS|SF)|G7[015]\*", _gerber),
     (rb"(?i:SRID|MULTI|POINT|LINE|POLYGON|GEOMETRY|C[A-Z]+|TIN|TRI)", _WKT),
 )
 _NOT_READ = (".shp", ".dwg", ".svgz", ".pdf", ".eps", ".step", ".stp", ".iges", ".igs")
@@ -118,8 +134,8 @@ def _reader_for(file: _File) -> Callable[[_File], Drawing]:
         )
     if suffix in _NOT_READ:
         raise FileFormatError(
-            f"expected GeoJSON, WKT, CSV, SVG, DXF or GDSII, got {suffix}, which is not read; "
-            "export the outline as one of these"
+            f"expected GeoJSON, WKT, CSV, SVG, DXF, GDSII or Gerber, got {suffix}, which is not "
+            "read; export the outline as one of these"
         )
     start = file.content[:4096].removeprefix(b"\xef\xbb\xbf").lstrip()
     return next((reader for pattern, reader in _STARTS if re.match(pattern, start)), _CSV)
@@ -162,17 +178,6 @@ def _metres(unit: str | float) -> float:
     return float(PIXEL) if isinstance(unit, str) and unit.strip() == "px" else parse_unit(unit)
 
 
-def _checked_tolerance(tolerance: Any) -> float | None:
-    if tolerance is None:
-        return None
-    number = isinstance(tolerance, (int, float, np.number)) and not isinstance(tolerance, bool)
-    if not number or not 0 < tolerance < math.inf:
-        raise ArgumentError(
-            f"expected a tolerance in metres above zero, got {tolerance!r}; give one such as 1e-5"
-        )
-    return float(tolerance)
-
-
 def _about(path: Path, error: PolywignerError) -> PolywignerError:
     """The error with the file's name, and without characters that a terminal would obey."""
     text = f"{path}: {error}"
@@ -196,15 +201,18 @@ def read_aperture(
         with comma, semicolon or blanks between x and y, an optional header line and ``#``
         comments (with semicolons, a decimal comma is understood); ``.svg``: filled shapes, turned
         so that y points up; ``.dxf``: closed outlines in the model space, those inside others
-        being holes; ``.gds``: polygons and paths of a cell. Any other suffix: by content. SVG, DXF
-        and GDSII need the extra `formats`.
+        being holes; ``.gds``: polygons and paths of a cell; ``.gbr``, ``.ger``, ``.gtl``, ``.gbl``
+        or ``.art``: the copper of a Gerber layer. Any other suffix: by content. SVG, DXF, GDSII
+        and Gerber need the extra `formats`.
     unit
         What 1 stands for in the file: a unit's name ("mm", "um", "in") or a length ("0.1 mm");
         "px" is 1/96 inch. An SVG file whose width or height is in mm, cm, Q, in, pt or pc, and a
-        DXF file with $INSUNITS, state it themselves; then `unit` has no effect.
+        DXF file with $INSUNITS, state it themselves, as GDSII and Gerber do; then `unit` has no
+        effect.
     tolerance
-        Largest distance in metres between a curve (SVG, DXF) and the chords that replace it. None:
-        1/2000 of the diagonal of each outline. Whole circles and ellipses keep their area.
+        Largest distance in metres between a curve (SVG, DXF, Gerber) and the chords that replace
+        it. None: 1/2000 of the diagonal of each outline. Whole circles and ellipses keep their
+        area.
     layer
         Of a drawing, the layers to read alone: a name, or several. DXF: layers, in capitals or not;
         SVG: groups or shapes by id or by the name that Inkscape shows. Those that are named are
@@ -212,6 +220,7 @@ def read_aperture(
         None: all that is visible.
     union
         Whether to join shapes that overlap, such as a pad and its feed, rather than to refuse them.
+        Those of a Gerber file are always joined.
 
     Raises
     ------
@@ -234,7 +243,7 @@ def read_aperture(
     >>> pw.read_aperture(path, unit="mm").bounds
     (0.0, 0.0, 0.004, 0.001)
     """
-    metres, reach, source = _metres(unit), _checked_tolerance(tolerance), _path(path)
+    metres, reach, source = _metres(unit), checked_tolerance(tolerance), _path(path)
     layers, joins = checked_layers(layer), checked_union(union)
     try:
         file = _File(source, bytes_of(source), metres, reach, layers, joins)

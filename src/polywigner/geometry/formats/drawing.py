@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import importlib
 import logging
+import math
 from dataclasses import dataclass
 from typing import Any
 
-from polywigner.errors import FileFormatError, MissingExtraError
+import numpy as np
+
+from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError
 from polywigner.geometry.exact import Ring
 
-__all__ = ["MOST_RINGS", "MOST_VERTICES", "Drawing", "check_rings", "check_vertices", "required"]
+__all__ = [
+    "MOST_RINGS",
+    "MOST_VERTICES",
+    "Drawing",
+    "check_rings",
+    "check_vertices",
+    "checked_tolerance",
+    "required",
+]
 
 MOST_VERTICES = 1_000_000
 """Vertices of one aperture; a valid ring of that many takes about 20 s."""
@@ -64,3 +75,15 @@ def required(library: str, kind: str) -> Any:
     if not logger.handlers:
         logger.addHandler(logging.NullHandler())
     return module
+
+
+def checked_tolerance(tolerance: Any) -> float | None:
+    """A length in metres above zero, or None; ArgumentError for any other."""
+    if tolerance is None:
+        return None
+    number = isinstance(tolerance, (int, float, np.number)) and not isinstance(tolerance, bool)
+    if not number or not 0 < tolerance < math.inf:
+        raise ArgumentError(
+            f"expected a tolerance in metres above zero, got {tolerance!r}; give one such as 1e-5"
+        )
+    return float(tolerance)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import re
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,14 +14,14 @@ from polywigner.geometry.formats.curves import LARGEST_NUMBER
 from polywigner.geometry.formats.drawing import MOST_VERTICES, Drawing, check_rings, required
 from polywigner.geometry.formats.layers import overlap_remedy
 from polywigner.geometry.formats.outlines import filled
+from polywigner.geometry.formats.processes import in_process
 
 __all__ = ["LARGEST_GDS", "read_gds"]
 
 LARGEST_GDS = 16 * 2**20
 """Bytes of a GDSII file; 16 MiB hold some 400 000 rectangles."""
 
-_SECONDS = 60
-_MEMORY = 4 << 30
+_REMEDIES = ("save one cell alone", "export it anew, or as DXF")
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")
 
 
@@ -52,13 +48,13 @@ def read_gds(path: Path, content: bytes, layers: Sequence[str] = ()) -> Drawing:
     cells = [name for name in layers if not _LAYER.fullmatch(name)]
     if len(cells) > 1:
         raise ArgumentError(f"expected one cell, got {', '.join(cells)}; read them one by one")
-    found = _in_process({
+    asked = {
         "path": str(path.resolve()),
         "cell": cells[0] if cells else None,
         "layers": [[int(n) for n in name.split("/")] for name in layers if name not in cells],
         "most": MOST_VERTICES,
-        "memory": _MEMORY,
-    })  # fmt: skip
+    }
+    found = in_process(gds_process, asked, "GDSII", "gdstk", _REMEDIES)
     rings = [np.asarray(ring, dtype=np.float64).reshape(-1, 2) for ring in found["rings"]]
     if not rings:
         raise FileFormatError("expected polygons or paths in the cell, got none")
@@ -71,25 +67,3 @@ def read_gds(path: Path, content: bytes, layers: Sequence[str] = ()) -> Drawing:
     if not polygons:
         raise FileFormatError("expected polygons that enclose an area, got none that do")
     return Drawing(polygons, metres, overlap_remedy(rings, found["layers"]))
-
-
-def _in_process(asked: dict[str, Any]) -> dict[str, Any]:
-    """What ``gds_process`` prints; FileFormatError where it does not live to do so."""
-    command = [sys.executable, "-P", gds_process.__file__, json.dumps(asked)]
-    try:
-        done = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
-        found = json.loads(done.stdout) if done.returncode == 0 else None
-    except subprocess.TimeoutExpired:
-        raise FileFormatError(
-            f"expected GDSII that gdstk reads within {_SECONDS} s, got a larger layout; save one "
-            "cell alone"
-        ) from None
-    except (ValueError, OSError):
-        found = None
-    if not isinstance(found, dict):
-        raise FileFormatError(
-            "expected GDSII, got a file that gdstk does not read; export it anew, or as DXF"
-        )
-    if "error" in found:
-        raise FileFormatError(str(found["error"]))
-    return found

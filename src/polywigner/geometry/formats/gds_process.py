@@ -1,17 +1,14 @@
-"""Run as a program of its own by ``gds``: gdstk reads a GDSII file, and polygons go to stdout.
+"""gdstk reads the polygons of a GDSII file, in a process of its own (``library_process``).
 
-A damaged file can end gdstk's process (segmentation faults, loops, memory without bound), which
-must not be the caller's. Nothing of this package is imported here.
+Nothing of this package is imported here.
 """
 
 from __future__ import annotations
 
 import importlib
-import json
-import sys
 from typing import Any
 
-__all__ = ["main"]
+__all__ = ["answer"]
 
 
 def _chosen(library: Any, name: str | None) -> Any:
@@ -52,22 +49,6 @@ def _polygons(path: str, cell: str | None, layers: list[list[int]], most: int) -
     }
 
 
-def main() -> None:
-    """Write what the JSON text in the first argument asks for, or why not."""
-    asked = json.loads(sys.argv[1])
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_AS, (asked["memory"],) * 2)
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    except (ImportError, ValueError, OSError):
-        pass  # not on this system
-    try:
-        found = _polygons(asked["path"], asked["cell"], asked["layers"], asked["most"])
-    except LookupError as error:
-        found = {"error": error.args[0]}
-    json.dump(found, sys.stdout)
-
-
-if __name__ == "__main__":
-    main()
+def answer(asked: dict[str, Any]) -> dict[str, Any]:
+    """Rings with their layers, and the unit; LookupError for what the file does not have."""
+    return _polygons(asked["path"], asked["cell"], asked["layers"], asked["most"])

@@ -1,0 +1,34 @@
+"""Run as a program of its own by ``processes``: a library reads a file, and JSON goes to stdout.
+
+A damaged file can end a library's process (segmentation faults, loops, memory without bound),
+which must not be the caller's. Nothing of this package is imported here.
+"""
+
+from __future__ import annotations
+
+import json
+import runpy
+import sys
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Write what ``answer`` of the program named in the JSON text on stdin says, or why not."""
+    asked = json.load(sys.stdin)
+    try:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (asked["memory"],) * 2)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    except (ImportError, ValueError, OSError):
+        pass  # not on this system
+    try:
+        found = runpy.run_path(asked["program"])["answer"](asked)
+    except LookupError as error:
+        found = {"error": error.args[0]}
+    json.dump(found, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()
