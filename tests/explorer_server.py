@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 from polywigner.explorer.state import State
 
 SECONDS = 20.0  # for anything to happen on a loaded machine
-FORBIDDEN, OK, SWITCHED = 403, 200, 101
+SWITCHED, OK, NOT_MODIFIED, FORBIDDEN, NOT_FOUND = 101, 200, 304, 403, 404
 UPGRADE = {
     "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
     "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Protocol": "bokeh, none",

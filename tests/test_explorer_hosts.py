@@ -10,7 +10,17 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from explorer_server import FORBIDDEN, OK, SWITCHED, UPGRADE, ask, handshake, running
+from explorer_server import (
+    FORBIDDEN,
+    NOT_FOUND,
+    NOT_MODIFIED,
+    OK,
+    SWITCHED,
+    UPGRADE,
+    ask,
+    handshake,
+    running,
+)
 from polywigner.errors import ArgumentError
 from polywigner.explorer.server import new_server
 from polywigner.explorer.state import State
@@ -107,3 +117,28 @@ def test_there_the_address_that_the_request_came_to_is_answered(everywhere: str)
 def test_a_host_that_is_no_name_is_refused(name: str) -> None:
     with pytest.raises(ArgumentError, match="expected a host"):
         new_server(State(), port=0, allow_host=[name])
+
+
+HEADERS = {
+    "X-Frame-Options": "DENY",
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+def test_every_answer_says_that_no_other_page_may_frame_it_or_learn_its_address(
+    address: str,
+) -> None:
+    unchanged = {"If-None-Match": ask(address, SCRIPT).headers["ETag"]}
+    answers = {
+        OK: [ask(address), ask(address, SCRIPT)],
+        FORBIDDEN: [ask(address, headers={"Host": "evil.example"})],
+        NOT_FOUND: [ask(address, "/nowhere")],
+        SWITCHED: [ask(address, "/ws", UPGRADE)],
+        NOT_MODIFIED: [ask(address, SCRIPT, unchanged)],
+    }
+    for status, of_status in answers.items():
+        for answer in of_status:
+            assert answer.status == status
+            assert {name: answer.headers[name] for name in HEADERS} == HEADERS

@@ -12,9 +12,9 @@ from collections.abc import Iterable
 from typing import Any
 from urllib.parse import urlsplit
 
-from tornado.httputil import HTTPServerRequest
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.routing import Matcher, Rule
-from tornado.web import Application, RequestHandler
+from tornado.web import Application, OutputTransform, RequestHandler
 
 from polywigner.errors import ArgumentError
 
@@ -63,11 +63,12 @@ def _with_port(name: str, port: int) -> set[str]:
 
 
 def guard(application: Application, hosts: frozenset[str], port: int) -> None:
-    """Refuse what is not asked of these hosts, or by a page of another.
+    """Refuse what is not asked of these hosts, or by a page of another; add headers to all answers.
 
     Websockets are asked for by HTTP requests, which are refused alike.
     """
     application.default_router.rules.insert(0, Rule(_Foreign(hosts, port), _Refusal))
+    application.add_transform(_Headers)
 
 
 class _Foreign(Matcher):
@@ -93,3 +94,17 @@ class _Refusal(RequestHandler):
         self.set_status(_FORBIDDEN)
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.finish(_REFUSAL)
+
+
+class _Headers(OutputTransform):
+    """What browsers are told of every answer: no other site may frame it, guess its type, or learn
+    its address, which has the outline."""
+
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        headers["X-Frame-Options"] = "DENY"
+        headers["Content-Security-Policy"] = "frame-ancestors 'none'"
+        headers["X-Content-Type-Options"] = "nosniff"
+        headers["Referrer-Policy"] = "no-referrer"
+        return status_code, headers, chunk
