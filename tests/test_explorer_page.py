@@ -516,6 +516,9 @@ def test_without_the_extra_the_command_names_it(
         (["missing.geojson"], "not a file"),
         (["--frequency", "ten"], "frequency"),
         (["--address", "203.0.113.1", "--port", "0"], "--address"),
+        (["--address", "", "--port", "0"], "expected an address to listen at"),
+        (["--address", " ", "--port", "0"], "expected an address to listen at"),
+        (["--allow-host", "*", "--port", "0"], "--allow-host"),
         (["--port", "-4"], "port"),
     ],
 )

@@ -71,6 +71,11 @@ def new_server(
     keep_short()
     if not 0 <= port < 65536:
         raise ArgumentError(f"expected a port from 0 to 65535, got {port}")
+    if not address.strip():  # sockets would listen at all addresses
+        raise ArgumentError(
+            "expected an address to listen at, got none; leave --address out for this machine "
+            "alone, or say 0.0.0.0 for all its addresses"
+        )
     served_hosts(address, port, allow_host)  # its error, before anything is opened
     scheduler = Scheduler()
     application = Application(FunctionHandler(lambda doc: open_page(doc, state, scheduler)))
