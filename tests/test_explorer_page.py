@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import importlib.util
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
-from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any, NoReturn
 from urllib.parse import urlsplit
@@ -23,12 +19,12 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from explorer_server import SECONDS, handshake, running
 from polywigner.cli import main
 from polywigner.explorer.state import State, from_query, to_query
 
 pytestmark = pytest.mark.slow  # a browser, and a page that it waits for
 
-SECONDS = 20.0  # for anything to appear in the page of a loaded machine
 DIGITS = 1e-11  # relative: the page prints twelve
 
 
@@ -40,30 +36,6 @@ def bokeh(leave_out: LeaveOut) -> None:
     """Tests that ask for this are left out without the library of the page."""
     if importlib.util.find_spec("bokeh") is None:
         leave_out("Bokeh. `pip install polywigner[explorer]` brings it.")
-
-
-@contextmanager
-def running(address: str) -> Iterator[str]:
-    """The address of a server of the page that listens there."""
-    from polywigner.explorer.server import new_server
-
-    started = threading.Event()
-    server: list[Any] = []
-
-    def run() -> None:
-        asyncio.set_event_loop(asyncio.new_event_loop())
-        server.append(new_server(State(), port=0, address=address))
-        server[0].start()
-        started.set()
-        server[0].io_loop.start()
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    assert started.wait(SECONDS)
-    yield f"http://127.0.0.1:{server[0].port}/"
-    server[0].io_loop.add_callback(server[0].io_loop.stop)
-    thread.join(SECONDS)
-    server[0].polywigner_scheduler.stop()
 
 
 @pytest.fixture(scope="module")
@@ -499,35 +471,6 @@ def test_two_visitors_have_states_of_their_own(browser: Any, address: str, page:
     assert page.state().steering == "10 deg"
 
 
-def handshake(url: str, origin: str) -> int:
-    """What the server says to a page of another origin that wants its websocket."""
-    parts = urlsplit(url)
-    connection = HTTPConnection(str(parts.hostname), parts.port, timeout=SECONDS)
-    headers = {
-        "Connection": "Upgrade", "Upgrade": "websocket", "Origin": origin,
-        "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
-        "Sec-WebSocket-Protocol": "bokeh, none",
-    }  # fmt: skip
-    connection.request("GET", "/ws", headers=headers)
-    with closing(connection), connection.getresponse() as response:
-        return response.status
-
-
-FORBIDDEN, SWITCHED = 403, 101
-
-
-def test_pages_of_other_sites_cannot_connect(address: str) -> None:
-    assert handshake(address, address.rstrip("/")) == SWITCHED
-    for origin in ("http://example.org", "http://localhost:1", "null"):
-        assert handshake(address, origin) == FORBIDDEN
-
-
-def test_nor_where_every_address_of_the_machine_is_served(bokeh: None) -> None:
-    with running("0.0.0.0") as url:
-        assert handshake(url, url.rstrip("/")) == SWITCHED
-        assert handshake(url, "http://example.org") == FORBIDDEN
-
-
 def test_a_port_in_use_is_told_in_one_line(
     address: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -573,6 +516,9 @@ def test_without_the_extra_the_command_names_it(
         (["missing.geojson"], "not a file"),
         (["--frequency", "ten"], "frequency"),
         (["--address", "203.0.113.1", "--port", "0"], "--address"),
+        (["--address", "", "--port", "0"], "expected an address to listen at"),
+        (["--address", " ", "--port", "0"], "expected an address to listen at"),
+        (["--allow-host", "*", "--port", "0"], "--allow-host"),
         (["--port", "-4"], "port"),
     ],
 )

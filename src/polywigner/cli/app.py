@@ -204,6 +204,10 @@ def explore(
     address: Annotated[
         str, typer.Option(help="To listen at; any other than this one lets other machines in.")
     ] = "127.0.0.1",
+    allow_host: Annotated[
+        list[str] | None,
+        typer.Option(help="Another name that the page is opened by; several times for more."),
+    ] = None,
     browser: Annotated[bool, typer.Option(help="Whether to open a browser.")] = True,
 ) -> None:
     """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
@@ -219,6 +223,7 @@ def explore(
         wavelength=wavelength,
         port=port,
         address=address,
+        allow_host=allow_host or [],
         browser=browser,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 
 from polywigner.cli.reading import Reading
 from polywigner.cli.sources import check_source_file, wavelength_from
@@ -18,6 +19,7 @@ def run_explore(
     wavelength: str | None,
     port: int,
     address: str,
+    allow_host: Sequence[str],
     browser: bool,
 ) -> None:
     """Serve the page until it is stopped; prints its address.
@@ -35,7 +37,9 @@ def run_explore(
     state = start_state(
         aperture, reading.unit or "mm", frequency or wavelength, reading.layer, reading.union
     )
-    if not serve(state, port=port, address=address, browser=browser, say=_say):
+    if not serve(
+        state, port=port, address=address, browser=browser, say=_say, allow_host=allow_host
+    ):
         os._exit(0)  # not after the seconds or minutes of a computation nobody waits for
 
 

@@ -7,7 +7,7 @@ import gc
 import ipaddress
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from polywigner.errors import ArgumentError, MissingExtraError
@@ -42,7 +42,9 @@ def is_local(address: str) -> bool:
         return address == "localhost"
 
 
-def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> Any:
+def new_server(
+    state: State, port: int = PORT, address: str = "127.0.0.1", allow_host: Sequence[str] = ()
+) -> Any:
     """A Bokeh server of the page, not yet started; ``.port`` says which it has.
 
     Parameters
@@ -50,32 +52,38 @@ def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> An
     state : what visitors begin with who come without a link.
     port : 0 for any that is free.
     address : to listen at.
+    allow_host : names, with a port or without, that it answers to beside its own.
 
     Raises
     ------
-    MissingExtraError without Bokeh; ArgumentError for an address or a port that cannot be had.
+    MissingExtraError without Bokeh; ArgumentError for an address or a port that cannot be had, and
+    for a host that is no name.
     """
     check_installed()
     from bokeh.application import Application
     from bokeh.application.handlers.function import FunctionHandler
     from bokeh.server.server import Server
 
+    from polywigner.explorer.guard import guard, served_hosts
     from polywigner.explorer.page import open_page
     from polywigner.explorer.scheduler import Scheduler
 
     keep_short()
     if not 0 <= port < 65536:
         raise ArgumentError(f"expected a port from 0 to 65535, got {port}")
+    if not address.strip():  # sockets would listen at all addresses
+        raise ArgumentError(
+            "expected an address to listen at, got none; leave --address out for this machine "
+            "alone, or say 0.0.0.0 for all its addresses"
+        )
+    served_hosts(address, port, allow_host)  # its error, before anything is opened
     scheduler = Scheduler()
     application = Application(FunctionHandler(lambda doc: open_page(doc, state, scheduler)))
-    # 0.0.0.0 and :: have as many names as the machine; anything else has its own
-    everywhere = address in ("0.0.0.0", "::")
     try:
         server = Server(
             {"/": application},
             port=port,
             address=address,
-            allow_websocket_origin=["*"] if everywhere else None,
             unused_session_lifetime_milliseconds=_IDLE_MS,
             check_unused_sessions_milliseconds=_IDLE_MS // 3,
             websocket_max_message_size=_LARGEST_MESSAGE,
@@ -84,11 +92,8 @@ def new_server(state: State, port: int = PORT, address: str = "127.0.0.1") -> An
     except (OSError, ValueError) as error:
         scheduler.stop()
         raise ArgumentError(_refusal(error, address, port)) from None
-    if everywhere:
-        _refuse_other_sites(server)
-    else:
-        names = {address, *(("127.0.0.1", "localhost") if is_local(address) else ())}
-        server._tornado._websocket_origins.update(f"{name}:{server.port}" for name in names)
+    server._tornado._websocket_origins.add("*")  # the guard looks at origins
+    guard(server._tornado, served_hosts(address, server.port, allow_host), server.port)
     server.polywigner_scheduler = scheduler
     return server
 
@@ -105,26 +110,13 @@ def _refusal(error: Exception, address: str, port: int) -> str:
     return f"expected an address of this machine, got {address}; choose another with --address"
 
 
-def _refuse_other_sites(server: Any) -> None:
-    """Where any name of the machine will do, a page must come from the host it connects to."""
-    from bokeh.server.views.ws import WSHandler
-    from tornado.websocket import WebSocketHandler
-
-    class SameSite(WSHandler):
-        def check_origin(self, origin: str) -> bool:
-            return bool(WebSocketHandler.check_origin(self, origin))
-
-    for rule in server._tornado.wildcard_router.rules:
-        if rule.target is WSHandler:
-            rule.target = SameSite
-
-
 def serve(
     state: State,
     port: int = PORT,
     address: str = "127.0.0.1",
     browser: bool = True,
     say: Callable[[str], None] = print,
+    allow_host: Sequence[str] = (),
 ) -> bool:
     """Serve the page until Ctrl-C, or SIGTERM.
 
@@ -136,7 +128,7 @@ def serve(
     ------
     As :func:`new_server`.
     """
-    server = new_server(state, port, address)
+    server = new_server(state, port, address, allow_host)
     shown = "127.0.0.1" if address in ("0.0.0.0", "::") else address
     url = f"http://{f'[{shown}]' if ':' in shown else shown}:{server.port}/"
     if not is_local(address):

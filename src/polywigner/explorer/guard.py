@@ -1,0 +1,110 @@
+"""Which requests the server answers: those that name it, from no page of another site.
+
+A page of another site can have its own name resolved to 127.0.0.1 (DNS rebinding). Its requests
+then reach this server, and the browser takes both for one site; but their Host is that name.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterable
+from typing import Any
+from urllib.parse import urlsplit
+
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
+from tornado.routing import Matcher, Rule
+from tornado.web import Application, OutputTransform, RequestHandler
+
+from polywigner.errors import ArgumentError
+
+__all__ = ["guard", "served_hosts"]
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_EVERYWHERE = ("0.0.0.0", "::")
+_HOST = re.compile(r"([\w-]+(\.[\w-]+)*|\[[0-9a-f:.]+\])(:\d{1,5})?")
+_HTTP_PORT = 80  # browsers leave it out
+_FORBIDDEN = 403
+_REFUSAL = (
+    "polywigner explore does not answer to this name. Open the address that the terminal printed, "
+    "or allow the name by --allow-host.\n"
+)
+
+
+def served_hosts(address: str, port: int, allowed: Iterable[str] = ()) -> frozenset[str]:
+    """Values of the Host header by which the server is known, whichever way it is reached.
+
+    Parameters
+    ----------
+    address : that the server listens at; of 0.0.0.0 and :: the name of the machine is taken.
+    port : that the server listens at.
+    allowed : further names, each with a port or without.
+
+    Raises
+    ------
+    ArgumentError for a name that is none, such as a wildcard.
+    """
+    names = {*_LOOPBACK, socket.gethostname() if address in _EVERYWHERE else address}
+    hosts = {host for name in names for host in _with_port(name, port)}
+    for name in allowed:
+        if not _HOST.fullmatch(name.lower()):
+            raise ArgumentError(
+                f"expected a host as in mine.example or mine.example:8080, got {name!r}; "
+                "name each host by an --allow-host of its own"
+            )
+        # a server in front of this one may be asked at its own port 80 or 443, which goes unsaid
+        hosts |= {name.lower(), *_with_port(name, port)}
+    return frozenset(hosts)
+
+
+def _with_port(name: str, port: int) -> set[str]:
+    name = f"[{name}]" if name.count(":") > 1 and not name.startswith("[") else name
+    return {f"{name}:{port}".lower(), *({name.lower()} if port == _HTTP_PORT else ())}
+
+
+def guard(application: Application, hosts: frozenset[str], port: int) -> None:
+    """Refuse what is not asked of these hosts, or by a page of another; add headers to all answers.
+
+    Websockets are asked for by HTTP requests, which are refused alike.
+    """
+    application.default_router.rules.insert(0, Rule(_Foreign(hosts, port), _Refusal))
+    application.add_transform(_Headers)
+
+
+class _Foreign(Matcher):
+    def __init__(self, hosts: frozenset[str], port: int) -> None:
+        self.hosts, self.port = hosts, port
+
+    def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
+        host = request.headers.get("Host", "").lower()
+        origin = request.headers.get("Origin")
+        known = host in self.hosts or host in _with_port(_address_reached(request), self.port)
+        same = origin is None or urlsplit(origin).netloc.lower() == host
+        return None if known and same else {}
+
+
+def _address_reached(request: HTTPServerRequest) -> str:
+    """The address of this machine that the request came to: no name, so nobody can rebind it."""
+    connection: Any = request.connection
+    return str(connection.stream.socket.getsockname()[0])
+
+
+class _Refusal(RequestHandler):
+    def prepare(self) -> None:
+        self.set_status(_FORBIDDEN)
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(_REFUSAL)
+
+
+class _Headers(OutputTransform):
+    """What browsers are told of every answer: no other site may frame it, guess its type, or learn
+    its address, which has the outline."""
+
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        headers["X-Frame-Options"] = "DENY"
+        headers["Content-Security-Policy"] = "frame-ancestors 'none'"
+        headers["X-Content-Type-Options"] = "nosniff"
+        headers["Referrer-Policy"] = "no-referrer"
+        return status_code, headers, chunk
