@@ -13,7 +13,8 @@ from urllib.parse import urlsplit
 from polywigner.explorer.state import State
 
 SECONDS = 20.0  # for anything to happen on a loaded machine
-SWITCHED, OK, NOT_MODIFIED, FORBIDDEN, NOT_FOUND = 101, 200, 304, 403, 404
+SWITCHED, OK, NOT_MODIFIED = 101, 200, 304
+FORBIDDEN, NOT_FOUND, UNAVAILABLE = 403, 404, 503
 UPGRADE = {
     "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
     "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Protocol": "bokeh, none",

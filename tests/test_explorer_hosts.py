@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import socket
 from collections.abc import Callable, Iterator
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 from urllib.parse import urlsplit
 
 import pytest
@@ -16,6 +16,7 @@ from explorer_server import (
     NOT_MODIFIED,
     OK,
     SWITCHED,
+    UNAVAILABLE,
     UPGRADE,
     ask,
     handshake,
@@ -26,6 +27,7 @@ from polywigner.explorer.server import new_server
 from polywigner.explorer.state import State
 
 FOREIGN = ("evil.example:{}", "evil.example", "127.0.0.1:1", "127.0.0.1.evil.example:{}", "*:{}")
+UNCONNECTED = 24  # pages that docs/explorer.md promises
 SCRIPT = "/static/js/bokeh.min.js"  # takes less time than a page
 
 
@@ -142,3 +144,35 @@ def test_every_answer_says_that_no_other_page_may_frame_it_or_learn_its_address(
         for answer in of_status:
             assert answer.status == status
             assert {name: answer.headers[name] for name in HEADERS} == HEADERS
+
+
+class Session(NamedTuple):
+    """What the guard asks of a session."""
+
+    connection_count: int
+
+
+@pytest.mark.parametrize(
+    ("connected", "unconnected", "refused"),
+    [(0, 0, False), (0, UNCONNECTED - 1, False), (0, UNCONNECTED, True), (UNCONNECTED, 0, False)],
+)
+def test_pages_that_nobody_opens_are_limited_in_number(
+    connected: int, unconnected: int, refused: bool, bokeh: None
+) -> None:
+    from tornado.httputil import HTTPHeaders, HTTPServerRequest, RequestStartLine
+    from tornado.web import Application, RequestHandler
+
+    from polywigner.explorer.guard import guard
+
+    sessions = [Session(1)] * connected + [Session(0)] * unconnected
+    application = Application([(".*", RequestHandler)])
+    guard(application, frozenset({"mine:1"}), 1, lambda: sessions)
+
+    def status(path: str) -> int:
+        headers = HTTPHeaders({"Host": "mine:1"})
+        line = RequestStartLine("GET", path, "HTTP/1.1")
+        request = HTTPServerRequest(start_line=line, headers=headers)
+        return int(application.find_handler(request).handler_kwargs.get("status", OK))
+
+    assert status("/") == status("/autoload.js") == (UNAVAILABLE if refused else OK)
+    assert status("/ws") == status(SCRIPT) == OK  # pages that came through can still open

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,10 +24,15 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _EVERYWHERE = ("0.0.0.0", "::")
 _HOST = re.compile(r"([\w-]+(\.[\w-]+)*|\[[0-9a-f:.]+\])(:\d{1,5})?")
 _HTTP_PORT = 80  # browsers leave it out
-_FORBIDDEN = 403
+_FORBIDDEN, _UNAVAILABLE = 403, 503
+_MOST_UNCONNECTED = 24  # more than anybody reloads before the first ones are dropped
 _REFUSAL = (
     "polywigner explore does not answer to this name. Open the address that the terminal printed, "
     "or allow the name by --allow-host.\n"
+)
+_CROWDED = (
+    f"polywigner explore has {_MOST_UNCONNECTED} pages that were asked for and are not open. "
+    "It drops them after 20 seconds; reload this page then.\n"
 )
 
 
@@ -62,12 +67,23 @@ def _with_port(name: str, port: int) -> set[str]:
     return {f"{name}:{port}".lower(), *({name.lower()} if port == _HTTP_PORT else ())}
 
 
-def guard(application: Application, hosts: frozenset[str], port: int) -> None:
+def guard(
+    application: Application,
+    hosts: frozenset[str],
+    port: int,
+    sessions: Callable[[], Iterable[Any]],
+) -> None:
     """Refuse what is not asked of these hosts, or by a page of another; add headers to all answers.
 
-    Websockets are asked for by HTTP requests, which are refused alike.
+    Websockets are asked for by HTTP requests, which are refused alike. A page makes a session
+    with a document; there are only so many that no browser has connected to.
     """
-    application.default_router.rules.insert(0, Rule(_Foreign(hosts, port), _Refusal))
+    foreign = {"status": _FORBIDDEN, "text": _REFUSAL}
+    crowded = {"status": _UNAVAILABLE, "text": _CROWDED}
+    application.default_router.rules[:0] = [
+        Rule(_Foreign(hosts, port), _Refusal, foreign),
+        Rule(_Crowded(sessions), _Refusal, crowded),
+    ]
     application.add_transform(_Headers)
 
 
@@ -89,11 +105,25 @@ def _address_reached(request: HTTPServerRequest) -> str:
     return str(connection.stream.socket.getsockname()[0])
 
 
+class _Crowded(Matcher):
+    def __init__(self, sessions: Callable[[], Iterable[Any]]) -> None:
+        self.sessions = sessions
+
+    def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
+        if request.path == "/ws" or request.path.startswith("/static/"):  # what open pages ask for
+            return None
+        unconnected = sum(session.connection_count == 0 for session in self.sessions())
+        return {} if unconnected >= _MOST_UNCONNECTED else None
+
+
 class _Refusal(RequestHandler):
+    def initialize(self, status: int, text: str) -> None:
+        self.status, self.text = status, text
+
     def prepare(self) -> None:
-        self.set_status(_FORBIDDEN)
+        self.set_status(self.status)
         self.set_header("Content-Type", "text/plain; charset=utf-8")
-        self.finish(_REFUSAL)
+        self.finish(self.text)
 
 
 class _Headers(OutputTransform):

@@ -93,7 +93,8 @@ def new_server(
         scheduler.stop()
         raise ArgumentError(_refusal(error, address, port)) from None
     server._tornado._websocket_origins.add("*")  # the guard looks at origins
-    guard(server._tornado, served_hosts(address, server.port, allow_host), server.port)
+    hosts = served_hosts(address, server.port, allow_host)
+    guard(server._tornado, hosts, server.port, lambda: server.get_sessions("/"))
     server.polywigner_scheduler = scheduler
     return server
 
