@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from polywigner.explorer.sources import source_of
 from polywigner.explorer.state import State
 from polywigner.illumination.texts import direction
-from polywigner.propagation.arrangement import bounds_of
 
 __all__ = [
     "angles",
@@ -35,7 +34,7 @@ _UPRIGHT = 1e-9  # of a direction's part in the plane: it has no azimuth
 
 def _box(state: State) -> tuple[float, float, float]:
     """The centre of the source's bounds, and half of their longer side, in m."""
-    xmin, ymin, xmax, ymax = bounds_of(source_of(state))
+    xmin, ymin, xmax, ymax = source_of(state).bounds
     half = max(xmax - xmin, ymax - ymin) / 2
     return float(xmin / 2 + xmax / 2), float(ymin / 2 + ymax / 2), float(half)
 

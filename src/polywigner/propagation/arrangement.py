@@ -25,7 +25,6 @@ from polywigner.illumination.support import mutual_support
 
 __all__ = [
     "Triangles",
-    "bounds_of",
     "has_few_kinks",
     "kink_count",
     "kinks",
@@ -35,14 +34,6 @@ __all__ = [
 
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 2)."""
-
-
-@lru_cache(maxsize=64)
-def bounds_of(source: Aperture | Array) -> tuple[float, float, float, float]:
-    """(xmin, ymin, xmax, ymax) of a source, which are those of its automean as well."""
-    points = np.concatenate(_rings(source))
-    (xmin, ymin), (xmax, ymax) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    return xmin, ymin, xmax, ymax
 
 
 def kinks(source: Aperture | Array) -> NDArray[np.float64]:

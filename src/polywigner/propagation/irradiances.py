@@ -27,7 +27,6 @@ from polywigner.geometry.plausibility import warn_caller
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
-from polywigner.propagation.arrangement import bounds_of
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
 from polywigner.propagation.places import (
     METHODS,
@@ -188,7 +187,7 @@ def irradiance(
     checked_engine(engine)
     double = checked_precision(precision) != "single"
     rays = Rays(weighted_sources(source, name, length, order), length, order, engine, double)
-    xmin, ymin, xmax, ymax = bounds_of(source)
+    xmin, ymin, xmax, ymax = source.bounds
     check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
     _warn_where_invalid(source, flat, length, order)
@@ -301,14 +300,14 @@ def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Val
 
 
 def _centre(source: Aperture | Array) -> Values:
-    xmin, ymin, xmax, ymax = bounds_of(source)
+    xmin, ymin, xmax, ymax = source.bounds
     return np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2])
 
 
 def _warn_where_invalid(
     source: Aperture | Array, points: Values, wavelength: float, order: int
 ) -> None:
-    xmin, ymin, xmax, ymax = bounds_of(source)
+    xmin, ymin, xmax, ymax = source.bounds
     outside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
     gap = np.sqrt((outside**2).sum(axis=-1) + points[:, 2] ** 2)
     if (gap < _NEAREST * wavelength).any():

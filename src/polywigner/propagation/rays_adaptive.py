@@ -15,7 +15,6 @@ from polywigner.illumination.direction_cosines import fields_of
 from polywigner.illumination.support import mutual_support
 from polywigner.propagation.arrangement import (
     Triangles,
-    bounds_of,
     has_few_kinks,
     smooth_triangles,
     triangulated,
@@ -118,7 +117,7 @@ def phase_rates(source: Aperture | Array, wavelength: float, points: Values) -> 
 
     The bounds' corners have the largest.
     """
-    xmin, ymin, xmax, ymax = bounds_of(source)
+    xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
     length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)

@@ -60,11 +60,9 @@ def is_wide(array: Array, limit: float = _WIDEST) -> bool:
         element, positions = array.repeated
         extent, size = float(np.ptp(positions, axis=0).max()), element.diameter
     else:
-        elements = array.elements_in_plane
-        bounds = np.array([e.bounds for e in elements])
-        half = bounds.shape[1] // 2
-        extent = float((bounds[:, half:].max(axis=0) - bounds[:, :half].min(axis=0)).max())
-        size = min(e.diameter for e in elements)
+        low, high = np.reshape(array.bounds, (2, -1))
+        extent = float((high - low).max())
+        size = min(element.diameter for element in array.elements_in_plane)
     return extent > limit * size
 
 

@@ -230,7 +230,6 @@ def _default(source: PhaseSpaceSource, name: str) -> tuple[float, float]:
 
 def _reach(source: PhaseSpaceSource, vertical: bool) -> tuple[float, float]:
     """From where to where the source reaches, along y or along x."""
-    bounds = [element.bounds for element in source.elements_in_plane]
+    bounds = source.bounds
     first = 1 if vertical else 0
-    low, high = ([b[k] for b in bounds] for k in (first, first + len(bounds[0]) // 2))
-    return min(low), max(high)
+    return bounds[first], bounds[first + len(bounds) // 2]
