@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from operator import attrgetter
 from typing import Any
 
 from polywigner.kernels.outline.lines import (
@@ -30,7 +29,7 @@ from polywigner.kernels.outline.lines import (
     slope_of,
     start_of,
 )
-from polywigner.kernels.outline.tables import Edge, Piece, Tables
+from polywigner.kernels.outline.tables import Edge, Piece, Tables, numbers_of
 
 __all__ = [
     "AHEAD",
@@ -189,11 +188,6 @@ class Clipper:
         return self.level(line) <= edge.offset - line.offset
 
 
-_NUMBERS = [field.name for field in fields(Edge)]
-# `astuple` copies each of them deeply: half of the time of a call with one sample.
-_row: Callable[[Edge], tuple[Any, ...]] = attrgetter(*_NUMBERS)
-
-
 class RowClipper(Clipper):
     """Cuts edges that are rows of a table, with all decisions taken while running.
 
@@ -207,7 +201,7 @@ class RowClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
     ) -> Any:
-        rows = [_row(edge) for edge in self.edges_of(group)]
+        rows = [numbers_of(edge) for edge in self.edges_of(group)]
         return self._sum_over(rows, lambda *row: term(Edge(*row)), values)
 
     def sum_over_pairs(
@@ -218,8 +212,8 @@ class RowClipper(Clipper):
         others: Sequence[tuple[float, ...]],
     ) -> Any:
         """Sums over all pairs of an edge and of one of other rows, ``term(edge, *other)``."""
-        rows = [(*_row(edge), *row) for edge in self.edges_of(group) for row in others]
-        count = len(_NUMBERS)
+        rows = [(*numbers_of(edge), *row) for edge in self.edges_of(group) for row in others]
+        count = len(fields(Edge))
 
         def split(*row: Any) -> tuple[Any, ...]:
             return term(Edge(*row[:count]), *row[count:])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polywigner.kernels.cut.clipping import AHEAD, RowClipper, View
 from polywigner.kernels.outline.lines import Line
-from polywigner.kernels.outline.tables import Edge, Piece, Tables
+from polywigner.kernels.outline.tables import Edge, Piece, Tables, numbers_of
 
 __all__ = ["CutMatrix", "EdgeParts"]
 
@@ -31,7 +31,6 @@ _NEAR = 3
 # Boxes reach further by this, in the frame: no rounding may part what touches.
 _MARGIN = 1e-9
 
-_EDGE_COLUMNS = attrgetter(*(field.name for field in fields(Edge)))
 _LINE_COLUMNS = attrgetter(*(field.name for field in fields(Line)))
 
 Floats = NDArray[np.float64]
@@ -186,7 +185,7 @@ class CutMatrix:
 @lru_cache(maxsize=64)
 def _edges_of(tables: Tables, group: int) -> Floats:
     """(n, columns of an Edge) the edges of the elements with one field."""
-    rows = [_EDGE_COLUMNS(edge) for edge in tables.edges if edge.group == group]
+    rows = [numbers_of(edge) for edge in tables.edges if edge.group == group]
     return np.array(rows, np.float64).reshape(len(rows), -1)
 
 

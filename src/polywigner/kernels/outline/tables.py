@@ -8,10 +8,11 @@ supporting lines of edges and pieces (``supporting_lines``), and the pieces as s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import islice
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ from polywigner.numerics.exact import (
 )
 from polywigner.plans import cut_for, waves_fit_cells
 
-__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grouped"]
+__all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grouped", "numbers_of"]
 
 # Cost of a further wave on the cut edge, in cuts: 5 to 20 ms to compile.
 _CLIPS_PER_WAVE = 24
@@ -78,6 +79,11 @@ class Edge:
     end: Any = 0
     element: Any = 0
     """The number of the element that the edge bounds."""
+
+
+# `dataclasses.astuple` copies each number deeply: half of the time of a call with one sample.
+numbers_of: Callable[[Edge], tuple[Any, ...]] = attrgetter(*(part.name for part in fields(Edge)))
+"""The numbers of an edge, as a row of a table."""
 
 
 @dataclass(frozen=True)
