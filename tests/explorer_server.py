@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from http.client import HTTPConnection, HTTPMessage
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 from urllib.parse import urlsplit
 
 from polywigner.explorer.state import State
@@ -19,6 +20,12 @@ UPGRADE = {
     "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
     "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Sec-WebSocket-Protocol": "bokeh, none",
 }  # fmt: skip
+
+
+def need_bokeh(leave_out: Callable[[str], NoReturn]) -> None:
+    """Leave a test out where the library of the page is missing."""
+    if importlib.util.find_spec("bokeh") is None:
+        leave_out("Bokeh. `pip install polywigner[explorer]` brings it.")
 
 
 class Answer(NamedTuple):

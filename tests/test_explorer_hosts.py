@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import socket
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, NoReturn
@@ -20,6 +19,7 @@ from explorer_server import (
     UPGRADE,
     ask,
     handshake,
+    need_bokeh,
     running,
 )
 from polywigner.errors import ArgumentError
@@ -34,8 +34,7 @@ SCRIPT = "/static/js/bokeh.min.js"  # takes less time than a page
 @pytest.fixture(scope="module", autouse=True)
 def bokeh(leave_out: Callable[[str], NoReturn]) -> None:
     """These tests are left out without the library of the page."""
-    if importlib.util.find_spec("bokeh") is None:
-        leave_out("Bokeh. `pip install polywigner[explorer]` brings it.")
+    need_bokeh(leave_out)
 
 
 @pytest.fixture(scope="module")

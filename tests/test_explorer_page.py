@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from explorer_server import SECONDS, handshake, running
+from explorer_server import SECONDS, handshake, need_bokeh, running
 from polywigner.cli import main
 from polywigner.explorer.state import State, from_query, to_query
 
@@ -34,8 +34,7 @@ LeaveOut = Callable[[str], NoReturn]
 @pytest.fixture(scope="module")
 def bokeh(leave_out: LeaveOut) -> None:
     """Tests that ask for this are left out without the library of the page."""
-    if importlib.util.find_spec("bokeh") is None:
-        leave_out("Bokeh. `pip install polywigner[explorer]` brings it.")
+    need_bokeh(leave_out)
 
 
 @pytest.fixture(scope="module")
