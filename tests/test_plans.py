@@ -42,7 +42,8 @@ def requests() -> dict[str, Request]:
         if (layout == "grid" and function == "ambiguity") or (n == 1 and layout != "points"):
             continue
         copies = 1 if function == "wigner" else 2
-        request = Request(function, n, replace(outline, copies=copies))
+        uniform = outline.waves == 1
+        request = Request(function, n, replace(outline, copies=copies), takes_data=uniform)
         if layout in ("one place", "grid"):
             request = replace(request, rows=1, columns=n)
         if layout == "outer":
@@ -51,8 +52,9 @@ def requests() -> dict[str, Request]:
             request = replace(request, families=min(outline.edges, outline.lines))
         found[f"{function} | {name} | {layout} | {n}"] = request
     for terms, n in itertools.product((4, 64, 1000), SAMPLES):
-        found[f"fourier | {terms} edges | points | {n}"] = Request("fourier", n, terms=terms)
-        families = Request("fourier", n, terms=terms, families=terms // 2)
+        points = Request("fourier", n, terms=terms, takes_data=True)
+        found[f"fourier | {terms} edges | points | {n}"] = points
+        families = replace(points, families=terms // 2)
         found[f"fourier | {terms} edges | grid | {n}"] = families
     for pairs, n in itertools.product((1, 40), SAMPLES):
         array = Request("wigner", n, OUTLINES["square"], pairs, is_array=True)

@@ -28,11 +28,15 @@ from polywigner.execution.drjit_points import (
 from polywigner.execution.drjit_results import as_complex, as_tensor
 from polywigner.execution.frozen import frozen, is_code, is_known
 from polywigner.execution.gradients import kernel_with_derivatives
+from polywigner.execution.ledger import account_of
+from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameters, Traced, tensor_of
+from polywigner.execution.requests import request_for
 from polywigner.execution.table_data import TracedOperations, as_data
 from polywigner.kernels import Kernel
-from polywigner.plans import launch_for
+from polywigner.plans import launch_for, plan
+from polywigner.plans.plan import DATA
 from polywigner.toolchain import llvm
 
 __all__ = [
@@ -113,6 +117,9 @@ def _launched(
     if launch == "sorted":
         return traced_by_cell(kernel, tables, ops.float_type, components)
     if launch == "recorded":
+        found = _by_data(kernel, ops, tables, components)
+        if found is not None:
+            return found
         code = partial(kernel, ops, tables)
         return frozen(lambda: (code, ()), (kernel, tables), ops.float_type, "as it is")(*components)
     traced = Traced() if parameters is None else parameters.traced(ops, tables)
@@ -120,6 +127,24 @@ def _launched(
         ops = TracedOperations(ops.float_type)
         tables = as_data(ops, tables)
     return kernel_with_derivatives(kernel, ops, tables, components, traced)
+
+
+def _by_data(
+    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any]
+) -> tuple[Any, ...] | None:
+    """Results from the source as data, as planned; None where it is to be code of a kernel."""
+    import drjit
+
+    account = account_of(kernel.name, tables)
+    if account.ready:  # it is already
+        return None
+    width = max(map(drjit.width, components))
+    request = request_for(kernel, tables, width, double=ops.double, engine="llvm", account=account)
+    chosen = plan(request)
+    account.book(chosen)
+    if chosen.way.name != DATA:
+        return None
+    return OnDrjitData(kernel, tables, ops.double, "llvm").of_arrays(components)
 
 
 def checked_float(name: str, value: Any, precision: str | None, engine: str) -> tuple[Any, bool]:

@@ -18,6 +18,7 @@ from polywigner.execution.chunks import Launched, store
 from polywigner.execution.grids import GridPlan, plan_for_grid
 from polywigner.execution.ledger import account_of
 from polywigner.execution.on_drjit import OnDrjit
+from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.on_numpy import OnNumpy
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.pairs import Pairs, one_row_of, pairs_of
@@ -25,7 +26,7 @@ from polywigner.execution.requests import request_for
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Plan, Request
-from polywigner.plans.plan import GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
+from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
 
 __all__ = ["evaluate", "explained"]
 
@@ -132,6 +133,9 @@ def _pairs_of(kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...
 def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     """The chunks of a call, by the way that was chosen."""
     tables, name = call.tables, chosen.way.name
+    if name == DATA:
+        data = OnDrjitData(call.kernel, tables, call.double, chosen.engine)
+        return data.points(call.components, results)
     if isinstance(tables, Tables):
         tables = tables.cut_by(chosen.way.cut)
     compute: OnNumpy | OnDrjit

@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 import weakref
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from polywigner.plans import Plan
+from polywigner.plans import Plan, Request
 
-__all__ = ["Account", "account_of"]
+__all__ = ["Account", "account_of", "counted_on"]
 
 
 @dataclass
@@ -24,12 +24,21 @@ class Account:
 
     def book(self, plan: Plan) -> None:
         """A call that has been carried out."""
+        global _as_code
         with _lock:
             self.spent += plan.way.run
-            self.ready |= {plan.key}
+            if plan.way.is_for_all:
+                _for_all.setdefault(_kind(plan.request), set()).add(plan.key)
+            elif plan.key not in self.ready:
+                self.ready |= {plan.key}
+                _as_code += plan.engine != "numpy"
 
 
 _accounts: dict[tuple[str, int], Account] = {}
+_for_all: dict[tuple[str, bool], set[Hashable]] = {}
+"""Of each function and precision, what has been set up for every source."""
+_as_code = 0
+"""Kernels that were compiled for one source each."""
 _lock = threading.Lock()
 
 
@@ -42,3 +51,14 @@ def account_of(function: str, tables: Any) -> Account:
             found = _accounts[key] = Account()
             weakref.finalize(tables, _accounts.pop, key, None).atexit = False
         return found
+
+
+def counted_on(request: Request, account: Account) -> Request:
+    """The request with what this process has set up so far, and has spent."""
+    with _lock:
+        ready = account.ready | _for_all.get(_kind(request), set())
+        return replace(request, ready=ready, spent=account.spent, others=_as_code)
+
+
+def _kind(request: Request) -> tuple[str, bool]:
+    return request.function, request.double

@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from polywigner.execution.ledger import Account
+from polywigner.execution.ledger import Account, counted_on
+from polywigner.execution.on_drjit_data import takes_data
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel
 from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables
@@ -34,7 +35,7 @@ def request_for(
         outline = _outline_of(kernel, tables)
     elif isinstance(tables, RepeatedTables) and isinstance(tables.element, Tables):
         outline, is_array = _outline_of(kernel, tables.element), True
-    return Request(
+    found = Request(
         kernel.name,
         samples,
         outline,
@@ -46,9 +47,9 @@ def request_for(
         double=double,
         engine=engine,
         loaded="drjit" in sys.modules,
-        ready=frozenset() if account is None else account.ready,
-        spent=0.0 if account is None else account.spent,
+        takes_data=takes_data(kernel, tables),
     )
+    return found if account is None else counted_on(found, account)
 
 
 def _outline_of(kernel: Kernel, tables: Tables) -> Outline:

@@ -7,11 +7,9 @@ products are exact here, and one ulp accurate in the kernels (``ops.cross``).
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -61,10 +59,16 @@ class RoundingGrid:
         return snapped
 
 
-@lru_cache(maxsize=1 << 16)
+# Pairs of a side and a vertex at a time: their temporaries stay in the cache of one core.
+_BLOCK = 1 << 16
+
+
 def exact_cross(ax: float, ay: float, bx: float, by: float) -> float:
     """cross(a, b), correctly rounded: no digits are lost where a and b are nearly parallel."""
-    return float(Fraction(ax) * Fraction(by) - Fraction(ay) * Fraction(bx))
+    (a, of_a), (b, of_b) = ax.as_integer_ratio(), ay.as_integer_ratio()
+    (c, of_c), (d, of_d) = bx.as_integer_ratio(), by.as_integer_ratio()
+    # a quotient of integers is rounded once
+    return (a * d * of_b * of_c - b * c * of_a * of_d) / (of_a * of_b * of_c * of_d)
 
 
 def accurate_cross(ax: Any, ay: Any, bx: Any, by: Any, split: float = SPLIT_DOUBLE) -> Any:
@@ -108,31 +112,29 @@ def with_vertices_on_sides(
     Sides then meet sides of neighbours, and edges, end to end, and go on doing so when all vertices
     are moved.
     """
-    return [np.concatenate([_split_side(*s, vertices) for s in _sides(p)]) for p in pieces]
+    return [_with_vertices(piece, vertices) for piece in pieces]
 
 
-def _sides(
-    piece: npt.NDArray[np.float64],
-) -> Iterable[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
-    return zip(piece, np.roll(piece, -1, axis=0), strict=True)
-
-
-def _split_side(
-    start: npt.NDArray[np.float64],
-    end: npt.NDArray[np.float64],
-    vertices: npt.NDArray[np.float64],
+def _with_vertices(
+    piece: npt.NDArray[np.float64], vertices: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """The start of a side and the vertices strictly between it and the end, in order."""
-    side, relative = end - start, vertices - start
-    length = float(side @ side)
-    along = relative @ side
-    across = np.abs(side[0] * relative[:, 1] - side[1] * relative[:, 0])
+    ends = np.roll(piece, -1, axis=0)
     # far wider than rounding; what is left is looked at exactly
-    size = float(np.abs(vertices).max())
-    near = (along > 0) & (along < length) & (across <= 1e-12 * size * math.sqrt(length))
-    inside = [k for k in np.flatnonzero(near) if _on_line(start, end, vertices[k])]
-    inside.sort(key=lambda k: float(along[k]))
-    return np.vstack([start, *(vertices[k] for k in inside)])
+    size = 1e-12 * float(np.abs(vertices).max())
+    step, found = max(1, _BLOCK // len(vertices)), []
+    for start in range(0, len(piece), step):
+        rows = slice(start, start + step)
+        side = (ends[rows] - piece[rows])[:, None, :]
+        x, y = np.moveaxis(vertices - piece[rows, None, :], -1, 0)
+        dx, dy = side[..., 0], side[..., 1]
+        along, length = x * dx + y * dy, dx * dx + dy * dy
+        across = np.abs(dx * y - dy * x)
+        near = (along > 0) & (along < length) & (across <= size * np.sqrt(length))
+        found += [(start + k, float(along[k, n]), n) for k, n in np.argwhere(near).tolist()]
+    inside = [(k, at, n) for k, at, n in found if _on_line(piece[k], ends[k], vertices[n])]
+    inside.sort(key=lambda entry: entry[:2])
+    after = [k + 1 for k, _, _ in inside]
+    return np.insert(piece, after, vertices[[n for _, _, n in inside]], axis=0) if after else piece
 
 
 def _on_line(

@@ -54,6 +54,9 @@ COSTS: dict[str, Cost] = {
     "compiled sample": Cost(10e-9, "sample that goes to the engine and back", _CUTS),
     "compiled clip": Cost(0.25e-9, "sample, edge and side as code", _CUTS),
     "compiled row": Cost(1.5e-9, "sample, edge and side as rows of a table", _CUTS),
+    "source as data": Cost(1e-3, "call whose outline comes as data", "outlines_as_data.py"),
+    "cut as data": Cost(4e-9, "sample, edge and side, where they are data", "outlines_as_data.py"),
+    "term as data": Cost(20e-9, "sample and edge of F, where it is data", "outlines_as_data.py"),
     "compiled term": Cost(9e-9, "sample and term of a plain sum", _REGRET),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
@@ -88,6 +91,9 @@ LIMITS: dict[str, float] = {
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
     # takes seconds.
     "most cuts as code": 4500,
+    # Each kernel keeps some 300 KB of memory for good, and is two files of Dr.Jit's cache
+    # (outlines_as_data.py).
+    "most sources as code": 256,
     # NumPy: of few samples, calls cost more than what they compute.
     "least cuts as rows, NumPy": 64,
     "most samples as rows, NumPy": 256,

@@ -11,6 +11,7 @@ from polywigner.plans.cuts import cut_for, forced_cut
 from polywigner.plans.request import Outline, Request
 
 __all__ = [
+    "DATA",
     "GRID",
     "LISTED",
     "LISTED_COMPILED",
@@ -25,6 +26,7 @@ GRID = "grid from its axes"
 LISTED = "slices listed, on NumPy"
 POINTS_LISTED = "slices of points listed, on NumPy"
 LISTED_COMPILED = "slices listed, compiled"
+DATA = "edges as data"
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,12 @@ class Way:
     run: float
     """Seconds for each call."""
     cut: str | None = None
-    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"`` or ``"coarse cells"``."""
+    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"``, ``"coarse cells"``, ``"data"``."""
+
+    @property
+    def is_for_all(self) -> bool:
+        """Whether what is set up for one source serves all others of its kind."""
+        return self.name == DATA
 
     @property
     def seconds(self) -> float:
@@ -126,7 +133,10 @@ def plan(request: Request) -> Plan:
 def _effective(way: Way, request: Request) -> float:
     if _key(way, request) in request.ready:
         return way.run
-    return max(way.setup - request.spent, 0.0) + way.run
+    spent = request.spent
+    if way.is_for_all:
+        spent += request.others * _compiling(request)
+    return max(way.setup - spent, 0.0) + way.run
 
 
 def _key(way: Way, request: Request) -> Hashable:
@@ -135,18 +145,18 @@ def _key(way: Way, request: Request) -> Hashable:
     return engine, way.name, request.rows > 0
 
 
-def _allowed(request: Request) -> Iterator[Way]:
+def _allowed(request: Request) -> list[Way]:
     wanted = forced_cut.get()
     if wanted == "edges" and request.outline is not None:
         request = replace(request, outline=replace(request.outline, allows_cells=False))
-    ways = list(_ways(request))
-    if wanted is not None and any(way.cut == wanted for way in ways):
-        ways = [way for way in ways if way.cut == wanted]
-    for way in ways:
-        numpy = way.engine == "numpy"
-        asked = request.engine == "auto" or numpy == (request.engine == "numpy")
-        if asked and (numpy or request.compiles):
-            yield way
+    engines = {"numpy", "llvm"} if request.compiles else {"numpy"}
+    if request.engine != "auto":
+        engines &= {"numpy"} if request.engine == "numpy" else {"llvm"}
+    ways = [way for way in _ways(request) if way.engine in engines]
+    if request.others >= LIMITS["most sources as code"] and any(way.is_for_all for way in ways):
+        # of kernels for this source alone, those that it has paid for
+        ways = [way for way in ways if way.is_for_all or way.setup <= request.spent]
+    return [way for way in ways if wanted and way.cut == wanted] or ways
 
 
 def _ways(request: Request) -> Iterator[Way]:
@@ -169,6 +179,14 @@ def _sums(request: Request) -> Iterator[Way]:
     yield Way("sum on NumPy", "numpy", 0.0, _cost("call", 1) + _cost("term", count))
     run = _calling(request) + _cost("compiled term", count)
     yield Way("sum, compiled", "llvm", _compiling(request), run)
+    if request.takes_data:
+        yield _by_data(request, _cost("term as data", count))
+
+
+def _by_data(request: Request, run: float) -> Way:
+    """The source as data of a kernel that takes any."""
+    run += _calling(request) + _cost("source as data", 1)
+    return Way(DATA, "llvm", _compiling(request) + _cost("compile", 1), run, "data")
 
 
 def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
@@ -233,6 +251,8 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         setup = _compiling(request) + _cost(clip, outline.cuts * views)
         run = call + _cost("compiled clip", n * views * outline.cuts)
         yield Way("edges as code", "llvm", setup, run, cut)
+        if request.takes_data:
+            yield _by_data(request, _cost("cut as data", n * views * outline.cuts))
     elif cut == "rows":
         run = call + _cost("compiled row", n * views * outline.cuts)
         yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)

@@ -58,3 +58,7 @@ class Request:
     """Keys of the plans of earlier calls of this function of this source: set up already."""
     spent: float = 0.0
     """Seconds that earlier calls of this function of this source took, without set-ups."""
+    takes_data: bool = False
+    """Whether there is a kernel that takes any source of this kind as data."""
+    others: int = 0
+    """Sources that have kernels of their own in this process."""

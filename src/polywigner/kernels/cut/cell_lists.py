@@ -33,7 +33,7 @@ from polywigner.kernels.cut.cell_tables import (
 from polywigner.kernels.cut.cell_tree import Cells, divided
 from polywigner.kernels.outline.tables import Tables
 
-__all__ = ["CellLists", "cell_lists"]
+__all__ = ["CellLists", "cell_lists", "lists_of_one_cell"]
 
 Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
@@ -121,6 +121,58 @@ def cell_lists(tables: Tables, sign: int) -> CellLists:
     return _Lists(tables, edges, cells, sign, turn).result(angle)
 
 
+@lru_cache(maxsize=32)
+def lists_of_one_cell(tables: Tables, sign: int) -> CellLists:
+    """Lists for edges as in :func:`cell_lists`, of one cell wherever the offset lies.
+
+    Every edge is on them once for each convex piece, with all of the piece's sides.
+    """
+    edges = OutlineEdges.of(tables.edges)
+    pieces, count = tables.pieces, len(tables.edges)
+    sides = np.array([side for piece in pieces for side in piece.sides], np.int64)
+    lengths = np.array([len(piece.sides) for piece in pieces])
+    weights, number = np.unique([complex(p.real, p.imag) for p in pieces], return_inverse=True)
+    line, side = np.tile(sides, (count, 1)).T
+    parts = Parts(
+        np.zeros(count * len(pieces), np.int64),
+        np.repeat(np.arange(count), len(pieces)),
+        np.tile(weights[number.ravel()], count),
+        np.append(0, np.tile(lengths, count).cumsum()),
+        line,
+        side,
+    )
+    none = np.zeros(0, np.int64)
+    nothing = Runs(none, none, none, none.astype(np.complex128))
+    rows = np.tile(number.ravel(), count)
+    return CellLists(
+        (1.0, 0.0),
+        (0.0, 0.0),
+        (1.0, 1.0),
+        (1, 1),
+        np.ones(1, np.uint32),
+        *_arrays_of(edges, tables, weights),
+        first_rows(none, 1),
+        run_rows(nothing, none),
+        *cut_lists(parts, rows, 1, _lines_of(tables), edges, sign),
+    )
+
+
+def _lines_of(tables: Tables) -> Floats:
+    names = ((x.dx, x.dy, x.offset, x.cluster, x.exact, x.px, x.py) for x in tables.lines)
+    return np.array(list(names), np.float64)
+
+
+def _arrays_of(
+    edges: OutlineEdges, tables: Tables, weights: Complexes
+) -> tuple[Floats, Floats, Floats]:
+    """``edges``, ``edge_rest`` and ``weights`` of lists."""
+    return (
+        np.hstack([edges.start, edges.vector]),
+        np.array([(e.area, e.real, e.imag) for e in tables.edges], np.float64),
+        np.column_stack([weights.real, weights.imag]),
+    )
+
+
 class _Lists:
     """Sorts what the cells have found into lists."""
 
@@ -128,9 +180,7 @@ class _Lists:
         self, tables: Tables, edges: OutlineEdges, cells: Cells, sign: int, turn: Floats
     ) -> None:
         self.tables, self.edges, self.cells, self.sign, self.turn = tables, edges, cells, sign, turn
-        self.lines = np.array(
-            [(x.dx, x.dy, x.offset, x.cluster, x.exact, x.px, x.py) for x in tables.lines]
-        )
+        self.lines = _lines_of(tables)
         self.pieces = np.array([shapely.Polygon(p.corners) for p in tables.pieces])
         self.tree = shapely.STRtree(self.pieces)
         self.weights = np.array([complex(p.real, p.imag) for p in tables.pieces])
@@ -156,9 +206,7 @@ class _Lists:
             (float(scale[0]), float(scale[1])),
             (1 << cells.bits[0], 1 << cells.bits[1]),
             (cells.map() + 1).astype(np.uint32).ravel(),
-            np.hstack([self.edges.start, self.edges.vector]),
-            np.array([(e.area, e.real, e.imag) for e in self.tables.edges], np.float64),
-            np.column_stack([weights.real, weights.imag]),
+            *_arrays_of(self.edges, self.tables, weights),
             first_rows(runs.cell, len(cells)),
             run_rows(runs, number[: len(runs.cell)]),
             plain,

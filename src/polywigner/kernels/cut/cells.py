@@ -15,7 +15,14 @@ from polywigner.kernels.cut.cell_tables import GATE, GATE_EXACT, CutList
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, Clipper, RowClipper, View
 from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of
 
-__all__ = ["CellClipper", "arrays_of", "cell_of", "cell_of_offset", "clipper_for"]
+__all__ = [
+    "CellClipper",
+    "HeldLists",
+    "arrays_of",
+    "cell_of",
+    "cell_of_offset",
+    "clipper_for",
+]
 
 Interval = tuple[Any, Any, Any, Any]
 
@@ -57,28 +64,28 @@ def cell_of_offset(
     return cell_of(ops, lists, tx * view.offset, ty * view.offset, owner)
 
 
-class _Held:
-    """The lists in an engine's memory."""
+class HeldLists:
+    """The lists in an engine's memory, where ``hold`` puts each table of them."""
 
-    def __init__(self, ops: Any, lists: CellLists) -> None:
-        self.map = ops.held(lists.map[:, None])
-        self.edges = ops.held(lists.edges)
-        self.rest = [ops.held(column[:, None]) for column in lists.edge_rest.T]
-        self.weights = [ops.held(column[:, None]) for column in lists.weights.T]
-        self.runs = ops.held(lists.runs)
-        self.first_run = ops.held(lists.first_run[:, None])
+    def __init__(self, hold: Callable[[Any], Any], lists: CellLists) -> None:
+        self.map = hold(lists.map[:, None])
+        self.edges = hold(lists.edges)
+        self.rest = [hold(column[:, None]) for column in lists.edge_rest.T]
+        self.weights = [hold(column[:, None]) for column in lists.weights.T]
+        self.runs = hold(lists.runs)
+        self.first_run = hold(lists.first_run[:, None])
         self.cuts = [
-            tuple(ops.held(table) for table in (cuts.first[:, None], cuts.records, cuts.cuts))
+            tuple(hold(table) for table in (cuts.first[:, None], cuts.records, cuts.cuts))
             for cuts in (lists.plain, lists.special)
         ]
 
 
-def _held(ops: Any, lists: CellLists, owner: Hashable) -> _Held:
+def _held(ops: Any, lists: CellLists, owner: Hashable) -> HeldLists:
     """The copy of the lists that engines share, or that an owner has for itself."""
     key = ops.key, owner
     if key not in lists.held:
-        lists.held.setdefault(key, _Held(ops, lists))  # in all threads the same
-    found: _Held = lists.held[key]
+        lists.held.setdefault(key, HeldLists(ops.held, lists))  # in all threads the same
+    found: HeldLists = lists.held[key]
     return found
 
 
@@ -103,10 +110,15 @@ class CellClipper(Clipper):
         arguments: tuple[Any, ...],
         cells: Sequence[Any] | None = None,
         owner: Hashable = None,
+        lists: tuple[CellLists, HeldLists] | None = None,
     ) -> None:
-        """``cells``: of samples, for each view, where they are known; ``owner``: whose lists."""
+        """``cells``: of samples, for each view, where they are known; ``owner``: whose lists.
+
+        ``lists``: for all views, where others than those of the tables are wanted.
+        """
         super().__init__(ops, tables, tx, ty)
         self.views, self.arguments, self.cells, self.owner = views, arguments, cells, owner
+        self.lists = lists
         self._now: tuple[View, Interval] | None = None
 
     def sum_over_edges(
@@ -120,6 +132,13 @@ class CellClipper(Clipper):
                 totals = [a + b for a, b in zip(totals, part, strict=True)]
         self._now = None
         return tuple(totals)
+
+    def lists_of(self, view: View) -> tuple[CellLists, HeldLists]:
+        """The lists for a view, as they are and in an engine's memory."""
+        if self.lists is not None:
+            return self.lists
+        lists = cell_lists(self.tables, view.point)
+        return lists, _held(self.ops, lists, self.owner)
 
     def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
         return compute()
@@ -146,8 +165,7 @@ class _Pass:
         self.clipper, self.view, self.term, self.values = clipper, view, term, values
         self.ops = ops = clipper.ops
         self.x, self.y = clipper.tx * view.offset, clipper.ty * view.offset
-        self.lists = cell_lists(clipper.tables, view.point)
-        self.held = _held(ops, self.lists, clipper.owner)
+        self.lists, self.held = clipper.lists_of(view)
         if clipper.cells is not None:
             self.cell = clipper.cells[clipper.views.index(view)]
         else:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from polywigner.kernels.cut.cells import CellClipper, cell_of_offset, clipper_for
+from polywigner.kernels.cut.cell_lists import CellLists, lists_of_one_cell
+from polywigner.kernels.cut.cells import CellClipper, HeldLists, cell_of_offset, clipper_for
 from polywigner.kernels.cut.clipping import View
 from polywigner.kernels.cut.outer_bounds import may_meet
 from polywigner.kernels.outline.tables import Tables
@@ -50,6 +51,29 @@ class SliceSum:
         offset = self.offset(*inner)
         clipper = CellClipper(ops, tables, *offset, self.views, inner, cells, owner)
         return self.summed(clipper, *inner)
+
+    def in_one_cell(
+        self, ops: Any, tables: Tables, lists: CellLists, hold: Callable[[Any], Any], *inner: Any
+    ) -> Values:
+        """The sums by lists of one cell, of which ``hold`` gives each table in an engine's memory.
+
+        Of the source itself, nothing else is in the kernel.
+        """
+        held, cell = HeldLists(hold, lists), ops.truncated(1.0)
+        clipper = CellClipper(
+            ops,
+            tables,
+            *self.offset(*inner),
+            self.views,
+            inner,
+            [cell] * len(self.views),
+            lists=(lists, held),
+        )
+        return self.summed(clipper, *inner)
+
+    def lists(self, tables: Tables) -> CellLists:
+        """For :meth:`in_one_cell`: of all views, since one mirrors, and two differ by an offset."""
+        return lists_of_one_cell(tables, self.views[0].point)
 
     def support_mask(self, tables: Tables, *inner: Any) -> Any:
         """Where, on NumPy arrays, the sums may differ from 0."""

@@ -20,6 +20,7 @@ polygon at its centre has as many such ends as vertices.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -104,9 +105,8 @@ def _clusters(
     return result
 
 
-def _canonical(segment: npt.NDArray[np.float64]) -> int:
+def _canonical(ex: float, ey: float) -> int:
     """+1 if a segment's direction lies in [0, pi), else -1."""
-    ex, ey = segment
     return 1 if ey > 0 or (ey == 0 and ex > 0) else -1
 
 
@@ -125,22 +125,23 @@ class LineBook:
         ``after`` (n,): the number of the one that begins where each ends. ``linked``: see
         :func:`linking_angle`.
         """
-        vectors = segments[:, 2:]
-        signs = np.array([_canonical(v) for v in vectors])
+        vectors, plain = segments[:, 2:], list(map(tuple, segments.tolist()))
+        signs = np.array([_canonical(ex, ey) for *_, ex, ey in plain])
         angles = np.arctan2(signs * vectors[:, 1], signs * vectors[:, 0]) % np.pi
         clusters = _clusters(angles, after, linked)
         self.lines: list[Line] = []
         self.number_of: list[int] = []
         self.signs: list[int] = []
         """+1 where a segment runs along its line, -1 where it runs against it."""
-        shared = {
-            int(cluster): _shared_direction(segments[clusters == cluster], double)
-            for cluster in np.unique(clusters)
-        }
+        members: dict[int, list[tuple[float, ...]]] = {}
+        for segment, label in zip(plain, clusters.tolist(), strict=True):
+            members.setdefault(label, []).append(segment)
+        shared = {cluster: _shared_direction(own, double) for cluster, own in members.items()}
         keys: dict[tuple[float, ...], int] = {}
         offsets: dict[int, list[float]] = {}
-        for (ax, ay, ex, ey), sign, label in zip(segments.tolist(), signs, clusters, strict=True):
-            cluster = int(label)
+        for (ax, ay, ex, ey), sign, cluster in zip(
+            plain, signs.tolist(), clusters.tolist(), strict=True
+        ):
             direction = shared[cluster]
             if direction is None:
                 start = (ax, ay) if sign > 0 else (ax + ex, ay + ey)
@@ -158,7 +159,7 @@ class LineBook:
                 keys[key] = len(self.lines)
                 self.lines.append(Line(dx, dy, offset, cluster, direction is None, *start))
             self.number_of.append(keys[key])
-            self.signs.append(int(sign))
+            self.signs.append(sign)
 
     @property
     def has_exact_lines(self) -> bool:
@@ -166,20 +167,30 @@ class LineBook:
 
 
 def _shared_direction(
-    segments: npt.NDArray[np.float64], double: bool
+    segments: Sequence[tuple[float, ...]], double: bool
 ) -> tuple[float, float] | None:
-    """The unit vector, in [0, pi), of a cluster whose lines are parallel, equal or well apart."""
-    vectors = segments[:, 2:]
-    lengths = np.hypot(vectors[:, 0], vectors[:, 1])
-    longest = int(np.argmax(lengths))
-    dx, dy = (_canonical(vectors[longest]) * vectors[longest] / lengths[longest]).tolist()
-    angles = np.abs(dx * vectors[:, 1] - dy * vectors[:, 0]) / lengths
-    ends = np.concatenate([segments[:, :2], segments[:, :2] + vectors])
-    offsets = np.sort(dx * ends[:, 1] - dy * ends[:, 0])
-    parallel, separate = _PARALLEL[double], _SEPARATE[double]
-    last = np.flatnonzero(np.diff(offsets) > separate)
-    spans = offsets[np.append(last, -1)] - offsets[np.insert(last + 1, 0, 0)]
-    return (dx, dy) if max(angles) <= parallel and max(spans) <= _SAME_OFFSET[double] else None
+    """The unit vector, in [0, pi), of a cluster whose lines are parallel, equal or well apart.
+
+    Numbers of Python: most clusters have two segments, an edge and the side of a piece.
+    """
+    lengths = [math.hypot(ex, ey) for *_, ex, ey in segments]
+    longest = lengths.index(max(lengths))
+    *_, ex, ey = segments[longest]
+    size = math.copysign(lengths[longest], _canonical(ex, ey))
+    dx, dy = ex / size, ey / size
+    for (*_, ex, ey), length in zip(segments, lengths, strict=True):
+        if not abs(dx * ey - dy * ex) / length <= _PARALLEL[double]:
+            return None
+    ends = [(ax, ay) for ax, ay, *_ in segments]
+    ends += [(ax + ex, ay + ey) for ax, ay, ex, ey in segments]
+    offsets = sorted(dx * y - dy * x for x, y in ends)
+    first = offsets[0]
+    for offset, after in zip(offsets, [*offsets[1:], math.inf], strict=True):
+        if after - offset > _SEPARATE[double]:
+            if offset - first > _SAME_OFFSET[double]:
+                return None
+            first = after
+    return dx, dy
 
 
 def _merged(offset: float, known: list[float], rounding: float) -> float:

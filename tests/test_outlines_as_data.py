@@ -1,0 +1,144 @@
+"""One compiled kernel for all outlines: the values of other ways, and few kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from polywigner.errors import GeometryError
+from polywigner.plans import Outline, Plan, Request, forced, plan
+from polywigner.plans.plan import DATA
+from test_compilation import compiled
+
+# Of sums of some ten terms, each good to an ulp or two of the area; single precision of 6e-8.
+DOUBLE, SINGLE = 2e-13, 3e-5
+# Of W, A and F: with or without vertices on a grid, pieces turned over, lines of both kinds.
+MOST_FORMS = 12
+
+TRANSFORMS: dict[str, Callable[..., Any]] = {
+    "wigner": pw.wigner,
+    "ambiguity": lambda source, x, nu, **how: pw.ambiguity(source, nu, x, **how),
+    "fourier": lambda source, x, nu, **how: pw.fourier(source, nu, **how),
+}
+
+
+def random_outlines(seed: int) -> Iterator[pw.Aperture]:
+    rng = np.random.default_rng(seed)
+    while True:
+        count = rng.integers(3, 13)
+        angle, radius = np.sort(rng.random(count)) * 2 * np.pi, 0.3 + 0.7 * rng.random(count)
+        try:
+            yield pw.Aperture(radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+        except GeometryError:
+            continue
+
+
+def awkward_outlines() -> Iterator[pw.Aperture]:
+    box = shapely.box(-0.5, -0.5, 0.5, 0.5)
+    yield pw.Aperture(box)
+    yield pw.Aperture(box.difference(shapely.box(-0.2, -0.3, 0.1, 0.4)))
+    yield pw.Aperture(shapely.union(box, shapely.box(1.0, 0.1, 1.5, 0.9)))
+    yield pw.Aperture([[0, 0], [1, 1e-5], [1.0002, 2e-4], [1e-4, 1.5e-4]])  # a needle
+    yield pw.shapes.regular_polygon(12, 1e-6)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("name", TRANSFORMS)
+def test_values_are_those_of_numpy(name: str, llvm: Any) -> None:
+    rng = np.random.default_rng(5)
+    outlines = random_outlines(1)
+    for source in [*awkward_outlines(), *(next(outlines) for _ in range(20))]:
+        size = np.sqrt(source.area)
+        x, nu = rng.normal(size=(200, 2)) * 0.4 * size, rng.normal(size=(200, 2)) * 3 / size
+        x[:20], nu[:5] = 0.0, 0.0  # coincident edges, and the limit
+        x += np.array(shapely.Point(source.bounds[0] * 0.5, 0).coords[0]) * (name == "wigner")
+        expected = TRANSFORMS[name](source, x, nu, engine="numpy")
+        with forced("data"):
+            for precision, allowed in (("double", DOUBLE), ("single", SINGLE)):
+                found = TRANSFORMS[name](source, x, nu, engine="llvm", precision=precision)
+                assert np.abs(found - expected).max() <= allowed * 4 * source.area
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("name", TRANSFORMS)
+def test_what_is_no_number_is_none_in_the_result(name: str, llvm: Any) -> None:
+    source, bad = next(random_outlines(2)), [np.nan, np.inf, -np.inf]
+    x = np.zeros((8, 2))
+    nu = np.ones((8, 2))
+    nu[:3, 0] = bad
+    x[3:6, 1] = bad
+    with forced("data"):
+        found = TRANSFORMS[name](source, x, nu, engine="llvm")
+    expected = TRANSFORMS[name](source, x, nu, engine="numpy")
+    assert np.array_equal(np.isnan(found), np.isnan(expected))
+    assert np.isnan(found[:3]).all()
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("name", TRANSFORMS)
+def test_any_number_of_outlines_needs_a_few_kernels(name: str, llvm: Any) -> None:
+    rng, outlines = np.random.default_rng(3), random_outlines(4)
+
+    def call(count: int) -> None:
+        for source in (next(outlines) for _ in range(count)):
+            x, nu = rng.normal(size=(2, 50, 2))
+            TRANSFORMS[name](source, x, nu, engine="llvm")
+
+    with compiled() as first:
+        call(20)
+    with compiled() as more:
+        call(60)
+    assert len(set(first)) + len(set(more)) <= MOST_FORMS
+    assert len(more) < MOST_FORMS // 2
+
+
+@pytest.mark.llvm
+def test_arrays_of_the_engine_need_no_kernel_of_their_own(llvm: Any) -> None:
+    import drjit.llvm.ad as backend
+
+    rng, outlines = np.random.default_rng(6), random_outlines(7)
+
+    def call(count: int) -> None:
+        for source in (next(outlines) for _ in range(count)):
+            x, nu = rng.normal(size=(2, 50, 2))
+            arrays = [backend.Array2f64(*points.T.tolist()) for points in (x, nu)]
+            found = pw.wigner(source, *arrays).numpy()
+            assert np.abs(found - pw.wigner(source, x, nu, engine="numpy")).max() <= DOUBLE * 12
+
+    call(30)
+    with compiled() as found:
+        call(30)
+    assert len(found) < MOST_FORMS // 2
+
+
+SQUARE = Request("wigner", 1000, Outline(4, 1, 16, 4), engine="llvm", loaded=True, takes_data=True)
+
+
+def test_a_new_outline_is_data_once_there_have_been_others() -> None:
+    assert plan(SQUARE).way.name == "edges as code"
+    assert plan(replace(SQUARE, others=3)).way.name == DATA
+
+
+def test_an_outline_that_stays_becomes_code() -> None:
+    request, names = replace(SQUARE, samples=100_000, others=3), []
+    for _ in range(100):
+        found: Plan = plan(request)
+        names.append(found.way.name)
+        ready = request.ready | {found.key}
+        request = replace(request, ready=ready, spent=request.spent + found.way.run)
+    assert names[0] == DATA
+    assert names[-1] == "edges as code"
+    assert names == sorted(names, key=lambda name: name != DATA)
+
+
+def test_a_process_compiles_for_so_many_outlines_only() -> None:
+    large = replace(SQUARE, samples=10_000_000)
+    assert plan(replace(large, others=3)).way.name == "edges as code"
+    assert plan(replace(large, others=1000)).way.name == DATA
+    assert plan(replace(large, others=1000, spent=10.0)).way.name == "edges as code"
