@@ -62,9 +62,11 @@ class OnDrjitData:
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host, self.out = NumpyOperations(double=True), NumpyOperations(double)
         self.dtype = np.dtype(np.float64 if double else np.float32)
-        self.source: _Source = (
-            _Slices(kernel, tables) if isinstance(tables, Tables) else _Edges(kernel, tables)
-        )
+        self.source: _Source
+        if isinstance(tables, Tables):
+            self.source = _Slices(kernel, tables)
+        else:
+            self.source = _Edges(kernel, tables)
         self.state = [self._sent(k, table) for k, table in enumerate(self.source.numbers)]
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
@@ -116,9 +118,9 @@ class _Slices:
         assert kernel.slices is not None
         self.slices, self.tables = kernel.slices, tables
         self.lists = lists = kernel.slices.lists(tables)
-        self.numbers = []
-        HeldLists(lambda table: (table.shape[1], self.numbers.append(table)), lists)
-        self.form = (
+        self.numbers: list[Array] = []
+        HeldLists(self._listed, lists)
+        self.form: Hashable = (
             tables.grid,
             tables.uniform,
             tables.phased,
@@ -127,6 +129,9 @@ class _Slices:
             len(lists.special.records) > 0,
         )
 
+    def _listed(self, table: Array) -> None:
+        self.numbers.append(table)
+
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
         return self.slices.in_one_cell(ops, self.tables, self.lists, hold, *inner)
 
@@ -134,13 +139,13 @@ class _Slices:
 class _Edges:
     """An outline whose edges are summed up."""
 
-    form = "edges"
+    form: Hashable = "edges"
 
     def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
         self.kernel, self.tables = kernel, tables
         rows = np.zeros((len(tables.edges), 8))
         rows[:, :5] = tables.edges
-        self.numbers = [rows, np.array([[len(rows)]], np.uint32)]
+        self.numbers: list[Array] = [rows, np.array([[len(rows)]], np.uint32)]
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
         rows, count = (hold(table) for table in self.numbers)
