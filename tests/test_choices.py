@@ -49,6 +49,8 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/boundary/edge_waves.py", "_GRAZING"): DIGITS,
     ("kernels/boundary/edge_waves.py", "_LOST"): DIGITS,
     ("kernels/boundary/edge_waves.py", "_LOW"): DIGITS,
+    ("kernels/outline/lines.py", "_PARALLEL"): DIGITS,
+    ("kernels/outline/lines.py", "_SEPARATE"): DIGITS,
     ("kernels/cut/cell_edges.py", "_STRAIGHT"): DIGITS,
     ("kernels/cut/cell_lists.py", "_OVERLAP"): DIGITS,
     ("kernels/cut/cell_lists.py", "_ROUNDING"): DIGITS,

@@ -117,6 +117,26 @@ def test_arrays_of_the_engine_need_no_kernel_of_their_own(llvm: Any) -> None:
     assert len(found) < MOST_FORMS // 2
 
 
+@pytest.mark.llvm
+def test_derivatives_need_no_kernel_of_their_own(llvm: Any) -> None:
+    import drjit as dr
+    import drjit.llvm.ad as backend
+
+    rng, outlines = np.random.default_rng(8), random_outlines(9)
+
+    def call(count: int) -> None:
+        for source in (next(outlines) for _ in range(count)):
+            x, nu = (backend.Array2f64(*v.tolist()) for v in rng.normal(size=(2, 2, 50)))
+            dr.enable_grad(x)
+            dr.backward(pw.wigner(source, x, nu))
+            dr.eval(dr.grad(x))
+
+    call(15)
+    with compiled() as found:
+        call(15)
+    assert len(found) < MOST_FORMS
+
+
 SQUARE = Request("wigner", 1000, Outline(4, 1, 16, 4), engine="llvm", loaded=True, takes_data=True)
 
 

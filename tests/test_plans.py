@@ -226,12 +226,17 @@ def test_an_outline_that_changes_is_data_unless_samples_are_very_many() -> None:
 
 def test_derivatives_are_found_by_cells_from_fewer_edges_on() -> None:
     """Their code for each cut is some ten times that of the function."""
-    assert cut_for("derivatives", 48, 48) == cut_for("compiled", 48, 48) == "code"
-    assert (cut_for("derivatives", 1024, 1024), cut_for("compiled", 1024, 1024)) == (
-        "cells",
-        "code",
-    )
-    assert cut_for("derivatives", 10_000, 0) == "rows"
+    many = 1_000_000
+    assert cut_for("derivatives", 48, 48, many) == cut_for("compiled", 48, 48) == "code"
+    assert cut_for("derivatives", 1024, 1024, many) == "cells"
+    assert cut_for("compiled", 1024, 1024) == "code"
+    assert cut_for("derivatives", 10_000, 0, many) == "rows"
+
+
+def test_derivatives_of_few_samples_need_no_code_of_their_own() -> None:
+    assert cut_for("derivatives", 48, 48, 1000) == "all in cells"
+    assert cut_for("derivatives", 1024, 1024, 1000) == "cells"
+    assert cut_for("derivatives", 48, 0, 1000) == "code"
 
 
 def test_explain_tells_what_a_call_does() -> None:

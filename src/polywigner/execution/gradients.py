@@ -21,6 +21,7 @@ from polywigner.execution.accumulators import (
 from polywigner.execution.derivatives import DerivativeRule, with_derivatives
 from polywigner.execution.operations import DrjitOperations, ScalarOperations
 from polywigner.execution.parameters import Traced
+from polywigner.execution.table_data import with_frame_as_data
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.slopes.slope_kernels import SlopeKernel, slope_kernel_of
@@ -43,8 +44,11 @@ def kernel_with_derivatives(
         return kernel(ops, tables, *components)
     if isinstance(tables, Tables) and ops.target == "compiled" and not dr.grad_enabled(shared):
         # The function is found in the same way: of A, the phase of the centre multiplies both.
-        cut = cut_for("derivatives", tables.clips, tables.clips_for_cells)
+        samples = dr.width(tuple(components))
+        cut = cut_for("derivatives", tables.clips, tables.clips_for_cells, samples)
         tables = tables.cut_by(cut)
+        if cut == "all in cells":
+            tables = with_frame_as_data(ops, tables)
     inner = kernel.enter(ops, tables.frame, *components)
     typed = tuple(ops.float_type(value) for value in components)
     edge_sum = _EdgeSum(kernel, ops, tables, slopes, traced, typed, dr.detach(inner))

@@ -14,9 +14,10 @@ from polywigner.execution.aligned import array_of
 from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import phases
 
-__all__ = ["TracedOperations", "UnrolledOperations", "as_data"]
+__all__ = ["TracedOperations", "UnrolledOperations", "as_data", "with_frame_as_data"]
 
 
 class TracedOperations(DrjitOperations):
@@ -46,6 +47,15 @@ class _DataFrame(Frame):
         nearest = tuple(high for high, _ in pairs)
         kept = {field.name: getattr(self, field.name) for field in fields(Frame)}
         return Frame(**{**kept, "centre": nearest}).position(ops, x, y)
+
+
+def with_frame_as_data(ops: DrjitOperations, tables: Tables) -> Tables:
+    """Tables with the centre of their frame in memory; their lists are so in any case."""
+    held = _Held(ops)
+    pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
+    centre = [(held.add(high), held.add(low)) for high, low in pairs]
+    held.send()
+    return replace(tables, frame=_framed(tables.frame, held, centre))
 
 
 def as_data(ops: DrjitOperations, tables: Any) -> Any:

@@ -121,6 +121,9 @@ LIMITS: dict[str, float] = {
     # To trace a kernel takes as long as some ten thousand samples of it (questions/latency.py). Of
     # more samples, arrays are better computed with what they are used for, without being stored.
     "most samples of a recording": 1 << 16,
+    # Derivatives in points as code for each cut run up to three times as fast, and take 0.1 to 2 s
+    # to compile; to trace them takes longer, as long as for so many samples (gradient_cuts.py).
+    "most samples with derivatives as data": 1 << 15,
     # A term of the Fourier transform takes some 20 ms to compile (fourier_cost.py).
     "most terms as code": 12,
     # Terms that are whole transforms: half a second to compile.

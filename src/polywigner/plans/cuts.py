@@ -30,13 +30,15 @@ def forced(cut: str) -> Iterator[None]:
 def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> str:
     """``"code"``, each edge by itself; ``"rows"``, of a table; or ``"cells"`` that list them.
 
+    ``"all in cells"``: each edge with each side, on lists of one cell, in memory.
+
     Parameters
     ----------
     target : ``"numpy"``, ``"scalar"``, ``"compiled"``; ``"sorted"``: compiled, with samples in the
         order of the cells; ``"derivatives"``: of a compiled kernel, in points. ``"data"`` and
         ``"code"`` have rows and code only.
     cuts : of all edges by all sides; ``cuts_for_cells``: the same, or 0 where cells cannot be.
-    samples : of NumPy, computed at a time.
+    samples : of NumPy, computed at a time; for ``"derivatives"``, all.
     """
     if target in ("data", "code"):
         return "rows" if target == "data" else "code"
@@ -55,6 +57,9 @@ def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> st
         "sorted": "least cuts in cells, sorted",
     }[target]
     many = not numpy or samples >= LIMITS["least samples in cells, NumPy"]
+    few = target == "derivatives" and samples <= LIMITS["most samples with derivatives as data"]
+    if few and 0 < cuts_for_cells <= LIMITS[least]:
+        return "all in cells"
     if many and LIMITS[least] < cuts_for_cells <= LIMITS["most cuts in cells"]:
         return "cells"
     if target == "scalar":

@@ -48,6 +48,8 @@ _ON_EDGE = (0.4863917, 0.2718356, 0.7236281)
 _IN_CELL = ((0.5127639, 0.4718352), (0.3819221, 0.6180467), (0.6366198, 0.3678794))
 # The cells reach further than the copies touch, by this fraction of their size
 _RIM = 0.002
+# Copies in their frame are apart at offsets much smaller than this
+_FAR = 1024.0
 # Area, as a fraction, that pieces may have in common and still count as disjoint
 _OVERLAP = 1e-9
 # A sum of weights below this fraction of them is zero
@@ -105,6 +107,8 @@ def cell_lists(tables: Tables, sign: int) -> CellLists:
 
     Coarse cells, if the tables ask for them, are found in a fourth of the time.
     """
+    if tables.cut == "all in cells":
+        return lists_of_one_cell(tables, sign)
     edges = OutlineEdges.of(tables.edges)
     angle = main_direction(edges.vector)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
@@ -146,8 +150,8 @@ def lists_of_one_cell(tables: Tables, sign: int) -> CellLists:
     rows = np.tile(number.ravel(), count)
     return CellLists(
         (1.0, 0.0),
-        (0.0, 0.0),
-        (1.0, 1.0),
+        (-_FAR, -_FAR),
+        (0.5 / _FAR, 0.5 / _FAR),
         (1, 1),
         np.ones(1, np.uint32),
         *_arrays_of(edges, tables, weights),
