@@ -19,8 +19,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, StoreError
 from polywigner.geometry.arguments import checked_path
+from polywigner.propagation.stores_checks import recorded, stored_layout
 from polywigner.propagation.stores_files import recent_zarr, required
 
 if TYPE_CHECKING:
@@ -134,7 +135,10 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
-    """A scratch file, put in place once the block is done. Raises ArgumentError on OSError."""
+    """A scratch file, put in place once the block is done.
+
+    Raises ArgumentError on OSError, StoreError for damaged chunks of what the block reads.
+    """
     scratch = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
         try:
@@ -143,8 +147,17 @@ def _whole(path: Path) -> Iterator[Path]:
             scratch.replace(path)
         finally:
             scratch.unlink(missing_ok=True)
+    except StoreError:
+        raise
     except OSError as error:
         raise _not_written(path, error) from error
+    except ValueError as error:
+        if "checksum do not match" not in str(error):  # zarr's words
+            raise
+        raise StoreError(
+            f"expected whole chunks for {path}, got a damaged one; verify_store names it, and the "
+            "run that wrote the store, once more, computes it anew"
+        ) from error
 
 
 def _not_written(path: Path, error: OSError) -> ArgumentError:
@@ -160,8 +173,14 @@ def _opened(dataset: Any) -> Any:
     if isinstance(dataset, xarray.Dataset):
         return dataset
     try:
-        return xarray.open_zarr(checked_path(dataset))
-    except (OSError, ValueError, KeyError, ArgumentError) as error:
+        path = checked_path(dataset)
+        found = recorded(path)
+        if found is not None:
+            stored_layout(path, found.settings)  # its coordinates are whole
+        return xarray.open_zarr(path)
+    except StoreError:
+        raise
+    except Exception as error:  # zarr and its codecs raise of many kinds
         raise ArgumentError(
             f"expected an xarray.Dataset or the path of a store, got {dataset!r}: {error}"
         ) from None
