@@ -53,8 +53,8 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
     Raises
     ------
-    ArgumentError for anything but a dataset, and a place that cannot be written to;
-    MissingExtraError without xarray and h5netcdf.
+    ArgumentError for anything but a dataset, and a place that cannot be written to; StoreError for
+    a store with damaged parts; MissingExtraError without xarray and h5netcdf.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -67,7 +67,10 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     for module in ("h5netcdf", "h5py"):
         required(module)
     found = _real_parts(_opened(dataset))
-    with _whole(checked_path(path)) as scratch:
+    # Chunks of a store in turn, which takes no longer: once one is found to be damaged, no thread
+    # that is still writing makes the scratch file again.
+    in_turn = {"scheduler": "synchronous"} if isinstance(dataset, (str, os.PathLike)) else {}
+    with _whole(checked_path(path)) as scratch, required("dask").config.set(**in_turn):
         found.to_netcdf(scratch, engine="h5netcdf")
 
 
@@ -112,7 +115,8 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     ArgumentError for anything but a dataset, for more axes, for axes that are not evenly spaced,
-    and for a place that cannot be written to; MissingExtraError without xarray.
+    and for a place that cannot be written to; StoreError for a store with damaged parts;
+    MissingExtraError without xarray.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
