@@ -26,6 +26,7 @@ from polywigner.propagation.stores_files import (
     SETTINGS,
     checksum_of,
     recent_zarr,
+    required,
 )
 from polywigner.propagation.stores_layout import Index, Layout, digest_of, told_settings
 from polywigner.radiometry.progress import progress_bar
@@ -95,22 +96,39 @@ def stored_layout(path: Path, settings: dict[str, Any]) -> Layout:
         if [list(array.shape), list(array.chunks), array.dtype.name] != expected:
             raise ValueError(f"{name} is not of the shape, chunks and type of the settings")
         coords = {}
-        for axis in array.metadata.dimension_names:
+        for axis, n in zip(array.metadata.dimension_names, array.shape, strict=True):
             part = f"coordinate {axis}"
-            values = open_array(path, axis)[...]
+            stored = open_array(path, axis)
+            if stored.shape != (n,):  # before that much memory is taken
+                raise ValueError(f"it has the shape {stored.shape} for {n} samples")
+            values = stored[...]
             if digest_of(values) != settings[part]:
                 raise ValueError("its digest is that of other values")
             coords[axis] = LabelledArray(values, (axis,))
         if (path / SOURCE_COORDINATE).exists():  # long sources are not kept
             part = f"coordinate {SOURCE_COORDINATE}"
-            text = str(open_array(path, SOURCE_COORDINATE)[...])
-            if hashlib.sha256(text.encode()).hexdigest() != settings["source_sha256"]:
-                raise ValueError("its digest is that of another text")
+            _check_source(path, settings["source_sha256"])
         return Layout(name, array.dtype, coords, array.chunks)
     except (StoreError, MissingExtraError):
         raise
     except Exception as error:  # zarr, its codecs and NumPy raise of many kinds
         raise _broken(path, part, error) from error
+
+
+def _check_source(path: Path, digest: str) -> None:
+    """Raises what zarr does, and ValueError for a text of another digest."""
+    array = open_array(path, SOURCE_COORDINATE)
+    if has_checksums(array):
+        # First without zarr, which takes memory for as many texts as the first bytes say: before
+        # the text there are the number of texts and its length, behind it the checksum.
+        content = chunk_file(path, array, SOURCE_COORDINATE, ()).read_bytes()
+        _compare(content[8:-4], digest)
+    _compare(str(array[...]).encode(), digest)
+
+
+def _compare(text: bytes, digest: str) -> None:
+    if hashlib.sha256(text).hexdigest() != digest:
+        raise ValueError("its digest is that of another text")
 
 
 def _broken(path: Path, part: str, error: Exception) -> StoreError:
@@ -137,9 +155,15 @@ def chunk_file(path: Path, array: Any, name: str, index: Index) -> Path:
     return path / name / array.metadata.encode_chunk_key(index)
 
 
+def has_checksums(array: Any) -> bool:
+    """Whether an array's chunks carry checksums; those of older stores do not."""
+    codec = required("zarr.codecs").Crc32cCodec
+    return any(isinstance(one, codec) for one in array.compressors)
+
+
 def chunk_bytes(array: Any, layout: Layout) -> int:
-    """Size of a chunk's file: a checksum is its last four bytes; older stores have none."""
-    return layout.chunk_bytes + 4 * len(array.compressors)
+    """Size of a chunk's file: its last four bytes are the checksum."""
+    return layout.chunk_bytes + (4 if has_checksums(array) else 0)
 
 
 def _files(folder: Path) -> Iterator[os.DirEntry[str]]:
@@ -184,7 +208,7 @@ def damaged(
     """The chunks, but for those known to be absent, whose checksum is not that of their bytes."""
     array, known = open_array(path, layout.name), set(absent)
     there = [index for index in layout.indices() if index not in known]
-    if not array.compressors or not there:
+    if not there or not has_checksums(array):
         return []
     found = []
     with progress_bar(f"{path.name}: checksums", len(there), show=progress) as advance:
@@ -253,7 +277,7 @@ def verify_store(path: str | os.PathLike[str], *, progress: bool | None = None) 
             f"expected {layout.count} whole chunks in {folder}, got {'; '.join(faults)}; start the "
             "run that wrote it once more: it computes these anew"
         )
-    if not open_array(folder, layout.name).compressors:
+    if not has_checksums(open_array(folder, layout.name)):
         raise StoreError(
             f"expected checksums in {folder}, got a store of an older version without; its "
             f"{layout.count} chunks are all there and of the right size, and no more can be told"
