@@ -19,7 +19,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from polywigner.errors import ArgumentError, StoreError
+from polywigner.errors import ArgumentError, PolywignerError, StoreError
 from polywigner.geometry.arguments import checked_path
 from polywigner.propagation.stores_checks import recorded, stored_layout
 from polywigner.propagation.stores_files import recent_zarr, required
@@ -69,8 +69,8 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     found = _real_parts(_opened(dataset))
     # Chunks of a store in turn, which takes no longer: once one is found to be damaged, no thread
     # that is still writing makes the scratch file again.
-    in_turn = {"scheduler": "synchronous"} if isinstance(dataset, (str, os.PathLike)) else {}
-    with _whole(checked_path(path)) as scratch, required("dask").config.set(**in_turn):
+    in_turn = {"scheduler": "synchronous"} if _is_store(dataset) else {}
+    with _whole(checked_path(path), dataset) as scratch, required("dask").config.set(**in_turn):
         found.to_netcdf(scratch, engine="h5netcdf")
 
 
@@ -130,15 +130,19 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     # Our own forty lines: VTK's writer, a package of 600 MB, wants all of an image in memory.
     found = _real_parts(_opened(dataset))
     image = _image_of(found)
-    with _whole(checked_path(path)) as scratch, scratch.open("wb") as file:
+    with _whole(checked_path(path), dataset) as scratch, scratch.open("wb") as file:
         file.write(_header(found, image).encode())
         for name in found.data_vars:
             _append(file, found[name], image)
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
+def _is_store(dataset: Stored) -> bool:
+    return isinstance(dataset, (str, os.PathLike))
+
+
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
+def _whole(path: Path, dataset: Stored) -> Iterator[Path]:
     """A scratch file, put in place once the block is done.
 
     Raises ArgumentError on OSError, StoreError for damaged chunks of what the block reads.
@@ -151,12 +155,12 @@ def _whole(path: Path) -> Iterator[Path]:
             scratch.replace(path)
         finally:
             scratch.unlink(missing_ok=True)
-    except StoreError:
+    except PolywignerError:
         raise
     except OSError as error:
         raise _not_written(path, error) from error
     except ValueError as error:
-        if "checksum do not match" not in str(error):  # zarr's words
+        if not _is_store(dataset) and "checksum do not match" not in str(error):  # zarr's words
             raise
         raise StoreError(
             f"expected whole chunks for {path}, got a damaged one; verify_store names it, and the "
