@@ -52,7 +52,8 @@ def kill_all(folder: Path, kills: int, dice: random.Random) -> int:
     expected, counts, slowest = digests(undisturbed), Counter[str](), 0.0
     print(f"undisturbed: {len(expected)} files, {seconds:.2f} s")
     while True:
-        limit = dice.uniform(0.0, seconds / 2) if counts["kills"] < kills else None
+        soon = dice.uniform(0.0, seconds / 2) * dice.choice((0.05, 1.0))  # or while a store is made
+        limit = soon if counts["kills"] < kills else None
         took, was_killed = run(store, limit)
         if was_killed:
             counts["kills"] += 1

@@ -75,11 +75,7 @@ def _text_in(found: Any) -> str:
             return str(found.coords[SOURCE_COORDINATE].values.item())
         # datasets and stores written before there was such a coordinate
         settings = json.loads(found.attrs.get("polywigner_settings", "{}"))
-    except (
-        ValueError,
-        RuntimeError,
-        MemoryError,
-    ) as error:  # by checksums of stores, or what unpacks them
+    except (ValueError, RuntimeError, MemoryError) as error:  # by a store's codecs
         raise FileFormatError(
             f"expected a dataset whose source can be read, got a damaged one ({error}); read a copy"
         ) from error
