@@ -135,7 +135,7 @@ def _broken(path: Path, part: str, error: Exception) -> StoreError:
     reason = str(error) or type(error).__name__
     return StoreError(
         f"expected the store {path} as it was written, got damaged {part} ({reason[:200]}); put "
-        "them back from a copy, or delete that store and start again"
+        "its files back from a copy, or delete that store and start again"
     )
 
 
