@@ -4,9 +4,9 @@
     python tools/kill_volumes.py [--kills 50] [--seed 0]
 
 Starts a small volume, ends it by SIGKILL at a random moment, flips a byte of a chunk in every
-second case, and starts it again, until it has been killed that many times and is complete. Every
-store that is complete is compared, file by file, with that of a run that nothing happened to. The
-exit status is 1 where one differs, a run fails, or anything is left beside a store.
+second case, and starts it again until it is complete; then the next one, until there have been
+that many kills. Every store that is complete is compared, file by file, with that of a run that
+nothing happened to. The exit status is 1 where one differs, a run fails, or anything is left beside a store.
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+
+KILLS_OF_A_STORE = 6
+"""After so many a store is completed and compared, and the next one begun."""
 
 RUN = """
 import sys
@@ -51,9 +54,11 @@ def kill_all(folder: Path, kills: int, dice: random.Random) -> int:
     seconds, _ = run(undisturbed)
     expected, counts, slowest = digests(undisturbed), Counter[str](), 0.0
     print(f"undisturbed: {len(expected)} files, {seconds:.2f} s")
+    since = 0
     while True:
         soon = dice.uniform(0.0, seconds / 2) * dice.choice((0.05, 1.0))  # or while a store is made
-        limit = soon if counts["kills"] < kills else None
+        is_last = counts["kills"] >= kills
+        limit = None if is_last or counts["kills"] - since >= KILLS_OF_A_STORE else soon
         took, was_killed = run(store, limit)
         if was_killed:
             counts["kills"] += 1
@@ -68,8 +73,9 @@ def kill_all(folder: Path, kills: int, dice: random.Random) -> int:
         ]:
             print(f"FAIL after {dict(counts)}: {sorted(store.parent.iterdir())}")
             return 1
-        if limit is None:
+        if is_last:
             break
+        since = counts["kills"]
         shutil.rmtree(store)
     print(", ".join(f"{count} {name}" for name, count in sorted(counts.items())))
     print(
