@@ -6,7 +6,8 @@
 Starts a small volume, ends it by SIGKILL at a random moment, flips a byte of a chunk in every
 second case, and starts it again until it is complete; then the next one, until there have been
 that many kills. Every store that is complete is compared, file by file, with that of a run that
-nothing happened to. The exit status is 1 where one differs, a run fails, or anything is left beside a store.
+nothing happened to. The exit status is 1 where one differs, a run fails, or anything is left beside
+a store.
 """
 
 from __future__ import annotations
