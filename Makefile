@@ -10,6 +10,8 @@ TESTS ?=
 
 # FUZZ='--seed 2' make fuzz      arguments for tools/fuzz
 FUZZ ?=
+# KILL='--kills 10' make kill       arguments for tools/kill_volumes.py
+KILL ?=
 
 # BENCH='--only wigner' make bench  arguments for the comparison: --quick, --only, --list, --out
 BENCH ?=
@@ -26,7 +28,7 @@ PROPAGATE = $(BIN)/polywigner propagate
 PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test test-all fuzz lint format typecheck hooks bench docs dist ci clean
+.PHONY: help demo pictures test test-all fuzz kill lint format typecheck hooks bench docs dist ci clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -57,6 +59,10 @@ test-all: ## run all tests, the slow ones too
 fuzz: ## read ten thousand damaged files; FUZZ='--seed 2 --count 1000' chooses others
 	@$(SETUP) --group test
 	$(BIN)/python tools/fuzz $(FUZZ)
+
+kill: ## kill a volume fifty times and compare what it becomes; KILL='--kills 10' for fewer
+	@$(SETUP) --group test
+	$(BIN)/python tools/kill_volumes.py $(KILL)
 
 lint: ## check style and formatting
 	@$(SETUP) --group dev

@@ -20,7 +20,13 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, EngineError, MissingExtraError, StoreError
+from polywigner.errors import (
+    ArgumentError,
+    EngineError,
+    MissingExtraError,
+    PolywignerWarning,
+    StoreError,
+)
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout, chunks_within
 from polywigner.transforms.labelled import LabelledArray
@@ -107,7 +113,8 @@ def test_what_a_killed_run_left_half_written_is_swept(tmp_path: Path) -> None:
     partial = store / "gaussian/c/0/0.0123.partial"
     partial.write_bytes(b"half a chu")
     (store / "gaussian/c/0/1").write_bytes(b"")  # a power cut, on some file systems
-    write_dataset(store, LAYOUT, Beam(), SETTINGS)
+    with pytest.warns(PolywignerWarning, match="1 of the 12 chunks"):
+        write_dataset(store, LAYOUT, Beam(), SETTINGS)
     assert not partial.exists()
     assert hashes(store) == whole
 

@@ -62,5 +62,5 @@ class MissingExtraError(PolywignerError, ImportError):
 class PolywignerWarning(UserWarning):
     """A result is less accurate than what was asked for, or than its method usually is.
 
-    Or an argument looks like one in another unit.
+    Or an argument looks like one in another unit, or chunks of a store were damaged.
     """

@@ -35,6 +35,15 @@ from polywigner.cli.reading import Reading
 __all__ = ["pattern", "propagate", "volume"]
 
 
+def _verify(context: typer.Context, store: str | None) -> None:
+    if store is None or context.resilient_parsing:
+        return
+    from polywigner.cli.volume import run_verify
+
+    run_verify(store)
+    raise typer.Exit
+
+
 def pattern(
     source: SourceFile,
     frequency: Frequency = None,
@@ -245,11 +254,22 @@ def volume(
     db_floor: DbFloor = -40.0,
     formats: Formats = None,
     out: Out = None,
+    verify: Annotated[
+        str | None,
+        typer.Option(
+            callback=_verify,
+            is_eager=True,
+            metavar="STORE",
+            help="Compute nothing: read this store, such as field.zarr, and name its damaged and "
+            "missing chunks (exit code 2), or print that all are whole.",
+        ),
+    ] = None,
 ) -> None:
     """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
     Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values also for
-    ParaView, or as NetCDF. A run that is killed goes on when the same command is started again.
+    ParaView, or as NetCDF. A run that is killed goes on when the same command is started again;
+    chunks that are damaged are computed anew.
     Of several methods, each has files of its own, NAME-METHOD.zarr and so on.
     """
     from polywigner.cli.volume import run_volume

@@ -22,9 +22,22 @@ from polywigner.cli.sources import (
 from polywigner.cli.where import parse_box, parse_levels, parse_shape, shown
 from polywigner.errors import ArgumentError
 
-__all__ = ["run_volume"]
+__all__ = ["run_verify", "run_volume"]
 
 _DEFAULT = ("wigner",)
+
+
+def run_verify(store: str) -> None:
+    """Compare a store with its checksums, and say that all of it is whole.
+
+    Raises
+    ------
+    StoreError : it is damaged, not complete, or no store; the message names the chunks.
+    """
+    import polywigner as pw
+
+    count = pw.verify_store(store)
+    print(f"{store}: {count} chunks, all there and as they were written")
 
 
 def run_volume(

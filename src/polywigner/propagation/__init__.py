@@ -36,6 +36,7 @@ from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
+from polywigner.propagation.stores_checks import verify_store
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
 
@@ -55,6 +56,7 @@ __all__ = [
     "radiated_power",
     "radiation_pattern",
     "suggest_sampling",
+    "verify_store",
     "volume",
     "wigner_table",
     "write_netcdf",

@@ -19,8 +19,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, PolywignerError, StoreError
 from polywigner.geometry.arguments import checked_path
+from polywigner.propagation.stores_checks import recorded, stored_layout
 from polywigner.propagation.stores_files import recent_zarr, required
 
 if TYPE_CHECKING:
@@ -52,8 +53,8 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
 
     Raises
     ------
-    ArgumentError for anything but a dataset, and a place that cannot be written to;
-    MissingExtraError without xarray and h5netcdf.
+    ArgumentError for anything but a dataset, and a place that cannot be written to; StoreError for
+    a store with damaged parts; MissingExtraError without xarray and h5netcdf.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -66,7 +67,10 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     for module in ("h5netcdf", "h5py"):
         required(module)
     found = _real_parts(_opened(dataset))
-    with _whole(checked_path(path)) as scratch:
+    # Chunks of a store in turn, which takes no longer: once one is found to be damaged, no thread
+    # that is still writing makes the scratch file again.
+    in_turn = {"scheduler": "synchronous"} if _is_store(dataset) else {}
+    with _whole(checked_path(path), dataset) as scratch, required("dask").config.set(**in_turn):
         found.to_netcdf(scratch, engine="h5netcdf")
 
 
@@ -111,7 +115,8 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     ArgumentError for anything but a dataset, for more axes, for axes that are not evenly spaced,
-    and for a place that cannot be written to; MissingExtraError without xarray.
+    and for a place that cannot be written to; StoreError for a store with damaged parts;
+    MissingExtraError without xarray.
 
     >>> import polywigner as pw
     >>> import pathlib, tempfile
@@ -125,16 +130,23 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     # Our own forty lines: VTK's writer, a package of 600 MB, wants all of an image in memory.
     found = _real_parts(_opened(dataset))
     image = _image_of(found)
-    with _whole(checked_path(path)) as scratch, scratch.open("wb") as file:
+    with _whole(checked_path(path), dataset) as scratch, scratch.open("wb") as file:
         file.write(_header(found, image).encode())
         for name in found.data_vars:
             _append(file, found[name], image)
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
+def _is_store(dataset: Stored) -> bool:
+    return isinstance(dataset, (str, os.PathLike))
+
+
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """A scratch file, put in place once the block is done. Raises ArgumentError on OSError."""
+def _whole(path: Path, dataset: Stored) -> Iterator[Path]:
+    """A scratch file, put in place once the block is done.
+
+    Raises ArgumentError on OSError, StoreError for damaged chunks of what the block reads.
+    """
     scratch = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
         try:
@@ -143,8 +155,17 @@ def _whole(path: Path) -> Iterator[Path]:
             scratch.replace(path)
         finally:
             scratch.unlink(missing_ok=True)
+    except PolywignerError:
+        raise
     except OSError as error:
         raise _not_written(path, error) from error
+    except ValueError as error:
+        if not _is_store(dataset) and "checksum do not match" not in str(error):  # zarr's words
+            raise
+        raise StoreError(
+            f"expected whole chunks for {path}, got a damaged one; verify_store names it, and the "
+            "run that wrote the store, once more, computes it anew"
+        ) from error
 
 
 def _not_written(path: Path, error: OSError) -> ArgumentError:
@@ -160,8 +181,14 @@ def _opened(dataset: Any) -> Any:
     if isinstance(dataset, xarray.Dataset):
         return dataset
     try:
-        return xarray.open_zarr(checked_path(dataset))
-    except (OSError, ValueError, KeyError, ArgumentError) as error:
+        path = checked_path(dataset)
+        found = recorded(path)
+        if found is not None:
+            stored_layout(path, found.settings)  # its coordinates are whole
+        return xarray.open_zarr(path)
+    except StoreError:
+        raise
+    except Exception as error:  # zarr and its codecs raise of many kinds
         raise ArgumentError(
             f"expected an xarray.Dataset or the path of a store, got {dataset!r}: {error}"
         ) from None

@@ -9,24 +9,28 @@ from __future__ import annotations
 
 import os
 import shutil
+import warnings
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from polywigner.errors import StoreError
+from polywigner.errors import PolywignerWarning, StoreError
 from polywigner.geometry.arguments import checked_count, checked_path
-from polywigner.propagation.stores_files import (
-    Block,
-    ChunkWriter,
-    create,
+from polywigner.propagation.stores_checks import (
+    chunk_file,
+    damaged,
     missing,
-    recent_zarr,
+    open_array,
     recorded,
-    required,
+    stored_layout,
+    sweep,
 )
+from polywigner.propagation.stores_disk import one_run
+from polywigner.propagation.stores_files import create, recent_zarr, required
 from polywigner.propagation.stores_layout import Index, Layout, fingerprint_of, told_settings
 from polywigner.propagation.stores_running import connected, on_cluster, on_this_machine
+from polywigner.propagation.stores_writer import Block, ChunkWriter
 from polywigner.radiometry.progress import progress_bar
 
 __all__ = ["write_dataset"]
@@ -45,9 +49,9 @@ def write_dataset(
 ) -> Any:
     """Fill a zarr store (format 3) with the values of a block function, chunk by chunk.
 
-    If the store is there already, only the chunks that are missing are computed. A run that fails
-    before a chunk is finished leaves no store behind. Needs the extra ``volume``. One run at a time
-    writes to a store.
+    If the store is there already, its chunks are read, and those that are missing or damaged are
+    computed, the latter with a warning. A run that fails before a chunk is finished leaves no store
+    behind. Needs the extra ``volume``. One run at a time writes to a store.
 
     Parameters
     ----------
@@ -71,7 +75,8 @@ def write_dataset(
     Raises
     ------
     StoreError for a place that cannot be written to or has too little space, for other data there,
-    and for a store of other settings or versions, which the message names; EngineError for a
+    for a store that another run writes to, whose metadata or coordinates are damaged, or that is of
+    other settings or versions, which the message names; EngineError for a
     scheduler that does not answer; MissingExtraError without zarr, xarray or dask; and what
     ``block`` raises.
     """
@@ -85,13 +90,16 @@ def write_dataset(
     is_new = not os.path.lexists(folder)
     if not is_new:
         _check_same_run(folder, fingerprint, whole)
-    indices = _missing(folder, layout)
-    if not indices:
-        return opened(folder)
     writer = ChunkWriter(str(folder), fingerprint, layout, block, exclusive, threads)
     with ExitStack() as stack:
+        if not is_new:
+            stack.enter_context(one_run(folder))
+        indices = _missing(folder, layout, progress)
+        if not indices:
+            return opened(folder)
         client = None if scheduler is None else stack.enter_context(connected(scheduler))
         if is_new:  # only now, when whoever computes has answered
+            stack.enter_context(one_run(folder))
             create(folder, layout, fingerprint, whole)
             stack.push(_removed_if_empty(folder, layout))
         bar = stack.enter_context(
@@ -101,7 +109,7 @@ def write_dataset(
             on_this_machine(writer, indices, threads, bar)
         else:
             on_cluster(writer, indices, client, bar)
-            missing(folder, layout)  # sweeps what killed workers had begun
+            sweep(folder, layout)  # what killed workers had begun
     return opened(folder)
 
 
@@ -131,13 +139,14 @@ def _check_same_run(path: Path, fingerprint: str, settings: dict[str, Any]) -> N
             f"expected {path} to be free, or a store of this run, got something else there; choose "
             "another name"
         )
-    if found[0] == fingerprint:
+    if found.fingerprint == fingerprint:
+        stored_layout(path, found.settings)  # its coordinates are whole
         return
     settings = told_settings(settings)
-    names = sorted({*found[1], *settings})
-    differ = [name for name in names if found[1].get(name) != settings.get(name)]
+    names = sorted({*found.settings, *settings})
+    differ = [name for name in names if found.settings.get(name) != settings.get(name)]
     told = ", ".join(
-        f"{name} {_short(settings.get(name))} (there: {_short(found[1].get(name))})"
+        f"{name} {_short(settings.get(name))} (there: {_short(found.settings.get(name))})"
         for name in differ
     )
     raise StoreError(
@@ -151,14 +160,17 @@ def _short(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _missing(path: Path, layout: Layout) -> list[Index]:
-    """The chunks to compute, for which there is space."""
+def _missing(path: Path, layout: Layout, progress: bool | None) -> list[Index]:
+    """The chunks to compute, for which there is space; those that are damaged are removed."""
     try:
         there = next(place for place in (path, *path.absolute().parents) if place.exists())
         space = shutil.disk_usage(there)
         # chunks that the whole disk could not hold may be too many to list
         holds = layout.count * layout.chunk_bytes <= space.total
         indices = missing(path, layout) if holds else []
+        if path.exists():
+            sweep(path, layout)
+            indices = sorted(indices + _removed(path, layout, indices, progress))
     except OSError as error:
         raise StoreError(
             f"expected to read and write {path}, got {error.strerror or error}; check its "
@@ -171,3 +183,21 @@ def _missing(path: Path, layout: Layout) -> list[Index]:
             f"{space.free / 2**30:.3g} GiB; free some, or ask for fewer samples"
         )
     return indices
+
+
+def _removed(path: Path, layout: Layout, absent: list[Index], progress: bool | None) -> list[Index]:
+    """Whole-sized chunks that were damaged; all that were are removed, of any size."""
+    broken = damaged(path, layout, absent, progress)
+    array = open_array(path, layout.name)
+    files = [chunk_file(path, array, layout.name, index) for index in (*absent, *broken)]
+    there = [file for file in files if file.is_file()]
+    for file in there:
+        file.unlink()
+    if there:
+        warnings.warn(
+            f"{len(there)} of the {layout.count} chunks of {path} were damaged, and are computed "
+            "anew; look after the disk if no power failed",
+            PolywignerWarning,
+            stacklevel=4,
+        )
+    return broken

@@ -23,6 +23,7 @@ __all__ = [
     "Index",
     "Layout",
     "chunks_within",
+    "digest_of",
     "fingerprint_of",
     "source_attrs",
     "source_coords",
@@ -166,7 +167,7 @@ def versions() -> dict[str, str]:
 
 def fingerprint_of(layout: Layout, settings: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """(digest, all that it is made of): equal for runs that write the same numbers."""
-    axes = {name: _digest(axis.values) for name, axis in layout.coords.items()}
+    axes = {name: digest_of(axis.values) for name, axis in layout.coords.items()}
     whole = {
         "format": _FORMAT,
         **versions(),
@@ -185,5 +186,6 @@ def _digest_of_text(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _digest(values: NDArray[Any]) -> str:
+def digest_of(values: NDArray[Any]) -> str:
+    """SHA-256 of the bytes of values."""
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()

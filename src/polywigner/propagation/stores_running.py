@@ -10,8 +10,9 @@ from dataclasses import replace
 from typing import Any
 
 from polywigner.errors import EngineError, PolywignerError, StoreError
-from polywigner.propagation.stores_files import ChunkWriter, required
+from polywigner.propagation.stores_files import required
 from polywigner.propagation.stores_layout import Index
+from polywigner.propagation.stores_writer import ChunkWriter
 
 __all__ = ["connected", "on_cluster", "on_this_machine"]
 

@@ -70,10 +70,15 @@ def read_source(path: str | os.PathLike[str] | Dataset) -> Source:
 
 def _text_in(found: Any) -> str:
     """The text of the source of a dataset."""
-    if SOURCE_COORDINATE in found.coords:
-        return str(found.coords[SOURCE_COORDINATE].values.item())
-    # datasets and stores written before there was such a coordinate
-    settings = json.loads(found.attrs.get("polywigner_settings", "{}"))
+    try:
+        if SOURCE_COORDINATE in found.coords:
+            return str(found.coords[SOURCE_COORDINATE].values.item())
+        # datasets and stores written before there was such a coordinate
+        settings = json.loads(found.attrs.get("polywigner_settings", "{}"))
+    except (ValueError, RuntimeError, MemoryError) as error:  # by a store's codecs
+        raise FileFormatError(
+            f"expected a dataset whose source can be read, got a damaged one ({error}); read a copy"
+        ) from error
     for text in (found.attrs.get("source", ""), settings.get("source", "")):
         if text.startswith("{"):
             return str(text)

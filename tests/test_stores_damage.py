@@ -1,0 +1,346 @@
+"""Stores that lost or changed bytes: a run computes chunks anew, everything else is told in one
+sentence; and one run at a time."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.errors import FileFormatError, PolywignerError, PolywignerWarning, StoreError
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_disk import one_run
+from polywigner.propagation.stores_layout import Layout
+from polywigner.transforms.labelled import LabelledArray
+from stored import hashes
+
+_EXTRA = "the extra `volume` is not installed"
+xarray = pytest.importorskip("xarray", reason=_EXTRA)
+zarr = pytest.importorskip("zarr", reason=_EXTRA)
+for _library in ("dask", "h5netcdf"):
+    pytest.importorskip(_library, reason=_EXTRA)
+
+X = np.linspace(-1.0, 1.0, 6)
+LAYOUT = Layout(
+    "ramp",
+    "float64",
+    {name: LabelledArray(X, (name,), {"units": "m"}) for name in "xy"},
+    (3, 3),
+    {"units": "W m-2"},
+)
+SOURCE = json.dumps({"kind": "aperture"})
+SETTINGS = {"slope": 0.7, "source": SOURCE}
+VALUES = np.add.outer(X, 0.7 * X)
+
+
+def ramp(origin: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+    (i, j), (m, n) = origin, shape
+    return VALUES[i : i + m, j : j + n].copy()
+
+
+def run(store: Path) -> Any:
+    return write_dataset(store, LAYOUT, ramp, SETTINGS, exclusive=False, threads=1)
+
+
+@pytest.fixture(scope="module")
+def pristine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    store = tmp_path_factory.mktemp("whole") / "ramp.zarr"
+    run(store)
+    return store
+
+
+@pytest.fixture
+def store(pristine: Path, tmp_path: Path) -> Path:
+    shutil.copytree(pristine, tmp_path / "ramp.zarr")
+    return tmp_path / "ramp.zarr"
+
+
+def flipped(content: bytes, at: int) -> bytes:
+    return content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :]
+
+
+def changed(file: Path, change: Callable[[bytes], bytes]) -> None:
+    file.write_bytes(change(file.read_bytes()))
+
+
+def first(content: bytes) -> bytes:
+    return flipped(content, 0)
+
+
+CHUNK = Path("ramp", "c", "0", "1")
+
+
+def test_every_reader_notices_a_flipped_bit_in_a_chunk(store: Path) -> None:
+    changed(store / CHUNK, lambda content: flipped(content, 17))
+    with pytest.raises(ValueError, match="checksum"):
+        zarr.open_array(store / "ramp", mode="r")[:3, 3:]
+    found = xarray.open_zarr(store)["ramp"]
+    with pytest.raises(ValueError, match="checksum"):
+        found.load()
+    assert np.array_equal(found[3:], VALUES[3:])
+
+
+@pytest.mark.parametrize("change", [first, lambda content: content[:-3], lambda content: b""])
+def test_a_run_computes_damaged_chunks_anew_and_says_so(
+    store: Path, pristine: Path, change: Callable[[bytes], bytes]
+) -> None:
+    changed(store / CHUNK, change)
+    kept = {file: file.stat().st_mtime_ns for file in store.rglob("*/c/*/*") if file.is_file()}
+    with pytest.warns(PolywignerWarning, match="1 of the 4 chunks of .* were damaged"):
+        assert np.array_equal(run(store)["ramp"], VALUES)
+    assert hashes(store) == hashes(pristine)
+    again = {file for file, time in kept.items() if file.stat().st_mtime_ns != time}
+    assert again == {store / CHUNK}
+
+
+def test_verification_names_what_is_damaged_and_what_is_missing(store: Path) -> None:
+    assert pw.verify_store(store) == LAYOUT.count
+    changed(store / CHUNK, first)
+    (store / "ramp/c/1/1").unlink()
+    before = hashes(store)
+    with pytest.raises(StoreError, match=r"1 missing: ramp/c/1/1; 1 damaged: ramp/c/0/1; start"):
+        pw.verify_store(store)
+    assert hashes(store) == before
+
+
+def test_the_command_verifies_a_store(store: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["volume", "--verify", str(store)]) == 0
+    assert capfd.readouterr().out == f"{store}: 4 chunks, all there and as they were written\n"
+    changed(store / CHUNK, first)
+    assert main(["volume", "--verify", str(store)]) == 2
+    out, err = capfd.readouterr()
+    assert out == "" and "1 damaged: ramp/c/0/1" in err and err.count("\n") == 1
+    assert main(["volume", "--verify", str(store / "nowhere")]) == 2
+    assert "expected a store of polywigner" in capfd.readouterr().err
+
+
+def as_an_older_version_wrote_it(store: Path) -> None:
+    """Without checksums, with zstd for coordinates."""
+    shutil.rmtree(store)
+    group = zarr.create_group(store, zarr_format=3)
+    run(store.with_name("new.zarr"))
+    attrs = json.loads((store.with_name("new.zarr") / "zarr.json").read_text())["attributes"]
+    shutil.rmtree(store.with_name("new.zarr"))
+    del attrs["polywigner_checksum"]
+    group.attrs.update(attrs)
+    for name in "xy":
+        group.create_array(name, data=X, chunks=X.shape, dimension_names=(name,))
+    text = group.create_array("source_json", shape=(), chunks=(), dtype="string")
+    text[...] = SOURCE
+    ramp = group.create_array(
+        "ramp", data=VALUES, chunks=(3, 3), compressors=None, dimension_names=("x", "y")
+    )
+    assert not ramp.compressors
+    zarr.consolidate_metadata(store)
+
+
+@pytest.mark.filterwarnings("ignore:Consolidated")
+def test_a_store_of_an_older_version_is_gone_on_with(store: Path) -> None:
+    as_an_older_version_wrote_it(store)
+    (store / CHUNK).unlink()
+    assert np.array_equal(run(store)["ramp"], VALUES)
+    assert (store / CHUNK).stat().st_size == 9 * 8
+    with pytest.raises(StoreError, match=r"older version without; its 4 chunks are all there"):
+        pw.verify_store(store)
+
+
+FILES = (
+    "zarr.json",
+    "ramp/zarr.json",
+    "x/zarr.json",
+    "source_json/zarr.json",
+    "x/c/0",
+    "source_json/c",
+    "ramp/c/1/0",
+)
+# Of a file of n bytes.
+CHANGES: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda content: b"",
+    "half": lambda content: content[: len(content) // 2],
+    "binary": lambda content: bytes(range(256)),
+    "another type": lambda content: b"[]",
+    "nested": lambda content: b"[" * 100_000,
+    "nothing in it": lambda content: b"{}",
+    "a bit of the middle": lambda content: flipped(content, len(content) // 2),
+    "a bit of a quarter": lambda content: flipped(content, len(content) // 4),
+    "longer": lambda content: content + b"}",
+    "another shape": lambda content: content.replace(b"\n    6", b"\n    7") + b"\n\n}",
+}
+
+
+def is_told(do: Callable[[], Any]) -> str | None:
+    """The message, which is one of ours; None if there was no error."""
+    try:
+        do()
+    except PolywignerError as error:
+        return str(error)
+    return None
+
+
+def check_all_doors(store: Path, pristine: Path) -> None:
+    """Verification tells the damage; readers and runs do, or have every value as it was."""
+    assert is_told(lambda: pw.verify_store(store))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of chunks that are computed anew
+        out = store.with_name("ramp.vti")
+        if is_told(lambda: pw.write_vti(store, out)) is None:
+            raw = out.read_bytes().partition(b'"raw">\n_')[2][8 : 8 + VALUES.nbytes]
+            values = np.frombuffer(raw).reshape(VALUES.shape).T
+            assert np.array_equal(values[~np.isnan(values)], VALUES[~np.isnan(values)])
+        if is_told(lambda: run(store)) is None:
+            assert hashes(store) == hashes(pristine)
+            assert pw.verify_store(store) == LAYOUT.count
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_whatever_file_is_changed_nobody_gets_wrong_numbers_or_another_error(
+    tmp_path: Path, pristine: Path, file: str
+) -> None:
+    for change in CHANGES.values():
+        store = tmp_path / "ramp.zarr"
+        shutil.copytree(pristine, store)
+        changed(store / file, change)
+        check_all_doors(store, pristine)
+        shutil.rmtree(store)
+
+
+@pytest.mark.parametrize("file", [*FILES, "x/c", "ramp/c", "ramp", "source_json"])
+def test_whatever_is_lost_is_told_or_computed(store: Path, pristine: Path, file: str) -> None:
+    if (store / file).is_dir():
+        shutil.rmtree(store / file)
+    else:
+        (store / file).unlink()
+    check_all_doors(store, pristine)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_files_that_have_changed_places_are_told(store: Path, pristine: Path, file: str) -> None:
+    one, other = store / file, store / FILES[FILES.index(file) - 1]
+    content = one.read_bytes()
+    one.write_bytes(other.read_bytes())
+    other.write_bytes(content)
+    check_all_doors(store, pristine)
+
+
+def test_a_damaged_coordinate_is_named_in_one_line(
+    store: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    changed(store / "y/c/0", first)
+    with pytest.raises(StoreError, match=r"got damaged coordinate y .* from a copy, or delete"):
+        run(store)
+    with pytest.raises(StoreError, match="got damaged coordinate y"):
+        pw.write_vti(store, store.with_name("ramp.vti"))
+    assert main(["volume", "--verify", str(store)]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+
+
+def test_a_damaged_chunk_ends_an_export_with_one_error_and_no_file(store: Path) -> None:
+    changed(store / CHUNK, first)
+    for write, name in ((pw.write_netcdf, "ramp.nc"), (pw.write_vti, "ramp.vti")):
+        with pytest.raises(StoreError, match="got a damaged one; verify_store names it"):
+            write(store, store.with_name(name))
+    assert [path.name for path in store.parent.iterdir()] == ["ramp.zarr"]
+
+
+def test_a_damaged_source_is_told_by_its_reader(store: Path) -> None:
+    changed(store / "source_json/c", lambda content: flipped(content, 9))
+    with pytest.raises(FileFormatError, match="source can be read, got a damaged one"):
+        pw.read_source(xarray.open_zarr(store))
+
+
+HOLDER = """
+import sys
+from pathlib import Path
+from polywigner.propagation.stores_disk import one_run
+
+with one_run(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def other_run(store: Path) -> Iterator[subprocess.Popen[str]]:
+    """A process that holds the place of the store."""
+    command = [sys.executable, "-c", HOLDER, str(store)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None and process.stdout.readline() == "held\n"
+        yield process
+        process.send_signal(signal.SIGKILL)
+
+
+def test_a_second_run_is_refused_sweeps_nothing_and_may_start_when_the_first_has_died(
+    store: Path,
+) -> None:
+    pytest.importorskip("fcntl", reason="this system has no locks of that kind")
+    new, being_written = store.with_name("new.zarr"), store / f"{CHUNK}.0123.partial"
+    (store / CHUNK).unlink()
+    being_written.touch()
+    with other_run(store) as first, one_run(new):
+        for place, process in ((store, first.pid), (new, os.getpid())):
+            with pytest.raises(StoreError, match=f"no other run .*process {process} on"):
+                run(place)
+        assert is_told(lambda: pw.verify_store(store)), "it is not complete"
+        assert being_written.exists() and not new.exists()
+    lock = store.with_name("ramp.zarr.lock")
+    assert lock.exists(), "the file of a killed run, which locks nothing"
+    assert np.array_equal(run(store)["ramp"], VALUES)
+    assert not being_written.exists()
+    assert [path.name for path in store.parent.iterdir()] == ["ramp.zarr"]
+
+
+def test_without_locks_of_the_file_system_runs_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fcntl = pytest.importorskip("fcntl", reason="this system has no locks of that kind")
+
+    def none(descriptor: int, how: int) -> None:
+        raise OSError(errno.ENOTSUP, os.strerror(errno.ENOTSUP))
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    assert np.array_equal(run(tmp_path / "ramp.zarr")["ramp"], VALUES)
+    assert [path.name for path in tmp_path.iterdir()] == ["ramp.zarr"]
+
+
+def test_a_chunk_is_on_the_disk_before_it_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, synced, fsync = tmp_path / "ramp.zarr", set(), os.fsync
+
+    def noted(descriptor: int) -> None:
+        synced.add(os.fstat(descriptor).st_ino)
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    run(store)
+    not_synced = [p for p in (store, *store.rglob("*")) if p.stat().st_ino not in synced]
+    assert not not_synced and tmp_path.stat().st_ino in synced
+
+
+def test_a_disk_that_fails_to_keep_a_chunk_is_one_clear_error(
+    store: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (store / CHUNK).unlink()
+
+    def fails(descriptor: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", fails)
+    with pytest.raises(StoreError, match=r"expected to write to .* start the same run again"):
+        run(store)
