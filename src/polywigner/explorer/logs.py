@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 
 __all__ = ["keep_short", "log_fault"]
 
 _FAULTS = "polywigner.explorer"
 # requests that are damaged, and faults of callbacks: a line each
-_ONE_LINE = (_FAULTS, "tornado.application", "bokeh.server.protocol_handler")
+_ONE_LINE = (_FAULTS, "tornado.application", "bokeh.server.protocol_handler", "asyncio")
+_REPEATED_S = 60.0  # seconds in which a line is written once
+_MOST_LINES = 100  # that are remembered
 # what strangers ask for and do not get
 _SILENT = ("tornado.access", "tornado.general", "bokeh.server.views.ws")
 
@@ -28,6 +31,31 @@ def _shortened(record: logging.LogRecord) -> bool:
     return True
 
 
+class _Rarely(logging.Filter):
+    """Lets a line through once a minute, with the number of those that were left out."""
+
+    def __init__(self, seconds: float = _REPEATED_S) -> None:
+        super().__init__()
+        self.seconds = seconds
+        self.written: dict[str, tuple[float, int]] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether it is written."""
+        since, left_out = self.written.get(str(record.msg), (-math.inf, 0))
+        if record.created - since < self.seconds:
+            self.written[str(record.msg)] = since, left_out + 1
+            return False
+        if len(self.written) >= _MOST_LINES:
+            self.written.clear()
+        self.written[str(record.msg)] = record.created, 0
+        if left_out:
+            record.msg = f"{record.msg} (and {left_out} more)"
+        return True
+
+
+_RARELY = _Rarely()
+
+
 def keep_short() -> None:
     """Set up the loggers of the server."""
     logging.getLogger("bokeh").setLevel(logging.ERROR)
@@ -37,3 +65,4 @@ def keep_short() -> None:
         logger = logging.getLogger(name)
         if _shortened not in logger.filters:
             logger.addFilter(_shortened)
+            logger.addFilter(_RARELY)
