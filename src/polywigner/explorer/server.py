@@ -115,15 +115,14 @@ def new_server(
 def _application(state: State, scheduler: Scheduler, readings: Readings) -> Any:
     """Bokeh's part: sessions and what they say to browsers."""
     from bokeh.application import Application
-    from bokeh.application.handlers.function import FunctionHandler
     from bokeh.server.tornado import BokehTornado
     from bokeh.util.token import generate_secret_key
 
     from polywigner.explorer.page import open_page
-    from polywigner.explorer.visits import LARGEST_MESSAGE
+    from polywigner.explorer.visits import LARGEST_MESSAGE, Pages
 
     return BokehTornado(
-        Application(FunctionHandler(lambda doc: open_page(doc, state, scheduler, readings))),
+        Application(Pages(lambda doc: open_page(doc, state, scheduler, readings))),
         extra_websocket_origins=["*"],  # the guard looks at origins
         secret_key=generate_secret_key().encode(),
         sign_sessions=True,
@@ -137,8 +136,8 @@ def _application(state: State, scheduler: Scheduler, readings: Readings) -> Any:
 
 
 def _leave_garbage_alone() -> None:
-    """Bokeh collects the garbage of the whole process for each page that goes: for fifty at once,
-    in a row and with the other pages there, in more than a minute. The page itself sees to it."""
+    """Bokeh collects the garbage of the whole process for each page that goes, and pages that go
+    together in a row: of fifty, for half a minute. The scheduler does so once for all."""
     from bokeh.document import document
 
     if hasattr(document, "gc"):

@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 from types import SimpleNamespace
 from typing import Any
 
+from bokeh.application.handlers.handler import Handler
 from bokeh.document import Document
 from bokeh.embed.server import server_html_page_for_session
 from bokeh.server.views.ws import WSHandler
@@ -21,11 +22,12 @@ from bokeh.util.token import (
 from tornado.routing import PathMatches, Rule
 from tornado.web import ErrorHandler, RequestHandler
 
-__all__ = ["LARGEST_MESSAGE", "Turns", "route"]
+__all__ = ["LARGEST_MESSAGE", "Pages", "Turns", "route"]
 
 LARGEST_MESSAGE = 4 << 20
 """Bytes of what a browser sends at once: the largest file, as text, twice over."""
 _NOT_FOUND = 404
+_MOST_WAITING = 24
 _MOST_DEBT = 0.5  # seconds of work that a page may have ahead of what it is due
 _SHARE = 0.5  # of the time, for one page's messages
 # Of what Bokeh takes from browsers, this page sends none: whole documents, more models, rows
@@ -85,6 +87,26 @@ def route(application: Any, turns: Turns, left: Callable[[Document], None]) -> N
     ]
 
 
+class Pages(Handler):
+    """Makes the page of each session, and tells it when its visitor has left for good."""
+
+    def __init__(self, make: Callable[[Document], Any]) -> None:
+        super().__init__()
+        self.make = make
+        self.pages: dict[str, Any] = {}
+
+    def modify_document(self, doc: Document) -> None:
+        """Fill the document of a new session."""
+        context: Any = doc.session_context
+        self.pages[context.id] = self.make(doc)
+
+    async def on_session_destroyed(self, session_context: Any) -> None:
+        """As Bokeh calls it; after a document's own callbacks it would collect all garbage."""
+        page = self.pages.pop(session_context.id, None)
+        if page is not None:
+            page.leave()
+
+
 class _Page(RequestHandler):
     """Scripts, and a signed token with the link: what the document is made of on connecting."""
 
@@ -135,6 +157,9 @@ class _Socket(WSHandler):
             return False
 
     async def _async_open(self, token: str) -> None:
+        if self.turns.waiting >= _MOST_WAITING:
+            self.close()
+            return
         async with self.turns.turn():
             if self.ws_connection is not None:  # still there
                 await super()._async_open(token)

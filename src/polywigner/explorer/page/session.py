@@ -35,8 +35,8 @@ __all__ = ["Session", "open_page"]
 _GATHERED = 0.03  # seconds for which results wait for each other
 
 
-def open_page(doc: Any, start: State, scheduler: Scheduler, readings: Readings) -> None:
-    """Build the page of one visitor, with the state of its link if it has one."""
+def open_page(doc: Any, start: State, scheduler: Scheduler, readings: Readings) -> Session:
+    """The page of one visitor, with the state of its link if it has one."""
     message = ""
     arguments = getattr(doc.session_context.request, "arguments", {})
     if arguments:
@@ -50,6 +50,7 @@ def open_page(doc: Any, start: State, scheduler: Scheduler, readings: Readings) 
     session = Session(doc, start, scheduler, readings)
     session.say(message)
     session.request()
+    return session
 
 
 def _collect() -> Iterator[None]:
@@ -85,7 +86,6 @@ class Session:
         connect_layout(doc, self.page, self.figures.all)
         connect_access(self)
         doc.add_root(self.page)  # last: a document looks through its models after each change
-        doc.on_session_destroyed(self._leave)
 
     @property
     def state(self) -> State:
@@ -263,7 +263,8 @@ class Session:
                 log_fault("a view could not be shown")
                 self.say(f"{result.name} could not be shown; this is a fault of polywigner")
 
-    def _leave(self, context: Any) -> None:
+    def leave(self) -> None:
+        """The visitor has left: nothing is computed any more, and the memory comes back."""
         self.closed = True
         self.scheduler.forget(id(self))
         self.scheduler.forget((id(self), "file"))
