@@ -45,7 +45,8 @@ class Readings:
         self._seconds, self._memory = seconds, memory
         self._turns = asyncio.Semaphore(_AT_ONCE)
         self._tasks: dict[Hashable, asyncio.Task[None]] = {}
-        self._running: set[Process] = set()
+        self.processes: set[Process] = set()
+        """Those that read now."""
 
     def submit(
         self,
@@ -68,21 +69,23 @@ class Readings:
                 outcome = await self.rings(name, content, unit)
             except PolywignerError as error:
                 outcome = error
-            if self._tasks.get(visitor) is asyncio.current_task():
+            except asyncio.CancelledError:
+                outcome = FileFormatError("The file was not read: the connection was lost.")
+            if self._tasks.get(visitor) is asyncio.current_task():  # the newest
                 del self._tasks[visitor]
-            then(outcome)
+                then(outcome)
 
         self._tasks[visitor] = asyncio.get_running_loop().create_task(work())
 
     def forget(self, visitor: Hashable) -> None:
         """End what is read for a visitor who has left."""
-        task = self._tasks.pop(visitor, None)
+        task = self._tasks.get(visitor)
         if task is not None:
             task.cancel()
 
     def stop(self) -> None:
         """End all processes, of a loop that does not run any more."""
-        for process in self._running:
+        for process in self.processes:
             _kill(process)
 
     async def rings(self, name: str, content: bytes, unit: Unit) -> Rings:
@@ -120,7 +123,7 @@ class Readings:
             stdin=PIPE, stdout=PIPE, stderr=DEVNULL, start_new_session=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )  # fmt: skip
-        self._running.add(process)
+        self.processes.add(process)
         try:
             told = process.communicate(json.dumps(asked).encode())
             text, _ = await asyncio.wait_for(told, self._seconds)
@@ -129,7 +132,8 @@ class Readings:
             found = {"error": _TOO_MUCH}
         finally:
             _kill(process)
-            self._running.discard(process)
+            await process.wait()
+            self.processes.discard(process)
         return dict(found)
 
 
