@@ -128,16 +128,21 @@ async def websocket(url: str, token: str) -> Any:
 
 
 async def received(socket: Any) -> tuple[dict[str, Any], dict[str, Any]] | None:
-    """Header and content of the next message; None at the end."""
-    text = await asyncio.wait_for(socket.read_message(), SECONDS)
-    if text is None:
-        return None
-    header = json.loads(text)
-    await socket.read_message()
-    content = json.loads(await socket.read_message())
-    for _ in range(2 * header.get("num_buffers", 0)):
-        await socket.read_message()
-    return header, content
+    """Header and content of the next message; None at the end, also of half a message."""
+
+    async def texts() -> list[Any]:
+        found: list[Any] = []
+        expected = 3
+        while len(found) < expected:
+            found.append(await socket.read_message())
+            if found[-1] is None:
+                break
+            if len(found) == 1:
+                expected += 2 * json.loads(found[0]).get("num_buffers", 0)
+        return found
+
+    found = await asyncio.wait_for(texts(), SECONDS)
+    return None if None in found else (json.loads(found[0]), json.loads(found[2]))
 
 
 def frames(kind: str, content: Any, **header: Any) -> list[str]:

@@ -29,6 +29,7 @@ LARGEST_MESSAGE = 4 << 20
 _NOT_FOUND = 404
 _MOST_WAITING = 24
 _MOST_DEBT = 0.5  # seconds of work that a page may have ahead of what it is due
+_LONGEST_REST = 2.0  # seconds; what a message waited for counts as well
 _SHARE = 0.5  # of the time, for one page's messages
 # Of what Bokeh takes from browsers, this page sends none: whole documents, more models, rows
 # without end.
@@ -177,12 +178,12 @@ class _Socket(WSHandler):
         self.debt = max(0.0, self.debt - _SHARE * (start - self.since)) + (end - start)
         self.since = start
         if self.debt > _MOST_DEBT:
-            await asyncio.sleep((self.debt - _MOST_DEBT) / _SHARE)
+            await asyncio.sleep(min(_LONGEST_REST, (self.debt - _MOST_DEBT) / _SHARE))
 
     async def _receive(self, fragment: str | bytes) -> Any:
         self.received += len(fragment)
         if self.received > LARGEST_MESSAGE:  # parts of one message, which Bokeh would all keep
-            self.close()
+            self._protocol_error("too long")
             return None
         message = await super()._receive(fragment)
         if message is not None:
@@ -194,9 +195,18 @@ class _Socket(WSHandler):
             message.msgtype == "PATCH-DOC"
             and any(event.get("kind") in _NOT_SENT for event in message.content["events"])
         ):
-            self.close()
+            self._protocol_error("not expected")
             return None
         return await super()._handle(message)
+
+    def _internal_error(self, message: str) -> None:
+        self._protocol_error(message)
+
+    def _protocol_error(self, message: str) -> None:
+        # at once: Bokeh would quote the message, which may not fit, and wait for an answer
+        connection: Any = self.ws_connection
+        if connection is not None:
+            connection.stream.close()
 
     def on_close(self) -> None:
         session = None if self.connection is None else self.connection.session
