@@ -302,11 +302,13 @@ def test_clients_that_ask_for_nothing_keep_nobody_out_but_open_pages_stay() -> N
     with listener(3, Loop()) as door:
         (_, page), (idle, first), (_, second) = (accepted(door) for _ in range(3))
         page.is_page = True
-        client, newest = accepted(door)
+        with pytest.raises(BlockingIOError):
+            door.accept()
         assert idle.recv(1) == b""  # the oldest that is no page
+        first.close()
+        client, newest = accepted(door)
         newest.sendall(b"1")
         assert client.recv(1) == b"1"
-        first.close()
         second.is_page = newest.is_page = True
         with pytest.raises(ConnectionAbortedError):
             accepted(door)

@@ -18,6 +18,8 @@ _MOST = 256
 _SYSTEMS_USUAL = 256  # descriptors of a process, where the system does not say
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 _PAUSE = 1.0  # seconds
+_MOMENT = 0.02  # seconds in which a stream finds that its connection has ended
+_PART = 8  # the oldest eighth makes room
 _UNREAD_MS = 20_000  # a peer that takes nothing for so long has gone
 
 
@@ -35,6 +37,7 @@ class Connection(socket.socket):
     """Of one client; the first that is accepted has the number 1."""
 
     number = 0
+    is_ended = False
     is_page = False
     """Whether it is the websocket of an open page, which stays."""
 
@@ -42,8 +45,8 @@ class Connection(socket.socket):
 class Listener(socket.socket):
     """A socket that listens, made of another; what it accepts is limited in number.
 
-    With ``most`` connections open, the oldest that is no page's makes room for a new one: clients
-    that connect and ask for nothing keep nobody out. If all are pages', the new one is refused.
+    With ``most`` connections open, the oldest that are no page's make room for new ones: clients
+    that connect and ask for nothing keep nobody out. If all are pages', a new one is refused.
     """
 
     def __init__(
@@ -60,43 +63,48 @@ class Listener(socket.socket):
         self._count = 0
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """As of any socket. BlockingIOError, of which servers think nothing, while there are no
-        descriptors left; ConnectionAbortedError for one that is refused."""
-        try:
-            plain, address = super().accept()
-        except OSError as error:
-            if error.errno not in _EXHAUSTED:
-                raise
-            self._rest()
-            raise BlockingIOError from None
-        made = Connection(plain.family, plain.type, plain.proto, fileno=plain.detach())
-        made.number = self._count = self._count + 1
-        if not self._has_room():
+        """As of any socket. BlockingIOError, of which servers think nothing, while there is no
+        room; ConnectionAbortedError for one that is refused."""
+        there = [c for c in self._accepted if c.fileno() >= 0]
+        others = [c for c in there if not c.is_page]
+        if len(there) >= self.most and others:
+            self._end_oldest(others)
+            self._rest(_MOMENT)
+            raise BlockingIOError
+        made, address = self._new()
+        if len(there) >= self.most:
             made.close()
             raise ConnectionAbortedError
         self._accepted.add(made)
         return made, address
 
-    def _has_room(self) -> bool:
-        there = [c for c in self._accepted if c.fileno() >= 0]
-        if len(there) < self.most:
-            return True
-        others = [c for c in there if not c.is_page]
-        if not others:
-            return False
-        oldest = min(others, key=lambda c: c.number)
-        with suppress(OSError):  # it may have gone by itself
-            oldest.shutdown(socket.SHUT_RDWR)  # its stream finds the end, and closes it
-        return True
+    def _new(self) -> tuple[Connection, Any]:
+        try:
+            plain, address = super().accept()
+        except OSError as error:
+            if error.errno not in _EXHAUSTED:
+                raise
+            logging.getLogger("polywigner.explorer").error(
+                "the system has no descriptors left for another connection; new ones wait"
+            )
+            self._rest(_PAUSE)
+            raise BlockingIOError from None
+        made = Connection(plain.family, plain.type, plain.proto, fileno=plain.detach())
+        made.number = self._count = self._count + 1
+        return made, address
 
-    def _rest(self) -> None:
-        """Accept nothing for a second: a socket with clients that wait would be asked at once."""
-        logging.getLogger("polywigner.explorer").error(
-            "the system has no descriptors left for another connection; new ones wait"
-        )
+    def _end_oldest(self, connections: list[Connection]) -> None:
+        kept = sorted((c for c in connections if not c.is_ended), key=lambda c: c.number)
+        for oldest in kept[: max(1, self.most // _PART)]:
+            oldest.is_ended = True
+            with suppress(OSError):  # it may have gone by itself
+                oldest.shutdown(socket.SHUT_RDWR)  # its stream finds the end, and closes it
+
+    def _rest(self, seconds: float) -> None:
+        """Accept nothing for a while: a socket with clients that wait would be asked at once."""
         loop = self._loop()
         loop.update_handler(self.fileno(), 0)
-        loop.call_later(_PAUSE, self._resume)
+        loop.call_later(seconds, self._resume)
 
     def _resume(self) -> None:
         if self.fileno() >= 0:  # not closed meanwhile
