@@ -27,7 +27,7 @@ from polywigner.explorer.server import new_server
 from polywigner.explorer.state import State
 
 FOREIGN = ("evil.example:{}", "evil.example", "127.0.0.1:1", "127.0.0.1.evil.example:{}", "*:{}")
-UNCONNECTED = 24  # pages that docs/explorer.md promises
+UNCONNECTED, PAGES = 24, 100  # that docs/explorer.md promises
 SCRIPT = "/static/js/bokeh.min.js"  # takes less time than a page
 
 
@@ -152,11 +152,19 @@ class Session(NamedTuple):
 
 
 @pytest.mark.parametrize(
-    ("connected", "unconnected", "refused"),
-    [(0, 0, False), (0, UNCONNECTED - 1, False), (0, UNCONNECTED, True), (UNCONNECTED, 0, False)],
+    ("connected", "unconnected", "waiting", "refused"),
+    [
+        (0, 0, 0, False),
+        (0, UNCONNECTED - 1, 0, False),
+        (0, UNCONNECTED, 0, True),
+        (0, 1, UNCONNECTED - 1, True),
+        (UNCONNECTED, 0, 0, False),
+        (PAGES - 1, 0, 0, False),
+        (PAGES - 1, 0, 1, True),
+    ],
 )
-def test_pages_that_nobody_opens_are_limited_in_number(
-    connected: int, unconnected: int, refused: bool, bokeh: None
+def test_pages_are_limited_in_number_and_those_that_nobody_is_at_more_so(
+    connected: int, unconnected: int, waiting: int, refused: bool, bokeh: None
 ) -> None:
     from tornado.httputil import HTTPHeaders, HTTPServerRequest, RequestStartLine
     from tornado.web import Application, RequestHandler
@@ -165,7 +173,7 @@ def test_pages_that_nobody_opens_are_limited_in_number(
 
     sessions = [Session(1)] * connected + [Session(0)] * unconnected
     application = Application([(".*", RequestHandler)])
-    guard(application, frozenset({"mine:1"}), 1, lambda: sessions)
+    guard(application, frozenset({"mine:1"}), 1, lambda: (waiting, sessions))
 
     def status(path: str) -> int:
         headers = HTTPHeaders({"Host": "mine:1"})
@@ -173,5 +181,5 @@ def test_pages_that_nobody_opens_are_limited_in_number(
         request = HTTPServerRequest(start_line=line, headers=headers)
         return int(application.find_handler(request).handler_kwargs.get("status", OK))
 
-    assert status("/") == status("/autoload.js") == (UNAVAILABLE if refused else OK)
-    assert status("/ws") == status(SCRIPT) == OK  # pages that came through can still open
+    assert status("/") == status("/ws") == (UNAVAILABLE if refused else OK)
+    assert status(SCRIPT) == OK

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import io
 import math
@@ -31,6 +32,7 @@ from polywigner.explorer import (
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.history import History
 from polywigner.explorer.needs import needed
+from polywigner.explorer.readings import Readings
 from polywigner.explorer.results import results, stages
 from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.shown import shown
@@ -161,9 +163,9 @@ def test_the_page_begins_in_the_unit_of_the_file(tmp_path: Path) -> None:
 
 
 def test_an_upload_is_read_in_the_units_of_the_page() -> None:
-    state = sources.state_of_upload(
-        "a.wkt", b"POLYGON((0 0, 3 0, 3 2, 0 2, 0 0))", State(unit="µm")
-    )
+    content = b"POLYGON((0 0, 3 0, 3 2, 0 2, 0 0))"
+    rings = asyncio.run(Readings().rings("a.wkt", content, "µm"))
+    state = State(rings=rings, unit="µm")
     assert math.isclose(sources.source_of(state).area, 6e-12, rel_tol=EXACT)
 
 
@@ -174,6 +176,8 @@ def test_an_upload_is_read_in_the_units_of_the_page() -> None:
         ("a.exe", b"MZ", "expected GeoJSON"),
         ("a.wkt", b"POLYGON((0 0, 1 1))", "a.wkt"),
         ("../../a.json", b"{", "expected GeoJSON"),
+        ("a.svg\n", b"<svg/>", r"a\.svg\?: expected GeoJSON"),
+        ("$(id)\n.wkt", b"POINT(0 0)", r"^\$\(id\)\?\.wkt: expected"),
         ("a.svg", b"<!DOCTYPE x [<!ENTITY a 'b'>]><svg>&a;</svg>", "expected"),
         ("many.csv", b"\n".join(b"%d,%d" % (k, k * k) for k in range(2000)), "at most"),
     ],
@@ -182,7 +186,7 @@ def test_a_bad_upload_says_what_is_wrong_and_no_path_of_the_server(
     name: str, content: bytes, match: str
 ) -> None:
     with pytest.raises(PolywignerError, match=match) as caught:
-        sources.state_of_upload(name, content, State())
+        asyncio.run(Readings().rings(name, content, "mm"))
     assert "tmp" not in str(caught.value)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -30,9 +30,10 @@ _REFUSAL = (
     "polywigner explore does not answer to this name. Open the address that the terminal printed, "
     "or allow the name by --allow-host.\n"
 )
+_MOST_PAGES = 100
 _CROWDED = (
-    f"polywigner explore has {_MOST_UNCONNECTED} pages that were asked for and are not open. "
-    "It drops them after 20 seconds; reload this page then.\n"
+    f"polywigner explore has {_MOST_PAGES} pages open, or {_MOST_UNCONNECTED} that wait or were "
+    "left a moment ago. Reload this page in 20 seconds.\n"
 )
 
 
@@ -71,18 +72,18 @@ def guard(
     application: Application,
     hosts: frozenset[str],
     port: int,
-    sessions: Callable[[], Iterable[Any]],
+    pages: Callable[[], tuple[int, Sequence[Any]]],
 ) -> None:
     """Refuse what is not asked of these hosts, or by a page of another; add headers to all answers.
 
-    Websockets are asked for by HTTP requests, which are refused alike. A page makes a session
-    with a document; there are only so many that no browser has connected to.
+    Websockets are asked for by HTTP requests, which are refused alike. ``pages`` tells how many
+    wait to be made, and the sessions of those that are; there are only so many.
     """
     foreign = {"status": _FORBIDDEN, "text": _REFUSAL}
     crowded = {"status": _UNAVAILABLE, "text": _CROWDED}
     application.default_router.rules[:0] = [
         Rule(_Foreign(hosts, port), _Refusal, foreign),
-        Rule(_Crowded(sessions), _Refusal, crowded),
+        Rule(_Crowded(pages), _Refusal, crowded),
     ]
     application.add_transform(_Headers)
 
@@ -106,14 +107,16 @@ def _address_reached(request: HTTPServerRequest) -> str:
 
 
 class _Crowded(Matcher):
-    def __init__(self, sessions: Callable[[], Iterable[Any]]) -> None:
-        self.sessions = sessions
+    def __init__(self, pages: Callable[[], tuple[int, Sequence[Any]]]) -> None:
+        self.pages = pages
 
     def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
-        if request.path == "/ws" or request.path.startswith("/static/"):  # what open pages ask for
+        if request.path.startswith("/static/"):  # what open pages ask for
             return None
-        unconnected = sum(session.connection_count == 0 for session in self.sessions())
-        return {} if unconnected >= _MOST_UNCONNECTED else None
+        waiting, sessions = self.pages()
+        unconnected = waiting + sum(session.connection_count == 0 for session in sessions)
+        is_full = unconnected >= _MOST_UNCONNECTED or waiting + len(sessions) >= _MOST_PAGES
+        return {} if is_full else None
 
 
 class _Refusal(RequestHandler):

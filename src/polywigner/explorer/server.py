@@ -8,18 +8,25 @@ import ipaddress
 import signal
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 from polywigner.errors import ArgumentError, MissingExtraError
 from polywigner.explorer.logs import keep_short
 from polywigner.explorer.state import State
 
+if TYPE_CHECKING:
+    from polywigner.explorer.readings import Readings
+    from polywigner.explorer.scheduler import Scheduler
+
 __all__ = ["check_installed", "new_server", "serve"]
 
 PORT = 5006
 _IDLE_MS = 15_000  # a session whose page has gone is kept so long, for a page that is reloaded
-_LARGEST_MESSAGE = 32 << 20  # what is beyond the limit of uploads, but not by much, gets an answer
-
+_HEADERS_S = 15.0  # for headers, and between two requests of a browser
+_BODY_S = 5.0
+_LARGEST_BODY = 1 << 10  # nobody sends one
+_PING_S = 15.0  # a page's browser answers within this time, or the page has gone
 _LARGEST_HEADER = 256 << 10  # a websocket is asked for with the link twice: itself, and in a token
 
 
@@ -60,15 +67,6 @@ def new_server(
     for a host that is no name.
     """
     check_installed()
-    from bokeh.application import Application
-    from bokeh.application.handlers.function import FunctionHandler
-    from bokeh.server.server import Server
-
-    from polywigner.explorer.guard import guard, served_hosts
-    from polywigner.explorer.page import open_page
-    from polywigner.explorer.scheduler import Scheduler
-
-    keep_short()
     if not 0 <= port < 65536:
         raise ArgumentError(f"expected a port from 0 to 65535, got {port}")
     if not address.strip():  # sockets would listen at all addresses
@@ -76,27 +74,74 @@ def new_server(
             "expected an address to listen at, got none; leave --address out for this machine "
             "alone, or say 0.0.0.0 for all its addresses"
         )
+    from bokeh.server.server import BaseServer
+    from tornado.httpserver import HTTPServer
+    from tornado.ioloop import IOLoop
+    from tornado.netutil import bind_sockets
+
+    from polywigner.explorer.guard import guard, served_hosts
+    from polywigner.explorer.listening import Listener, most_connections
+    from polywigner.explorer.readings import Readings
+    from polywigner.explorer.scheduler import Scheduler
+    from polywigner.explorer.visits import Turns, route
+
+    keep_short()
+    _leave_garbage_alone()
     served_hosts(address, port, allow_host)  # its error, before anything is opened
-    scheduler = Scheduler()
-    application = Application(FunctionHandler(lambda doc: open_page(doc, state, scheduler)))
     try:
-        server = Server(
-            {"/": application},
-            port=port,
-            address=address,
-            unused_session_lifetime_milliseconds=_IDLE_MS,
-            check_unused_sessions_milliseconds=_IDLE_MS // 3,
-            websocket_max_message_size=_LARGEST_MESSAGE,
-            http_server_kwargs={"max_header_size": _LARGEST_HEADER},
-        )
+        sockets = bind_sockets(port, address)
     except (OSError, ValueError) as error:
-        scheduler.stop()
         raise ArgumentError(_refusal(error, address, port)) from None
-    server._tornado._websocket_origins.add("*")  # the guard looks at origins
-    hosts = served_hosts(address, server.port, allow_host)
-    guard(server._tornado, hosts, server.port, lambda: server.get_sessions("/"))
-    server.polywigner_scheduler = scheduler
+    port = sockets[0].getsockname()[1]
+    scheduler, readings, turns = Scheduler(), Readings(), Turns()
+    application = _application(state, scheduler, readings)
+    most = most_connections()
+    http = HTTPServer(
+        application,
+        max_header_size=_LARGEST_HEADER,
+        max_body_size=_LARGEST_BODY,
+        idle_connection_timeout=_HEADERS_S,
+        body_timeout=_BODY_S,
+    )
+    http.add_sockets(Listener(socket, most) for socket in sockets)
+    server = BaseServer(IOLoop.current(), application, http)
+    route(application, turns, lambda document: readings.forget(id(document)))
+    hosts = served_hosts(address, port, allow_host)
+    guard(application, hosts, port, lambda: (turns.waiting, server.get_sessions("/")))
+    server.polywigner_scheduler, server.polywigner_readings = scheduler, readings
     return server
+
+
+def _application(state: State, scheduler: Scheduler, readings: Readings) -> Any:
+    """Bokeh's part: sessions and what they say to browsers."""
+    from bokeh.application import Application
+    from bokeh.server.tornado import BokehTornado
+    from bokeh.util.token import generate_secret_key
+
+    from polywigner.explorer.page import open_page
+    from polywigner.explorer.visits import LARGEST_MESSAGE, Pages
+
+    return BokehTornado(
+        Application(Pages(lambda doc: open_page(doc, state, scheduler, readings))),
+        extra_websocket_origins=["*"],  # the guard looks at origins
+        secret_key=generate_secret_key().encode(),
+        sign_sessions=True,
+        unused_session_lifetime_milliseconds=_IDLE_MS,
+        check_unused_sessions_milliseconds=_IDLE_MS // 3,
+        websocket_max_message_size_bytes=LARGEST_MESSAGE,
+        keep_alive_milliseconds=0,  # Bokeh's pings, for whose answers it does not wait
+        websocket_ping_interval=_PING_S,
+        websocket_ping_timeout=_PING_S,
+    )
+
+
+def _leave_garbage_alone() -> None:
+    """Bokeh collects the garbage of the whole process for each page that goes, and pages that go
+    together in a row: of fifty, for half a minute. The scheduler does so once for all."""
+    from bokeh.document import document
+
+    if hasattr(document, "gc"):
+        document.gc = SimpleNamespace(collect=lambda: 0)
 
 
 def _refusal(error: Exception, address: str, port: int) -> str:
@@ -141,10 +186,12 @@ def serve(
     # Full collections take up to 0.2 s of all that is imported; there is one when a visitor leaves.
     before = gc.get_threshold()
     gc.set_threshold(5000, 20, 1000)
+    gc.freeze()
     server.start()
     if browser:
         server.io_loop.add_callback(lambda: threading.Thread(target=_open, args=(url,)).start())
     done = _until_stopped(server)
+    gc.unfreeze()
     gc.set_threshold(*before)
     say("polywigner explore: stopped")
     return done
@@ -169,6 +216,7 @@ def _until_stopped(server: Any) -> bool:
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+        server.polywigner_readings.stop()
         done = bool(server.polywigner_scheduler.stop())
         server.stop()
     return done

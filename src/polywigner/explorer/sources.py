@@ -6,13 +6,12 @@ import re
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import shapely
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError
 from polywigner.explorer.editing import rings_of_aperture
 from polywigner.explorer.state import Ring, State
 from polywigner.geometry.formats.outlines import nested
@@ -23,10 +22,11 @@ __all__ = [
     "MOST_ELEMENTS",
     "aperture_of",
     "check_size",
+    "check_upload",
     "polygons_of",
     "source_of",
     "state_of_file",
-    "state_of_upload",
+    "without_advice",
 ]
 
 Source = pw.Aperture | pw.Array
@@ -74,10 +74,10 @@ def _for_page(text: str) -> str:
     """With outlines counted from 1, as the table does, and places with six digits."""
     counted = re.sub(r"outline (\d+)", lambda found: f"outline {int(found[1]) + 1}", text)
     short = re.sub(r"-?\d+\.\d{6,}", lambda found: f"{float(found[0]):.6g}", counted)
-    return _without_advice(short)
+    return without_advice(short)
 
 
-def _without_advice(text: str) -> str:
+def without_advice(text: str) -> str:
     """Without what only those can do who write Python."""
     return text.split("; split it with")[0]
 
@@ -148,27 +148,18 @@ def check_size(name: str, size: int) -> None:
         )
 
 
-def state_of_upload(name: str, content: bytes, state: State) -> State:
-    """A state with the outline of a file that a visitor sent, in the state's unit.
-
-    The name is used for its suffix and in messages only.
+def check_upload(name: str, size: int) -> tuple[str, str]:
+    """The name of a file that a visitor sends, as it is shown, and its suffix.
 
     Raises
     ------
-    PolywignerError, as :func:`state_of_file`; FileFormatError for more than 1 MiB.
+    FileFormatError for more than 1 MiB, and for a suffix that the page does not read.
     """
     shown = _shown(name)
-    check_size(name, len(content))
+    check_size(name, size)
     suffix = Path(shown).suffix.lower()
     if suffix not in _SUFFIXES:
         raise FileFormatError(
             f"{shown}: expected GeoJSON, WKT, CSV, SVG or DXF, got {suffix or 'no suffix'}"
         )
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"upload{suffix}"
-        path.write_bytes(content)
-        try:
-            return state_of_file(str(path), state.unit, state)
-        except PolywignerError as error:
-            text = str(error).replace(str(path), shown)
-            raise type(error)(_without_advice(text)) from None
+    return shown, suffix

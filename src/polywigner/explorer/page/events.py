@@ -19,7 +19,7 @@ from polywigner.explorer.page.guards import guarded, on_change, on_click, on_eve
 from polywigner.explorer.page.keyboard import Keyboard
 from polywigner.explorer.page.show import ORDERS, PARTS
 from polywigner.explorer.page.tour import connect_tour
-from polywigner.explorer.sources import LARGEST_UPLOAD, check_size, state_of_upload
+from polywigner.explorer.sources import LARGEST_UPLOAD, check_size
 
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
@@ -143,8 +143,7 @@ def _upload(session: Session) -> None:
     except (binascii.Error, ValueError):
         session.say(f"{name}: the file did not arrive whole; send it again")
         return
-    state = state_of_upload(name, content, session.state)
-    session.edit(rings=state.rings, x=(0.0, 0.0))
+    session.read(name, content)
 
 
 def _pressed(session: Session, keyboard: Keyboard, data: Any) -> None:

@@ -21,9 +21,11 @@ from polywigner.explorer.needs import needed
 from polywigner.explorer.page.access import connect_access
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
+from polywigner.explorer.page.guards import guarded
 from polywigner.explorer.page.layout import arranged, connect_layout
 from polywigner.explorer.page.messages import together
 from polywigner.explorer.page.show import Figures, fill, show_code
+from polywigner.explorer.readings import Readings
 from polywigner.explorer.results import Result, results
 from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.state import State, from_query, to_query
@@ -33,8 +35,8 @@ __all__ = ["Session", "open_page"]
 _GATHERED = 0.03  # seconds for which results wait for each other
 
 
-def open_page(doc: Any, start: State, scheduler: Scheduler) -> None:
-    """Build the page of one visitor, with the state of its link if it has one."""
+def open_page(doc: Any, start: State, scheduler: Scheduler, readings: Readings) -> Session:
+    """The page of one visitor, with the state of its link if it has one."""
     message = ""
     arguments = getattr(doc.session_context.request, "arguments", {})
     if arguments:
@@ -45,9 +47,10 @@ def open_page(doc: Any, start: State, scheduler: Scheduler) -> None:
             message = "The link could not be restored: expected text, got other bytes"
         except PolywignerError as error:
             message = f"The link could not be restored: {error}"
-    session = Session(doc, start, scheduler)
+    session = Session(doc, start, scheduler, readings)
     session.say(message)
     session.request()
+    return session
 
 
 def _collect() -> Iterator[None]:
@@ -58,8 +61,8 @@ def _collect() -> Iterator[None]:
 class Session:
     """The state of a visitor with its past, its widgets and its figures."""
 
-    def __init__(self, doc: Any, start: State, scheduler: Scheduler) -> None:
-        self.doc, self.scheduler = doc, scheduler
+    def __init__(self, doc: Any, start: State, scheduler: Scheduler, readings: Readings) -> None:
+        self.doc, self.scheduler, self.readings = doc, scheduler, readings
         self.history = History(start)
         self.controls, self.figures = Controls(), Figures()
         self.signals = ColumnDataSource({"busy": [0]}, name="signals")
@@ -69,7 +72,7 @@ class Session:
         self.refused = ColumnDataSource({"name": [], "size": [], "time": []})
         self.pending: list[tuple[float, float]] = []
         self.filling = False
-        self.trouble = self.notice = ""
+        self.trouble = self.notice = self.reading = ""
         self.is_hint = False
         self.wanted = 0  # the number of the newest request
         self.shown: dict[str, State] = {}  # what each view shows in full
@@ -83,7 +86,6 @@ class Session:
         connect_layout(doc, self.page, self.figures.all)
         connect_access(self)
         doc.add_root(self.page)  # last: a document looks through its models after each change
-        doc.on_session_destroyed(self._leave)
 
     @property
     def state(self) -> State:
@@ -149,13 +151,35 @@ class Session:
         self._show_message()
 
     def _show_message(self) -> None:
-        lines = [(self.notice, self.is_hint), (self.trouble, not self.state.rings)]
+        lines = [
+            (self.reading, True),
+            (self.notice, self.is_hint),
+            (self.trouble, not self.state.rings),
+        ]
         self.controls.message.text = "".join(
             f'<div role="{"status" if hint else "alert"}" style="color:'
             f'{"#1f3b57" if hint else "#b00020"}">{escape(text)}</div>'
             for text, hint in lines
             if text
         )
+
+    def read(self, name: str, content: bytes) -> None:
+        """Read a file in a process of its own; the page goes on meanwhile, and says so."""
+        unit = self.state.unit
+
+        def take(found: Any) -> None:
+            self.reading = ""
+            if isinstance(found, PolywignerError):
+                self.say(str(found))
+            else:
+                self.edit(rings=found, unit=unit, x=(0.0, 0.0))
+
+        then = guarded(self, take)
+        self.readings.submit(
+            id(self.doc), name, content, unit, lambda found: self._later(partial(then, found))
+        )
+        self.reading = f"Reading {name} …"
+        self.say("")
 
     def request(self) -> None:
         """Compute the visible views of the state; whatever was being computed is dropped.
@@ -239,10 +263,12 @@ class Session:
                 log_fault("a view could not be shown")
                 self.say(f"{result.name} could not be shown; this is a fault of polywigner")
 
-    def _leave(self, context: Any) -> None:
+    def leave(self) -> None:
+        """The visitor has left: nothing is computed any more, and the memory comes back."""
         self.closed = True
         self.scheduler.forget(id(self))
         self.scheduler.forget((id(self), "file"))
+        self.readings.forget(id(self.doc))
         for image in self.figures.images.values():
             image.source.data = {name: [] for name in image.source.data}
         # pages are cycles of references: Python alone would wait for hundreds of them

@@ -27,7 +27,9 @@ def in_process(
     """
     slow, damaged = remedies
     command = [sys.executable, "-P", library_process.__file__]
-    text = json.dumps({"program": program.__file__, "memory": _MEMORY, **asked})
+    text = json.dumps(
+        {"program": program.__file__, "memory": _MEMORY, "seconds": _SECONDS, **asked}
+    )
     try:
         done = subprocess.run(
             command, input=text.encode(), capture_output=True, timeout=_SECONDS, check=False

@@ -1,0 +1,147 @@
+"""Files that visitors send, read in processes of their own within limits of time and memory.
+
+A small file can take minutes and gigabytes, and can end the process of the library that reads it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from asyncio.subprocess import DEVNULL, PIPE, Process
+from collections.abc import Callable, Hashable
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import polywigner
+from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.explorer import reading_process
+from polywigner.explorer.choices import UNITS, Unit
+from polywigner.explorer.sources import check_upload, without_advice
+from polywigner.explorer.state import Ring
+from polywigner.geometry.formats import library_process
+
+__all__ = ["Readings"]
+
+_SECONDS = 10
+_MEMORY = 1 << 30
+_AT_ONCE = 2
+_TOO_MUCH = (
+    f"expected a file that is read within {_SECONDS} s and {_MEMORY >> 30} GiB, got one that needs "
+    "more; simplify it"
+)
+
+Rings = tuple[Ring, ...]
+
+
+class Readings:
+    """Reads two files at once; others wait for their turn. The newest of each visitor wins."""
+
+    def __init__(self, seconds: float = _SECONDS, memory: int = _MEMORY) -> None:
+        self._seconds, self._memory = seconds, memory
+        self._turns = asyncio.Semaphore(_AT_ONCE)
+        self._tasks: dict[Hashable, asyncio.Task[None]] = {}
+        self.processes: set[Process] = set()
+        """Those that read now."""
+
+    def submit(
+        self,
+        visitor: Hashable,
+        name: str,
+        content: bytes,
+        unit: Unit,
+        then: Callable[[Rings | PolywignerError], None],
+    ) -> None:
+        """Read a file for a visitor in place of the last one, and call `then` with what came out.
+
+        Raises FileFormatError at once for a file that is too large, or of no known format.
+        """
+        check_upload(name, len(content))
+        self.forget(visitor)
+
+        async def work() -> None:
+            outcome: Rings | PolywignerError
+            try:
+                outcome = await self.rings(name, content, unit)
+            except PolywignerError as error:
+                outcome = error
+            except asyncio.CancelledError:
+                outcome = FileFormatError("The file was not read: the connection was lost.")
+            if self._tasks.get(visitor) is asyncio.current_task():  # the newest
+                del self._tasks[visitor]
+                then(outcome)
+
+        self._tasks[visitor] = asyncio.get_running_loop().create_task(work())
+
+    def forget(self, visitor: Hashable) -> None:
+        """End what is read for a visitor who has left."""
+        task = self._tasks.get(visitor)
+        if task is not None:
+            task.cancel()
+
+    def stop(self) -> None:
+        """End all processes, of a loop that does not run any more."""
+        for process in self.processes:
+            _kill(process)
+
+    async def rings(self, name: str, content: bytes, unit: Unit) -> Rings:
+        """Outlines of a file in units, which are its own where it states none.
+
+        The name is used for its suffix and in messages only.
+
+        Raises
+        ------
+        FileFormatError for what cannot be read, takes too long, or has too many vertices.
+        """
+        shown, suffix = check_upload(name, len(content))
+        async with self._turns:
+            with TemporaryDirectory(prefix="polywigner-") as folder:
+                path = Path(folder) / f"upload{suffix}"
+                path.write_bytes(content)
+                found = await self._answer(str(path), unit)
+        if "error" in found:
+            text = without_advice(found["error"].replace(str(path), shown))
+            raise FileFormatError(text if shown in text else f"{shown}: {text}")
+        return tuple(tuple((x, y) for x, y in ring) for ring in found["rings"])
+
+    async def _answer(self, path: str, unit: Unit) -> dict[str, Any]:
+        asked = {
+            "program": reading_process.__file__,
+            "package": str(Path(polywigner.__file__).parent.parent),
+            "memory": self._memory,
+            "seconds": self._seconds,
+            "path": path,
+            "unit": unit,
+            "per_metre": UNITS[unit],
+        }
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-P", library_process.__file__,
+            stdin=PIPE, stdout=PIPE, stderr=DEVNULL, start_new_session=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        )  # fmt: skip
+        self.processes.add(process)
+        try:
+            told = process.communicate(json.dumps(asked).encode())
+            text, _ = await asyncio.wait_for(told, self._seconds)
+            found = json.loads(text) if process.returncode == 0 else {"error": _TOO_MUCH}
+        except TimeoutError:
+            found = {"error": _TOO_MUCH}
+        finally:
+            _kill(process)
+            await process.wait()
+            self.processes.discard(process)
+        return dict(found)
+
+
+def _kill(process: Process) -> None:
+    """End a process, with those that it has started."""
+    if process.returncode is None:
+        with suppress(ProcessLookupError):
+            if hasattr(os, "killpg"):
+                os.killpg(process.pid, signal.SIGKILL)
+            else:
+                process.kill()
