@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib.util
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from polywigner.errors import EngineError, MissingExtraError
 from polywigner.figures.volumes_layers import Layers
 from polywigner.figures.volumes_view import View
+from polywigner.interruption import temporary_folder
 
 __all__ = ["pyvista_layers"]
 
@@ -51,7 +51,7 @@ def pyvista_layers(
     page = view.corners(lower, upper)
     middle = (page.min(axis=0) + page.max(axis=0)) / 2
     columns, rows = np.ceil(np.ptp(page, axis=0) / pixel).astype(int) + 2
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         given, made = Path(folder) / "given.npz", Path(folder) / "made.npz"
         np.savez(
             given,

@@ -21,6 +21,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_path
+from polywigner.interruption import unfinished
 from polywigner.propagation.stores_files import recent_zarr, required
 
 if TYPE_CHECKING:
@@ -137,12 +138,10 @@ def _whole(path: Path) -> Iterator[Path]:
     """A scratch file, put in place once the block is done. Raises ArgumentError on OSError."""
     scratch = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
-        try:
+        with unfinished(scratch):
             path.parent.mkdir(parents=True, exist_ok=True)
             yield scratch
             scratch.replace(path)
-        finally:
-            scratch.unlink(missing_ok=True)
     except OSError as error:
         raise _not_written(path, error) from error
 

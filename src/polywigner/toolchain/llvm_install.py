@@ -10,11 +10,11 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from polywigner.errors import EngineError
+from polywigner.interruption import temporary_folder
 from polywigner.toolchain import debian
 from polywigner.toolchain.llvm import LLVMStatus, prepare
 from polywigner.toolchain.llvm_discovery import (
@@ -118,7 +118,7 @@ def _unpack_into_environment(wanted: Sequence[list[str]], say: Callable[[str], N
     say(f"Downloading {_named(wanted)} into {folder} (no root needed) ...")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".partial-") as scratch:
+        with temporary_folder(folder.parent, ".partial-") as scratch:
             tree, fresh = Path(scratch) / "tree", Path(scratch) / "native"
             tree.mkdir()
             fresh.mkdir()
