@@ -8,6 +8,7 @@ import re
 import sys
 from dataclasses import dataclass
 
+from polywigner.errors import install_command
 from polywigner.toolchain.gpu import GPUStatus, look_for_gpu
 from polywigner.toolchain.llvm import LLVMStatus, prepare
 from polywigner.toolchain.llvm_install import install_llvm
@@ -65,7 +66,7 @@ def _transforms() -> Finding:
     return Finding(subject, _GOOD, f"NumPy {version}; needs nothing else")
 
 
-_REINSTALL = "Run `pip install --force-reinstall polywigner`."
+_REINSTALL = f"Run {install_command()}."
 
 
 def _llvm(status: LLVMStatus) -> Finding:
@@ -127,7 +128,7 @@ def _extra(name: str, libraries: list[str]) -> Finding:
     if not missing:
         return Finding(f"extra {name}", _GOOD, ", ".join(libraries))
     found = f"missing: {', '.join(missing)}"
-    return Finding(f"extra {name}", _OPTIONAL, found, f"Run `pip install 'polywigner[{name}]'`.")
+    return Finding(f"extra {name}", _OPTIONAL, found, f"Run {install_command(name)}.")
 
 
 def _requirement(name: str) -> str:

@@ -27,7 +27,10 @@ Array = npt.NDArray[np.float64]
 _BLOCK = 1 << 22
 # Points at a time in a compiled loop; fewer points are taken several times over, each time with
 # another part of the places, so that all cores have work.
-_MOST_LANES, _LEAST_LANES = 1 << 18, 1 << 15
+_LANES = 1 << 15
+# Pairs in one launch, which Ctrl-C cannot interrupt: 0.1 s for sources of some edges, a second or
+# two for hundreds, on two cores.
+_MOST_PAIRS = 1 << 23
 
 
 def evaluate_sums(
@@ -52,9 +55,14 @@ def evaluate_sums(
         return _by_blocks(kernel, source, places, weights, points, constants, double)
     tables = kernel.tables(source, double)
     run = OnDrjit(kernel, tables, double, resolved(engine, len(places) * len(points)))
-    blocks = range(0, len(points), _MOST_LANES)
-    sums = [_looped(run, places, weights, points[k : k + _MOST_LANES], constants) for k in blocks]
-    return np.concatenate(sums)
+    total = np.zeros(len(points))
+    step = _MOST_PAIRS // min(len(points), _LANES)
+    for low in range(0, len(points), _LANES):
+        columns = slice(low, low + _LANES)
+        for start in range(0, len(places), step):
+            some = slice(start, start + step)
+            total[columns] += _looped(run, places[some], weights[some], points[columns], constants)
+    return total
 
 
 def _by_blocks(
@@ -91,7 +99,7 @@ def _looped(
 
     real = run.entry.float_type
     number = dr.uint32_array_t(real)
-    parts = min(-(-_LEAST_LANES // len(points)), len(places))
+    parts = min(-(-_LANES // len(points)), len(places))
     length = -(-len(places) // parts)
     rows = np.zeros((parts * length, places.shape[1] + 1))
     rows[: len(places)] = np.column_stack([places, weights])

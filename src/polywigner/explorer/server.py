@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from polywigner.errors import ArgumentError, MissingExtraError
+from polywigner.errors import ArgumentError, MissingExtraError, install_command
 from polywigner.explorer.logs import keep_short
 from polywigner.explorer.state import State
 
@@ -29,8 +29,7 @@ def check_installed() -> None:
         import bokeh.server.server  # noqa: F401
     except ImportError:
         raise MissingExtraError(
-            "expected Bokeh, which serves the page, got none; install it with "
-            "`pip install polywigner[explorer]`"
+            f"expected Bokeh, which serves the page, got none; run {install_command('explorer')}"
         ) from None
 
 

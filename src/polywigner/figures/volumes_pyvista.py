@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import EngineError, MissingExtraError
+from polywigner.errors import EngineError, MissingExtraError, install_command
 from polywigner.figures.volumes_layers import Layers
 from polywigner.figures.volumes_view import View
 from polywigner.interruption import temporary_folder
@@ -45,7 +45,7 @@ def pyvista_layers(
     """
     if importlib.util.find_spec("pyvista") is None:
         raise MissingExtraError(
-            "expected pyvista to draw with, got none; install it: pip install polywigner[volume]"
+            f"expected pyvista to draw with, got none; run {install_command('volume')}"
         )
     upper = lower + spacing * (np.array(levels.shape) - 1)
     page = view.corners(lower, upper)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import MissingExtraError
+from polywigner.errors import MissingExtraError, install_command
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_count, checked_generator
 from polywigner.illumination import Array
@@ -96,6 +96,6 @@ def _sobol() -> Any:
         return importlib.import_module("scipy.stats.qmc").Sobol
     except ImportError:
         raise MissingExtraError(
-            "expected scipy to be installed for sampling='sobol', got none; install it with: "
-            "pip install polywigner[arrays]"
+            "expected scipy to be installed for sampling='sobol', got none; run "
+            f"{install_command('arrays')}"
         ) from None
