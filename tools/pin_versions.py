@@ -1,4 +1,4 @@
-"""Write constraints.txt: the versions, in this environment, of all that polywigner and its tests need.
+"""Write constraints.txt: versions, in this environment, of all that polywigner and its tests need.
 
     make constraints      # after `make test-all` has passed with these versions
 
@@ -24,7 +24,7 @@ def declared() -> dict[str, list[Requirement]]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     lists = [project["dependencies"], *project["optional-dependencies"].values()]
     found: dict[str, list[Requirement]] = {}
-    for requirement in map(Requirement, sum(lists, [])):
+    for requirement in (Requirement(text) for texts in lists for text in texts):
         found.setdefault(canonicalize_name(requirement.name), []).append(requirement)
     del found["polywigner"]
     return found

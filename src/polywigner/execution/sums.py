@@ -27,10 +27,10 @@ Array = npt.NDArray[np.float64]
 _BLOCK = 1 << 22
 # Points at a time in a compiled loop; fewer points are taken several times over, each time with
 # another part of the places, so that all cores have work.
-_LANES = 1 << 15
-# Pairs in one launch, which Ctrl-C cannot interrupt: 0.1 s for sources of some edges, a second or
-# two for hundreds, on two cores.
-_MOST_PAIRS = 1 << 23
+_MOST_LANES, _LEAST_LANES = 1 << 18, 1 << 15
+# Pairs in one launch, which Ctrl-C cannot interrupt: half a second on two cores. Of a place with
+# all edges, so many edges take as long as one part of a slice does.
+_MOST_PAIRS, _EDGES_OF_A_PAIR = 1 << 26, 8
 
 
 def evaluate_sums(
@@ -56,9 +56,11 @@ def evaluate_sums(
     tables = kernel.tables(source, double)
     run = OnDrjit(kernel, tables, double, resolved(engine, len(places) * len(points)))
     total = np.zeros(len(points))
-    step = _MOST_PAIRS // min(len(points), _LANES)
-    for low in range(0, len(points), _LANES):
-        columns = slice(low, low + _LANES)
+    is_by_parts = places.shape[1] > 2
+    edges = 1 if is_by_parts else -(-len(tables.edges) // _EDGES_OF_A_PAIR)
+    step = max(1, _MOST_PAIRS // edges // min(len(points), _MOST_LANES))
+    for low in range(0, len(points), _MOST_LANES):
+        columns = slice(low, low + _MOST_LANES)
         for start in range(0, len(places), step):
             some = slice(start, start + step)
             total[columns] += _looped(run, places[some], weights[some], points[columns], constants)
@@ -99,7 +101,7 @@ def _looped(
 
     real = run.entry.float_type
     number = dr.uint32_array_t(real)
-    parts = min(-(-_LANES // len(points)), len(places))
+    parts = min(-(-_LEAST_LANES // len(points)), len(places))
     length = -(-len(places) // parts)
     rows = np.zeros((parts * length, places.shape[1] + 1))
     rows[: len(places)] = np.column_stack([places, weights])
