@@ -57,7 +57,7 @@ def evaluate_sums(
     run = OnDrjit(kernel, tables, double, resolved(engine, len(places) * len(points)))
     total = np.zeros(len(points))
     is_by_parts = places.shape[1] > 2
-    edges = 1 if is_by_parts else -(-len(tables.edges) // _EDGES_OF_A_PAIR)
+    edges = 1 if is_by_parts else len(getattr(tables, "edges", ())) // _EDGES_OF_A_PAIR + 1
     step = max(1, _MOST_PAIRS // edges // min(len(points), _MOST_LANES))
     for low in range(0, len(points), _MOST_LANES):
         columns = slice(low, low + _MOST_LANES)
