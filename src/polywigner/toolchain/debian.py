@@ -168,6 +168,8 @@ def _extract(archive: Path, folder: Path, name: str) -> None:
         for member in members:
             target = top / member.name
             parts = Path(member.name).parts
+            if not parts:  # the folder itself
+                continue
             size += member.size
             if member.name.startswith("/") or ".." in parts or size > _MOST_BYTES:
                 raise PackageError(f"{name} has {member.name!r}, out of place or too large")
