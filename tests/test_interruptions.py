@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from polywigner.interruption import postponed_interrupts
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout
 from polywigner.toolchain.llvm_discovery import Candidate
@@ -101,6 +102,15 @@ def test_an_interrupted_volume_keeps_finished_chunks_only(tmp_path: Path) -> Non
         _, errors = run.communicate(timeout=_HANGS)
     assert (run.returncode, errors) == (130, _LINE)
     assert not list(tmp_path.rglob("*.partial"))
+
+
+def test_an_interrupt_within_an_import_comes_after_it() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), postponed_interrupts():
+        os.kill(os.getpid(), signal.SIGINT)
+        done.append("all of it")
+    assert done
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @dataclass(frozen=True)

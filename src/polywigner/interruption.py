@@ -28,6 +28,7 @@ __all__ = [
     "cleaned_up_by",
     "end_now",
     "is_interrupted",
+    "postponed_interrupts",
     "temporary_folder",
     "unfinished",
 ]
@@ -84,6 +85,28 @@ def temporary_folder(parent: Path | None = None, prefix: str = "polywigner-") ->
     name = tempfile.mkdtemp(prefix=prefix, dir=parent)
     with unfinished(Path(name)):
         yield name
+
+
+@contextmanager
+def postponed_interrupts() -> Iterator[None]:
+    """Within, Ctrl-C waits until the end of the block: an import that it would break for good.
+
+    Only where Python's own handler would raise KeyboardInterrupt, in the main thread.
+    """
+    import threading
+
+    before, pressed = signal.getsignal(signal.SIGINT), []
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or before is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *_: pressed.append(True))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed:
+        raise KeyboardInterrupt
 
 
 def _remove(path: Path) -> None:
