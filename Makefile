@@ -28,7 +28,7 @@ PROPAGATE = $(BIN)/polywigner propagate
 PYTEST = $(BIN)/python -m pytest -n auto --maxprocesses 4 --max-worker-restart 0 --dist loadfile --no-loadscope-reorder
 
 .DEFAULT_GOAL := help
-.PHONY: help demo pictures test test-all fuzz kill lint format typecheck hooks bench docs dist ci clean
+.PHONY: help demo pictures test test-all fuzz kill lint format typecheck hooks bench docs dist constraints ci clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\): ## \(.*\)/  make \1	\2/p' Makefile | expand -t 20
@@ -98,6 +98,10 @@ docs: ## check the documents, and build the site from them: docs/_build/html/ind
 dist: ## build wheel and sdist into dist/
 	@$(SETUP) --group dev
 	$(BIN)/python -m build
+
+constraints: ## write the versions in .venv, which must have passed the tests, into constraints.txt
+	@$(SETUP) --group docs
+	$(BIN)/python tools/pin_versions.py
 
 ci: ## all checks, and the packages installed into empty environments
 	.ci/run

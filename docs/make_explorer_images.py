@@ -2,7 +2,7 @@
 
     python docs/make_explorer_images.py
 
-Needs `pip install polywigner[browser]`, and chromium with chromium-driver of the system.
+Needs `pip install ".[browser]"` in a clone, and chromium with chromium-driver of the system.
 """
 
 from __future__ import annotations

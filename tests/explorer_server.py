@@ -25,7 +25,7 @@ UPGRADE = {
 def need_bokeh(leave_out: Callable[[str], NoReturn]) -> None:
     """Leave a test out where the library of the page is missing."""
     if importlib.util.find_spec("bokeh") is None:
-        leave_out("Bokeh. `pip install polywigner[explorer]` brings it.")
+        leave_out('Bokeh. `pip install ".[explorer]"` brings it.')
 
 
 class Answer(NamedTuple):

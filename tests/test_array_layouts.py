@@ -254,7 +254,7 @@ def test_without_scipy_windows_name_the_extra_that_brings_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
-    with pytest.raises(MissingExtraError, match=r"pip install polywigner\[arrays\]"):
+    with pytest.raises(MissingExtraError, match=r'pip install "\.\[arrays\]"'):
         arrays.window_weights(8, "taylor")
     assert len(arrays.window_weights(8, "hamming")) == 8
 

@@ -82,7 +82,7 @@ def test_a_library_that_is_missing_is_named_with_its_extra(
     path = tmp_path / "patch.dxf"
     path.write_text("0\nSECTION\n2\nENTITIES\n0\nENDSEC\n0\nEOF\n")
     line = refusal(["transform", str(path)], tmp_path / "out", capfd.readouterr)
-    assert "pip install polywigner[formats]" in line
+    assert 'pip install ".[formats]"' in line
 
 
 @pytest.fixture

@@ -93,7 +93,7 @@ def test_a_missing_extra_is_named_with_the_command_that_brings_it(
     row = doctor._extra("test", ["pytest", "mpmath"])
     assert row.works == "-"
     assert row.found == "missing: mpmath"
-    assert row.remedy == "Run `pip install 'polywigner[test]'`."
+    assert row.remedy == 'Run `pip install ".[test]"` in a clone of polywigner.'
 
 
 def test_the_extras_are_those_of_the_package() -> None:

@@ -370,7 +370,7 @@ def test_a_missing_library_is_named_with_its_extra(
 
     read(square)
     monkeypatch.setitem(sys.modules, "ezdxf", None)
-    with pytest.raises(MissingExtraError, match=r"ezdxf.*pip install polywigner\[formats\]"):
+    with pytest.raises(MissingExtraError, match=r'ezdxf.*pip install "\.\[formats\]"'):
         pw.read_aperture(tmp_path / "drawing.dxf")
 
 

@@ -50,7 +50,7 @@ def browser(
 ) -> Iterator[Any]:
     """Chromium without a window, by its driver."""
     if importlib.util.find_spec("selenium") is None:
-        leave_out("Selenium. `pip install polywigner[browser]` brings it.")
+        leave_out('Selenium. `pip install ".[browser]"` brings it.')
     driver, program = shutil.which("chromedriver"), shutil.which("chromium")
     if driver is None or program is None:
         leave_out("a browser. Debian: `apt-get install chromium chromium-driver`.")
@@ -506,7 +506,7 @@ def test_without_the_extra_the_command_names_it(
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["explore"]) == 2
     errors = capsys.readouterr().err
-    assert "polywigner[explorer]" in errors and errors.count("\n") == 1
+    assert ".[explorer]" in errors and errors.count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -284,6 +284,28 @@ def test_a_snippet_computes_its_view_digit_for_digit(name: str, state: State) ->
         assert np.array_equal(values, picture.arrays[key])
 
 
+# What Python's str.split takes for a space, and so polywigner's texts may have between words.
+_GAPS = ["\n", "\r\n", "\r", "\t", "\x0b", "\x0c", "\x1c", "\x85", "\xa0", "\u2028"]
+
+
+@pytest.mark.parametrize("gap", _GAPS, ids=ascii)
+def test_a_snippet_of_texts_with_line_breaks_computes_its_view(gap: str, tmp_path: Path) -> None:
+    texts = {"wave": f"94{gap}GHz", "array": f"3 x 2,{gap}12 mm", "steering": f"10 deg,{gap}30 deg"}
+    state = State(**texts)
+    script, namespace = tmp_path / "script.py", {}
+    script.write_text(snippets.snippet(state, "fourier", SMALL), encoding="utf-8")
+    exec(script.read_text(encoding="utf-8"), namespace)
+    picture = views.PICTURES["fourier"](state, SMALL)
+    assert np.array_equal(namespace["values"], next(iter(picture.arrays.values())))
+
+
+@pytest.mark.parametrize("text", ['"', "'", "'\"", "\\", '"""', "\\\n", "µ", "{x}", "#", "\x00"])
+def test_texts_that_would_break_a_script_are_no_fields_and_give_none(text: str) -> None:
+    for name in ("taper", "array", "window", "steering"):
+        with pytest.raises(PolywignerError):
+            snippets.snippet(State().moved(**{name: text}), "fourier", SMALL)
+
+
 def test_exported_outlines_are_read_back_as_the_same_aperture(tmp_path: Path) -> None:
     for suffix, text, unit in (
         ("geojson", exports.geojson(HOLED), "mm"),

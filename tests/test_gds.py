@@ -100,5 +100,5 @@ def test_without_the_library_the_error_says_what_to_install(
     path = tmp_path / "chip.gds"
     path.write_bytes(b"\0\6\0\2\2\x58")
     monkeypatch.setitem(sys.modules, "gdstk", None)
-    with pytest.raises(MissingExtraError, match=r"gdstk.*pip install polywigner\[formats\]"):
+    with pytest.raises(MissingExtraError, match=r'gdstk.*pip install "\.\[formats\]"'):
         pw.read_aperture(path)

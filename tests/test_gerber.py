@@ -237,5 +237,5 @@ def test_without_the_library_the_error_says_what_to_install(
     path = tmp_path / "board.gbr"
     path.write_text(HEAD + PATCH + "M02*\n")
     monkeypatch.setitem(sys.modules, "gerbonara.rs274x", None)
-    with pytest.raises(MissingExtraError, match=r"gerbonara.*pip install polywigner\[formats\]"):
+    with pytest.raises(MissingExtraError, match=r'gerbonara.*pip install "\.\[formats\]"'):
         pw.read_aperture(path)

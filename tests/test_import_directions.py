@@ -18,7 +18,7 @@ from package_imports import PACKAGE, imports_of, sources
 
 # A room may import from those above it in this list, never from those below or beside it.
 ROOMS = [
-    ("errors",),
+    ("errors", "interruption"),
     ("quantities", "citations"),
     ("geometry",),
     ("illumination",),
@@ -53,13 +53,18 @@ EXCEPTIONS: dict[tuple[str, str], str] = {}
 STANDARD_LIBRARY_ONLY = {
     "toolchain/debian.py": (),
     "toolchain/llvm_discovery.py": (),
-    "toolchain/llvm_verdicts.py": ("polywigner.toolchain",),
+    "toolchain/llvm_verdicts.py": ("polywigner.toolchain", "polywigner.interruption"),
     # drjit: by require_drjit() only, when the library has been chosen
     "toolchain/llvm.py": ("polywigner.toolchain", "polywigner.errors", "drjit"),
-    "toolchain/llvm_install.py": ("polywigner.toolchain", "polywigner.errors"),
+    "toolchain/llvm_install.py": (
+        "polywigner.toolchain",
+        "polywigner.errors",
+        "polywigner.interruption",
+    ),
     "toolchain/gpu.py": ("polywigner.toolchain",),
     "toolchain/native_hook.py": ("polywigner.toolchain",),
     "errors.py": (),
+    "interruption.py": (),
 }
 
 

@@ -47,7 +47,8 @@ esac
 """
 
 DPKG_DEB = r"""#!/bin/sh
-folder=$3/usr/lib/x86_64-linux-gnu
+tree=$(mktemp -d)
+folder=$tree/usr/lib/x86_64-linux-gnu
 mkdir -p "$folder"
 case "$2" in
   *libllvm19*)
@@ -61,6 +62,8 @@ case "$2" in
     done ;;
   *) echo "E: not asked for: $2" >&2; exit 1 ;;
 esac
+tar -C "$tree" -cf - .
+rm -r "$tree"
 """
 
 # polywigner as it would run in another environment, on another system.

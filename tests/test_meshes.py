@@ -175,5 +175,5 @@ def test_a_missing_library_is_named_with_its_extra(
 
     path = written(tmp_path, trimesh.creation.box(SIDES), "stl")
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(MissingExtraError, match=r"trimesh.*pip install polywigner\[formats\]"):
+    with pytest.raises(MissingExtraError, match=r'trimesh.*pip install "\.\[formats\]"'):
         pw.read_polyhedron(path)

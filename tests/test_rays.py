@@ -213,6 +213,31 @@ def test_drawn_places_give_the_same_within_their_error(sampling: Any) -> None:
     assert (again == found).all()
 
 
+@pytest.mark.parametrize("sampling", ["gauss", "monte-carlo"])
+@pytest.mark.parametrize("height", [1e-9, 1e-8, 1e-7])
+def test_points_on_the_source_whose_rays_pass_between_all_places_have_no_error_estimate(
+    sampling: Any, height: float
+) -> None:
+    square, points = pw.shapes.square(10e-3), [(0, 0, height), (1e-3, 2e-3, height)]
+    with pytest.warns(PolywignerWarning, match="tolerance asked for is not met"):
+        found, error = pw.irradiance(
+            square, points, 3.2e-3, sampling=sampling, seed=1, return_error=True
+        )
+    exact = pw.irradiance(square, points, 3.2e-3, "auto")
+    assert (np.abs(found - exact) > 0.5).all()  # of 1
+    assert np.isinf(error).all()
+
+
+def test_points_beside_the_source_have_one_however_low_they_are() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*rough picture")
+        found, error = pw.irradiance(
+            pw.shapes.square(10e-3), (8e-3, 0.0, 1e-8), 3.2e-3, return_error=True
+        )
+    assert 0 < found < 1e-12 and error < 1e-15  # as the square of the height
+
+
 def test_places_are_drawn_until_the_tolerance_is_met() -> None:
     points = on_arc(7.0, np.arange(-60, 61, 20))
     exact = pw.irradiance(SQUARE, points, 1.0, tolerance=1e-8)

@@ -396,7 +396,7 @@ def test_a_missing_library_is_named_with_its_extra(
     for name in [name for name in sys.modules if name.partition(".")[0] == library]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(MissingExtraError, match=rf"{library}.*pip install polywigner\[formats\]"):
+    with pytest.raises(MissingExtraError, match=rf'{library}.*pip install "\.\[formats\]"'):
         read('<path d="M0 0H1V1z"/>')
 
 

@@ -5,7 +5,7 @@ r"""
 How near is near? This lesson looks at the same square with five methods at once: exactly, along
 its edges; with Wigner rays, to leading and to third order; with parabolic waves (Fresnel); and as
 a far field (Fraunhofer). It shows where each holds, and in which power of the distance each
-begins to. ``pip install "polywigner[volume]"`` brings what the grids here need.
+begins to. ``pip install ".[volume]"`` in a clone brings what the grids here need.
 """
 
 import warnings

@@ -7,9 +7,12 @@ The public names are loaded on first use, so that ``import polywigner`` and the 
 from __future__ import annotations
 
 import importlib
-from typing import TYPE_CHECKING, Any
 
+# as type checkers know it: the module `typing` takes longer to import than all that is here
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from polywigner.citations import cite
     from polywigner.geometry import (
         Aperture,

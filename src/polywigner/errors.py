@@ -16,7 +16,16 @@ __all__ = [
     "QuantityError",
     "SceneError",
     "StoreError",
+    "install_command",
 ]
+
+
+def install_command(extra: str = "") -> str:
+    """The command that brings polywigner, with one of its extras; for messages.
+
+    The name is on no package index: what can be installed is a clone.
+    """
+    return f'`pip install ".{f"[{extra}]" if extra else ""}"` in a clone of polywigner'
 
 
 class PolywignerError(Exception):

@@ -7,19 +7,20 @@ libraries are imported by the command that needs them, so that ``--help`` answer
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 
+from polywigner import interruption
 from polywigner.errors import PolywignerError
 
 __all__ = ["main"]
 
 _FAILED = 1
 _BAD_INPUT = 2
-_INTERRUPTED = 130
 _DEBUG = "POLYWIGNER_DEBUG"
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -36,9 +37,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0 when the work was done, 2 for input that cannot be used (a :class:`PolywignerError` or a
     wrong option), 130 after Ctrl-C, 1 for anything unforeseen.
     """
+    if arguments is None:  # this process is the command
+        interruption.answer_interrupts()
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning
-        return _run(arguments)
+        code = _run(arguments)
+    if interruption.is_interrupted():
+        with contextlib.suppress(OSError, ValueError):
+            sys.stdout.flush()
+        interruption.end_now()
+    return code
 
 
 def _run(arguments: Sequence[str] | None) -> int:
@@ -47,7 +55,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         returned = app(args=arguments, prog_name="polywigner", standalone_mode=False)
     except KeyboardInterrupt:
-        return _say("interrupted", _INTERRUPTED)
+        return _say("interrupted", interruption.INTERRUPTED)
     except PolywignerError as error:
         return _say(f"error: {error}", _BAD_INPUT)
     except MemoryError as error:
@@ -57,8 +65,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     except Exception as error:
         return _from_exception(error)
     # Typer returns the code of an `Exit` raised inside a command, and of --help, as a value.
-    if returned == _INTERRUPTED:
-        return _say("interrupted", _INTERRUPTED)
+    if returned == interruption.INTERRUPTED:
+        return _say("interrupted", interruption.INTERRUPTED)
     return returned if isinstance(returned, int) else 0
 
 
@@ -72,12 +80,12 @@ def _from_exception(error: Exception) -> int:
             return _BAD_INPUT
         return _say(f"error: {text} See `polywigner --help`.", _BAD_INPUT)
     if type(error).__name__ == "Abort":
-        return _say("interrupted", _INTERRUPTED)
+        return _say("interrupted", interruption.INTERRUPTED)
     if isinstance(error, OSError) and error.errno in _NO_ROOM:
         _drop_output()
         text = f"expected room for what is written, got: {error.strerror}; free some, or write"
         return _say(f"error: {text} to another place", _BAD_INPUT)
-    if os.environ.get(_DEBUG) == "1":
+    if os.environ.get(_DEBUG) == "1" and not interruption.is_interrupted():
         import traceback
 
         traceback.print_exc()
@@ -93,8 +101,9 @@ def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
 
 
 def _say(message: str, code: int) -> int:
-    """One line on stderr, whatever line breaks the message brings."""
-    sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
+    """One line on stderr, whatever line breaks the message brings; none of what Ctrl-C broke."""
+    if not interruption.is_interrupted():
+        sys.stderr.write("polywigner: " + " ".join(message.split()) + "\n")
     return code
 
 

@@ -249,7 +249,13 @@ def cite(
 def doctor(
     install_llvm: Annotated[
         bool,
-        typer.Option("--install-llvm", help="Bring a good LLVM library into this environment."),
+        typer.Option(
+            "--install-llvm",
+            help="Bring a good LLVM library into this environment; as root into the system.",
+        ),
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --install-llvm, as root: do not ask.")
     ] = False,
 ) -> None:
     """Say what works here, and how to get what does not.
@@ -258,4 +264,4 @@ def doctor(
     """
     from polywigner.cli.doctor import run_doctor
 
-    raise typer.Exit(run_doctor(install_llvm))
+    raise typer.Exit(run_doctor(install_llvm, yes))

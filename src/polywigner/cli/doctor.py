@@ -8,6 +8,7 @@ import re
 import sys
 from dataclasses import dataclass
 
+from polywigner.errors import EngineError, install_command
 from polywigner.toolchain.gpu import GPUStatus, look_for_gpu
 from polywigner.toolchain.llvm import LLVMStatus, prepare
 from polywigner.toolchain.llvm_install import install_llvm
@@ -29,24 +30,38 @@ class Finding:
     remedy: str = ""
 
 
-def run_doctor(install_llvm_first: bool) -> int:
+def run_doctor(install_llvm_first: bool, is_agreed: bool = False) -> int:
     """Print the findings; 0 when the transforms work at all, else 1.
 
     Parameters
     ----------
     install_llvm_first : bring an LLVM library into the environment before looking.
+    is_agreed : as root, install it into the system without asking.
 
     Raises
     ------
     EngineError when a library was asked for and could not be brought.
     """
     if install_llvm_first:
-        install_llvm()
+        install_llvm(agreed=None if is_agreed else _ask)
     transforms = _transforms()
     llvm, gpu = prepare(), look_for_gpu()
     findings = [transforms, _llvm(llvm), _gpu(gpu), *_libraries(), _mitsuba(llvm, gpu)]
     _print(findings + _extras())
     return 0 if transforms.works == _GOOD else 1
+
+
+def _ask(what: str) -> None:
+    if not sys.stdin.isatty():
+        raise EngineError(
+            f"expected --yes, since without a terminal nobody can be asked whether to install "
+            f"{what}; add it, or run this as another user, to unpack the library into the "
+            "environment"
+        )
+    sys.stderr.write(f"polywigner: will install {what}. Go on? [y/N] ")
+    sys.stderr.flush()
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise EngineError("expected yes, got no: nothing has been installed")
 
 
 def _transforms() -> Finding:
@@ -65,7 +80,7 @@ def _transforms() -> Finding:
     return Finding(subject, _GOOD, f"NumPy {version}; needs nothing else")
 
 
-_REINSTALL = "Run `pip install --force-reinstall polywigner`."
+_REINSTALL = f"Run {install_command()}."
 
 
 def _llvm(status: LLVMStatus) -> Finding:
@@ -127,7 +142,7 @@ def _extra(name: str, libraries: list[str]) -> Finding:
     if not missing:
         return Finding(f"extra {name}", _GOOD, ", ".join(libraries))
     found = f"missing: {', '.join(missing)}"
-    return Finding(f"extra {name}", _OPTIONAL, found, f"Run `pip install 'polywigner[{name}]'`.")
+    return Finding(f"extra {name}", _OPTIONAL, found, f"Run {install_command(name)}.")
 
 
 def _requirement(name: str) -> str:

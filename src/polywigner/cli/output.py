@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from polywigner.errors import ArgumentError
+from polywigner.interruption import unfinished
 
 __all__ = [
     "check_text",
@@ -147,20 +148,18 @@ def writing(paths: Sequence[Path]) -> Iterator[tuple[Path, ...]]:
         new = missing_folders(paths)
         for folder in new:
             folder.mkdir(parents=True, exist_ok=True)
-        yield partials
-        for partial in partials:
-            partial.stat()  # all are there before the first takes its place
-        for partial, path in zip(partials, paths, strict=True):
-            _put_in_place(partial, path)
+        with unfinished(*partials):
+            yield partials
+            for partial in partials:
+                partial.stat()  # all are there before the first takes its place
+            for partial, path in zip(partials, paths, strict=True):
+                _put_in_place(partial, path)
         say_made(new)
     except OSError as error:
         raise ArgumentError(
             f"expected to write {', '.join(map(str, paths))}, got {error}; "
             "choose another place with --out"
         ) from error
-    finally:
-        for partial in partials:
-            _remove(partial)
 
 
 def _put_in_place(partial: Path, path: Path) -> None:
@@ -172,14 +171,8 @@ def _put_in_place(partial: Path, path: Path) -> None:
     path.rename(aside)
     try:
         partial.rename(path)
-    except OSError:
-        aside.rename(path)
+    except BaseException:  # KeyboardInterrupt too
+        if not path.exists():
+            aside.rename(path)
         raise
-    _remove(aside)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+    shutil.rmtree(aside, ignore_errors=True)

@@ -67,7 +67,11 @@ from polywigner.execution.ray_sums import (
 from polywigner.execution.site_sums import site_sum
 from polywigner.execution.sums import evaluate_sums
 from polywigner.execution.table_data import UnrolledOperations
-from polywigner.execution.threads import kernel_threads
+from polywigner.execution.threads import (
+    check_not_stopped,
+    kernel_threads,
+    stop_this_thread_when,
+)
 
 __all__ = [
     "DrjitOperations",
@@ -80,6 +84,7 @@ __all__ = [
     "Traced",
     "TracedField",
     "UnrolledOperations",
+    "check_not_stopped",
     "checked_engine",
     "checked_precision",
     "complex_numbers",
@@ -103,6 +108,7 @@ __all__ = [
     "ray_sum",
     "shifted_points",
     "site_sum",
+    "stop_this_thread_when",
     "tensor_of",
     "times_complex",
     "traced_sums",

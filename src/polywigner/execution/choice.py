@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
 from polywigner.errors import ArgumentError, EngineError
+from polywigner.interruption import postponed_interrupts
 from polywigner.plans import Plan, Request, plan
 from polywigner.toolchain import llvm
 
@@ -86,8 +88,10 @@ def drjit_float(engine: str, double: bool) -> Any:
     """Dr.Jit's array type of an engine that :func:`resolved` has accepted."""
     import importlib
 
-    # Only this import waits for another thread's: a submodule is there before it is filled.
-    import drjit  # noqa: F401
+    # Ctrl-C within its first import ends the process, or leaves half a module.
+    with nullcontext() if f"drjit.{engine}" in sys.modules else postponed_interrupts():
+        # Only this import waits for another thread's: a submodule is there before it is filled.
+        import drjit  # noqa: F401
 
-    module = importlib.import_module(f"drjit.{engine}")
+        module = importlib.import_module(f"drjit.{engine}")
     return module.Float64 if double else module.Float32

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.execution.threads import check_not_stopped
+
 __all__ = ["Fetch", "Launched", "chunks_of", "parts_of_results", "ready", "store"]
 
 Array = npt.NDArray[Any]
@@ -21,6 +23,7 @@ def store(launched: Launched) -> None:
     """Fetch each chunk while the next one is computed."""
     last: Any = None
     for chunk in launched:
+        check_not_stopped()
         if last is not None:
             _write(*last)
         last = chunk

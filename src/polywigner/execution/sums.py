@@ -28,6 +28,9 @@ _BLOCK = 1 << 22
 # Points at a time in a compiled loop; fewer points are taken several times over, each time with
 # another part of the places, so that all cores have work.
 _MOST_LANES, _LEAST_LANES = 1 << 18, 1 << 15
+# Pairs in one launch, which Ctrl-C cannot interrupt: half a second on two cores. Of a place with
+# all edges, so many edges take as long as one part of a slice does.
+_MOST_PAIRS, _EDGES_OF_A_PAIR = 1 << 26, 8
 
 
 def evaluate_sums(
@@ -52,9 +55,16 @@ def evaluate_sums(
         return _by_blocks(kernel, source, places, weights, points, constants, double)
     tables = kernel.tables(source, double)
     run = OnDrjit(kernel, tables, double, resolved(engine, len(places) * len(points)))
-    blocks = range(0, len(points), _MOST_LANES)
-    sums = [_looped(run, places, weights, points[k : k + _MOST_LANES], constants) for k in blocks]
-    return np.concatenate(sums)
+    total = np.zeros(len(points))
+    is_by_parts = places.shape[1] > 2
+    edges = 1 if is_by_parts else len(getattr(tables, "edges", ())) // _EDGES_OF_A_PAIR + 1
+    step = max(1, _MOST_PAIRS // edges // min(len(points), _MOST_LANES))
+    for low in range(0, len(points), _MOST_LANES):
+        columns = slice(low, low + _MOST_LANES)
+        for start in range(0, len(places), step):
+            some = slice(start, start + step)
+            total[columns] += _looped(run, places[some], weights[some], points[columns], constants)
+    return total
 
 
 def _by_blocks(

@@ -1,17 +1,32 @@
-"""How many threads the compiled kernels of this process run on."""
+"""How many threads the compiled kernels of this process run on, and when threads give up."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 
 from polywigner.toolchain import llvm
 
-__all__ = ["kernel_threads"]
+__all__ = ["check_not_stopped", "kernel_threads", "stop_this_thread_when"]
 
 # There is one pool in a process; two blocks at a time would only wait for each other.
 _POOL = threading.Lock()
+
+_own = threading.local()
+
+
+def stop_this_thread_when(stop: threading.Event) -> None:
+    """What this thread computes raises CancelledError, within a chunk, when the event is set."""
+    _own.stop = stop
+
+
+def check_not_stopped() -> None:
+    """Raises CancelledError in a thread that is to stop; called between chunks."""
+    stop = getattr(_own, "stop", None)
+    if stop is not None and stop.is_set():
+        raise CancelledError
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from polywigner.errors import ArgumentError, MissingExtraError
+from polywigner.errors import ArgumentError, MissingExtraError, install_command
 from polywigner.explorer.logs import keep_short
 from polywigner.explorer.state import State
 
@@ -36,8 +36,7 @@ def check_installed() -> None:
         import bokeh.server.server  # noqa: F401
     except ImportError:
         raise MissingExtraError(
-            "expected Bokeh, which serves the page, got none; install it with "
-            "`pip install polywigner[explorer]`"
+            f"expected Bokeh, which serves the page, got none; run {install_command('explorer')}"
         ) from None
 
 

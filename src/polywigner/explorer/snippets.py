@@ -35,7 +35,7 @@ def snippet(state: State, name: str, samples: int | None = None) -> str:
 def _source_lines(state: State) -> list[str]:
     polygons = polygons_of(state.rings, state.per_metre)
     lines = [
-        f"wavelength = {state.wavelength!r}  # m, {state.wave}",
+        f"wavelength = {state.wavelength!r}  # m, {state.wave!r}",
         "source = pw.Aperture(",
         "    [",
     ]

@@ -10,15 +10,15 @@ from __future__ import annotations
 import importlib.util
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import EngineError, MissingExtraError
+from polywigner.errors import EngineError, MissingExtraError, install_command
 from polywigner.figures.volumes_layers import Layers
 from polywigner.figures.volumes_view import View
+from polywigner.interruption import temporary_folder
 
 __all__ = ["pyvista_layers"]
 
@@ -45,13 +45,13 @@ def pyvista_layers(
     """
     if importlib.util.find_spec("pyvista") is None:
         raise MissingExtraError(
-            "expected pyvista to draw with, got none; install it: pip install polywigner[volume]"
+            f"expected pyvista to draw with, got none; run {install_command('volume')}"
         )
     upper = lower + spacing * (np.array(levels.shape) - 1)
     page = view.corners(lower, upper)
     middle = (page.min(axis=0) + page.max(axis=0)) / 2
     columns, rows = np.ceil(np.ptp(page, axis=0) / pixel).astype(int) + 2
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         given, made = Path(folder) / "given.npz", Path(folder) / "made.npz"
         np.savez(
             given,

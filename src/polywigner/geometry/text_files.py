@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from polywigner.errors import ArgumentError
+from polywigner.interruption import unfinished
 
 __all__ = ["write_lines"]
 
@@ -19,10 +20,8 @@ def write_lines(file: Path, lines: Iterable[str]) -> None:
     text = "".join(f"{line}\n" for line in lines)
     scratch = file.with_name(f"{file.name}.{os.getpid()}.partial")
     try:
-        try:
+        with unfinished(scratch):
             scratch.write_text(text, encoding="utf-8", newline="\n")
             scratch.replace(file)
-        finally:
-            scratch.unlink(missing_ok=True)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise ArgumentError(f"expected to write {file}, got: {error}") from None

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, MissingExtraError
+from polywigner.errors import ArgumentError, MissingExtraError, install_command
 from polywigner.geometry.arguments import checked_count, checked_length
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.directions import transverse, unit_vector
@@ -177,6 +177,6 @@ def _scipy_windows(name: str) -> Any:
         return importlib.import_module("scipy.signal.windows")
     except ImportError:
         raise MissingExtraError(
-            f"expected scipy to be installed, which has the window {name!r}, got none; install it "
-            "with: pip install polywigner[arrays]"
+            f"expected scipy to be installed, which has the window {name!r}, got none; run "
+            f"{install_command('arrays')}"
         ) from None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import mitsuba as mi
+
+from polywigner.interruption import temporary_folder
 
 __all__ = ["silent", "to_list"]
 
@@ -29,7 +30,7 @@ def to_list() -> Iterator[list[str]]:
     messages: list[str] = []
     # Through a file, which needs no Python: messages come from Mitsuba's threads. An appender
     # with a file also leaves out the progress bars.
-    with tempfile.TemporaryDirectory(prefix="polywigner-", ignore_cleanup_errors=True) as folder:
+    with temporary_folder() as folder:
         path = Path(folder) / "mitsuba.log"
         appender = mi.StreamAppender(str(path))
         try:

@@ -21,6 +21,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, PolywignerError, StoreError
 from polywigner.geometry.arguments import checked_path
+from polywigner.interruption import unfinished
 from polywigner.propagation.stores_checks import recorded, stored_layout
 from polywigner.propagation.stores_files import recent_zarr, required
 
@@ -149,12 +150,10 @@ def _whole(path: Path, dataset: Stored) -> Iterator[Path]:
     """
     scratch = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
-        try:
+        with unfinished(scratch):
             path.parent.mkdir(parents=True, exist_ok=True)
             yield scratch
             scratch.replace(path)
-        finally:
-            scratch.unlink(missing_ok=True)
     except PolywignerError:
         raise
     except OSError as error:

@@ -120,7 +120,8 @@ def irradiance(
     -------
     (...) float64, in the unit of the source's |u|^2; slightly negative at places, near nulls. With
     ``return_error`` a pair, the second the estimated errors of the sum: the difference between the
-    last two rules, or the standard deviation of drawn sums.
+    last two rules, or the standard deviation of drawn sums; infinite at points so near to the
+    source that their rays pass between the places of every rule.
     An ``xarray.DataArray`` gives one, as in :func:`fourier`.
 
     Raises
@@ -258,7 +259,7 @@ def _summed(
             "Gauss rules follow the tolerance"
         )
     found = by_gauss(source, rays, points, tolerance, floor)
-    _warn_of(found, "return_error=True tells where")
+    _warn_of(found, "return_error=True tells where, and method='auto' gives the exact field")
     return found
 
 

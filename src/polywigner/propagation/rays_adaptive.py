@@ -20,7 +20,7 @@ from polywigner.propagation.arrangement import (
     triangulated,
 )
 from polywigner.propagation.rays import Rays
-from polywigner.propagation.rays_rules import gauss_rule, node_count, rule_by_triangles
+from polywigner.propagation.rays_rules import gauss_rule, node_count, rule_by_triangles, spacings
 
 __all__ = ["Estimate", "by_gauss", "phase_rates"]
 
@@ -31,6 +31,8 @@ Values = NDArray[np.float64]
 _LEVELS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 15.0, 20.0, 28.0)
 # If there are so many cells, each is small: the sum with one node in each is worth a try.
 _MANY_CELLS = 500
+# Pairs of a point and a cell whose distances are found at a time.
+_PLACES_AT_ONCE = 1 << 20
 # A rule of more nodes than this is not tried: 64 MiB of them.
 _MOST_NODES = 1 << 22
 # Points with a phase rate within this fraction of 1/wavelength share their rules.
@@ -90,6 +92,7 @@ def _raised(
             before = values
             continue
         errors = np.abs(values - before)
+        errors[_are_unseen(cells, rate, extra, points[open_])] = np.inf
         result.errors[open_] = errors
         allowed = tolerance * np.maximum(np.abs(values), floor[open_])
         if (errors <= allowed).all():
@@ -98,6 +101,27 @@ def _raised(
         kept = errors > _SETTLED * allowed
         open_, before = open_[kept], values[kept]
     return result
+
+
+def _are_unseen(cells: Triangles, rate: float, extra: float, points: Values) -> NDArray[np.bool_]:
+    """Points so near to the cells that their rays pass between the nodes of a rule, (n,).
+
+    The integrand has singularities at complex places as far from the real ones as the point is from
+    the source: at a distance d, nodes h apart err by a share of exp(-2 pi d/h). Where that is more
+    than 1/e, two rules may agree because neither of them sees anything.
+    """
+    nearest = spacings(cells, rate, extra) / (2 * np.pi)
+    low, high = cells.min(axis=1), cells.max(axis=1)
+    unseen = points[:, 2] < nearest.max()
+    candidates = np.flatnonzero(unseen)
+    step = max(1, _PLACES_AT_ONCE // len(cells))
+    for start in range(0, len(candidates), step):
+        some = candidates[start : start + step]
+        place = points[some, None]
+        aside = place[..., :2] - np.clip(place[..., :2], low, high)
+        gap = np.sqrt((aside**2).sum(axis=-1) + place[..., 2] ** 2)
+        unseen[some] = (gap < nearest).any(axis=1)
+    return unseen
 
 
 def _check_nodes(cells: Triangles, rate: float, wavelength: float) -> None:

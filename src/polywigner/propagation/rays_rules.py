@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.propagation.arrangement import Triangles
 
-__all__ = ["Rule", "areas", "gauss_rule", "node_count", "rule_by_triangles"]
+__all__ = ["Rule", "areas", "gauss_rule", "node_count", "rule_by_triangles", "spacings"]
 
 Values = NDArray[np.float64]
 Rule = tuple[Values, Values]
@@ -47,6 +47,14 @@ def node_count(triangles: Triangles, rate: float, extra: float) -> float:
     """About how many nodes :func:`gauss_rule` has, before any is made."""
     _, long, short = _from_apex(triangles)
     return float(_counts(long, short, rate, extra).prod(axis=1).sum())
+
+
+def spacings(triangles: Triangles, rate: float, extra: float) -> Values:
+    """The distances between nodes of :func:`gauss_rule` in each triangle, on its longer lines."""
+    _, long, short = _from_apex(triangles)
+    sides: Values = np.column_stack([long, short])
+    result: Values = (sides / _counts(long, short, rate, extra)).max(axis=1)
+    return result
 
 
 def _counts(long: Values, short: Values, rate: float, extra: float) -> Values:

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import MissingExtraError
+from polywigner.errors import MissingExtraError, install_command
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_count, checked_generator
 from polywigner.illumination import Array
@@ -66,11 +66,23 @@ def by_samples(
         means = sums[:, open_] / drawn
         result.values[open_] = means.mean(axis=0)
         result.errors[open_] = np.std(means, axis=0, ddof=1) / math.sqrt(_BATCHES)
+        # As of rules, see rays_adaptive: places are drawn one to this square, on the average.
+        spacing = math.sqrt(float(np.mean(1.0 / density)) / (drawn * _BATCHES))
+        unseen = _gaps(source, points[open_]) < spacing / (2 * math.pi)
+        result.errors[open_[unseen]] = np.inf
         missed = result.errors[open_] > allowed(result.values[open_], open_)
-        result.is_met = fixed or not missed.any()
-        if result.is_met or 2 * drawn * _BATCHES > _MOST_SAMPLES:
+        result.is_met = not (unseen if fixed else missed).any()
+        if fixed or result.is_met or 2 * drawn * _BATCHES > _MOST_SAMPLES:
             return result
         open_, size = open_[missed], drawn
+
+
+def _gaps(source: Aperture | Array, points: Values) -> Values:
+    """Distances of points (n, 3) from the source's bounds, (n,)."""
+    xmin, ymin, xmax, ymax = source.bounds
+    aside = points[:, :2] - np.clip(points[:, :2], (xmin, ymin), (xmax, ymax))
+    result: Values = np.sqrt((aside**2).sum(axis=-1) + points[:, 2] ** 2)
+    return result
 
 
 def _draws(sampling: str, seed: Any) -> list[Draw]:
@@ -96,6 +108,6 @@ def _sobol() -> Any:
         return importlib.import_module("scipy.stats.qmc").Sobol
     except ImportError:
         raise MissingExtraError(
-            "expected scipy to be installed for sampling='sobol', got none; install it with: "
-            "pip install polywigner[arrays]"
+            "expected scipy to be installed for sampling='sobol', got none; run "
+            f"{install_command('arrays')}"
         ) from None

@@ -17,6 +17,7 @@ from typing import Any
 
 from polywigner.errors import PolywignerWarning, StoreError
 from polywigner.geometry.arguments import checked_count, checked_path
+from polywigner.interruption import cleaned_up_by
 from polywigner.propagation.stores_checks import (
     chunk_file,
     damaged,
@@ -101,7 +102,9 @@ def write_dataset(
         if is_new:  # only now, when whoever computes has answered
             stack.enter_context(one_run(folder))
             create(folder, layout, fingerprint, whole)
-            stack.push(_removed_if_empty(folder, layout))
+            remove = _remove_if_empty(folder, layout)
+            stack.enter_context(cleaned_up_by(remove))
+            stack.push(lambda kind, *_: remove() if kind else None)
         bar = stack.enter_context(
             progress_bar(folder.name, layout.count, layout.count - len(indices), progress)
         )
@@ -113,18 +116,18 @@ def write_dataset(
     return opened(folder)
 
 
-def _removed_if_empty(path: Path, layout: Layout) -> Callable[..., None]:
-    """A callback for leaving a run: it removes the store if the run failed before the first chunk.
+def _remove_if_empty(path: Path, layout: Layout) -> Callable[[], None]:
+    """What is called when a run fails: removes the store if that was before the first chunk.
 
     Nobody is writing then: threads have been waited for, and workers begin only when all of them
     see the store.
     """
 
-    def leave(kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None and len(missing(path, layout)) == layout.count:
+    def remove() -> None:
+        if len(missing(path, layout)) == layout.count:
             shutil.rmtree(path, ignore_errors=True)
 
-    return leave
+    return remove
 
 
 def opened(path: str | os.PathLike[str]) -> Any:

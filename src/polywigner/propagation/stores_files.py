@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.errors import MissingExtraError, StoreError
+from polywigner.errors import MissingExtraError, StoreError, install_command
 from polywigner.illumination.files.reading import SOURCE_COORDINATE
 from polywigner.propagation.stores_disk import to_disk
 from polywigner.propagation.stores_layout import Layout, told_settings
@@ -50,7 +50,7 @@ def required(name: str) -> Any:
     except ImportError as error:
         raise MissingExtraError(
             f"expected {name} to be installed, which large tables and volumes are stored with, "
-            f'got none ({error}); install it by `pip install "polywigner[volume]"`'
+            f"got none ({error}); run {install_command('volume')}"
         ) from error
 
 
@@ -60,7 +60,7 @@ def recent_zarr() -> Any:
     if not hasattr(zarr.Array, "with_config"):  # is as old as that: 3.1.6
         raise MissingExtraError(
             f"expected zarr 3.1.6 or newer, got {zarr.__version__}, which may leave half a file; "
-            'upgrade it by `pip install --upgrade "polywigner[volume]"`'
+            "run `pip install --upgrade zarr`"
         )
     return zarr
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+from polywigner import execution
 from polywigner.errors import EngineError, PolywignerError, StoreError
 from polywigner.propagation.stores_files import required
 from polywigner.propagation.stores_layout import Index
@@ -30,13 +32,19 @@ def on_this_machine(
     Of a block that has a pool of threads of its own, one is computed while another is written.
     """
     cores = os.cpu_count() or 1
-    with ThreadPoolExecutor(2 if writer.exclusive else threads or cores) as pool:
+    stop = threading.Event()
+    with ThreadPoolExecutor(
+        2 if writer.exclusive else threads or cores,
+        initializer=execution.stop_this_thread_when,
+        initargs=(stop,),
+    ) as pool:
         futures = [pool.submit(writer, index) for index in indices]
         try:
             for future in as_completed(futures):
                 future.result()
                 advance()
         except BaseException:  # KeyboardInterrupt too
+            stop.set()  # chunks begun are given up, since they may take minutes
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 

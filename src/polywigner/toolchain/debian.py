@@ -6,18 +6,25 @@ file by its path before anything is installed.
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
 import re
 import shutil
 import subprocess
+import tarfile
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-__all__ = ["PackageError", "available", "install", "is_debian", "is_root", "unpack"]
+__all__ = ["PackageError", "available", "install", "is_debian", "is_root", "planned", "unpack"]
 
 _PATIENCE = 1800.0
 """Seconds that one apt command may take (a slow mirror, not a hanging one)."""
+
+
+_MOST_BYTES = 2 << 30
+"""Of all files of one package; LLVM's has 130 MB."""
 
 
 class PackageError(Exception):
@@ -39,6 +46,14 @@ def available(names: Sequence[str], options: Sequence[str] = ()) -> list[str]:
     listing = _run("apt-cache", [*options, "madison", *names], check=False)
     offered = {line.split("|")[0].strip() for line in listing.splitlines() if "|" in line}
     return [name for name in names if name in offered]
+
+
+def planned(wanted: Sequence[Sequence[str]]) -> list[str]:
+    """What :func:`install` would install, as far as apt's present lists tell."""
+    try:
+        return _plan(_choose(wanted, ()), ())
+    except PackageError:
+        return []
 
 
 def install(wanted: Sequence[Sequence[str]]) -> list[str]:
@@ -84,7 +99,8 @@ def unpack(wanted: Sequence[Sequence[str]], folder: Path) -> list[str]:
 
     Raises
     ------
-    PackageError when a thing cannot be had.
+    PackageError when a thing cannot be had, is not what apt's lists say, or would be written, or
+    lead, out of the folder.
     """
     # apt's own helpers do not all cope with spaces in a path, so not below `folder`.
     with tempfile.TemporaryDirectory(prefix="polywigner-apt-") as scratch:
@@ -95,8 +111,12 @@ def unpack(wanted: Sequence[Sequence[str]], folder: Path) -> list[str]:
             options += ["-o", f"Dir::State::lists={scratch}/lists"]
             _run("apt-get", [*options, "update"])
             names = _download(wanted, options, Path(scratch))
-        for package in sorted((Path(scratch) / "packages").glob("*.deb")):
-            _run("dpkg-deb", ["-x", str(package), str(folder)])
+        packages = sorted((Path(scratch) / "packages").glob("*.deb"))
+        _check_sums(packages, names, options)
+        for package in packages:
+            files = Path(scratch) / "files.tar"
+            _run("dpkg-deb", ["--fsys-tarfile", str(package)], output=files)
+            _extract(files, folder, package.name)
     return names
 
 
@@ -109,15 +129,69 @@ def _private_options(scratch: Path) -> list[str]:
 
 
 def _download(wanted: Sequence[Sequence[str]], options: Sequence[str], scratch: Path) -> list[str]:
-    plan = _run(
-        "apt-get", [*options, "-s", "install", "--no-install-recommends", *_choose(wanted, options)]
-    )
-    # "Inst name (version ..." is new; "Inst name [old] (version ..." would replace a library of
-    # the running system, which must not be opened beside the one that is in use.
-    names = re.findall(r"^Inst (\S+) \(", plan, flags=re.MULTILINE)
+    names = _plan(_choose(wanted, options), options)
     if names:
         _run("apt-get", [*options, "download", *names], folder=scratch / "packages")
     return names
+
+
+def _plan(names: Sequence[str], options: Sequence[str]) -> list[str]:
+    """These packages, and those they need, as far as the system lacks them."""
+    plan = _run("apt-get", [*options, "-s", "install", "--no-install-recommends", *names])
+    # "Inst name (version ..." is new; "Inst name [old] (version ..." would replace a library of
+    # the running system, which must not be opened beside the one that is in use.
+    return re.findall(r"^Inst (\S+) \(", plan, flags=re.MULTILINE)
+
+
+def _check_sums(packages: Sequence[Path], names: Sequence[str], options: Sequence[str]) -> None:
+    """Each file has a SHA-256 of apt's signed lists, where these have one for its package."""
+    if not packages:
+        return
+    sums: dict[str, set[str]] = {}
+    for entry in _run("apt-cache", [*options, "show", *names], check=False).split("\n\n"):
+        fields = dict(re.findall(r"^(Package|SHA256): (\S+)", entry, flags=re.MULTILINE))
+        if len(fields) == 2:
+            sums.setdefault(fields["Package"], set()).add(fields["SHA256"])
+    for package in packages:
+        known = sums.get(package.name.split("_")[0])
+        if known and hashlib.sha256(package.read_bytes()).hexdigest() not in known:
+            raise PackageError(f"{package.name} is not what apt's lists say (its SHA-256 differs)")
+
+
+def _extract(archive: Path, folder: Path, name: str) -> None:
+    """The files and links of a package, and nothing that is written, or leads, out of the folder.
+
+    Links that lead elsewhere are left out: packages have them, such as into /etc.
+    """
+    top, size = folder.resolve(), 0
+    with tarfile.open(archive) as members:
+        for member in members:
+            target = top / member.name
+            parts = Path(member.name).parts
+            if not parts:  # the folder itself
+                continue
+            size += member.size
+            if member.name.startswith("/") or ".." in parts or size > _MOST_BYTES:
+                raise PackageError(f"{name} has {member.name!r}, out of place or too large")
+            if not target.parent.resolve().is_relative_to(top):
+                raise PackageError(
+                    f"{name} has {member.name!r}, behind a link that leads elsewhere"
+                )
+            if member.isdir():
+                target.mkdir(parents=True, exist_ok=True)
+                continue
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.unlink(missing_ok=True)
+            if member.issym():
+                if (target.parent / member.linkname).resolve().is_relative_to(top):
+                    target.symlink_to(member.linkname)
+            elif member.isreg() or member.islnk():
+                content = members.extractfile(member)  # of a hard link: that of its target
+                assert content is not None
+                with content, target.open("wb") as file:
+                    shutil.copyfileobj(content, file)
+            else:
+                raise PackageError(f"{name} has {member.name!r}, neither a file nor a link")
 
 
 def _choose(wanted: Sequence[Sequence[str]], options: Sequence[str]) -> list[str]:
@@ -131,26 +205,40 @@ def _choose(wanted: Sequence[Sequence[str]], options: Sequence[str]) -> list[str
 
 
 def _run(
-    tool: str, arguments: Sequence[str], *, folder: Path | None = None, check: bool = True
+    tool: str,
+    arguments: Sequence[str],
+    *,
+    folder: Path | None = None,
+    check: bool = True,
+    output: Path | None = None,
 ) -> str:
-    """What a command prints; PackageError with its last complaint when it fails."""
+    """What a command prints; PackageError with its last complaint when it fails.
+
+    ``output`` : a file for what it prints, which then is not returned.
+    """
     try:
-        done = subprocess.run(
-            [tool, *(["-q"] if tool == "apt-get" else []), *arguments],
-            # apt's messages are read here, so they must not be translated.
-            env={**os.environ, "DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"},
-            cwd=folder,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=_PATIENCE,
-        )
+        with contextlib.nullcontext(subprocess.PIPE) if output is None else output.open("wb") as to:
+            done = subprocess.run(
+                [tool, *(["-q"] if tool == "apt-get" else []), *arguments],
+                # apt's messages are read here, so they must not be translated.
+                env={**os.environ, "DEBIAN_FRONTEND": "noninteractive", "LC_ALL": "C.UTF-8"},
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=to,
+                stderr=subprocess.PIPE,
+                text=True,
+                errors="replace",
+                timeout=_PATIENCE,
+            )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise PackageError(f"`{tool}` could not be run ({error})") from None
     if check and done.returncode != 0:
-        words = [word for word in arguments if word in ("install", "update", "download", "-x")]
+        words = [
+            word
+            for word in arguments
+            if word in ("install", "update", "download", "--fsys-tarfile")
+        ]
         complaints = re.findall(r"^E: (.*)$", done.stderr, flags=re.MULTILINE)
         told = complaints[-1] if complaints else (done.stderr.strip().splitlines() or ["?"])[-1]
         raise PackageError(f"`{' '.join([tool, *words])}` failed: {told}")
-    return done.stdout
+    return done.stdout or ""

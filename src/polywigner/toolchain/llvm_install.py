@@ -10,11 +10,11 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from polywigner.errors import EngineError
+from polywigner.interruption import temporary_folder
 from polywigner.toolchain import debian
 from polywigner.toolchain.llvm import LLVMStatus, prepare
 from polywigner.toolchain.llvm_discovery import (
@@ -33,6 +33,9 @@ _LIBATOMIC = ["libatomic1"]
 # 19 first: the one the tests are run with. Ubuntu renamed some for its 64-bit time.
 _LLVM = [f"libllvm{major}{suffix}" for major in (19, 20, 21, 22, 18, 17) for suffix in ("", "t64")]
 
+_PARTIAL = ".partial-"
+"""What the names of folders that are being filled begin with; the process follows."""
+
 _TRY_TO_OPEN = """
 import ctypes, sys
 waiting = sys.argv[1:]
@@ -50,12 +53,16 @@ while waiting:
 """
 
 
-def install_llvm(say: Callable[[str], None] = print) -> LLVMStatus:
+def install_llvm(
+    say: Callable[[str], None] = print, agreed: Callable[[str], None] | None = None
+) -> LLVMStatus:
     """Make an LLVM library usable in this environment.
 
     Parameters
     ----------
     say : told what is being done, one line at a time.
+    agreed : as root, told what would be installed into the system before that is done; raises an
+        EngineError where that is not wanted.
 
     Returns
     -------
@@ -75,7 +82,11 @@ def install_llvm(say: Callable[[str], None] = print) -> LLVMStatus:
             f"expected a Debian or Ubuntu system (with apt-get and dpkg-deb), got {sys.platform}; "
             f"--install-llvm cannot help here. {remedy()}"
         )
-    bring = _install_into_system if debian.is_root() else _unpack_into_environment
+    bring = _unpack_into_environment
+    if debian.is_root():
+        bring = _install_into_system
+        if agreed is not None:
+            agreed(_announced([_LLVM, _LIBATOMIC]))
     if os.environ.get(OFF_VARIABLE, "") in ("", "0"):
         try:
             bring([_LLVM, _LIBATOMIC], say)
@@ -107,6 +118,12 @@ def _bring_libatomic(bring: _Bring, say: Callable[[str], None]) -> None:
         say(f"libatomic1 could not be brought, so that nothing can be rendered: {error}.")
 
 
+def _announced(wanted: Sequence[list[str]]) -> str:
+    names = debian.planned(wanted)
+    listed = f" ({' '.join(names)})" if names else ""
+    return f"{_named(wanted)}{listed} by apt-get, for all users of this system"
+
+
 def _install_into_system(wanted: Sequence[list[str]], say: Callable[[str], None]) -> None:
     say(f"Installing {_named(wanted)} (apt-get install) ...")
     say(f"Installed {' '.join(debian.install(wanted))}.")
@@ -118,7 +135,8 @@ def _unpack_into_environment(wanted: Sequence[list[str]], say: Callable[[str], N
     say(f"Downloading {_named(wanted)} into {folder} (no root needed) ...")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".partial-") as scratch:
+        _sweep(folder.parent)
+        with temporary_folder(folder.parent, f"{_PARTIAL}{os.getpid()}-") as scratch:
             tree, fresh = Path(scratch) / "tree", Path(scratch) / "native"
             tree.mkdir()
             fresh.mkdir()
@@ -133,6 +151,14 @@ def _unpack_into_environment(wanted: Sequence[list[str]], say: Callable[[str], N
             "virtual environment (`python3 -m venv .venv`) and run this again there."
         ) from error
     say(f"Unpacked {' '.join(names)}." if names else "The system has all packages already.")
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what runs that were killed have left, but not that of runs that go on."""
+    for path in folder.glob(f"{_PARTIAL}*"):
+        owner = path.name.removeprefix(_PARTIAL).partition("-")[0]
+        if not (owner.isdecimal() and Path(f"/proc/{owner}").exists()):
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _named(wanted: Sequence[list[str]]) -> str:

@@ -13,11 +13,13 @@ import importlib.util
 import json
 import os
 import platform
+import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from polywigner.interruption import temporary_folder
 from polywigner.toolchain.llvm_discovery import (
     LIBRARY_VARIABLE,
     OLDEST_VERSION,
@@ -29,6 +31,9 @@ __all__ = ["Verdict", "cache_folder", "drjit_imports", "drjit_release", "judge",
 
 _PATIENCE = 120.0
 """Seconds that the child may take: Dr.Jit's first import from a cold disk can take many."""
+
+_FROM_OUTSIDE = (signal.SIGINT, signal.SIGTERM, 1, 9)
+"""Signals that end the child through no fault of the library; 1 and 9 have no names on Windows."""
 
 _PREFACE = """
 import json, sys
@@ -181,7 +186,9 @@ def _try_out(path: str, preload: Sequence[str]) -> tuple[Verdict, bool]:
     if code < 0 or code >= 128:
         line = next((text for text in errors.splitlines() if "LLVM ERROR" in text), "")
         told = f" ({line[:80].strip()})" if line else ""
-        return Verdict(False, None, f"its kernels end the process{told}"), True
+        # Somebody else may have ended it: Ctrl-C reaches all processes of a terminal.
+        lasting = -code not in _FROM_OUTSIDE
+        return Verdict(False, None, f"its kernels end the process{told}"), lasting
     # A library that does not open may open tomorrow, when its dependency has been installed.
     return Verdict(False, None, _reason(errors) or f"the trial ended with status {code}"), False
 
@@ -202,13 +209,12 @@ def run_probe(
     Exit status (None when no child could be run to its end), the last line of its stdout, and
     its stderr.
     """
-    import subprocess  # these two cost 15 ms to import, which a remembered verdict saves
-    import tempfile
+    import subprocess  # costs 15 ms to import, which a remembered verdict saves
 
     # Dr.Jit itself needs libatomic, which may lie in the environment only.
     task = {"sys_path": sys.path, "preload": [*native_libatomic(), *preload]}
     try:
-        with tempfile.TemporaryDirectory(prefix="polywigner-") as scratch:
+        with temporary_folder() as scratch:
             done = subprocess.run(
                 [sys.executable, "-P", "-c", _PREFACE + script, json.dumps(task)],
                 env={

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 import polywigner as pw
 from polywigner.figures.paper.made import Quality
 from polywigner.figures.paper.sources import WAVELENGTH, square
+from polywigner.interruption import temporary_folder
 
 __all__ = [
     "POSE",
@@ -59,7 +59,7 @@ def render_room(
     from polywigner.mitsuba.images import write_exr
 
     text = files(__package__).joinpath("room.xml").read_text(encoding="utf-8")
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         scene = Path(folder) / "room.xml"
         scene.write_text(text.replace("<!-- source -->", source), encoding="utf-8")
         for name, image in (images or {}).items():

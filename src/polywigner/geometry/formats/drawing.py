@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError
+from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError, install_command
 from polywigner.geometry.exact import Ring
 
 __all__ = [
@@ -68,7 +68,7 @@ def required(library: str, kind: str) -> Any:
     except ImportError:
         raise MissingExtraError(
             f"expected {library.partition('.')[0]} to be installed, which reads {kind} files, got "
-            "none; install it with: pip install polywigner[formats]"
+            f"none; run {install_command('formats')}"
         ) from None
     # Messages of a library about a damaged file go to a user's handlers, not to the terminal.
     logger = logging.getLogger(library.partition(".")[0])

@@ -1,0 +1,71 @@
+"""Write constraints.txt: versions, in this environment, of all that polywigner and its tests need.
+
+    make constraints      # after `make test-all` has passed with these versions
+
+What is not installed here has no tested version, and is named in a comment.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import tomllib
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parent.parent
+CONSTRAINTS = ROOT / "constraints.txt"
+
+
+def declared() -> dict[str, list[Requirement]]:
+    """The requirements of pyproject.toml by the names of the packages, without polywigner's own."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    lists = [project["dependencies"], *project["optional-dependencies"].values()]
+    found: dict[str, list[Requirement]] = {}
+    for requirement in (Requirement(text) for texts in lists for text in texts):
+        found.setdefault(canonicalize_name(requirement.name), []).append(requirement)
+    del found["polywigner"]
+    return found
+
+
+def installed() -> tuple[dict[str, str], list[str]]:
+    """Versions of what is declared and of all that this needs; and what is declared but absent."""
+    versions: dict[str, str] = {}
+    absent = []
+    waiting = [(requirement, True) for some in declared().values() for requirement in some]
+    seen = set()
+    while waiting:
+        requirement, is_declared = waiting.pop()
+        name = canonicalize_name(requirement.name)
+        if (name, *requirement.extras) in seen:
+            continue
+        seen.add((name, *requirement.extras))
+        try:
+            found = importlib.metadata.distribution(name)
+        except importlib.metadata.PackageNotFoundError:
+            absent += [name] if is_declared else []
+            continue
+        versions[name] = found.version
+        for inner in map(Requirement, found.requires or []):
+            extras = requirement.extras or {""}
+            if inner.marker is None or any(inner.marker.evaluate({"extra": e}) for e in extras):
+                waiting.append((inner, False))
+    return versions, sorted(set(absent))
+
+
+def main() -> None:
+    versions, absent = installed()
+    lines = [
+        "# The versions that the tests were run with, for `pip install -c constraints.txt ...`.",
+        f"# Written by `make constraints` with Python {platform.python_version()}.",
+        f"# Not tested with any version, and so without one: {', '.join(absent) or 'none'}.",
+        *(f"{name}=={version}" for name, version in sorted(versions.items())),
+    ]
+    CONSTRAINTS.write_text("\n".join(lines) + "\n")
+    print(f"wrote {CONSTRAINTS} ({len(versions)} packages)")
+
+
+if __name__ == "__main__":
+    main()
