@@ -17,17 +17,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.drawing import MOST_VERTICES
+from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_VERTICES
 
 __all__ = [
     "DEFAULT_TOLERANCE",
-    "LARGEST_NUMBER",
-    "MOST_CURVES",
     "Arc",
     "Bezier",
     "Curve",
     "bezier_spans",
-    "check_number",
     "count_of",
     "ends",
     "flattened",
@@ -42,12 +39,6 @@ DEFAULT_TOLERANCE = 1 / 2000
 A circle becomes 52 vertices; a quarter circle in a rounded corner, of a tenth of the outline's
 size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
 """
-
-MOST_CURVES = 200_000
-"""Lines and curves of a drawing, those of repeated parts counted each time."""
-
-LARGEST_NUMBER = 1e100
-"""Coordinates beyond it are refused before anything is computed from them."""
 
 # A chord that spans more would leave a polygon of fewer than eight sides of a small circle.
 _LARGEST_STEP = math.pi / 4
@@ -84,15 +75,6 @@ class Bezier:
 
 
 Curve = Points | Arc | Bezier
-
-
-def check_number(count: int) -> None:
-    """Raise where a drawing has more lines and curves than are followed."""
-    if count > MOST_CURVES:
-        raise FileFormatError(
-            f"expected at most {MOST_CURVES} lines and curves (repetitions included), got more; "
-            "simplify the drawing"
-        )
 
 
 def count_of(curve: Curve) -> int:

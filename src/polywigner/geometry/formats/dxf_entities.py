@@ -15,12 +15,12 @@ from polywigner.geometry.formats.curves import (
     Curve,
     Points,
     bezier_spans,
-    check_number,
     ends,
     reversed_curve,
     rough_points,
     transformed,
 )
+from polywigner.geometry.formats.limits import check_number
 
 __all__ = ["IGNORED", "paths_of"]
 

@@ -7,7 +7,7 @@ import math
 from typing import Any, NoReturn
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.drawing import check_vertices
+from polywigner.geometry.formats.limits import check_values, check_vertices
 
 __all__ = ["rings_of_geojson"]
 
@@ -23,6 +23,7 @@ def _refuse_constant(name: str) -> NoReturn:
 def _loaded(text: str) -> Any:
     # Each opens a list or an object, of which Python makes a hundred bytes.
     check_vertices(text.count("[") + text.count("{"))
+    check_values(text)
     try:
         return json.loads(text, parse_constant=_refuse_constant)
     except RecursionError:

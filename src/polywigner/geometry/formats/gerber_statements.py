@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import check_number
+from polywigner.geometry.formats.limits import check_number
 
 __all__ = ["checked_statements"]
 

@@ -11,16 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import LARGEST_NUMBER
 from polywigner.geometry.formats.drawing import required
+from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_FACES
 
-__all__ = ["MESH_SUFFIXES", "MOST_FACES", "read_mesh"]
+__all__ = ["MESH_SUFFIXES", "read_mesh"]
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
-
-MOST_FACES = 200_000
-"""Triangles of a body; checking so many takes about 15 s."""
-
 
 # trimesh makes a mesh of each solid of an STL file.
 _MOST_SOLIDS = 1000

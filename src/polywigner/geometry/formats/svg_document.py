@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Points, check_number, count_of
+from polywigner.geometry.formats.curves import Points, count_of
 from polywigner.geometry.formats.drawing import required
 from polywigner.geometry.formats.layers import check_known
+from polywigner.geometry.formats.limits import MOST_ELEMENTS, MOST_NESTED, MOST_TEXT, check_number
 from polywigner.geometry.formats.svg_shapes import (
     SHAPES,
     Place,
@@ -24,20 +25,11 @@ from polywigner.geometry.formats.svg_shapes import (
 from polywigner.geometry.formats.svg_style import Style, Styles, check_supported, is_painted
 from polywigner.geometry.formats.svg_values import length, matrix_of
 
-__all__ = ["MOST_ELEMENTS", "MOST_NESTED", "MOST_TEXT", "Document", "parsed"]
-
-MOST_ELEMENTS = 50_000
-"""Elements of a file, and elements drawn (what `use` repeats counts each time)."""
-
-MOST_NESTED = 64
-"""Elements inside each other, `use` included."""
+__all__ = ["Document", "parsed"]
 
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
 _LINK = "{http://www.w3.org/1999/xlink}href"
-MOST_TEXT = 16 * 2**20
-"""Characters in the attributes of elements drawn (what `use` repeats counts each time)."""
-
 _CONTAINERS = {"svg", "g", "a", "switch"}
 _OPAQUE = {"text", "image", "foreignObject"}
 

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, check_number, ends
+from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, ends
 from polywigner.geometry.formats.drawing import required
+from polywigner.geometry.formats.limits import check_number
 
 __all__ = [
     "PHYSICAL",
