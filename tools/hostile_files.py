@@ -130,6 +130,7 @@ def _dense_outline_with_boxes() -> bytes:
 
 def dxf(entities: str, blocks: str = "") -> bytes:
     return (
+        "0\nSECTION\n2\nHEADER\n9\n$ACADVER\n1\nAC1015\n0\nENDSEC\n"
         f"0\nSECTION\n2\nBLOCKS\n{blocks}0\nENDSEC\n"
         f"0\nSECTION\n2\nENTITIES\n{entities}0\nENDSEC\n0\nEOF\n"
     ).encode()
@@ -152,7 +153,10 @@ def _circle(x: float, y: float, r: float) -> str:
     return f"0\nCIRCLE\n8\n0\n10\n{x}\n20\n{y}\n40\n{r}\n"
 
 
-_TRIANGLE = "0\nLWPOLYLINE\n8\n0\n90\n3\n70\n1\n10\n0\n20\n0\n10\n1\n20\n0\n10\n0\n20\n1\n"
+_TRIANGLE = (
+    "0\nLWPOLYLINE\n100\nAcDbEntity\n8\n0\n100\nAcDbPolyline\n90\n3\n70\n1\n"
+    "10\n0\n20\n0\n10\n1\n20\n0\n10\n0\n20\n1\n"
+)
 
 
 def _spline(points: int, degree: int) -> str:
@@ -266,7 +270,7 @@ def sphere(count: int) -> bytes:
 def _tapers(count: int, factors: int) -> bytes:
     one = '{kind = "taylor_taper", width = 1, height = 1, nbar = 100}'
     lines = "\n".join(f"  {one}," for _ in range(factors))
-    aperture = f'shape = {{name = "square", side = 1}}\nillumination = [\n{lines}\n]\n'
+    aperture = f'shape = {{name = "square", a = 1}}\nillumination = [\n{lines}\n]\n'
     if count == 1:
         return f'kind = "aperture"\n{aperture}'.encode()
     return ('kind = "array"\n' + f'[[elements]]\nkind = "aperture"\n{aperture}' * count).encode()
@@ -341,7 +345,7 @@ KINDS = {
         "".join(_circle(0, 0, k + 1) for k in range(9_900)))),
     "dxf circles": Kind("a.dxf", lambda: dxf(
         "".join(_circle(3 * k, 0, 1) for k in range(100_000)))),
-    "dxf splines": Kind("a.dxf", lambda: dxf(_spline(2_000, 25) * 60)),
+    "dxf splines": Kind("a.dxf", lambda: dxf(_spline(2_000, 10) * 50)),
     "dxf blocks that double": Kind("a.dxf", lambda: dxf(_insert("b15"), _block("b0", _TRIANGLE)
         + "".join(_block(f"b{k + 1}", _insert(f"b{k}") * 8) for k in range(15)))),
     "dxf array of blocks": Kind("a.dxf", lambda: dxf(
@@ -372,16 +376,16 @@ KINDS = {
     "toml tapers": Kind("a.toml", lambda: _tapers(1, 4), "source"),
     "toml tapers of many elements": Kind("a.toml", lambda: _tapers(1_000, 1), "source"),
     "toml grid": Kind("a.toml", lambda: b'kind = "phased-array"\nelement = {kind = "aperture", '
-        b'shape = {name = "square", side = 1}}\npositions = {kind = "grid", nx = 100000, '
+        b'shape = {name = "square", a = 1}}\npositions = {kind = "grid", nx = 100000, '
         b'ny = 100000, pitch_x = 1}\n', "source"),
     "toml numbers": Kind("a.toml", lambda: b'kind = "slits"\nintervals = [' + b"1.5," * (
         15 * _MIB) + b"]\n", "source"),
     "toml long key": Kind("a.toml", lambda: b"a." * 200_000 + b"a = 1\n", "source"),
     "toml segments": Kind("a.toml", lambda: b'kind = "aperture"\nshape = {name = '
-        b'"hexagonal_segments", flat_to_flat = 1, gap = 0.1, rings = 4096}\n', "source"),
+        b'"hexagonal_segments", side = 1, gap = 0.1, rings = 4096}\n', "source"),
     "json shapes": Kind("a.json", lambda: _elements(800_000, _SHAPE), "source"),
     "json elements": Kind("a.json", lambda: _elements(
-        500_000, '{"kind": "aperture", "shape": {"name": "square", "side": 1}}'), "source"),
+        500_000, '{"kind": "aperture", "shape": {"name": "square", "a": 1}}'), "source"),
     "json one outline, many names": Kind(
         "a.json", lambda: b'{"kind": "array", "elements": ['
         + b",".join(b'{"kind": "aperture", "file": "%sb.wkt"}' % (b"./" * k) for k in range(300))

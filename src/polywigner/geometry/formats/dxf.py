@@ -17,7 +17,7 @@ from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.chains import JOINT, chained, is_closed
 from polywigner.geometry.formats.curves import Curve, Points, flattened, rough_points, transformed
 from polywigner.geometry.formats.drawing import Drawing, required
-from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of
+from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of, work_of
 from polywigner.geometry.formats.layers import check_known, overlap_remedy
 from polywigner.geometry.formats.limits import (
     LARGEST_DXF,
@@ -162,7 +162,7 @@ class _Blocks:
                 else ((path, layer) for path in paths_of(entity))
             )
             for path, own in found:
-                self.count += len(path)
+                self.count += sum(map(work_of, path))
                 check_number(self.count)
                 yield path, own
 

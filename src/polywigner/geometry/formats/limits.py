@@ -35,7 +35,6 @@ __all__ = [
     "MOST_RINGS",
     "MOST_RULES",
     "MOST_SOLIDS",
-    "MOST_SPLINE_WORK",
     "MOST_TEXT",
     "MOST_TRANSFORMS",
     "MOST_VERTICES",
@@ -123,9 +122,6 @@ MOST_RULES = 1000
 
 MOST_NESTED_BLOCKS = 16
 """DXF blocks inserted in blocks."""
-
-MOST_SPLINE_WORK = 2_000_000
-"""Steps of de Boor's algorithm for all splines of a DXF file: 2 us each."""
 
 MOST_COMBINED = 400_000
 """Vertices that all unions and cuts of a Gerber file handle together, about 10 s of work."""
