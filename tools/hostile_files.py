@@ -382,7 +382,7 @@ KINDS = {
         15 * _MIB) + b"]\n", "source"),
     "toml long key": Kind("a.toml", lambda: b"a." * 200_000 + b"a = 1\n", "source"),
     "toml segments": Kind("a.toml", lambda: b'kind = "aperture"\nshape = {name = '
-        b'"hexagonal_segments", side = 1, gap = 0.1, rings = 4096}\n', "source"),
+        b'"hexagonal_segments", flat_to_flat = 1, gap = 0.1, rings = 4096}\n', "source"),
     "json shapes": Kind("a.json", lambda: _elements(800_000, _SHAPE), "source"),
     "json elements": Kind("a.json", lambda: _elements(
         500_000, '{"kind": "aperture", "shape": {"name": "square", "a": 1}}'), "source"),

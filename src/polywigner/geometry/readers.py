@@ -31,9 +31,8 @@ from polywigner.geometry.formats.gds import read_gds
 from polywigner.geometry.formats.geojson import rings_of_geojson
 from polywigner.geometry.formats.gerber import read_gerber
 from polywigner.geometry.formats.layers import checked_layers, checked_union
-from polywigner.geometry.formats.limits import check_rings, check_vertices
 from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.formats.outlines import check_crossings, check_near
+from polywigner.geometry.formats.outlines import check_polygons
 from polywigner.geometry.formats.simple_text import rings_of_csv, rings_of_wkt
 from polywigner.geometry.formats.svg import read_svg
 from polywigner.geometry.formats.svg_values import PIXEL
@@ -146,10 +145,7 @@ def _scaled(points: Any, metres: float) -> Ring:
 
 def _aperture(drawing: Drawing, union: bool) -> Aperture:
     polygons = drawing.polygons
-    check_rings(sum(map(len, polygons)))
-    vertices = sum(len(ring) for rings in polygons for ring in rings)
-    check_vertices(vertices)
-    _check_work(polygons)
+    vertices = check_polygons(polygons)
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 
@@ -167,15 +163,6 @@ def _aperture(drawing: Drawing, union: bool) -> Aperture:
         if vertices <= _MOST_REPEATED:
             build(1.0)  # raises the same with places in the file's own unit
         raise
-
-
-def _check_work(polygons: list[list[Any]]) -> None:
-    """Raise where checking the outlines takes long; what is no ring is refused later."""
-    arrays = [[np.asarray(ring, dtype=float) for ring in rings] for rings in polygons]
-    rings = [ring for part in arrays for ring in part]
-    if all(ring.ndim == 2 and len(ring) and np.isfinite(ring).all() for ring in rings):
-        check_near([part[0] for part in arrays])
-        check_crossings(rings)
 
 
 def _metres(unit: str | float) -> float:

@@ -59,8 +59,8 @@ LARGEST_GDS = 16 * 2**20
 LARGEST_GERBER = 4 * 2**20
 """Gerber, which gerbonara reads in Python; 4 MiB hold some 200 000 strokes."""
 
-LARGEST_TOML = 4 * 2**20
-"""TOML, which Python parses in Python: 1 MiB takes a second or two. JSON is for larger files."""
+LARGEST_TOML = 8 * 2**20
+"""TOML, which Python parses in Python, 1 MiB in up to a second. JSON is for larger files."""
 
 LARGEST_SCENE = 8 * 2**20
 """Mitsuba XML; meshes and textures stand in files of their own."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import shapely
@@ -28,7 +29,7 @@ from polywigner.geometry.rings import (
 )
 from polywigner.geometry.winding import enclosed
 
-__all__ = ["check_crossings", "check_near", "filled", "nested", "without_duplicates"]
+__all__ = ["check_crossings", "check_polygons", "filled", "nested", "without_duplicates"]
 
 # Bounds the memory of one step.
 _PAIRS_AT_ONCE = 4_000_000
@@ -126,6 +127,26 @@ def _encloses(ring: Ring) -> bool:
 
 def _lines(rings: Sequence[Ring]) -> shapely.MultiLineString:
     return shapely.MultiLineString([np.concatenate([ring, ring[:1]]) for ring in rings])
+
+
+def check_polygons(polygons: Sequence[Sequence[Any]]) -> int:
+    """The number of vertices of polygons, each a list of rings; raises for more work than is done.
+
+    What is no ring is refused by those who make parts of them.
+    """
+    check_rings(sum(map(len, polygons)))
+    vertices = sum(len(ring) for rings in polygons for ring in rings)
+    check_vertices(vertices)
+    try:
+        arrays = [[np.asarray(ring, dtype=np.float64) for ring in rings] for rings in polygons]
+    except (TypeError, ValueError):
+        return vertices
+    rings = [ring for part in arrays for ring in part]
+    pairs = all(ring.ndim == 2 and ring.shape[1] == 2 and len(ring) for ring in rings)
+    if pairs and np.isfinite(np.concatenate(rings)).all():
+        check_near([part[0] for part in arrays])
+        check_crossings(rings)
+    return vertices
 
 
 def check_crossings(rings: Sequence[Ring]) -> None:
