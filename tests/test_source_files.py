@@ -413,7 +413,7 @@ BAD = [
     ({"kind": "aperture", "shape": {"name": "square", "b": 1, "a": 1}}, "name, a, got 'b'"),
     ({"kind": "aperture", "shape": {"name": "square", "a": "1 GHz"}}, "a: .*length"),
     ({"kind": "aperture", "shape": {"name": "square", "a": [1]}}, "square: expected a"),
-    ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 10**9}}, "4096 . got more|of at most 4096"),
+    ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 10**9}}, "at most 4096"),
     ({"kind": "aperture", "shape": {"name": "disc", "radius": 1, "n": 8.0}}, "n: .*whole"),
     ({"kind": "aperture", "polygons": [[0, 0], [1, 0], [1, 1]]}, "list of polygons"),
     ({"kind": "aperture", "polygons": []}, "list of polygons"),

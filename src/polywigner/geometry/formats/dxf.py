@@ -26,6 +26,7 @@ from polywigner.geometry.formats.limits import (
     check_number,
 )
 from polywigner.geometry.formats.outlines import nested, without_duplicates
+from polywigner.geometry.formats.quoting import place_of
 
 __all__ = ["read_dxf"]
 
@@ -94,8 +95,7 @@ def read_dxf(
 
 
 def _shown(error: Exception) -> str:
-    text = " ".join(str(error).split())[:200]
-    return f"{type(error).__name__} {text}".rstrip()
+    return f"{type(error).__name__}{place_of(error)}"
 
 
 def _metres(document: Any, content: bytes, unit_metres: float) -> float:

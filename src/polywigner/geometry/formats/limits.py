@@ -34,6 +34,7 @@ __all__ = [
     "MOST_NESTED_BLOCKS",
     "MOST_RINGS",
     "MOST_RULES",
+    "MOST_SCENE_ELEMENTS",
     "MOST_SOLIDS",
     "MOST_TEXT",
     "MOST_TRANSFORMS",
@@ -137,7 +138,10 @@ MOST_SOLIDS = 1000
 MOST_LINES = 2_000_000
 """Vertices, normals, faces and the rest of OBJ, and rows of PLY."""
 
-# Source files.
+# Scenes and source files.
+
+MOST_SCENE_ELEMENTS = 200_000
+"""Elements of a Mitsuba scene, with those of scenes that it includes."""
 
 MOST_LISTED = 10_000
 """Elements that an array lists one by one; a millisecond each. A lattice counts as one."""

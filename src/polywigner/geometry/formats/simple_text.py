@@ -10,6 +10,7 @@ import shapely
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.limits import DEEPEST_WKT, LONGEST_LINE, check_vertices
+from polywigner.geometry.formats.quoting import token
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
@@ -17,6 +18,7 @@ __all__ = ["rings_of_csv", "rings_of_wkt"]
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _PAIR = re.compile(rf"\s*+({_NUMBER.pattern})(?:\s*+,\s*+|\s++)({_NUMBER.pattern})\s*+", re.ASCII)
+_NO_NUMBERS = ("nan", "NaN", "inf", "-inf", "Infinity", "-Infinity")
 _LINE_ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"  # of str.splitlines
 
 
@@ -37,13 +39,13 @@ def rings_of_wkt(text: str) -> list[list[Ring]]:
             geometry = shapely.from_wkt(text.strip())
     except (shapely.errors.GEOSException, ValueError, NotImplementedError) as error:
         raise FileFormatError(
-            f"expected WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0)), got text that does not parse: "
-            f"{str(error)[:200]}"
+            "expected WKT such as POLYGON ((0 0, 1 0, 1 1, 0 0)), got text that does not parse"
+            + ("; end each ring where it is to be closed" if "closed" in str(error) else "")
         ) from None
     if geometry.geom_type not in ("Polygon", "MultiPolygon"):
         raise FileFormatError(f"expected a WKT Polygon or MultiPolygon, got a {geometry.geom_type}")
     if geometry.is_empty:
-        raise FileFormatError(f"expected at least one polygon, got {text.strip()[:60]}")
+        raise FileFormatError("expected at least one polygon, got one that is EMPTY")
     return [rings_of_polygon(p, f"polygon {n}") for n, p in enumerate(polygons_in(geometry))]
 
 
@@ -89,8 +91,15 @@ def rings_of_csv(text: str) -> list[list[Ring]]:
             continue
         header_allowed = False
         if len(fields) != 2 or not all(_NUMBER.fullmatch(field) for field in fields):
-            got = f"{line.strip()[:60]!r} in line {number}"
-            raise FileFormatError(f'expected two numbers such as "1.5, -2", got {got}')
+            got = (
+                " and ".join(token(field, _NO_NUMBERS) for field in fields)
+                if len(fields) == 2
+                else ""
+            )
+            got = got or f"{len(fields)} column{'s' * (len(fields) > 1)}"
+            raise FileFormatError(
+                f'expected two numbers such as "1.5, -2", got {got} in line {number}'
+            )
         vertices.append((float(fields[0]), float(fields[1])))
     if not vertices:
         raise FileFormatError("expected lines of two numbers, got none")
