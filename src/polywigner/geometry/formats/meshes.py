@@ -130,14 +130,15 @@ def _bounded_ply(content: bytes) -> bytes:
         rows = sum(1 for line in body.splitlines() if line.strip())
         _check_announced(announced, rows, "rows")
     else:
-        _check_binary_ply(body, elements, "big" if "big" in kinds[0] else "little")
+        length = _check_binary_ply(body, elements, "big" if "big" in kinds[0] else "little")
+        return content[: len(content) - len(body) + length]
     return content
 
 
 def _check_binary_ply(
     body: bytes, elements: list[_Element], order: Literal["big", "little"]
-) -> None:
-    """Walk over elements whose lists tell how long they are."""
+) -> int:
+    """The bytes of all elements, of which lists tell how long they are."""
     place = 0
     for name, count, properties in elements:
         if not {kind for types in properties for kind in types} <= {"list", *_PLY_TYPES}:
@@ -161,10 +162,9 @@ def _check_binary_ply(
             place += fixed
             if place > len(body):
                 break
-    left = body[place:]
-    _check_announced(
-        place, place if len(body) >= place and not left.strip() else len(body), "bytes"
-    )
+    if place > len(body) or body[place:].strip():
+        _check_announced(place, len(body), "bytes")
+    return place
 
 
 def _check_announced(announced: int, found: int, what: str) -> None:

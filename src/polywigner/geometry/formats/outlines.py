@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, GeometryError
-from polywigner.geometry.exact import Ring, cross_products, signed_area
+from polywigner.geometry.exact import Ring, signed_area
 from polywigner.geometry.formats.limits import (
     MOST_CROSSINGS,
     MOST_NEAR_EDGES,
@@ -166,7 +166,7 @@ def check_crossings(rings: Sequence[Ring]) -> None:
         apart = (one < other) & ~(start[other] == end[one]).all(axis=1)
         apart &= ~(start[one] == end[other]).all(axis=1)
         one, other = one[apart], other[apart]
-        found += int(_cross(start[one], end[one], start[other], end[other]).sum())
+        found += _crossings(start[one], end[one], start[other], end[other])
         if near > MOST_NEAR_EDGES:
             raise FileFormatError(
                 f"expected at most {MOST_NEAR_EDGES} pairs of edges near each other, got more; "
@@ -195,11 +195,16 @@ def _steps(low: Points, high: Points) -> Iterator[tuple[int, int]]:
         first = last
 
 
-def _cross(a: Points, b: Points, c: Points, d: Points) -> NDArray[np.bool_]:
-    """Whether segments a-b and c-d cross, up to rounding: they are only counted."""
-    corners = ((a, b, c), (a, b, d), (c, d, a), (c, d, b))
-    sides = [np.sign(cross_products(*three)[0]) for three in corners]
-    return (sides[0] * sides[1] < 0) & (sides[2] * sides[3] < 0)
+def _crossings(a: Points, b: Points, c: Points, d: Points) -> int:
+    """How many segments a-b cross c-d, up to rounding: they are only counted."""
+    apart = _side(a, b, c) * _side(a, b, d) < 0
+    a, b, c, d = a[apart], b[apart], c[apart], d[apart]
+    return int((_side(c, d, a) * _side(c, d, b) < 0).sum())
+
+
+def _side(a: Points, b: Points, c: Points) -> Points:
+    along, across = (b - a).T, (c - a).T
+    return np.sign(along[0] * across[1] - along[1] * across[0])
 
 
 def _check_overlaps(rings: Sequence[Ring], remedy: str) -> None:
