@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.drawing import required
-from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_FACES, MOST_LINES, MOST_SOLIDS
+from polywigner.geometry.formats.limits import (
+    LARGEST_NUMBER,
+    LONGEST_LINE,
+    MOST_FACES,
+    MOST_LINES,
+    MOST_SOLIDS,
+)
 
 __all__ = ["MESH_SUFFIXES", "read_mesh"]
 
@@ -97,12 +103,16 @@ def _bounded(content: bytes, kind: str) -> bytes:
             )
     else:
         _check_number(content.count(b"\n"), MOST_LINES)
-        corners = [len(found[1].split()) for found in _FACE.finditer(content)]
-        if max(corners, default=0) > _MOST_IN_A_FACE:
-            raise FileFormatError(
-                f"expected faces of at most {_MOST_IN_A_FACE} vertices, got one of {max(corners)}"
-            )
-        _check_number(sum(max(1, count - 2) for count in corners))
+        triangles = 0
+        for found in _FACE.finditer(content):
+            size = found.end() - found.start()  # in memory a line is its words
+            count = len(found[1].split()) if size <= LONGEST_LINE else size
+            if count > _MOST_IN_A_FACE:
+                raise FileFormatError(
+                    f"expected faces of at most {_MOST_IN_A_FACE} vertices, got one of more"
+                )
+            triangles += max(1, count - 2)
+        _check_number(triangles)
     return content.decode("utf-8", "replace").encode()
 
 
