@@ -42,7 +42,6 @@ from polywigner.quantities import parse_unit
 
 __all__ = ["read_aperture", "read_polyhedron"]
 
-
 # Finding out what is wrong with a large outline takes seconds, which are not spent twice.
 _MOST_REPEATED = 50_000
 

@@ -92,8 +92,8 @@ MOST_RINGS = 10_000
 MOST_CROSSINGS = 20_000
 """Places where outlines cross: twice as many faces, some 0.1 ms each."""
 
-MOST_NEAR_EDGES = 30_000_000
-"""Pairs of edges whose bounding boxes meet, which GEOS looks at several times, 13 ns each."""
+MOST_NEAR_EDGES = 10_000_000
+"""Pairs of edges whose bounding boxes meet: 0.3 us each to count, and for GEOS to compare them."""
 
 MOST_NEAR_RINGS = 2_000_000
 """Pairs of outlines whose bounds overlap, as those of 2000 rings inside each other: 3 us each."""

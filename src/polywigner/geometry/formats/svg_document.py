@@ -19,6 +19,7 @@ from polywigner.geometry.formats.limits import (
     MOST_TEXT,
     MOST_TRANSFORMS,
     check_number,
+    check_rings,
 )
 from polywigner.geometry.formats.svg_shapes import (
     SHAPES,
@@ -139,6 +140,7 @@ class Document:
         self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
         self.visited = 0
         self.curves = 0
+        self.outlines = 0
         self.text = 0
         self.transforms = 0
 
@@ -204,6 +206,8 @@ class Document:
                 shape = shape_of(element, tag, inside)
                 self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
                 check_number(self.curves)
+                self.outlines += len(shape.subpaths)
+                check_rings(self.outlines)
                 yield shape
         elif tag == "use":
             yield from self._used(element, inside)
