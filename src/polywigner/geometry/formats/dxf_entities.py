@@ -60,7 +60,7 @@ def work_of(curve: Curve) -> int:
 
 
 def _work(degree: int) -> int:
-    return max(1, (degree + 1) ** 2 // 16)  # 16: cubics
+    return max(1, (degree + 1) ** 2 // 8)  # cubics count twice
 
 
 def _vector(point: Any) -> Points:
@@ -172,7 +172,7 @@ def _spline_curves(tool: Any) -> Path:
             f"expected a spline of degree 1 to {_LARGEST_DEGREE} with enough control points, got "
             f"{len(control)} points and {len(knots)} knots"
         )
-    check_number(2 * len(control) * _work(degree))
+    check_number(len(control) * _work(degree))
     if not np.isfinite(knots).all() or (np.diff(knots) < 0).any():
         raise FileFormatError("expected knots of a spline in rising order, got others")
     if len(weights) and not (np.isfinite(weights) & (weights > 0)).all():
