@@ -56,7 +56,7 @@ test-all: ## run all tests, the slow ones too
 	@$(SETUP) --group test
 	$(PYTEST) $(TESTS)
 
-fuzz: ## read ten thousand damaged files; FUZZ='--seed 2 --count 1000' chooses others
+fuzz: ## read ten thousand damaged files, and hostile ones; FUZZ='--seed 2 --count 1000' chooses others
 	@$(SETUP) --group test
 	$(BIN)/python tools/fuzz $(FUZZ)
 

@@ -74,6 +74,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("mitsuba/parameters.py", "_SMALLEST"): REFUSED,
     ("mitsuba/rendering.py", "_LARGEST_SPP"): REFUSED,
     ("mitsuba/rendering.py", "_NEVER"): REFUSED,
+    ("mitsuba/scene_files.py", "_DEEPEST_INCLUDE"): REFUSED,
     ("mitsuba/sources.py", "CAPACITY"): MEMORY,
     ("mitsuba/traced.py", "_APART"): DIGITS,
     ("transforms/arguments.py", "_BLOCK"): MEMORY,

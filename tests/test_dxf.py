@@ -347,7 +347,7 @@ BAD_FILES = {
     "cut": (b"0\nSECTION\n2\nENTITIES\n0\nCIRCLE\n8\n0\n10\n1.0\n", "does not read"),
     "binary cut": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(30), "does not read"),
     "words": (b"0\nSECTION\n2\nENTITIES\nten\nCIRCLE\n0\nENDSEC\n0\nEOF\n", "does not read"),
-    "too large": (b"0\nSECTION\n" + b"999\nx\n" * 3_000_000, "8 MiB"),
+    "too large": (b"0\nSECTION\n" + b"999\nx\n" * 3_000_000, "4 MiB"),
 }  # fmt: skip
 
 

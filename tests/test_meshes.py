@@ -116,7 +116,9 @@ BAD = {
     "flat.stl": (_stl(np.concatenate([BOX[:1], BOX[:1, ::-1]])), GeometryError, "zero volume"),
     "nan.stl": (_stl(np.where(BOX == 0.5, np.nan, BOX)), FileFormatError, "finite"),
     "many.stl": (_stl(np.zeros((200_001, 3, 3))), FileFormatError, "at most 200000 triangles"),
-    "words.stl": (b"solid a\nfacet\nvertex 0 zero 0\nendsolid a\n", FileFormatError, "read"),
+    "words.stl": (
+        b"solid a\nfacet\nvertex 0 zero 0\nendsolid a\n", FileFormatError, "three vertices",
+    ),
     "svg.stl": (b"<svg/>", FileFormatError, "got none"),
     "empty.ply": (b" ", FileFormatError, "empty file"),
     "ascii claims.ply": (

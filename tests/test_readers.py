@@ -189,7 +189,11 @@ BAD_FILES = {
     "nan.wkt": ("POLYGON ((0 0, 1 0, nan 1, 0 0))", GeometryError, "finite"),
     "high.wkt": ("POLYGON Z ((0 0 1, 1 0 1, 1 1 1, 0 0 1))", GeometryError, "z = 0"),
     "columns.csv": ("0,0,0\n1,0,0\n1,1,0\n", FileFormatError, "line 1"),
-    "word.csv": ("0,0\n1,zero\n1,1\n", FileFormatError, "'1,zero' in line 2"),
+    "word.csv": (
+        "0,0\n1,zero\n1,1\n",
+        FileFormatError,
+        "got '1' and 4 characters of text in line 2",
+    ),
     "nan.csv": ("0,0\n1,nan\n1,1\n", FileFormatError, "line 2"),
     "underscore.csv": ("0,0\n1_0,0\n1,1\n", FileFormatError, "line 2"),
     "second_header.csv": ("x,y\nx,y\n0,0\n1,0\n1,1", FileFormatError, "line 2"),

@@ -8,6 +8,7 @@ import typer
 
 from polywigner.cli.app_fields import pattern, propagate, volume
 from polywigner.cli.options import (
+    AllowOutside,
     Array,
     DbFloor,
     Focus,
@@ -110,6 +111,7 @@ def transform(
     tolerance: Tolerance = None,
     layer: Layer = None,
     union: Union = False,
+    allow_outside: AllowOutside = False,
     taper: Taper = None,
     array: Array = None,
     window: Window = None,
@@ -146,7 +148,7 @@ def transform(
 
     run_transform(
         aperture,
-        reading=Reading(unit, tolerance, layer, union),
+        reading=Reading(unit, tolerance, layer, union, allow_outside),
         feeding=feeding_of(taper, array, window, steering, focus),
         frequency=frequency,
         wavelength=wavelength,

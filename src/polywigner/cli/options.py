@@ -9,6 +9,7 @@ import typer
 __all__ = [
     "Accuracy",
     "Against",
+    "AllowOutside",
     "Array",
     "DbFloor",
     "EngineName",
@@ -52,6 +53,12 @@ Layer = Annotated[
 ]
 Union = Annotated[
     bool, typer.Option("--union", help="Join shapes of an aperture file that overlap.")
+]
+AllowOutside = Annotated[
+    bool,
+    typer.Option(
+        "--allow-outside", help="Read files that a source file names outside of its folder."
+    ),
 ]
 Taper = Annotated[
     str | None,

@@ -15,10 +15,17 @@ class Reading(NamedTuple):
     tolerance: str | None
     layer: Sequence[str] | None
     union: bool
+    allow_outside: bool = False
+    """Of a source file: whether it may name files outside of its folder."""
 
     def of_aperture(self) -> dict[str, Any]:
         """The arguments of :func:`polywigner.read_aperture`."""
         from polywigner.quantities import parse_length
 
         reach = None if self.tolerance is None else parse_length(self.tolerance)
-        return self._asdict() | {"unit": self.unit or "mm", "tolerance": reach}
+        return {
+            "unit": self.unit or "mm",
+            "tolerance": reach,
+            "layer": self.layer,
+            "union": self.union,
+        }

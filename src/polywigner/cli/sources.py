@@ -128,22 +128,24 @@ def read_fed_source(
     source: Aperture | ApertureArray
     if _is_source_file(path):
         for name, given in reading._asdict().items():
-            if given:
+            if given and name != "allow_outside":
                 raise ArgumentError(
                     f"expected no --{name} with a source file, got {given!r}; the file says its own"
                 )
-        source, wavelength = _read_source(path, wavelength)
+        source, wavelength = _read_source(path, wavelength, reading.allow_outside)
     else:
         source = pw.read_aperture(path, **reading.of_aperture())
     texts = {name: text for name, text in feeding.items() if text is not None}
     return fed(source, texts, wavelength), wavelength
 
 
-def _read_source(path: str, wavelength: float | None) -> tuple[Any, float | None]:
+def _read_source(
+    path: str, wavelength: float | None, allow_outside: bool
+) -> tuple[Any, float | None]:
     """The source, and the wavelength that was asked for, or else its own."""
     from polywigner.illumination.files.reading import read_with_wavelength
 
-    source, own = read_with_wavelength(path)
+    source, own = read_with_wavelength(path, allow_outside)
     if wavelength is None or own is None:
         return source, own if wavelength is None else wavelength
     if abs(wavelength - own) > _SAME_WAVELENGTH * own:
@@ -159,12 +161,16 @@ def _read_source(path: str, wavelength: float | None) -> tuple[Any, float | None
 
 def _is_source_file(path: str) -> bool:
     """TOML; or JSON whose outermost table has a kind, which GeoJSON has not."""
+    from polywigner.geometry.formats.content import bytes_of, text_of
+    from polywigner.geometry.formats.limits import check_values
+
     suffix = Path(path).suffix.lower()
     if suffix != ".json":
         return suffix == ".toml"
     try:
-        with open(path, encoding="utf-8-sig") as file:  # noqa: PTH123
-            content = json.load(file)
+        text = text_of(bytes_of(Path(path)))
+        check_values(text)
+        content = json.loads(text) if '"kind"' in text else None
     except (ValueError, RecursionError, OSError):
         return False  # the reader of apertures says what is wrong with it
     return isinstance(content, dict) and "kind" in content and "type" not in content

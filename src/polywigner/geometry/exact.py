@@ -58,9 +58,12 @@ def orientations(a: Ring, b: Ring, c: Ring) -> NDArray[np.int8]:
     a, b, c = np.broadcast_arrays(a, b, c)
     value, bound = cross_products(a, b, c)
     signs = np.sign(value).astype(np.int8)
-    for index in zip(*np.nonzero(np.abs(value) <= bound), strict=True):
-        exact = turn(a[index].tolist(), b[index].tolist(), c[index].tolist())
-        signs[index] = (exact > 0) - (exact < 0)
+    near = np.abs(value) <= bound
+    if near.any():
+        corners, _ = whole_numbers(np.stack([a[near], b[near], c[near]]))
+        (bx, by), (cx, cy) = (corners[k].T - corners[0].T for k in (1, 2))
+        exact = bx * cy - by * cx
+        signs[near] = (exact > 0).astype(np.int8) - (exact < 0).astype(np.int8)
     return signs
 
 

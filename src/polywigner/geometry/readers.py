@@ -25,19 +25,14 @@ from polywigner.errors import (
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.content import bytes_of, text_of
-from polywigner.geometry.formats.drawing import (
-    Drawing,
-    check_rings,
-    check_vertices,
-    checked_tolerance,
-)
+from polywigner.geometry.formats.drawing import Drawing, checked_tolerance
 from polywigner.geometry.formats.dxf import read_dxf
 from polywigner.geometry.formats.gds import read_gds
 from polywigner.geometry.formats.geojson import rings_of_geojson
 from polywigner.geometry.formats.gerber import read_gerber
 from polywigner.geometry.formats.layers import checked_layers, checked_union
 from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.formats.outlines import check_crossings
+from polywigner.geometry.formats.outlines import check_polygons
 from polywigner.geometry.formats.simple_text import rings_of_csv, rings_of_wkt
 from polywigner.geometry.formats.svg import read_svg
 from polywigner.geometry.formats.svg_values import PIXEL
@@ -46,7 +41,6 @@ from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit
 
 __all__ = ["read_aperture", "read_polyhedron"]
-
 
 # Finding out what is wrong with a large outline takes seconds, which are not spent twice.
 _MOST_REPEATED = 50_000
@@ -150,11 +144,7 @@ def _scaled(points: Any, metres: float) -> Ring:
 
 def _aperture(drawing: Drawing, union: bool) -> Aperture:
     polygons = drawing.polygons
-    check_rings(sum(map(len, polygons)))
-    vertices = sum(len(ring) for rings in polygons for ring in rings)
-    check_vertices(vertices)
-    if vertices > _MOST_REPEATED:
-        check_crossings([np.asarray(ring, dtype=float) for rings in polygons for ring in rings])
+    vertices = check_polygons(polygons)
     single = len(polygons) == 1
     names = ["the polygon" if single else f"polygon {number}" for number in range(len(polygons))]
 

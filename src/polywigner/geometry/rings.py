@@ -107,11 +107,11 @@ def without_slight_bends(ring: Ring, reach: float) -> Ring:
     anchors = np.nonzero(~slight)[0]
     if len(anchors) < 3 or len(anchors) == len(ring):
         return ring
+    run = np.cumsum(~slight)[slight] - 1  # the number of the anchor before; -1 is the last one
+    first, last = ring[anchors[run]], ring[anchors[(run + 1) % len(anchors)]]
+    bent = ~_certainly_within(ring[slight], first, last, reach)
     keep = ~slight
-    for first, last in zip(anchors, np.roll(anchors, -1), strict=True):
-        run = np.arange(first + 1, last if last > first else last + len(ring)) % len(ring)
-        if len(run) and not _certainly_within(ring[run], ring[first], ring[last], reach).all():
-            keep[run] = True
+    keep[slight] = np.isin(run % len(anchors), run[bent] % len(anchors))
     return ring[keep]
 
 

@@ -31,10 +31,12 @@ def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, rea
     following = np.roll(ring, -1, axis=0)
     edges = shapely.linestrings(np.stack([ring, following], axis=1))
     edge, point = tree.query(edges, predicate="dwithin", distance=reach)
+    order = np.argsort(edge, kind="stable")
+    bounds = np.searchsorted(edge[order], np.arange(len(ring) + 1))
     inserted: list[Ring] = []
     for number, (start, end) in enumerate(zip(ring, following, strict=True)):
         inserted.append(start[None])
-        near = points[point[edge == number]]
+        near = points[point[order[bounds[number] : bounds[number + 1]]]]
         near = near[np.any(near != start, axis=1) & np.any(near != end, axis=1)]
         along = (near - start) @ (end - start)
         inside = (along > 0) & (along < (end - start) @ (end - start))

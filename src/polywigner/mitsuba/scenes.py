@@ -26,6 +26,7 @@ from polywigner.mitsuba.parameters import (
 )
 from polywigner.mitsuba.radiator import emitted_power, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS
+from polywigner.mitsuba.scene_files import check_scene_file
 from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested, original_error, register
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
@@ -193,6 +194,7 @@ def load_scene(
     inner.prepend(str(file.resolve().parent))
     mi.set_file_resolver(inner)
     try:
+        check_scene_file(file, parameters, lambda name: Path(str(inner.resolve(name))))
         scene = _instantiate(file, sampler, parameters)
     except (RuntimeError, ValueError) as error:
         raise translate_error(error) from None

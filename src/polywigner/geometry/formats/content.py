@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from pathlib import Path
 
 from polywigner.errors import FileFormatError
+from polywigner.geometry.formats.limits import LARGEST_FILE
 
-__all__ = ["LARGEST_FILE", "bytes_of", "text_of"]
+__all__ = ["bytes_of", "check_regular", "text_of"]
 
-LARGEST_FILE = 64 * 2**20
-"""Bytes of any file; an outline of a million vertices takes about 40 MB as text."""
+
+def check_regular(path: Path) -> None:
+    """Raise FileFormatError for what is no file: missing, a directory, a device, a pipe."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise FileFormatError("expected a file, got a path that does not exist") from None
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise FileFormatError(f"expected a readable file, got: {error}") from None
+    _check_mode(mode)
+
+
+def _check_mode(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise FileFormatError("expected a file, got a directory")
+    if not stat.S_ISREG(mode):
+        raise FileFormatError("expected a regular file, got a device or pipe")
 
 
 def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
@@ -18,27 +36,31 @@ def bytes_of(path: Path, largest: int = LARGEST_FILE) -> bytes:
     Raises FileFormatError for a missing, empty, unreadable or oversized file, a directory, a
     device and a pipe.
     """
+    check_regular(path)
     try:
-        if not path.exists():
-            raise FileFormatError("expected a file, got a path that does not exist")
-        if path.is_dir():
-            raise FileFormatError("expected a file, got a directory")
-        if not path.is_file():
-            raise FileFormatError("expected a regular file, got a device or pipe")
-        size = path.stat().st_size
-        if size > largest:
-            raise FileFormatError(
-                f"expected at most {largest >> 20} MiB, got {size / 2**20:.0f} MiB; "
-                "simplify what it describes"
-            )
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        # Should a pipe have taken the file's place meanwhile, opening it must not wait.
+        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        with os.fdopen(os.open(path, flags), "rb") as file:
+            found = os.fstat(file.fileno())
+            _check_mode(found.st_mode)
+            _check_size(found.st_size, largest)
+            content = file.read(largest + 1)  # files of the system say a size of zero
+    except (OSError, ValueError) as error:
         if isinstance(error, FileFormatError):
             raise
         raise FileFormatError(f"expected a readable file, got: {error}") from None
+    _check_size(len(content), largest)
     if not content.strip():
         raise FileFormatError("expected content, got an empty file")
     return content
+
+
+def _check_size(size: int, largest: int) -> None:
+    if size > largest:
+        raise FileFormatError(
+            f"expected at most {largest >> 20} MiB, got {size / 2**20:.0f} MiB; "
+            "simplify what it describes"
+        )
 
 
 def text_of(content: bytes) -> str:

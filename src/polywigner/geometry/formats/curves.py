@@ -17,17 +17,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.drawing import MOST_VERTICES
+from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_VERTICES
 
 __all__ = [
     "DEFAULT_TOLERANCE",
-    "LARGEST_NUMBER",
-    "MOST_CURVES",
     "Arc",
     "Bezier",
     "Curve",
     "bezier_spans",
-    "check_number",
     "count_of",
     "ends",
     "flattened",
@@ -42,12 +39,6 @@ DEFAULT_TOLERANCE = 1 / 2000
 A circle becomes 52 vertices; a quarter circle in a rounded corner, of a tenth of the outline's
 size, 8 chords. On an outline of ten wavelengths it is 1/200 of a wavelength.
 """
-
-MOST_CURVES = 200_000
-"""Lines and curves of a drawing, those of repeated parts counted each time."""
-
-LARGEST_NUMBER = 1e100
-"""Coordinates beyond it are refused before anything is computed from them."""
 
 # A chord that spans more would leave a polygon of fewer than eight sides of a small circle.
 _LARGEST_STEP = math.pi / 4
@@ -84,15 +75,6 @@ class Bezier:
 
 
 Curve = Points | Arc | Bezier
-
-
-def check_number(count: int) -> None:
-    """Raise where a drawing has more lines and curves than are followed."""
-    if count > MOST_CURVES:
-        raise FileFormatError(
-            f"expected at most {MOST_CURVES} lines and curves (repetitions included), got more; "
-            "simplify the drawing"
-        )
 
 
 def count_of(curve: Curve) -> int:
@@ -252,12 +234,13 @@ def _ellipse(arc: Arc, reach: float, left: int) -> Points:
 def _polynomial(points: Points, reach: float, left: int) -> Points:
     """Equal steps of the parameter: the second derivative bounds the distance to a chord."""
     degree = len(points) - 1
-    second = np.linalg.norm(np.diff(points, n=2, axis=0), axis=1).max(initial=0.0)
+    first = points[1:] - points[:-1]  # np.diff takes several times as long for few points
+    second = np.linalg.norm(first[1:] - first[:-1], axis=1).max(initial=0.0)
     steps = _counted(math.sqrt(degree * (degree - 1) / 8 * float(second) / reach), left)
     t = np.arange(steps + 1)[:, None, None] / steps
     values = np.broadcast_to(points, (steps + 1, *points.shape))
     for _ in range(degree):  # de Casteljau
-        values = values[:, :-1] + t * np.diff(values, axis=1)
+        values = values[:, :-1] + t * (values[:, 1:] - values[:, :-1])
     values = values[:, 0].copy()
     values[[0, -1]] = points[[0, -1]]
     return values

@@ -10,24 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.errors import ArgumentError, FileFormatError, MissingExtraError, install_command
+from polywigner.errors import ArgumentError, MissingExtraError, install_command
 from polywigner.geometry.exact import Ring
 
 __all__ = [
-    "MOST_RINGS",
-    "MOST_VERTICES",
     "Drawing",
-    "check_rings",
-    "check_vertices",
     "checked_tolerance",
     "required",
 ]
-
-MOST_VERTICES = 1_000_000
-"""Vertices of one aperture; a valid ring of that many takes about 20 s."""
-
-MOST_RINGS = 10_000
-"""Outlines of one aperture; so many rectangles take about 8 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,23 +29,6 @@ class Drawing:
     """Length of the file's unit."""
     remedy: str | None = None
     """What to do in a drawing about outlines that overlap."""
-
-
-def check_vertices(count: int) -> None:
-    """Raise where a file has more vertices than are read."""
-    if count > MOST_VERTICES:
-        raise FileFormatError(
-            f"expected at most {MOST_VERTICES} vertices, got {count}; simplify the outline"
-        )
-
-
-def check_rings(count: int) -> None:
-    """Raise where a file has more outlines than are read."""
-    if count > MOST_RINGS:
-        raise FileFormatError(
-            f"expected at most {MOST_RINGS} outlines, got {count}; use fewer, such as one element "
-            "of an array"
-        )
 
 
 def required(library: str, kind: str) -> Any:

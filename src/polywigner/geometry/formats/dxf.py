@@ -15,27 +15,20 @@ import numpy as np
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.chains import JOINT, chained, is_closed
-from polywigner.geometry.formats.curves import (
-    LARGEST_NUMBER,
-    Curve,
-    Points,
-    check_number,
-    flattened,
-    rough_points,
-    transformed,
-)
+from polywigner.geometry.formats.curves import Curve, Points, flattened, rough_points, transformed
 from polywigner.geometry.formats.drawing import Drawing, required
-from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of
+from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of, work_of
 from polywigner.geometry.formats.layers import check_known, overlap_remedy
+from polywigner.geometry.formats.limits import (
+    LARGEST_DXF,
+    LARGEST_NUMBER,
+    MOST_NESTED_BLOCKS,
+    check_number,
+)
 from polywigner.geometry.formats.outlines import nested, without_duplicates
+from polywigner.geometry.formats.quoting import place_of
 
-__all__ = ["LARGEST_DXF", "MOST_NESTED_BLOCKS", "read_dxf"]
-
-LARGEST_DXF = 8 * 2**20
-"""Bytes of a DXF file, of which ezdxf makes forty times as much in memory, in 20 s."""
-
-MOST_NESTED_BLOCKS = 16
-"""Blocks inserted in blocks."""
+__all__ = ["read_dxf"]
 
 _Drawn = tuple[list[Curve], str]
 """A path and the name of its layer."""
@@ -102,8 +95,7 @@ def read_dxf(
 
 
 def _shown(error: Exception) -> str:
-    text = " ".join(str(error).split())[:200]
-    return f"{type(error).__name__} {text}".rstrip()
+    return f"{type(error).__name__}{place_of(error)}"
 
 
 def _metres(document: Any, content: bytes, unit_metres: float) -> float:
@@ -170,7 +162,7 @@ class _Blocks:
                 else ((path, layer) for path in paths_of(entity))
             )
             for path, own in found:
-                self.count += len(path)
+                self.count += sum(map(work_of, path))
                 check_number(self.count)
                 yield path, own
 

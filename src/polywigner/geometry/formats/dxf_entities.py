@@ -12,17 +12,18 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.chains import JOINT, chained, is_closed
 from polywigner.geometry.formats.curves import (
     Arc,
+    Bezier,
     Curve,
     Points,
     bezier_spans,
-    check_number,
     ends,
     reversed_curve,
     rough_points,
     transformed,
 )
+from polywigner.geometry.formats.limits import check_number
 
-__all__ = ["IGNORED", "paths_of"]
+__all__ = ["IGNORED", "paths_of", "work_of"]
 
 IGNORED = frozenset({
     "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LARGE_RADIAL_DIMENSION",
@@ -51,6 +52,15 @@ def paths_of(entity: Any) -> list[Path]:
             "it to polylines, or move it to a layer that is off"
         )
     return reader(entity)
+
+
+def work_of(curve: Curve) -> int:
+    """How many curves it counts as: those of a high degree take longer to find."""
+    return _work(len(curve.points) - 1) if isinstance(curve, Bezier) else 1
+
+
+def _work(degree: int) -> int:
+    return max(1, (degree + 1) ** 2 // 8)  # cubics count twice
 
 
 def _vector(point: Any) -> Points:
@@ -162,7 +172,7 @@ def _spline_curves(tool: Any) -> Path:
             f"expected a spline of degree 1 to {_LARGEST_DEGREE} with enough control points, got "
             f"{len(control)} points and {len(knots)} knots"
         )
-    check_number(len(control) * (degree + 1) ** 2 // 16)  # as the work grows; 16: cubics
+    check_number(len(control) * _work(degree))
     if not np.isfinite(knots).all() or (np.diff(knots) < 0).any():
         raise FileFormatError("expected knots of a spline in rising order, got others")
     if len(weights) and not (np.isfinite(weights) & (weights > 0)).all():

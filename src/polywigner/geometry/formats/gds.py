@@ -10,16 +10,18 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.formats import gds_process
-from polywigner.geometry.formats.curves import LARGEST_NUMBER
-from polywigner.geometry.formats.drawing import MOST_VERTICES, Drawing, check_rings, required
+from polywigner.geometry.formats.drawing import Drawing, required
 from polywigner.geometry.formats.layers import overlap_remedy
+from polywigner.geometry.formats.limits import (
+    LARGEST_GDS,
+    LARGEST_NUMBER,
+    MOST_VERTICES,
+    check_rings,
+)
 from polywigner.geometry.formats.outlines import filled
 from polywigner.geometry.formats.processes import in_process
 
-__all__ = ["LARGEST_GDS", "read_gds"]
-
-LARGEST_GDS = 16 * 2**20
-"""Bytes of a GDSII file; 16 MiB hold some 400 000 rectangles."""
+__all__ = ["read_gds"]
 
 _REMEDIES = ("save one cell alone", "export it anew, or as DXF")
 _LAYER = re.compile(r"\d{1,5}(?:/\d{1,5})?")

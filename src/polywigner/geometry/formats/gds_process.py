@@ -10,6 +10,9 @@ from typing import Any
 
 __all__ = ["answer"]
 
+# Of all layers together: more than are read of one.
+_MOST_POLYGONS = 200_000
+
 
 def _chosen(library: Any, name: str | None) -> Any:
     cells = {cell.name: cell for cell in library.cells if hasattr(cell, "get_polygons")}
@@ -23,10 +26,29 @@ def _chosen(library: Any, name: str | None) -> Any:
     return cells[name]
 
 
+def _count(cell: Any, known: dict[str, int]) -> int:
+    """The polygons and paths of a cell with all that it refers to."""
+    if cell.name not in known:
+        known[cell.name] = _MOST_POLYGONS + 1  # of a cell that contains itself
+        own = (*cell.polygons, *cell.paths)
+        count = sum(max(1, item.repetition.size) for item in own)
+        for reference in cell.references:
+            if hasattr(reference.cell, "references"):  # not one that is missing
+                count += max(1, reference.repetition.size) * _count(reference.cell, known)
+        known[cell.name] = count
+    return known[cell.name]
+
+
 def _polygons(path: str, cell: str | None, layers: list[list[int]], most: int) -> dict[str, Any]:
     gdstk: Any = importlib.import_module("gdstk")
     library = gdstk.read_gds(path)
-    polygons = _chosen(library, cell).get_polygons()
+    chosen = _chosen(library, cell)
+    if _count(chosen, {}) > _MOST_POLYGONS:
+        raise LookupError(
+            f"expected at most {_MOST_POLYGONS} polygons in a cell, those of references counted "
+            "each time, got more; choose another cell"
+        )
+    polygons = chosen.get_polygons()
     there = sorted({(polygon.layer, polygon.datatype) for polygon in polygons})
     for wanted in layers:
         if not any(list(pair[: len(wanted)]) == wanted for pair in there):

@@ -7,12 +7,14 @@ import math
 from typing import Any, NoReturn
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.drawing import check_vertices
+from polywigner.geometry.formats.limits import check_values, check_vertices
+from polywigner.geometry.formats.quoting import place_of, token
 
 __all__ = ["rings_of_geojson"]
 
 Vertex = tuple[float, float]
 
+_OTHER_TYPES = ("Point", "MultiPoint", "LineString", "MultiLineString", "Topology")
 _KNOWN_TYPES = "Polygon, MultiPolygon, Feature, FeatureCollection or GeometryCollection"
 
 
@@ -23,6 +25,7 @@ def _refuse_constant(name: str) -> NoReturn:
 def _loaded(text: str) -> Any:
     # Each opens a list or an object, of which Python makes a hundred bytes.
     check_vertices(text.count("[") + text.count("{"))
+    check_values(text)
     try:
         return json.loads(text, parse_constant=_refuse_constant)
     except RecursionError:
@@ -30,7 +33,9 @@ def _loaded(text: str) -> Any:
     except FileFormatError:
         raise
     except ValueError as error:  # JSONDecodeError, or an integer of thousands of digits
-        raise FileFormatError(f"expected GeoJSON, got text that is not JSON: {error}") from None
+        raise FileFormatError(
+            f"expected GeoJSON, got text that is not JSON{place_of(error)}"
+        ) from None
 
 
 def _listed(value: Any, what: str) -> list[Any]:
@@ -51,7 +56,7 @@ def _vertex(position: Any) -> Vertex:
         isinstance(v, (int, float)) and not isinstance(v, bool) for v in position
     )
     if not numbers or len(position) not in (2, 3):
-        raise FileFormatError(f"expected positions as [x, y], got {str(position)[:60]}")
+        raise FileFormatError(f"expected positions as [x, y], got {_kind(position)}")
     if len(position) == 3 and position[2] != 0:
         raise FileFormatError(
             f"expected an outline in the plane z = 0, got a height of {position[2]}; drop it"
@@ -93,7 +98,7 @@ def rings_of_geojson(text: str) -> list[list[list[Vertex]]]:
             key = "features" if kind == "FeatureCollection" else "geometries"
             waiting.extend(reversed(_listed(item.get(key), f"the {key} of a {kind}")))
         else:
-            got = f"type {str(kind)[:60]!r}" if kind is not None else _kind(item)
+            got = f"type {token(str(kind), _OTHER_TYPES)}" if kind is not None else _kind(item)
             raise FileFormatError(f"expected GeoJSON of type {_KNOWN_TYPES}, got {got}")
     if not polygons:
         raise FileFormatError("expected at least one polygon, got none")

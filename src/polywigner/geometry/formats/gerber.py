@@ -5,18 +5,15 @@ from __future__ import annotations
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats import gerber_process
 from polywigner.geometry.formats.content import text_of
-from polywigner.geometry.formats.curves import MOST_CURVES
 from polywigner.geometry.formats.drawing import Drawing, required
 from polywigner.geometry.formats.gerber_shapes import Shapes, composed
 from polywigner.geometry.formats.gerber_statements import checked_statements
+from polywigner.geometry.formats.limits import LARGEST_GERBER, MOST_CURVES
 from polywigner.geometry.formats.processes import in_process
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
-__all__ = ["LARGEST_GERBER", "read_gerber"]
-
-LARGEST_GERBER = 8 * 2**20
-"""Bytes of a Gerber file; 8 MiB hold some 400 000 strokes."""
+__all__ = ["read_gerber"]
 
 _METRES = {"MM": 1e-3, "IN": 25.4e-3}
 _REMEDIES = ("export a smaller part", "export it anew, or as DXF")

@@ -15,15 +15,12 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import LARGEST_NUMBER, Arc, Curve, flattened
-from polywigner.geometry.formats.drawing import check_vertices
+from polywigner.geometry.formats.curves import Arc, Curve, flattened
+from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_COMBINED, check_vertices
 from polywigner.geometry.formats.outlines import check_crossings, filled
 from polywigner.geometry.grid import combined_on_grid, polygons_in, union_on_grid
 
-__all__ = ["MOST_COMBINED", "Shapes", "composed"]
-
-MOST_COMBINED = 2_000_000
-"""Vertices that all unions and cuts of a file handle together, about a minute's work."""
+__all__ = ["Shapes", "composed"]
 
 # By which the two radii of an arc may differ, whose ends and centre are whole numbers.
 _RADII = 1e-3

@@ -11,11 +11,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import check_number
+from polywigner.geometry.formats.limits import check_number
 
 __all__ = ["checked_statements"]
 
 _PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
+# What statements are made of; any other text is none of Gerber, and messages do not quote it.
+_PLAIN = re.compile(r"%?[A-Z]{1,2}[\w.,*+$=()/-]*+%?|[\d$][\w.,*+$=()/-]*+", re.ASCII)
 _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"[A-Za-z_.$][\w.$-]*"
@@ -119,13 +121,14 @@ def _statements(text: str) -> Iterator[tuple[str, bool]]:
             yield re.sub(r"\s", "", word), False
     if text[place:].strip():
         raise FileFormatError(
-            f"expected Gerber statements that end with an asterisk, got {_shown(text[place:])}; "
+            "expected Gerber statements that end with an asterisk, got text without one; "
             "the file may be cut short, or none of Gerber: export it anew"
         )
 
 
 def _shown(statement: str) -> str:
-    return repr(statement.strip()[:40])
+    words = statement.strip()[:40]
+    return repr(words) if _PLAIN.fullmatch(words) else "other text"
 
 
 def _unknown(statement: str) -> FileFormatError:

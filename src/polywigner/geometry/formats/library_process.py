@@ -20,7 +20,8 @@ def main() -> None:
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (asked["memory"],) * 2)
-        resource.setrlimit(resource.RLIMIT_CPU, (int(asked["seconds"]) + 1,) * 2)  # also of orphans
+        seconds = int(asked["seconds"])  # also of orphans
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     except (ImportError, ValueError, OSError):
         pass  # not on this system

@@ -5,28 +5,39 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import LARGEST_NUMBER
 from polywigner.geometry.formats.drawing import required
+from polywigner.geometry.formats.limits import (
+    LARGEST_NUMBER,
+    LONGEST_LINE,
+    MOST_FACES,
+    MOST_LINES,
+    MOST_SOLIDS,
+)
 
-__all__ = ["MESH_SUFFIXES", "MOST_FACES", "read_mesh"]
+__all__ = ["MESH_SUFFIXES", "read_mesh"]
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 
-MOST_FACES = 200_000
-"""Triangles of a body; checking so many takes about 15 s."""
+# The sizes of the numbers of PLY, by the names of their types.
+_PLY_TYPES = {
+    "char": 1, "uchar": 1, "int8": 1, "uint8": 1, "short": 2, "ushort": 2, "int16": 2, "uint16": 2,
+    "int": 4, "uint": 4, "int32": 4, "uint32": 4, "float": 4, "float32": 4, "double": 8,
+    "float64": 8,
+}  # fmt: skip
+_FACE = re.compile(rb"(?:\A|[\r\n])[ \t]*f\b([^\r\n]*)")
+_Element = tuple[str, int, list[list[str]]]
+"""Name and number of an element of PLY, with the types of its properties."""
 
+_MOST_IN_A_FACE = 1000
 
-# trimesh makes a mesh of each solid of an STL file.
-_MOST_SOLIDS = 1000
-
-# Vertices, normals, faces and the rest of OBJ, and rows of PLY.
-_MOST_LINES = 2_000_000
+_STL_WORDS = (b"facet", b"endfacet", b"vertex")
+_STL_LINES = [re.compile(rb"(?i)(?:\A|[\r\n])[ \t]*+%b\b" % word) for word in _STL_WORDS]
 
 
 def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -55,8 +66,8 @@ def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray
         raise FileFormatError("expected a mesh that fits into memory, got a larger one") from None
     except Exception as error:  # a damaged file can fail anywhere in trimesh, with any exception
         raise FileFormatError(
-            f"expected {kind.upper()}, got a file that trimesh does not read: "
-            f"{type(error).__name__} {' '.join(str(error).split())[:200]}"
+            f"expected {kind.upper()}, got a file that trimesh does not read "
+            f"({type(error).__name__}); export the body again"
         ) from None
     _check(vertices, faces)
     vertices, places = np.unique(vertices + 0.0, axis=0, return_inverse=True)
@@ -68,10 +79,7 @@ def read_mesh(content: bytes, suffix: str) -> tuple[NDArray[np.float64], NDArray
 def _bounded(content: bytes, kind: str) -> bytes:
     """The content, made UTF-8 where it is text; raises where it announces too much."""
     if kind == "ply":
-        header = content[: content.find(b"end_header")]
-        for element, count in re.findall(rb"element\s+(\w+)\s+(\d{1,20})", header):
-            _check_number(int(count), MOST_FACES if element == b"face" else _MOST_LINES)
-        return content
+        return _bounded_ply(content)
     if kind == "stl":
         count = int.from_bytes(content[80:84], "little")
         if len(content) == 84 + 50 * count:
@@ -85,17 +93,101 @@ def _bounded(content: bytes, kind: str) -> bytes:
             else "expected OBJ as text, got zeros; export the body again"
         )
     if kind == "stl":
-        _check_number(content.lower().count(b"endfacet"))
-        _check_number(content.lower().count(b"endsolid"), _MOST_SOLIDS)
+        _check_number(content.lower().count(b"endsolid"), MOST_SOLIDS)
+        begun, ended, corners = (len(pattern.findall(content)) for pattern in _STL_LINES)
+        _check_number(max(begun, ended))
+        if begun > ended or corners != 3 * ended:
+            raise FileFormatError(
+                f"expected three vertices in each facet, got {ended} facets that end and {corners} "
+                "vertices; the file may be cut short: export it again"
+            )
     else:
-        _check_number(content.count(b"\nf"))
-        _check_number(content.count(b"\n"), _MOST_LINES)
+        _check_number(content.count(b"\n"), MOST_LINES)
+        triangles = 0
+        for found in _FACE.finditer(content):
+            size = found.end() - found.start()  # in memory a line is its words
+            count = len(found[1].split()) if size <= LONGEST_LINE else size
+            if count > _MOST_IN_A_FACE:
+                raise FileFormatError(
+                    f"expected faces of at most {_MOST_IN_A_FACE} vertices, got one of more"
+                )
+            triangles += max(1, count - 2)
+        _check_number(triangles)
     return content.decode("utf-8", "replace").encode()
+
+
+def _bounded_ply(content: bytes) -> bytes:
+    """The content; raises where it holds less, or more, than its header announces."""
+    end = content.find(b"end_header")
+    header = content[: min(end, 2**16)].decode("ascii", "replace").split("\n")
+    words = [line.split() for line in header if line.split()]
+    kinds = [line[1] for line in words if line[0] == "format" and len(line) > 1]
+    body = content[end:].partition(b"\n")[2]
+    elements: list[_Element] = []
+    for line in words:
+        if line[0] == "element" and len(line) == 3 and line[2].isdecimal() and len(line[2]) < 20:
+            elements.append((line[1], int(line[2]), []))
+            _check_number(elements[-1][1], MOST_FACES if line[1] == "face" else MOST_LINES)
+        elif line[0] == "property" and elements and len(line) in (3, 5):
+            elements[-1][2].append(line[1:-1])
+    if end < 0 or len(kinds) != 1:
+        raise FileFormatError(
+            "expected PLY, got a file that is not read: it has no header; export it again"
+        )
+    announced = sum(count for _, count, _ in elements)
+    if kinds[0] == "ascii":
+        _check_number(body.count(b"\n"), MOST_LINES)
+        rows = sum(1 for line in body.splitlines() if line.strip())
+        _check_announced(announced, rows, "rows")
+    else:
+        length = _check_binary_ply(body, elements, "big" if "big" in kinds[0] else "little")
+        return content[: len(content) - len(body) + length]
+    return content
+
+
+def _check_binary_ply(
+    body: bytes, elements: list[_Element], order: Literal["big", "little"]
+) -> int:
+    """The bytes of all elements, of which lists tell how long they are."""
+    place = 0
+    for name, count, properties in elements:
+        if not {kind for types in properties for kind in types} <= {"list", *_PLY_TYPES}:
+            raise FileFormatError(f"expected PLY of numbers, got another type in {name[:40]!r}")
+        fixed, lists = 0, []
+        for types in properties:
+            if types[:1] == ["list"]:
+                lists.append((fixed, *(_PLY_TYPES[kind] for kind in types[1:3])))
+                fixed = 0
+            else:
+                fixed += _PLY_TYPES[types[0]]
+        _check_number(count * len(lists), MOST_LINES)
+        if not lists:
+            place += count * fixed
+            continue
+        for _ in range(count):
+            for before, head, item in lists:
+                place += before
+                size = int.from_bytes(body[place : place + head], order)
+                place += head + size * item
+            place += fixed
+            if place > len(body):
+                break
+    if place > len(body) or body[place:].strip():
+        _check_announced(place, len(body), "bytes")
+    return place
+
+
+def _check_announced(announced: int, found: int, what: str) -> None:
+    if found != announced:
+        raise FileFormatError(
+            f"expected {announced} {what} after the header, which announces them, got {found}; the "
+            "file may be cut short: export it again"
+        )
 
 
 def _check_number(count: int, most: int = MOST_FACES) -> None:
     if count > most:
-        what = {_MOST_SOLIDS: "solids", _MOST_LINES: "lines"}.get(most, "triangles")
+        what = {MOST_SOLIDS: "solids", MOST_LINES: "lines"}.get(most, "triangles")
         raise FileFormatError(f"expected at most {most} {what}, got {count}; simplify the mesh")
 
 

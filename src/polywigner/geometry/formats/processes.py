@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from types import ModuleType
@@ -13,8 +14,11 @@ from polywigner.geometry.formats import library_process
 
 __all__ = ["in_process"]
 
-_SECONDS = 60
-_MEMORY = 4 << 30
+_SECONDS = 10
+"""Of the processor; a machine that does other work may take as many times as long."""
+_PATIENCE = 60
+_OUT_OF_TIME = getattr(signal, "SIGXCPU", signal.SIGTERM)
+_MEMORY = 1 << 30
 
 
 def in_process(
@@ -32,8 +36,10 @@ def in_process(
     )
     try:
         done = subprocess.run(
-            command, input=text.encode(), capture_output=True, timeout=_SECONDS, check=False
+            command, input=text.encode(), capture_output=True, timeout=_PATIENCE, check=False
         )
+        if -done.returncode in (_OUT_OF_TIME, getattr(signal, "SIGKILL", signal.SIGTERM)):
+            raise subprocess.TimeoutExpired(command, _SECONDS)
         found = json.loads(done.stdout) if done.returncode == 0 else None
     except subprocess.TimeoutExpired:
         raise FileFormatError(

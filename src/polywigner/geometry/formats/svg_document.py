@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,9 +10,17 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Points, check_number, count_of
+from polywigner.geometry.formats.curves import Points, count_of
 from polywigner.geometry.formats.drawing import required
 from polywigner.geometry.formats.layers import check_known
+from polywigner.geometry.formats.limits import (
+    MOST_ELEMENTS,
+    MOST_NESTED,
+    MOST_TEXT,
+    MOST_TRANSFORMS,
+    check_number,
+    check_rings,
+)
 from polywigner.geometry.formats.svg_shapes import (
     SHAPES,
     Place,
@@ -24,41 +33,51 @@ from polywigner.geometry.formats.svg_shapes import (
 from polywigner.geometry.formats.svg_style import Style, Styles, check_supported, is_painted
 from polywigner.geometry.formats.svg_values import length, matrix_of
 
-__all__ = ["MOST_ELEMENTS", "MOST_NESTED", "MOST_TEXT", "Document", "parsed"]
-
-MOST_ELEMENTS = 50_000
-"""Elements of a file, and elements drawn (what `use` repeats counts each time)."""
-
-MOST_NESTED = 64
-"""Elements inside each other, `use` included."""
+__all__ = ["Document", "parsed"]
 
 _NAMESPACE = "{http://www.w3.org/2000/svg}"
 _NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
 _LINK = "{http://www.w3.org/1999/xlink}href"
-MOST_TEXT = 16 * 2**20
-"""Characters in the attributes of elements drawn (what `use` repeats counts each time)."""
+# A start tag is parsed as a whole, before its attributes can be counted.
+_LONG_PIECE = re.compile(rb"<[^<]{%d}" % MOST_TEXT)
 
 _CONTAINERS = {"svg", "g", "a", "switch"}
 _OPAQUE = {"text", "image", "foreignObject"}
 
 
 def parsed(content: bytes) -> Any:
-    """The root element. A plain DOCTYPE may stand; entities and other files may not."""
+    """The root element. A plain DOCTYPE may stand; declarations in it and other files may not."""
+    if _LONG_PIECE.search(content):
+        raise FileFormatError(
+            f"expected elements of at most {MOST_TEXT >> 20} MiB, got one with more text or "
+            "attributes; simplify the drawing"
+        )
     defused = required("defusedxml.ElementTree", "SVG")
     common = required("defusedxml.common", "SVG")
     parser = defused.XMLParser(target=_bounded_builder(), forbid_dtd=False)
+    # The default of an attribute that a DTD declares would be copied into each element.
+    parser.parser.StartDoctypeDeclHandler = _refuse_declarations
     try:
         parser.feed(content)
         root = parser.close()
+    except FileFormatError:
+        raise
     except common.DefusedXmlException:
-        raise FileFormatError(
-            "expected SVG without entities of its own, got a declaration of one; save as plain SVG"
-        ) from None
+        _refuse_declarations("", None, None, True)
     except (SyntaxError, ValueError, LookupError) as error:  # ParseError is a SyntaxError
-        raise FileFormatError(f"expected SVG, got text that is not XML: {error}") from None
+        line = getattr(error, "position", (1, 0))[0]
+        raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
     if _tag(root) != "svg":
-        raise FileFormatError(f"expected an svg element, got {str(root.tag)[:60]!r}")
+        raise FileFormatError("expected an svg element, got XML of another kind")
     return root
+
+
+def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: bool) -> None:
+    if has_declarations:
+        raise FileFormatError(
+            "expected SVG without entities or other declarations of its own, got one; save as "
+            "plain SVG"
+        )
 
 
 def _bounded_builder() -> Any:
@@ -121,7 +140,9 @@ class Document:
         self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
         self.visited = 0
         self.curves = 0
+        self.outlines = 0
         self.text = 0
+        self.transforms = 0
 
     def shapes(self, matrix: Points) -> Iterator[Shape]:
         box = view_box(self.root)
@@ -160,6 +181,12 @@ class Document:
         )
         text = style.own.get("transform")
         if text not in (None, "", "none"):
+            self.transforms += text.count("(")
+            if self.transforms > MOST_TRANSFORMS:
+                raise FileFormatError(
+                    f"expected at most {MOST_TRANSFORMS} transforms (repetitions by use included), "
+                    "got more; simplify the drawing"
+                )
             inside = inside.moved(*matrix_of(text))
         return inside
 
@@ -179,6 +206,8 @@ class Document:
                 shape = shape_of(element, tag, inside)
                 self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
                 check_number(self.curves)
+                self.outlines += len(shape.subpaths)
+                check_rings(self.outlines)
                 yield shape
         elif tag == "use":
             yield from self._used(element, inside)

@@ -9,14 +9,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import (
-    LARGEST_NUMBER,
-    Arc,
-    Curve,
-    Points,
-    ends,
-    transformed,
-)
+from polywigner.geometry.formats.curves import Arc, Curve, Points, ends, transformed
+from polywigner.geometry.formats.limits import LARGEST_NUMBER
 from polywigner.geometry.formats.svg_style import Style
 from polywigner.geometry.formats.svg_values import closed, length, numbers_of, subpaths_of
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from polywigner.errors import FileFormatError
+from polywigner.geometry.formats.limits import MOST_RULES
 from polywigner.geometry.formats.svg_values import length, rules_of, style_of
 
 __all__ = ["Style", "Styles", "check_supported", "is_painted"]
@@ -19,9 +20,6 @@ _OWN = (
 )  # fmt: skip
 _UNSUPPORTED = ("clip-path", "mask", "filter", "transform-origin")
 _SIMPLE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
-
-MOST_RULES = 1000
-"""Rules of a style sheet; each is compared with each element."""
 
 
 @dataclass(frozen=True, eq=False)

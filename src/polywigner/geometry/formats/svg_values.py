@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, check_number, ends
+from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, ends
 from polywigner.geometry.formats.drawing import required
+from polywigner.geometry.formats.limits import check_number
 
 __all__ = [
     "PHYSICAL",
@@ -121,7 +122,8 @@ def _count(text: str) -> int:
 def matrix_of(text: str) -> tuple[Points, Points]:
     """A transform list as the matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
     place, matrix, offset = 0, np.eye(2), np.zeros(2)
-    while place < len(text.rstrip()):
+    text = text.rstrip()
+    while place < len(text):
         match = _FUNCTION.match(text, place)
         place = match.end() if match else place
         values = numbers_of(match[2], "arguments") if match else []

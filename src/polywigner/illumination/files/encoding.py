@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, PolywignerError
 from polywigner.geometry import Aperture, PlacedAperture, Slits
 from polywigner.illumination.array import Array, Element
-from polywigner.illumination.files.tables import VERSION, Source, aperture_of_polygons
+from polywigner.illumination.files.polygons import aperture_of_polygons
+from polywigner.illumination.files.tables import VERSION, Source
 
 __all__ = ["json_of", "table_of", "toml_of"]
 

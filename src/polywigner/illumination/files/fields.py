@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,6 +59,9 @@ class _Surroundings:
     wavelength: float | None
     positions: Positions | None = None
 
+
+# Tapers or weights that are multiplied: some for either axis, and a steering.
+_MOST_FACTORS = 20
 
 Converters = Mapping[str, Callable[[Any], Any]]
 
@@ -237,9 +240,20 @@ _WEIGHTS: dict[str, _Kind] = {
 }
 
 
-def illumination_of(value: Any, dimension: int, wavelength: float | None) -> Illumination:
-    """The field of a table, or the product of those in a list of tables."""
-    return _product(value, _FIELDS, _Surroundings(dimension, wavelength))
+def illumination_of(
+    value: Any, dimension: int, wavelength: float | None, count: Callable[[int], None]
+) -> Illumination:
+    """The field of a table, or the product of those in a list of tables.
+
+    `count` is told how many plane waves there are going to be, before they are multiplied.
+    """
+    around = _Surroundings(dimension, wavelength)
+    field: Illumination | None = None
+    for factor in _factors(value, _FIELDS, around):
+        count(len(factor) * (1 if field is None else len(field)))
+        field = factor if field is None else field * factor
+    assert field is not None
+    return field
 
 
 def positions_of(value: Any, dimension: int) -> Positions:
@@ -254,19 +268,23 @@ def weights_of(value: Any, positions: Positions, wavelength: float | None) -> An
     if isinstance(value, list) and not any(isinstance(item, dict) for item in value):
         return complex_numbers(value)
     around = _Surroundings(positions.places.shape[1], wavelength, positions)
-    return _product(value, _WEIGHTS, around)
+    return functools.reduce(operator.mul, _factors(value, _WEIGHTS, around))
 
 
-def _product(value: Any, kinds: Mapping[str, _Kind], around: _Surroundings) -> Any:
+def _factors(value: Any, kinds: Mapping[str, _Kind], around: _Surroundings) -> Iterator[Any]:
+    """What a table describes, or each of a list of tables."""
     if not isinstance(value, list):
-        return _one(value, kinds, around)
-    if not value:
-        raise FileFormatError("expected a table or a list of tables, got an empty list")
-    factors = []
+        yield _one(value, kinds, around)
+        return
+    if not 0 < len(value) <= _MOST_FACTORS:
+        got = f"a list of {len(value)}" if value else "an empty list"
+        raise FileFormatError(
+            f"expected a table or a list of tables, at most {_MOST_FACTORS}, got {got}"
+        )
     for k, item in enumerate(value):
         with at(f"number {k}"):
-            factors.append(_one(item, kinds, around))
-    return functools.reduce(operator.mul, factors)
+            factor = _one(item, kinds, around)
+        yield factor
 
 
 def _one(table: Any, kinds: Mapping[str, _Kind], around: _Surroundings) -> Any:

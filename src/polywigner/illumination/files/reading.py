@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, NoReturn, Protocol, runtime_checkable
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.formats.content import bytes_of, text_of
+from polywigner.geometry.formats.limits import LARGEST_TOML, check_values
+from polywigner.geometry.formats.quoting import place_of
 from polywigner.illumination.files.fields import wavelength_in
 from polywigner.illumination.files.tables import Source, source_of
 
 __all__ = ["SOURCE_COORDINATE", "Source", "parsed", "read_source", "read_with_wavelength"]
 
 _LONGEST_MESSAGE = 1000
+
+# Names joined by dots, for each of which tables are looked through from the outermost one.
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
 
 
 SOURCE_COORDINATE = "source_json"
@@ -33,13 +39,21 @@ class Dataset(Protocol):
     def coords(self) -> Any: ...
 
 
-def read_source(path: str | os.PathLike[str] | Dataset) -> Source:
+def read_source(path: str | os.PathLike[str] | Dataset, allow_outside: bool = False) -> Source:
     """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
 
     The format is described in docs/illumination.md. Whatever :func:`write_source` wrote comes back
     equal to what it was. In files written by hand, lengths, angles and frequencies may be texts
     ("10 mm", "20 deg", "77 GHz"; plain numbers are metres, radians and hertz), fields, layouts and
     weights may be named, and outlines may be taken from other files, relative to this one.
+
+    Parameters
+    ----------
+    path
+        The file; or a dataset that polywigner computed, which holds its source.
+    allow_outside
+        Whether the file may name others that are not in its own folder or below, once links are
+        followed. Leave it out for files of strangers, which might name any file of yours.
 
     Returns
     -------
@@ -48,8 +62,9 @@ def read_source(path: str | os.PathLike[str] | Dataset) -> Source:
     Raises
     ------
     FileFormatError
-        The file is missing, empty, too large (64 MiB), not of its format, or has a key or a value
-        that is not understood; the message says where, and what is. A dataset has no source, or
+        The file is missing, empty, too large (64 MiB; of TOML 8 MiB), not of its format, describes
+        more than docs/files.md allows, names a file elsewhere, or has a key or a value that is not
+        understood; the message says where, and what is. A dataset has no source, or
         one so long (64 KiB) that its digest alone is kept.
     GeometryError, IlluminationError, ArgumentError, QuantityError
         What it describes is no source: see the functions and classes it names.
@@ -64,8 +79,8 @@ def read_source(path: str | os.PathLike[str] | Dataset) -> Source:
     True
     """
     if isinstance(path, Dataset):
-        return source_of(parsed(_text_in(path), ".json"), Path())
-    return read_with_wavelength(path)[0]
+        return source_of(parsed(_text_in(path), ".json"), Path(), allow_outside)
+    return read_with_wavelength(path, allow_outside)[0]
 
 
 def _text_in(found: Any) -> str:
@@ -88,7 +103,9 @@ def _text_in(found: Any) -> str:
     )
 
 
-def read_with_wavelength(path: str | os.PathLike[str]) -> tuple[Source, float | None]:
+def read_with_wavelength(
+    path: str | os.PathLike[str], allow_outside: bool = False
+) -> tuple[Source, float | None]:
     """The source of a file, and the wavelength in metres that stands at its top, if any.
 
     Raises as :func:`read_source` does.
@@ -96,7 +113,7 @@ def read_with_wavelength(path: str | os.PathLike[str]) -> tuple[Source, float | 
     file = Path(path)
     try:
         table = parsed(text_of(bytes_of(file)), file.suffix)
-        return source_of(table, file.parent), wavelength_in(table)
+        return source_of(table, file.parent, allow_outside), wavelength_in(table)
     except PolywignerError as error:
         whole = f"{file}: {error}"
         short = whole if len(whole) <= _LONGEST_MESSAGE else whole[:_LONGEST_MESSAGE] + "..."
@@ -110,20 +127,34 @@ def parsed(text: str, suffix: str) -> Any:
     """The tables of a text in TOML or JSON, which the suffix tells."""
     try:
         if suffix.lower() == ".toml":
+            _check_toml(text)
             return tomllib.loads(text)
         if suffix.lower() == ".json":
+            check_values(text)
             return json.loads(text, parse_constant=_refused, object_pairs_hook=_each_key_once)
     except RecursionError:
         raise FileFormatError("expected tables and lists, got some nested too deeply") from None
     except FileFormatError:
         raise
     except ValueError as error:
-        kind = suffix[1:].upper()
-        raise FileFormatError(f"expected {kind}, got text that does not parse: {error}") from None
+        raise FileFormatError(
+            f"expected {suffix[1:].upper()}, got text that does not parse{place_of(error)}"
+        ) from None
     raise FileFormatError(
         f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
         "outlines alone are read by polywigner.read_aperture"
     )
+
+
+def _check_toml(text: str) -> None:
+    """Raise for TOML on which Python's parser, written in Python, spends long."""
+    if len(text) > LARGEST_TOML:
+        raise FileFormatError(
+            f"expected at most {LARGEST_TOML >> 20} MiB of TOML, got {len(text) / 2**20:.0f} MiB; "
+            "use JSON"
+        )
+    if _LONG_KEY.search(text):
+        raise FileFormatError("expected keys of a few names, got one of many, joined by dots")
 
 
 def _refused(name: str) -> NoReturn:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
-from numpy.typing import NDArray
 
-from polywigner.errors import FileFormatError, GeometryError
+from polywigner.errors import FileFormatError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -23,15 +21,16 @@ from polywigner.geometry import (
     rigid_pose,
     shapes,
 )
-from polywigner.geometry.parts import merge_parts, part_of_rings
-from polywigner.geometry.rings import Part, oriented, polygon_of_part
+from polywigner.geometry.formats.limits import MOST_FACES, MOST_LISTED
 from polywigner.illumination.array import Array, Element, phased_array
+from polywigner.illumination.files.counts import Counts, check_shape
 from polywigner.illumination.files.fields import (
     illumination_of,
     positions_of,
     wavelength_in,
     weights_of,
 )
+from polywigner.illumination.files.polygons import from_polygons, slits_as_they_are
 from polywigner.illumination.files.values import (
     Table,
     at,
@@ -46,7 +45,7 @@ from polywigner.illumination.files.values import (
     whole,
 )
 
-__all__ = ["VERSION", "Source", "aperture_of_polygons", "source_of"]
+__all__ = ["VERSION", "Source", "source_of"]
 
 Source = Element | Array
 
@@ -58,9 +57,6 @@ _HEAD = ("version", "frequency", "wavelength")
 # A rotation that is the nearest one to within rounding is taken as it is.
 _ROUNDING = 1e-15
 
-# Most vertices, segments and so on of a shape by name: a slip of the keyboard must not fill memory.
-_LARGEST_COUNT = 4096
-
 
 @dataclass(frozen=True)
 class _File:
@@ -68,29 +64,40 @@ class _File:
 
     folder: Path
     wavelength: float | None
+    allow_outside: bool = False
+    """Whether other files may stand elsewhere than in the folder."""
     read: dict[tuple[Any, ...], Aperture | Polyhedron] = field(default_factory=dict)
-    """Other files that were read, by name, unit and options."""
+    """Other files that were read, by path, unit and options."""
+    counts: Counts = field(default_factory=Counts)
 
 
-def source_of(table: Any, folder: Path) -> Source:
-    """The source that a file's whole table describes; `folder` is where its aperture files are."""
+def source_of(table: Any, folder: Path, allow_outside: bool = False) -> Source:
+    """The source that a file's whole table describes.
+
+    Its aperture files are in `folder` or below, unless they are allowed to be outside.
+    """
     if not isinstance(table, dict):
         raise FileFormatError(f"expected a table with the key 'kind', got {shown(table)}")
+    kinds = {**_ELEMENTS, "array": _array, "phased-array": _phased_array}
+    _kind_in(table, kinds)  # first: of a file that is no source file, nothing is quoted
     if "version" in table:
         with at("version"):
             if whole(table["version"]) != VERSION:
                 raise FileFormatError(f"expected {VERSION}, got {shown(table['version'])}")
     body = {key: value for key, value in table.items() if key not in _HEAD}
-    kinds = {**_ELEMENTS, "array": _array, "phased-array": _phased_array}
-    return _of_kind(body, kinds, _File(folder, wavelength_in(table)))
+    return _of_kind(body, kinds, _File(folder, wavelength_in(table), allow_outside))
 
 
 def _of_kind(table: Any, kinds: Mapping[str, Callable[[Table, _File], Any]], file: _File) -> Any:
+    return kinds[_kind_in(table, kinds)](table, file)
+
+
+def _kind_in(table: Any, kinds: Iterable[str]) -> str:
     name = table.get("kind") if isinstance(table, dict) else None
     if not isinstance(name, str) or name not in kinds:
         got = shown(name) if name is not None else f"{shown(table)} without a kind"
         raise FileFormatError(f"expected a kind out of {', '.join(kinds)}, got {got}")
-    return kinds[name](table, file)
+    return name
 
 
 def _aperture(table: Table, file: _File) -> Aperture | PlacedAperture:
@@ -108,7 +115,9 @@ def _aperture(table: Table, file: _File) -> Aperture | PlacedAperture:
         elif origin == "shape":
             aperture = _shape(table["shape"], Aperture)
         else:
-            aperture = _from_polygons(table["polygons"], flag(table.get("verbatim", False)))
+            aperture = from_polygons(table["polygons"], flag(table.get("verbatim", False)))
+    if origin != "file":
+        file.counts.add_outlines(*_size(aperture))
     lit = _illuminated(aperture, table, file)
     return lit if "to_world" not in table else _placed(lit, table["to_world"])
 
@@ -122,7 +131,8 @@ def _slits(table: Table, file: _File) -> Slits:
         else:
             intervals = coordinates(table["intervals"])
             verbatim = flag(table.get("verbatim", False))
-            slits = _slits_as_they_are(intervals) if verbatim else Slits(intervals)
+            slits = slits_as_they_are(intervals) if verbatim else Slits(intervals)
+    file.counts.add_outlines(1, len(slits.intervals))
     return _illuminated(slits, table, file)
 
 
@@ -136,6 +146,9 @@ def _polyhedron(table: Table, file: _File) -> Polyhedron:
         vertices = coordinates(table["vertices"])
     with at("faces"):
         faces = [[whole(k) for k in checked_list(face)] for face in checked_list(table["faces"])]
+    if len(faces) > MOST_FACES:
+        raise FileFormatError(f"expected at most {MOST_FACES} faces, got {len(faces)}")
+    file.counts.add_outlines(1, len(faces))
     return Polyhedron(vertices, faces)
 
 
@@ -151,6 +164,11 @@ def _array(table: Table, file: _File) -> Array:
     checked_table(table, ("kind", "elements"), ("weights",))
     with at("elements"):
         given = checked_list(table["elements"])
+        if len(given) > MOST_LISTED:
+            raise FileFormatError(
+                f"expected at most {MOST_LISTED} elements, got {len(given)}; equal ones are one "
+                'array of kind "phased-array"'
+            )
     elements = []
     for k, element in enumerate(given):
         with at(f"element {k}"):
@@ -188,7 +206,9 @@ def _illuminated(source: Any, table: Table, file: _File) -> Any:
     with at("illumination"):
         dimension = 1 if isinstance(source, Slits) else 2
         return source.with_illumination(
-            illumination_of(table["illumination"], dimension, file.wavelength)
+            illumination_of(
+                table["illumination"], dimension, file.wavelength, file.counts.add_waves
+            )
         )
 
 
@@ -205,10 +225,37 @@ def _placed(aperture: Aperture, to_world: Any) -> PlacedAperture:
 
 def _from_file(table: Table, file: _File, read: Callable[..., Any], **options: Any) -> Any:
     name, unit = text(table["file"]), text(table.get("unit", "mm"))
-    key = (name, unit, *options.values())
+    path = _path(file, name)
+    key = (path, unit, *options.values())
     if key not in file.read:
-        file.read[key] = read(file.folder / name, unit, **options)
+        file.counts.add_bytes(path.stat().st_size if path.is_file() else 0)
+        found = read(path, unit, **options)
+        file.counts.add_outlines(*_size(found))
+        file.read[key] = found
     return file.read[key]
+
+
+def _size(source: Aperture | Polyhedron) -> tuple[int, int]:
+    """How many outlines or bodies it is, and their vertices or faces."""
+    if isinstance(source, Polyhedron):
+        return 1, len(source.faces)
+    rings = [ring for part in source._parts for ring in part]
+    return len(rings), sum(map(len, rings))
+
+
+def _path(file: _File, name: str) -> Path:
+    """Where another file is, all links followed; it may have to be in the folder or below."""
+    try:
+        folder = file.folder.resolve()
+        path = (folder / name).resolve()
+    except (OSError, ValueError, RuntimeError):  # links in a circle, a null character
+        raise FileFormatError(f"expected the name of a file, got {shown(name)}") from None
+    if not file.allow_outside and not path.is_relative_to(folder):
+        raise FileFormatError(
+            f"expected a file in the folder of the source file or below, got {shown(name)}; move "
+            "it there, or trust the file with allow_outside=True (--allow-outside)"
+        )
+    return path
 
 
 def _shape(table: Any, expected: type) -> Any:
@@ -221,83 +268,15 @@ def _shape(table: Any, expected: type) -> Any:
     parameters = inspect.signature(plain[name]).parameters
     required = [p.name for p in parameters.values() if p.default is p.empty]
     checked_table(table, ("name", *required), [key for key in parameters if key not in required])
-    convert = {"int": _count, "bool": flag}
+    convert = {"int": whole, "bool": flag}
     values = {}
     for key in parameters:
         if key in table:
             with at(key):
                 values[key] = convert.get(parameters[key].annotation, coordinates)(table[key])
     with at(name):
+        check_shape(values)
         shape = plain[name](**values)
     if not isinstance(shape, expected):
         raise FileFormatError(f"expected a shape that is an {expected.__name__}, got {name}")
     return shape
-
-
-def _count(value: Any) -> int:
-    if whole(value) > _LARGEST_COUNT:
-        raise FileFormatError(f"expected at most {_LARGEST_COUNT}, got {shown(value)}")
-    return int(value)
-
-
-def _from_polygons(value: Any, verbatim: bool) -> Aperture:
-    polygons = coordinates(value)
-    listed = isinstance(polygons, list) and all(
-        isinstance(rings, list) and rings and all(isinstance(ring, list) for ring in rings)
-        for rings in polygons
-    )
-    if not listed or not polygons:
-        raise FileFormatError(
-            "expected a list of polygons, each a list of rings, each a list of vertices [x, y]"
-        )
-    return _aperture_as_it_is(polygons) if verbatim else aperture_of_polygons(polygons)
-
-
-def aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
-    """The aperture of polygons, each a list of rings with the exterior first."""
-    parts = [part_of_rings(rings, f"polygon {k}") for k, rings in enumerate(polygons)]
-    return Aperture._of_parts(merge_parts(parts))
-
-
-def _aperture_as_it_is(polygons: list[list[Any]]) -> Aperture:
-    """Outlines exactly as they were written, without a vertex dropped or moved.
-
-    Apertures that were shifted far, say, have vertices that rounding has put on a line, which the
-    constructor would drop.
-    """
-    parts: list[Part] = []
-    for rings in polygons:
-        part = tuple(_array_of(ring) for ring in rings)
-        for n, ring in enumerate(part):
-            if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3:
-                raise FileFormatError(f"expected rings of vertices [x, y], got shape {ring.shape}")
-            if oriented(ring, counter_clockwise=n == 0) is not ring:
-                raise GeometryError(
-                    "expected exteriors counter-clockwise and holes clockwise where verbatim is "
-                    "true; leave verbatim out"
-                )
-        parts.append(part)
-    reason = shapely.is_valid_reason(shapely.MultiPolygon([polygon_of_part(p) for p in parts]))
-    if reason != "Valid Geometry":
-        raise GeometryError(
-            f"expected valid polygons where verbatim is true, got {reason}; leave verbatim out"
-        )
-    return Aperture._of_parts(parts)
-
-
-def _slits_as_they_are(intervals: Any) -> Slits:
-    """Intervals exactly as they were written; see :func:`_aperture_as_it_is`."""
-    array = _array_of(intervals)
-    fits = array.ndim == 2 and array.shape[1] == 2 and len(array)
-    if not fits or not (np.diff(array.ravel()) >= 0).all() or not (np.diff(array) > 0).all():
-        raise GeometryError(
-            "expected ascending slits wider than zero where verbatim is true; leave verbatim out"
-        )
-    return Slits._of_intervals(array)
-
-
-def _array_of(numbers: Any) -> NDArray[np.float64]:
-    try:
-        return np.array(numbers, dtype=np.float64)
-    except ValueError:  # lists of different lengths
-        return np.empty(0)

@@ -1,0 +1,104 @@
+"""Scene files looked through before Mitsuba reads them: its parser ends the process on deep ones.
+
+Mitsuba reads elements by recursion in C++, and opens pipes and devices that a scene names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+from polywigner.errors import FileFormatError, SceneError
+from polywigner.geometry.formats.content import bytes_of, check_regular
+from polywigner.geometry.formats.limits import LARGEST_SCENE, MOST_NESTED, MOST_SCENE_ELEMENTS
+
+__all__ = ["check_scene_file"]
+
+# Scenes that include scenes; Mitsuba's own limit.
+_DEEPEST_INCLUDE = 15
+
+
+def check_scene_file(
+    file: Path, parameters: Mapping[str, Any], resolve: Callable[[str], Path]
+) -> None:
+    """Raise SceneError for a scene, or one that it includes, that must not reach Mitsuba.
+
+    `resolve` finds the files that it names; `parameters` are values of its ``$parameters``.
+    """
+    seen = _Seen({name: str(value) for name, value in parameters.items()}, resolve)
+    try:
+        seen.look_through(file, 0)
+    except FileFormatError as error:
+        raise SceneError(f"{file}: {error}") from None
+
+
+class _Seen:
+    """The scenes and elements that were looked through."""
+
+    def __init__(self, values: dict[str, str], resolve: Callable[[str], Path]) -> None:
+        self.values = values
+        self.resolve = resolve
+        self.files: set[Path] = set()
+        self.elements = 0
+
+    def look_through(self, file: Path, level: int) -> None:
+        if level > _DEEPEST_INCLUDE:
+            raise FileFormatError(f"expected scenes included {_DEEPEST_INCLUDE} deep, got more")
+        self.files.add(file.resolve())
+        depth = 0
+        included: list[str] = []
+
+        def start(tag: str, attributes: dict[str, str]) -> None:
+            nonlocal depth
+            depth += 1
+            self.elements += 1
+            _check("elements in each other", depth, MOST_NESTED)
+            _check("elements", self.elements, MOST_SCENE_ELEMENTS)
+            name = self._filled(attributes.get("filename", ""))
+            if tag == "default":
+                self.values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+            elif tag == "include" and name:
+                included.append(name)
+            elif attributes.get("name") == "filename":
+                self._check_file(self._filled(attributes.get("value", "")))
+
+        def end(tag: str) -> None:
+            nonlocal depth
+            depth -= 1
+
+        parser = expat.ParserCreate()
+        parser.StartElementHandler, parser.EndElementHandler = start, end
+        parser.StartDoctypeDeclHandler = _refuse_declarations
+        try:
+            parser.Parse(bytes_of(file, LARGEST_SCENE), True)
+        except expat.ExpatError as error:
+            raise FileFormatError(
+                f"expected a Mitsuba scene, got text that is not XML in line {error.lineno}, "
+                f"column {error.offset}; correct it there"
+            ) from None
+        for name in included:
+            path = self.resolve(name)
+            if path.resolve() not in self.files and path.exists():
+                self.look_through(path, level + 1)
+
+    def _filled(self, text: str) -> str:
+        for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
+            text = text.replace(f"${name}", self.values[name])
+        return text
+
+    def _check_file(self, name: str) -> None:
+        path = self.resolve(name)
+        if name and path.exists() and not path.is_dir():
+            check_regular(path)
+
+
+def _check(what: str, count: int, most: int) -> None:
+    if count > most:
+        raise FileFormatError(f"expected a scene of at most {most} {what}, got more; simplify it")
+
+
+def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: int) -> None:
+    if has_declarations:
+        raise FileFormatError("expected a scene without declarations of its own, got a DTD")
