@@ -103,6 +103,7 @@ class Page:
         self.chain = ActionChains
         browser.get(url)
         self.wait_until(self.is_ready)
+        self.open("outline", "light", "views", "vertices", "take")
 
     def wait_until(self, holds: Callable[[], bool]) -> None:
         from selenium.common.exceptions import WebDriverException
@@ -133,6 +134,11 @@ class Page:
     def element(self, name: str, selector: str) -> Any:
         script = FIND + "return view.shadow_el.querySelector(arguments[1])"
         return self.browser.execute_script(script, name, selector)
+
+    def open(self, *groups: str) -> None:
+        """Controls that may be closed in this window."""
+        for group in groups:
+            self.set(f"group_{group}", "active", True)
 
     def click(self, name: str) -> None:
         button = self.element(name, "button")
@@ -198,11 +204,11 @@ def test_the_page_works_without_a_network_and_starts_with_a_square(page: Page) -
 
 
 def number_of(page: Page, name: str) -> complex:
-    """A value that the page prints."""
-    match = re.search(rf"<td>{re.escape(name)}</td><td>(.*?) m²", page.text("values"))
+    """A value that the page prints, in m²."""
+    match = re.search(rf"<td>{re.escape(name)}</td><td>(.*?) mm²", page.text("values"))
     assert match, page.text("values")
     parts = match[1].replace("− ", "-").replace("+ ", "+").split()
-    return complex(float(parts[0]), float(parts[1]) if len(parts) > 1 else 0.0)
+    return complex(float(parts[0]), float(parts[1]) if len(parts) > 1 else 0.0) * 1e-6
 
 
 def test_an_outline_drawn_with_the_mouse_is_computed_and_its_numbers_are_the_functions(

@@ -16,7 +16,7 @@ from polywigner.explorer.views import Cuts, Outlines
 
 __all__ = ["ApertureFigure", "LagFigure", "PolarFigure"]
 
-_INK, _TINT, _ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"
+_INK, _TINT, _ACCENT = "#2f6da8", "#8fb8dd", "#d4561f"  # seen on white and on black
 _HANDLES = ((60, 10), (150, 7), (math.inf, 4))  # vertices, and the pixels of each
 _SPAN = 40.0  # dB, of the polar plot
 
@@ -37,14 +37,14 @@ class ApertureFigure:
     """The outline with its vertices to drag, the support of W, and the chosen position."""
 
     def __init__(self) -> None:
-        self.figure = made = plain_figure("Aperture (dark), support of W (light)", "aperture")
+        self.figure = made = plain_figure("Aperture (full), support of W (pale)", "aperture")
         self.support, self.filled = _empty(), _empty()
-        self.outline = ColumnDataSource({"xs": [], "ys": []}, name="outline")
+        self.outline = ColumnDataSource({"xs": [], "ys": [], "number": []}, name="outline")
         self.vertices = ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
         self.pending = ColumnDataSource({"x": [], "y": []})
         self.cross = ColumnDataSource({"x": [], "y": []})
         columns = {"xs": "xs", "ys": "ys"}
-        made.multi_polygons(**columns, source=self.support, color=_TINT, line_color="#9bb5cc")
+        made.multi_polygons(**columns, source=self.support, color=_TINT, fill_alpha=0.35)
         made.multi_polygons(**columns, source=self.filled, color=_INK, line_color=None)
         edges = made.patches(
             **columns, source=self.outline, fill_alpha=0.0, line_color=_INK, line_width=2
@@ -77,7 +77,7 @@ class ApertureFigure:
         """Outline and handles of the state, also of one that is no polygon."""
         xs = [[x for x, _ in ring] for ring in state.rings]
         ys = [[y for _, y in ring] for ring in state.rings]
-        self.outline.data = {"xs": xs, "ys": ys}
+        self.outline.data = {"xs": xs, "ys": ys, "number": [*range(len(xs))]}
         numbers = [k for k, ring in enumerate(state.rings) for _ in ring]
         self.vertices.data = {"x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers}
         self.vertices.selected.indices = []
@@ -135,6 +135,10 @@ class LagFigure:
         self.figure.xaxis.axis_label = f"ξ_x ({state.unit})"
         self.figure.yaxis.axis_label = f"ξ_y ({state.unit})"
 
+    def clear(self) -> None:
+        """No lags."""
+        self.source.data = {"xs": [], "ys": []}
+
 
 class PolarFigure:
     """Directivity in two planes over the angle from the normal, radially in dB."""
@@ -145,9 +149,9 @@ class PolarFigure:
         self.rings = ColumnDataSource({"xs": [], "ys": []})
         self.labels = ColumnDataSource({"x": [], "y": [], "text": []})
         self.cuts = [ColumnDataSource({"x": [], "y": []}) for _ in range(2)]
-        made.multi_line("xs", "ys", source=self.rings, color="#cccccc")
+        made.multi_line("xs", "ys", source=self.rings, color="#8a939c", alpha=0.5)
         made.text("x", "y", "text", source=self.labels, text_font_size="8pt", text_align="center",
-                  text_color="#555555")  # fmt: skip
+                  text_color="#55616c")  # fmt: skip
         for source, name, dash, colour in zip(
             self.cuts, ("φ = 0°", "φ = 90°"), ("solid", "dashed"), (_INK, _ACCENT), strict=True
         ):
@@ -156,7 +160,7 @@ class PolarFigure:
         self._phi = (0.0, np.pi / 2)
         made.legend.location = "bottom_center"
         made.legend.orientation = "horizontal"
-        made.legend.border_line_color = None
+        made.legend.border_line_color = made.legend.background_fill_color = None
         self.reset()
 
     def reset(self) -> None:

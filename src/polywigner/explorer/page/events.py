@@ -53,11 +53,9 @@ def _connect_outline(session: Session) -> None:
             session.edit(step=False, rings=editing.snapped(session.state.rings, session.state.snap))
 
     def edited(data: Any) -> None:
-        rings = tuple(
-            tuple(zip(map(float, xs), map(float, ys), strict=True))
-            for xs, ys in zip(data["xs"], data["ys"], strict=True)
-            if len(xs) >= 3
-        )
+        columns = zip(data["number"], data["xs"], data["ys"], strict=True)
+        left = {k: tuple(zip(map(float, xs), map(float, ys), strict=True)) for k, xs, ys in columns}
+        rings, farewell = editing.without_lost(session.state.rings, left)
         rings = editing.rounded_where_new(rings, session.state.rings, _tolerance_of(session))
         if rings == session.state.rings:
             session.signals.data = {"busy": [0]}
@@ -66,7 +64,8 @@ def _connect_outline(session: Session) -> None:
         same = moved and (drag["on"] or time.monotonic() < drag["until"])
         step = not (drag["started"] and same)
         drag["started"] = bool(drag["on"] or not step)
-        session.edit(step=step, edges=False, rings=rings)
+        session.edit(step=step, edges=bool(farewell), rings=rings)
+        session.add(farewell)
 
     on_event(session, drawn.figure, PanStart, lambda _: dragging(True))
     on_event(session, drawn.figure, PanEnd, lambda _: dragging(False))
@@ -79,6 +78,8 @@ def _connect_outline(session: Session) -> None:
     typed = guarded(session, partial(_from_table, session))
     # a cell: Bokeh is still at it, and must not find other data
     on_change(session, controls.rows, "data", lambda _: session.doc.add_next_tick_callback(typed))
+    known = {"table": controls.table, "rows": controls.rows}
+    controls.rows.js_on_change("data", CustomJS(args=known, code=script.REPAINT))
     on_change(session, controls.shape, "value", lambda name: _start_from(session, name))
     arrived = guarded(session, partial(_upload, session))
     # the name of a file comes after its content
@@ -109,7 +110,7 @@ def _selected(session: Session) -> int | None:
 def _delete(session: Session) -> None:
     row = _selected(session)
     if row is not None:
-        session.edit(rings=editing.without_vertex(session.state.rings, row))
+        session.delete(row)
 
 
 def _insert(session: Session) -> None:
