@@ -82,7 +82,7 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
 
 
 def without_vertex(rings: Rings, row: int) -> tuple[Rings, str]:
-    """Without the vertex of one row of the table, and what goes with it, as :func:`without_lost`."""
+    """Without the vertex of one row of the table; further as :func:`without_lost`."""
     rows = rows_of_rings(rings)
     del rows[row]
     left = [tuple((x, y) for n, x, y in rows if n == k + 1) for k in range(len(rings))]

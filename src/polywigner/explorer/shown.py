@@ -37,7 +37,7 @@ def in_unit(quantity: str, unit: Unit) -> tuple[float, str]:
 
 
 def power_of_ten(value: float) -> int:
-    """The exponent, a multiple of 3, that is taken out of values up to this one; 0 if none need be."""
+    """The exponent, a multiple of 3, that is taken out of values up to this one, or 0."""
     size = abs(value)
     if size == 0 or 1e-2 <= size < 1e4:
         return 0

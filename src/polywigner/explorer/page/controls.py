@@ -94,7 +94,7 @@ class Controls:
             ],
         )  # fmt: skip
         self.wave = TextInput(title="Frequency or wavelength", name="wave", **_WIDE)
-        self.taper = TextInput(title="Taper", placeholder="taylor 30 dB", name="taper", **_WIDE)  # fmt: skip
+        self.taper = TextInput(title="Taper", placeholder="taylor 30 dB", name="taper", **_WIDE)
         self.array = TextInput(title="Array", placeholder="4 x 4, 12 mm", name="array", **_WIDE)
         self.window = TextInput(title="Window of the array", placeholder="taylor 25 dB",
                                 name="window", **_WIDE)  # fmt: skip
@@ -107,12 +107,13 @@ class Controls:
             for title, name in (("x", "x"), ("y", "y"), ("ν_x", "nu_x"), ("ν_y", "nu_y"))
         )
         self.whole = Button(label="Undo zoom", name="whole", width=86, **_HEAD)
-        self.part = RadioButtonGroup(labels=["dB", "real part", "phase"], name="part", **_WIDE)  # fmt: skip
+        self.part = RadioButtonGroup(labels=["dB", "real part", "phase"], name="part", **_WIDE)
         self.defocus = Slider(title="Defocus W20 (waves)", start=-4, end=4, step=0.05, value=0,
                               name="defocus", **_WIDE)  # fmt: skip
         self.distance = Slider(title="Near field at z", start=1, end=200, step=1, value=50,
                                name="distance", **_WIDE)  # fmt: skip
-        self.order = RadioButtonGroup(labels=["leading order", "third order"], name="order", **_WIDE)  # fmt: skip
+        self.order = RadioButtonGroup(labels=["leading order", "third order"], name="order",
+                                      **_WIDE)  # fmt: skip
         self.views = CheckboxGroup(labels=list(VIEWS.values()), name="views", inline=True, **_WIDE)
         self.views.active = [list(VIEWS).index(name) for name in STARTS_WITH]
         self.take = Select(title="Take away", options=list(_TAKE.items()), value="wigner_nu",
@@ -144,10 +145,10 @@ class Controls:
                 "outline", "Outline", 213, self.shape, self.upload, _row(self.unit, self.snap),
                 _row(self.draw, self.finish), _row(self.insert, self.delete),
             ),
-            Group("light", "Light", 155, _row(self.wave, self.steering), _row(self.taper, self.array),
-                  _row(self.window, self.reach)),
-            Group("views", "Views", 222, self.views, self.part, self.defocus, self.distance, self.order,
-                  self.note),
+            Group("light", "Light", 155, _row(self.wave, self.steering),
+                  _row(self.taper, self.array), _row(self.window, self.reach)),
+            Group("views", "Views", 222, self.views, self.part, self.defocus, self.distance,
+                  self.order, self.note),
             Group("vertices", "Vertices", 165, self.table),
             Group("take", "Take away", 266, self.take, _row(*self.files.values()),
                   _row(*self.outlines.values()), self.code),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.core.properties import value
-from bokeh.models import ColumnDataSource, PointDrawTool, Scatter
+from bokeh.models import CDSView, ColumnDataSource, GroupFilter, PointDrawTool, Scatter
 
 from polywigner.explorer.page.pictures import plain_figure
 from polywigner.explorer.state import State
@@ -18,6 +18,9 @@ __all__ = ["ApertureFigure", "LagFigure", "PolarFigure"]
 
 _INK, _TINT, _ACCENT = "#2f6da8", "#8fb8dd", "#d4561f"  # seen on white and on black
 _HANDLES = ((60, 10), (150, 7), (math.inf, 4))  # vertices, and the pixels of each
+_MOST_HANDLES = 200  # a page with more to paint and to look through answers a hand late
+_TITLE = "Aperture (full), support of W (pale)"
+_NTH = {2: "2nd", 3: "3rd"}
 _SPAN = 40.0  # dB, of the polar plot
 
 
@@ -37,24 +40,25 @@ class ApertureFigure:
     """The outline with its vertices to drag, the support of W, and the chosen position."""
 
     def __init__(self) -> None:
-        self.figure = made = plain_figure("Aperture (full), support of W (pale)", "aperture")
+        self.figure = made = plain_figure(_TITLE, "aperture")
         self.support, self.filled = _empty(), _empty()
         self.outline = ColumnDataSource({"xs": [], "ys": [], "number": []}, name="outline")
-        self.vertices = ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
+        columns = {"x": [], "y": [], "ring": [], "handle": []}
+        self.vertices = ColumnDataSource(columns, name="vertices")
         self.pending = ColumnDataSource({"x": [], "y": []})
         self.cross = ColumnDataSource({"x": [], "y": []})
-        columns = {"xs": "xs", "ys": "ys"}
-        made.multi_polygons(**columns, source=self.support, color=_TINT, fill_alpha=0.35)
-        made.multi_polygons(**columns, source=self.filled, color=_INK, line_color=None)
+        both = {"xs": "xs", "ys": "ys"}
+        made.multi_polygons(**both, source=self.support, color=_TINT, fill_alpha=0.35)
+        made.multi_polygons(**both, source=self.filled, color=_INK, line_color=None)
         edges = made.patches(
-            **columns, source=self.outline, fill_alpha=0.0, line_color=_INK, line_width=2
+            **both, source=self.outline, fill_alpha=0.0, line_color=_INK, line_width=2
         )
         edges.nonselection_glyph = None
         made.line("x", "y", source=self.pending, color=_ACCENT, line_width=2, line_dash="dashed")
         made.scatter("x", "y", source=self.pending, color=_ACCENT, size=7)
         self.handles = handles = made.scatter(
             "x", "y", source=self.vertices, size=10, color="white", line_color=_ACCENT,
-            line_width=2,
+            line_width=2, view=CDSView(filter=GroupFilter(column_name="handle", group="yes")),
         )  # fmt: skip
         handles.nonselection_glyph = None
         handles.selection_glyph = Scatter(
@@ -79,8 +83,15 @@ class ApertureFigure:
         ys = [[y for _, y in ring] for ring in state.rings]
         self.outline.data = {"xs": xs, "ys": ys, "number": [*range(len(xs))]}
         numbers = [k for k, ring in enumerate(state.rings) for _ in ring]
-        self.vertices.data = {"x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers}
+        count = len(numbers)
+        step = math.ceil(count / _MOST_HANDLES) or 1
+        handles = ["yes" if k % step == 0 else "" for k in range(count)]
+        self.vertices.data = {
+            "x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers, "handle": handles,
+        }  # fmt: skip
         self.vertices.selected.indices = []
+        every = f"a handle at every {_NTH.get(step, f'{step}th')} of {count} vertices"
+        self.figure.title.text = _TITLE if step == 1 else f"Aperture; {every}"
         self.handles.glyph.size = next(s for most, s in _HANDLES if len(numbers) <= most)
 
     @property
@@ -91,6 +102,10 @@ class ApertureFigure:
 
     def choose(self, vertex: int | None) -> None:
         """Select a vertex, or none."""
+        if vertex is not None and not self.vertices.data["handle"][vertex]:
+            handles = [*self.vertices.data["handle"]]
+            handles[vertex] = "yes"
+            self.vertices.data = {**self.vertices.data, "handle": handles}
         self.vertices.selected.indices = [] if vertex is None else [vertex]
 
     def clear(self) -> None:

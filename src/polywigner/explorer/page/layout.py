@@ -34,7 +34,8 @@ def connect_layout(doc: Any, page: Any, figures: list[Any], drawer: Any, groups:
     doc.template = theme.TEMPLATE
     known = {
         "page": page, "main": page.children[2], "figures": figures, "drawer": drawer,
-        "groups": [group.heading for group in groups], "narrow": theme.NARROW, "heights": [group.height for group in groups],
+        "groups": [group.heading for group in groups], "narrow": theme.NARROW,
+        "heights": [group.height for group in groups],
     }  # fmt: skip
     doc.js_on_event(DocumentReady, CustomJS(args=known, code=script.ARRANGE))
     doc.js_on_event(DocumentReady, CustomJS(args={"figure": figures[0]}, code=script.QUICK_PAINT))

@@ -114,9 +114,9 @@ if (window.innerWidth > narrow) {
 drawer.properties.active.change.connect(toggled)
 toggled()
 new ResizeObserver(arrange).observe(Bokeh.index.find_one(main).el)
-for (const figure of figures) { figure.properties.visible.change.connect(() => setTimeout(arrange)) }
 // a finger scrolls the page, but in the outline it moves vertices
 for (const figure of figures) {
+  figure.properties.visible.change.connect(() => setTimeout(arrange))
   const element = Bokeh.index.find_one(figure)?.canvas_view?.events_el
   if (element && figure.name !== "aperture") { element.style.touchAction = "pan-y" }
 }

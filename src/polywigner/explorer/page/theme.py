@@ -34,7 +34,8 @@ html, body { height: 100%; margin: 0; overflow: hidden; background: var(--pw-pag
 # Both parts scroll by themselves: who moves a slider sees the figure that it moves.
 PAGE = """
 :host { display: grid !important; width: 100vw !important; height: 100dvh !important;
-  grid-template: auto minmax(0, 1fr) / var(--pw-side, max-content) minmax(0, 1fr); overflow: hidden; }
+  grid-template: auto minmax(0, 1fr) / var(--pw-side, max-content) minmax(0, 1fr);
+  overflow: hidden; }
 """
 HEAD = f"""
 :host {{ grid-column: 1 / 3; width: auto !important; align-items: center; flex-wrap: wrap;
@@ -43,8 +44,9 @@ HEAD = f"""
 @media (max-width: {NARROW}px) {{ :host {{ font-size: 12px; }} }}
 """
 SIDE = f"""
-:host {{ grid-area: 2 / 1; display: var(--pw-controls, flex) !important; width: {_SIDE}px !important;
-  height: 100% !important; overflow: hidden auto; box-sizing: border-box; padding: 4px 0;
+:host {{ grid-area: 2 / 1; display: var(--pw-controls, flex) !important;
+  width: {_SIDE}px !important; height: 100% !important; overflow: hidden auto;
+  box-sizing: border-box; padding: 4px 0;
   background: var(--pw-panel); border-right: 1px solid var(--pw-line); scrollbar-width: thin;
   z-index: 30; }}
 @media (max-width: {NARROW}px) {{
@@ -58,7 +60,8 @@ MAIN = f"""
 """
 GRID = """
 :host { display: grid !important; flex: none !important; width: 100% !important;
-  height: max-content !important; min-height: 100%; grid-auto-rows: max-content; grid-template-columns: repeat(var(--pw-columns, 3), max-content);
+  height: max-content !important; min-height: 100%; grid-auto-rows: max-content;
+  grid-template-columns: repeat(var(--pw-columns, 3), max-content);
   justify-content: space-evenly; align-content: space-evenly; align-items: start; }
 """
 BUSY = f"""
@@ -134,7 +137,8 @@ const paint = () => {
       }
       if (part.type === "ColorBar") { known.major_tick_line_color = page }
       if (part.type === "Grid") { continue }
-      set(part, Object.fromEntries(Object.entries(known).filter(([name]) => name in part.properties)))
+      const its = Object.entries(known).filter(([name]) => name in part.properties)
+      set(part, Object.fromEntries(its))
     }
     for (const {glyph} of figure.renderers) {
       if (glyph?.type === "Text") { set(glyph, {text_color: faint}) }
