@@ -20,7 +20,6 @@ _INK, _TINT, _ACCENT = "#2f6da8", "#8fb8dd", "#d4561f"  # seen on white and on b
 _HANDLES = ((60, 10), (150, 7), (math.inf, 4))  # vertices, and the pixels of each
 _MOST_HANDLES = 200  # a page with more to paint and to look through answers a hand late
 _TITLE = "Aperture (full), support of W (pale)"
-_NTH = {2: "2nd", 3: "3rd"}
 _SPAN = 40.0  # dB, of the polar plot
 
 
@@ -90,8 +89,8 @@ class ApertureFigure:
             "x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers, "handle": handles,
         }  # fmt: skip
         self.vertices.selected.indices = []
-        every = f"a handle at every {_NTH.get(step, f'{step}th')} of {count} vertices"
-        self.figure.title.text = _TITLE if step == 1 else f"Aperture; {every}"
+        few = f"Aperture; {handles.count('yes')} handles, {count} vertices"
+        self.figure.title.text = _TITLE if step == 1 else few
         self.handles.glyph.size = next(s for most, s in _HANDLES if len(numbers) <= most)
 
     @property
