@@ -200,12 +200,15 @@ setInterval(() => {
 """The seconds of a computation, counted by the page: the server may be at one long step."""
 
 STALE = """
-for (const figure of figures) {
-  const style = Bokeh.index.find_one(figure)?.el.style
-  if (!style) { continue }
-  const old = stale.data.figure.includes(figure.name)
-  style.transition = old ? "opacity 0.3s 0.7s" : ""  // what comes soon does not flicker
-  style.opacity = old ? 0.4 : 1
+const paint = (pale) => {
+  for (const figure of figures) {
+    const old = stale.data.figure.includes(figure.name), by = old ? "0.4" : ""
+    const style = Bokeh.index.find_one(figure)?.el.style
+    if (style && old === pale && style.opacity !== by) { style.opacity = by }
+  }
 }
+clearTimeout(window.polywigner_stale)
+paint(false)
+window.polywigner_stale = setTimeout(() => paint(true), 700)  // what comes soon changes no style
 """
 """Pictures of an older state are pale."""
