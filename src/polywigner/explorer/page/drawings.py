@@ -42,7 +42,7 @@ class ApertureFigure:
         self.figure = made = plain_figure(_TITLE, "aperture")
         self.support, self.filled = _empty(), _empty()
         self.outline = ColumnDataSource({"xs": [], "ys": [], "number": []}, name="outline")
-        columns = {"x": [], "y": [], "ring": [], "handle": []}
+        columns: dict[str, list[Any]] = {"x": [], "y": [], "ring": [], "handle": []}
         self.vertices = ColumnDataSource(columns, name="vertices")
         self.pending = ColumnDataSource({"x": [], "y": []})
         self.cross = ColumnDataSource({"x": [], "y": []})
