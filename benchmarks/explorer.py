@@ -70,7 +70,7 @@ Promise.all(all.map((page, k) => new Promise((answered) => {
     clearInterval(look)
     requestAnimationFrame(() => requestAnimationFrame(() => answered(performance.now() - start)))
   }, 2)
-  const data = {xs: [steps[k][0]], ys: [steps[k][1]]}
+  const data = {xs: [steps[k][0]], ys: [steps[k][1]], number: [0]}
   outline.data = page.JSON.parse(JSON.stringify(data))  // an object of that page's own
 }))).then(done)
 """

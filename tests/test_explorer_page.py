@@ -21,6 +21,7 @@ import pytest
 import polywigner as pw
 from explorer_server import SECONDS, handshake, need_bokeh, running
 from polywigner.cli import main
+from polywigner.explorer import editing
 from polywigner.explorer.state import State, from_query, to_query
 
 pytestmark = pytest.mark.slow  # a browser, and a page that it waits for
@@ -103,6 +104,7 @@ class Page:
         self.chain = ActionChains
         browser.get(url)
         self.wait_until(self.is_ready)
+        self.open("outline", "light", "views", "vertices", "take")
 
     def wait_until(self, holds: Callable[[], bool]) -> None:
         from selenium.common.exceptions import WebDriverException
@@ -134,6 +136,11 @@ class Page:
         script = FIND + "return view.shadow_el.querySelector(arguments[1])"
         return self.browser.execute_script(script, name, selector)
 
+    def open(self, *groups: str) -> None:
+        """Controls that may be closed in this window."""
+        for group in groups:
+            self.set(f"group_{group}", "active", True)
+
     def click(self, name: str) -> None:
         button = self.element(name, "button")
         self.browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
@@ -156,6 +163,10 @@ class Page:
     def tap(self, figure: str, x: float, y: float) -> None:
         self.at(figure, x, y).click().perform()
         time.sleep(0.3)  # two clicks at once are a double click
+
+    def get_selected(self, name: str) -> list[int]:
+        script = FIND + "return Array.from(model.selected.indices)"
+        return list(self.browser.execute_script(script, name))
 
     def state(self) -> State:
         return from_query(str(self.get("link", "value")))
@@ -198,11 +209,11 @@ def test_the_page_works_without_a_network_and_starts_with_a_square(page: Page) -
 
 
 def number_of(page: Page, name: str) -> complex:
-    """A value that the page prints."""
-    match = re.search(rf"<td>{re.escape(name)}</td><td>(.*?) m²", page.text("values"))
+    """A value that the page prints, in m²."""
+    match = re.search(rf"<td>{re.escape(name)}</td><td>(.*?) mm²", page.text("values"))
     assert match, page.text("values")
     parts = match[1].replace("− ", "-").replace("+ ", "+").split()
-    return complex(float(parts[0]), float(parts[1]) if len(parts) > 1 else 0.0)
+    return complex(float(parts[0]), float(parts[1]) if len(parts) > 1 else 0.0) * 1e-6
 
 
 def test_an_outline_drawn_with_the_mouse_is_computed_and_its_numbers_are_the_functions(
@@ -247,15 +258,162 @@ def test_a_vertex_can_be_dragged_added_and_undone(page: Page) -> None:
     page.wait_until(lambda: page.state().rings == before.rings)
 
 
+CELLS = (
+    FIND
+    + """
+const rows = [...view.shadow_el.querySelectorAll(".slick-row")]
+return rows.map((row) => [...row.querySelectorAll(".slick-cell")].map((cell) => cell.innerText))
+"""
+)
+
+
+def wait_for_cells(page: Page) -> None:
+    """Until the table shows the vertices of the state: what is painted, not what is known."""
+
+    def agree() -> bool:
+        found = page.browser.execute_script(CELLS, "table")
+        rows = [[float(text) for text in row] for row in found]
+        return bool(np.allclose(rows, editing.rows_of_rings(page.settled().rings), rtol=1e-3))
+
+    page.wait_until(agree)
+
+
+def test_the_table_shows_the_vertices_after_every_kind_of_edit(page: Page) -> None:
+    wait_for_cells(page)
+    states = [page.state().rings]
+
+    def has_changed() -> None:
+        page.wait_until(lambda: page.state().rings != states[-1])
+        states.append(page.settled().rings)
+        wait_for_cells(page)
+
+    page.at("aperture", 5.0, 5.0).click_and_hold().perform()
+    page.chain(page.browser, duration=50).move_by_offset(20, -30).perform()
+    page.at("aperture", 6.0, 6.0).release().perform()
+    has_changed()
+    page.browser.execute_script(FIND + "view.canvas_view.events_el.focus()", "aperture")
+    page.press("n", "ARROW_UP")
+    has_changed()
+    page.click("undo")
+    has_changed()
+    page.click("redo")
+    has_changed()
+    focus(page, "table", "[tabindex='0']")
+    page.press("ARROW_DOWN", "ENTER")
+    page.press("7", "ENTER")
+    has_changed()
+    page.browser.execute_script(FIND + "view.canvas_view.events_el.focus()", "aperture")
+    page.press("n", "DELETE")
+    has_changed()
+    assert len(states[-1][0]) == 3
+
+
+def test_a_hole_does_not_outlive_its_outline(browser: Any, address: str) -> None:
+    outer = ((-6.0, -6.0), (6.0, -6.0), (0.0, 6.0))
+    hole = ((-1.0, -3.0), (1.0, -3.0), (0.0, 0.0))
+    state = State(rings=(outer, hole))
+    page = Page(browser, f"{address}?{to_query(state)}")
+    for key in ("DELETE", "BACKSPACE"):  # the page's own, and that of Bokeh's tool
+        page.at("aperture", *outer[1]).click().perform()
+        page.wait_until(lambda: page.get_selected("vertices") == [1])
+        page.browser.execute_script(FIND + "view.canvas_view.events_el.focus()", "aperture")
+        page.press(key)
+        page.wait_until(lambda: page.state().rings == ())
+        assert "Outline 1 had" in page.text("message") and "outline 2" in page.text("message")
+        page.wait_until(lambda: "nothing drawn" in page.text("busy"))
+        assert count(page, "fourier") == 0
+        page.click("undo")
+        page.wait_until(lambda: page.state().rings == state.rings and page.is_ready())
+        assert count(page, "fourier") == 1
+
+
+def test_many_vertices_have_fewer_handles_and_all_can_be_reached(
+    browser: Any, address: str
+) -> None:
+    turns = 2 * np.pi * np.arange(240) / 240
+    ring = tuple((round(5 * np.cos(t), 6), round(5 * np.sin(t), 6)) for t in turns)
+    page = Page(browser, f"{address}?{to_query(State(rings=(ring,)))}")
+    assert "120 handles, 240 vertices" in page.browser.execute_script(
+        FIND + "return model.title.text", "aperture"
+    )
+    page.set("views", "active", [0])
+    page.browser.execute_script(FIND + "view.canvas_view.events_el.focus()", "aperture")
+    page.press("n", "n")  # the second has no handle
+    page.wait_until(lambda: page.get_selected("vertices") == [1])
+    page.press("ARROW_UP")
+    page.wait_until(lambda: page.state().rings[0][1] != ring[1])
+    moved = page.state().rings[0]
+    assert [k for k in range(240) if moved[k] != ring[k]] == [1]
+    page.at("aperture", *ring[180]).click_and_hold().perform()  # has one, at the bottom
+    page.chain(page.browser, duration=50).move_by_offset(0, 15).perform()
+    page.chain(page.browser, duration=50).move_by_offset(0, 5).release().perform()
+    page.wait_until(lambda: page.state().rings[0][180] != ring[180])
+    assert len(page.state().rings[0]) == 240
+
+
+WINDOWS = {"laptop": (1280, 800, 240), "desktop": (1920, 1080, 320), "phone": (390, 844, 290)}
+"""Width, height and the least side of a picture, in pixels."""
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_the_page_fills_its_window_and_shows_all_headings(page: Page, window: str) -> None:
+    width, height, side = WINDOWS[window]
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+    page.browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    try:
+        page.browser.refresh()
+        page.wait_until(page.is_ready)
+        assert page.browser.execute_script("return innerWidth") == width
+        page.wait_until(lambda: page.get("fourier", "frame_width") >= side)
+        scrolled = "return document.documentElement.scrollWidth"
+        assert page.browser.execute_script(scrolled) == width
+        page.set("drawer", "active", True)
+        for name in ("outline", "light", "views", "vertices", "take"):
+            bottom = FIND + "return view.el.getBoundingClientRect().bottom"
+            found = page.browser.execute_script(bottom, f"group_{name}")
+            assert 0 < found <= height or window == "phone", name
+    finally:
+        page.browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_a_dark_system_has_a_dark_page_with_light_letters(page: Page) -> None:
+    dark = {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
+    page.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", dark)
+    try:
+        ground = "return getComputedStyle(document.body).backgroundColor"
+        page.wait_until(lambda: page.browser.execute_script(ground) == "rgb(18, 22, 26)")
+        title = FIND + "return model.title.text_color"
+        page.wait_until(lambda: page.browser.execute_script(title, "fourier") == "#e3e8ed")
+    finally:
+        page.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
+def test_lengths_are_in_one_unit_and_colour_bars_keep_their_powers_of_ten(
+    browser: Any, address: str
+) -> None:
+    ring = tuple((1e-3 * x, 1e-3 * y) for x, y in State().rings[0])
+    page = Page(browser, f"{address}?{to_query(State(unit='m', rings=(ring,)))}")
+    assert "<td>0.0001 m²</td>" in page.text("values")
+    title = FIND + "return model.title.text"
+    assert page.browser.execute_script(title, "wigner_x") == "W(x, ν) over x (10⁻⁶ m²)"
+    assert "10⁻⁹ m⁴" in page.browser.execute_script(title, "fourier")
+    high = FIND + "return model.below.find((part) => part.type === 'ColorBar').color_mapper.high"
+    assert np.isclose(page.browser.execute_script(high, "wigner_x"), 400, rtol=1e-2)  # 4e-4 m²
+
+
 def test_a_crossing_outline_says_so_and_the_last_good_result_stays(page: Page) -> None:
     image, values = pixels(page, "wigner_nu"), page.text("values")
     page.set("rows", "data", {"ring": [1] * 4, "x": [-5, 5, -5, 5], "y": [-5, -5, 5, 5]})
     page.wait_until(lambda: "crosses itself" in page.text("message"))
     assert "Traceback" not in page.text("message")
+    page.wait_until(lambda: "earlier state" in page.text("busy"))  # and not that it is ready
+    pale = FIND + "return getComputedStyle(view.el).opacity"
+    page.wait_until(lambda: float(page.browser.execute_script(pale, "wigner_nu")) < 0.5)
     assert page.text("values") == values
     assert np.array_equal(pixels(page, "wigner_nu"), image)
     page.click("undo")
-    page.wait_until(lambda: page.text("message") == "")
+    page.wait_until(lambda: page.text("message") == "" and page.is_ready())
+    assert float(page.browser.execute_script(pale, "wigner_nu")) == 1
 
 
 def test_a_coordinate_can_be_typed_into_the_table(page: Page) -> None:
@@ -433,7 +591,8 @@ def test_a_near_field_comes_coarse_first_and_keeps_nobody_waiting(page: Page) ->
     page.wait_until(lambda: len(page.state().rings[0]) == 10 and page.is_ready())
     page.set("views", "active", [*views, 5])
     page.wait_until(lambda: len(pixels(page, "rays_near")) == 16)
-    assert "computing" in page.text("busy")  # what is finer takes seconds
+    assert "computing near field, " in page.text("busy")  # what is finer takes seconds
+    assert "0 of 1 pictures done" in page.text("busy")  # the others are as they were
     before = page.text("values")
     page.set("x", "value", 0.5)
     page.wait_until(lambda: page.text("values") != before)

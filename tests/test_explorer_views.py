@@ -33,9 +33,9 @@ from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.history import History
 from polywigner.explorer.needs import needed
 from polywigner.explorer.readings import Readings
-from polywigner.explorer.results import results, stages
+from polywigner.explorer.results import queue, results, stages
 from polywigner.explorer.scheduler import Scheduler
-from polywigner.explorer.shown import shown
+from polywigner.explorer.shown import power_of_ten, shown
 from polywigner.explorer.state import LARGEST_QUERY, State, from_query, to_query
 
 WAIT = 5.0  # seconds, for another thread on a loaded machine
@@ -46,6 +46,7 @@ RAYS_DB = 0.3  # rays against the exact field at 16 wavelengths, see docs/propag
 BEAM_SHIFT = 1.0  # degrees: elements radiate less aside, which pulls a beam of 8 degrees back
 SMALL_ELEMENT = (((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)),)
 
+SIXTY = State(rings=editing.rings_of_aperture(pw.shapes.disc(5, 60)))
 HOLED = State(
     rings=(
         ((-6.0, -6.0), (6.0, -6.0), (6.0, 6.0), (-6.0, 6.0)),
@@ -145,12 +146,39 @@ def test_a_new_vertex_goes_into_the_nearest_edge_and_can_be_taken_out_again() ->
     assert [len(ring) for ring in more] == [4, 5, 3]
     assert more[1][2] == (2.5, 0.0)
     row = editing.rows_of_rings(more).index((2, 2.5, 0.0))
-    assert editing.without_vertex(more, row) == rings
+    assert editing.without_vertex(more, row) == (rings, "")
 
 
-def test_an_outline_of_two_vertices_is_gone() -> None:
-    assert editing.without_vertex(HOLED.rings, 9) == HOLED.rings[:2]
+def test_an_outline_of_two_vertices_is_gone_and_said_to_be() -> None:
+    rings, farewell = editing.without_vertex(HOLED.rings, 9)
+    assert rings == HOLED.rings[:2]
+    assert "Outline 3" in farewell and "Undo" in farewell
     assert editing.rings_of_rows(editing.rows_of_rings(HOLED.rings)) == HOLED.rings
+
+
+def triangle(size: float) -> tuple[tuple[float, float], ...]:
+    return (-size, -size), (size, -size), (0.0, size)
+
+
+@pytest.mark.parametrize(
+    ("vertex", "left"), [(0, (2, 3)), (3, (0, 3)), (6, (0, 1)), (9, (0, 1, 2))]
+)
+def test_what_stays_of_nested_outlines_keeps_its_side(vertex: int, left: tuple[int, ...]) -> None:
+    """An outline takes what lies directly in it along: a hole would become an aperture."""
+    rings = tuple(map(triangle, (16.0, 8.0, 4.0, 2.0)))
+    found, farewell = editing.without_vertex(rings, vertex)
+    assert found == tuple(rings[k] for k in left)
+    gone = [k for k in range(4) if k not in left]
+    assert all(str(k + 1) in farewell for k in gone)
+    solid = [k % 2 == 0 for k in left]  # by the number of outlines around each, before
+    assert solid == [k % 2 == 0 for k in range(len(found))]
+
+
+def test_outlines_that_go_together_with_all_their_vertices_are_counted() -> None:
+    rings = tuple(map(triangle, (16.0, 8.0)))
+    assert editing.without_lost(rings, {1: rings[1]})[0] == ()
+    assert editing.without_lost(rings, {0: rings[0]})[0] == rings[:1]
+    assert editing.without_lost(rings, dict(enumerate(rings))) == (rings, "")
 
 
 def test_the_page_begins_in_the_unit_of_the_file(tmp_path: Path) -> None:
@@ -335,6 +363,31 @@ def test_exported_values_are_those_of_the_view_and_carry_the_link() -> None:
 @pytest.mark.parametrize(("suffix", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml")])
 def test_views_are_exported_as_pictures(name: str, suffix: str, start: bytes) -> None:
     assert exports.picture_file(State(), name, suffix).startswith(start)
+
+
+@pytest.mark.parametrize(("unit", "number"), [("m", "10⁻⁹ m⁴"), ("mm", "7974 mm⁴"), ("nm", "nm⁴")])
+def test_the_peak_is_named_in_the_unit_of_the_page(unit: Any, number: str) -> None:
+    picture = views.fourier(State(), SMALL + 1)
+    assert number in shown(picture, "F", unit=unit).bar
+    assert f"{unit}²" in shown(picture, "F", "real", unit=unit).bar
+
+
+@pytest.mark.parametrize(
+    ("value", "exponent"),
+    [(0.0, 0), (400.0, 0), (-9999.0, 0), (0.01, 0), (2e4, 3), (-4e-6, -6), (4e-4, -6), (4e18, 18)],
+)
+def test_what_is_too_long_for_a_colour_bar_is_written_beside_it(
+    value: float, exponent: int
+) -> None:
+    assert power_of_ten(value) == exponent
+    assert exponent == 0 or 1 <= abs(value) / 10.0**exponent < 1000
+
+
+def test_pictures_are_computed_in_the_order_that_the_page_says() -> None:
+    names = ("fourier", "wigner_nu", "far", "values")
+    found = [r for r in results(SIXTY, names) if r is not None]
+    order = [(r.name, r.value.samples if isinstance(r.value, views.Picture) else 0) for r in found]
+    assert order[1:] == queue(names, views.edges_of(SIXTY))
 
 
 @pytest.mark.parametrize(("part", "low"), [("level", -40), ("real", -1), ("phase", -180)])

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
 
 from polywigner.explorer.state import Point, Ring
 from polywigner.geometry import Aperture
@@ -18,6 +21,7 @@ __all__ = [
     "with_vertex_after",
     "with_vertex_at",
     "with_vertex_near",
+    "without_lost",
     "without_vertex",
 ]
 
@@ -77,10 +81,52 @@ def rings_of_rows(rows: Sequence[tuple[int, float, float]]) -> Rings:
     return tuple(ring for ring in rings if len(ring) >= 3)
 
 
-def without_vertex(rings: Rings, row: int) -> Rings:
-    """Without the vertex of one row of the table, and without the outline if two are left."""
+def without_vertex(rings: Rings, row: int) -> tuple[Rings, str]:
+    """Without the vertex of one row of the table; further as :func:`without_lost`."""
     rows = rows_of_rings(rings)
-    return rings_of_rows(rows[:row] + rows[row + 1 :])
+    del rows[row]
+    left = [tuple((x, y) for n, x, y in rows if n == k + 1) for k in range(len(rings))]
+    return without_lost(rings, dict(enumerate(left)))
+
+
+def without_lost(rings: Rings, left: Mapping[int, Ring]) -> tuple[Rings, str]:
+    """Outlines of which three vertices are left, and a sentence about the others, if there are any.
+
+    What lies in an outline that goes would change from a hole to an aperture, or back: it goes too.
+
+    Parameters
+    ----------
+    rings : outlines before.
+    left : what is left of each, by its number from 0; none of those that are gone altogether.
+    """
+    short = {k for k in range(len(rings)) if len(left.get(k, ())) < 3}
+    gone = set(short)
+    around = [_around(rings, k) for k in range(len(rings))] if short else []
+    for k in sorted(range(len(around)), key=lambda k: len(around[k])):  # outer ones first
+        if len(around[k] & gone) % 2:
+            gone.add(k)
+    kept = tuple(left[k] for k in range(len(rings)) if k not in gone)
+    return kept, _farewell(short, gone - short)
+
+
+def _around(rings: Rings, k: int) -> set[int]:
+    """Numbers of the outlines around one."""
+    x, y = np.array(rings[k]).T
+    others = (j for j in range(len(rings)) if j != k)
+    return {j for j in others if shapely.contains_xy(shapely.Polygon(rings[j]), x, y).all()}
+
+
+def _farewell(short: set[int], inside: set[int]) -> str:
+    if not short:
+        return ""
+    text = f"{_named(short)} had too few corners left, and went"
+    if inside:
+        text += f"; so did {_named(inside).lower()} in it, which would have changed sides"
+    return f"{text}. Undo brings back what went."
+
+
+def _named(numbers: set[int]) -> str:
+    return f"Outline{'s' * (len(numbers) > 1)} {', '.join(str(k + 1) for k in sorted(numbers))}"
 
 
 def with_vertex_near(rings: Rings, point: Point) -> Rings:

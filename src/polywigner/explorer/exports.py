@@ -120,7 +120,7 @@ def draw_view(state: State, name: str) -> Figure:
             figure = new_figure(0.4 + 4.4 * len(picture.arrays), 4.2)
             panels = figure.subplots(1, len(picture.arrays), squeeze=False)[0]
             for axes, key in zip(panels, picture.arrays, strict=True):
-                _draw(axes, picture, shown(picture, key, state.part), state)
+                _draw(axes, picture, shown(picture, key, state.part, state.unit), state)
         lit = [state.wave, *(f"{key} {text}" for key, text in feeding_of(state))]
         figure.suptitle("; ".join([*lit, _chosen(state, name)]), fontsize=9, wrap=True)
     return figure

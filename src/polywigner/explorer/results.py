@@ -12,7 +12,7 @@ from polywigner.explorer import views
 from polywigner.explorer.sources import source_of
 from polywigner.explorer.state import State
 
-__all__ = ["Result", "final_samples", "results", "stages"]
+__all__ = ["Result", "final_samples", "queue", "results", "stages"]
 
 _EDGES_AT_ONCE = 40
 """Up to so many edges the pictures of transforms are exact at once: 0.1 s in all."""
@@ -48,6 +48,17 @@ def final_samples(state: State, name: str) -> int:
     return stages(name, views.edges_of(state))[-1]
 
 
+def queue(names: tuple[str, ...], edges: int) -> list[tuple[str, int]]:
+    """Views in the order in which they are computed, with their samples along an axis (or 0)."""
+    todo: list[tuple[int, str, int]] = []
+    for name in names:
+        if name in views.PICTURES:
+            todo += [(k, name, n) for k, n in enumerate(stages(name, edges))]
+        else:
+            todo.append((0, name, 0))
+    return [(name, samples) for _, name, samples in sorted(todo, key=lambda entry: entry[0])]
+
+
 def results(state: State, names: tuple[str, ...]) -> Iterator[Result | None]:
     """Views of a state, one after the other, first all coarse ones: ("source" for outlines).
 
@@ -60,14 +71,7 @@ def results(state: State, names: tuple[str, ...]) -> Iterator[Result | None]:
     except PolywignerError as error:
         yield Result("source", error=str(error))
         return
-    edges = views.edges_of(state)
-    todo: list[tuple[int, str, int]] = []
-    for name in names:
-        if name in views.PICTURES:
-            todo += [(k, name, n) for k, n in enumerate(stages(name, edges))]
-        else:
-            todo.append((0, name, 0))
-    for _, name, samples in sorted(todo, key=lambda entry: entry[0]):
+    for name, samples in queue(names, views.edges_of(state)):
         if name == "near":
             yield from _near_results(state, samples)
         else:

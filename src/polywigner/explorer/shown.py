@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.explorer.choices import Part
+from polywigner.explorer.choices import UNITS, Part, Unit
 from polywigner.explorer.views import Picture
 from polywigner.figures.levels import level_db
 
-__all__ = ["FLOOR_DB", "Shown", "shown"]
+__all__ = ["FLOOR_DB", "Shown", "in_unit", "power_of_ten", "shown", "written"]
 
 Scale = Literal["level", "signed", "phase", "unit", "difference"]
 
@@ -24,6 +25,36 @@ _TITLES = {
     "F": "F(ν)", "W": "W(x, ν)", "OTF": "OTF(ξ)", "rays": "Wigner rays",
     "exact": "Kirchhoff, exact", "difference": "rays minus exact",
 }  # fmt: skip
+
+
+_LENGTHS = {"m²": 2, "W/m²": -2}  # powers of length that units of pictures have
+_RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+def in_unit(quantity: str, unit: Unit) -> tuple[float, str]:
+    """From "m²" or "W/m²" to the page's unit of length: the factor, and what it is called then."""
+    return float(UNITS[unit]) ** _LENGTHS.get(quantity, 0), quantity.replace("m²", f"{unit}²")
+
+
+def power_of_ten(value: float) -> int:
+    """The exponent, a multiple of 3, that is taken out of values up to this one, or 0."""
+    size = abs(value)
+    if size == 0 or 1e-2 <= size < 1e4:
+        return 0
+    return 3 * math.floor(math.log10(size) / 3)
+
+
+def written(exponent: int) -> str:
+    """A power of ten as text: 10⁻⁶."""
+    return "10" + str(exponent).translate(_RAISED)
+
+
+def _number(value: float) -> str:
+    """Three digits, and the power of ten if there is one."""
+    exponent = power_of_ten(value)
+    if exponent == 0:
+        return f"{value:.4g}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value / 10.0**exponent:.3g} · {written(exponent)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,17 +71,18 @@ class Shown:
     """The divisor of "signed" values."""
 
 
-def shown(picture: Picture, key: str, part: Part = "level") -> Shown:
-    """One array of a picture.
+def shown(picture: Picture, key: str, part: Part = "level", unit: Unit = "m") -> Shown:
+    """One array of a picture, its peak named in this unit of length.
 
     F is shown as its level (dB of |F|^2 relative to the peak shown), real part or phase; W as it
     is, the OTF by its modulus, irradiances in dB relative to the exact field's peak, differences
     in dB. Real values are divided by their peak, which the colour bar names.
     """
     values, title = picture.arrays[key], _TITLES[key]
+    factor, named = in_unit(picture.unit, unit)
     if key in ("rays", "exact"):
         peak = float(np.max(picture.arrays["exact"]))
-        return _levels(values, peak, title, f"dB relative to {peak:.3g} {picture.unit}")
+        return _levels(values, peak, title, f"dB relative to {_number(peak * factor)} {named}")
     if key == "difference":
         return Shown(values, -_MOST_DB, _MOST_DB, "difference", title, "dB")
     if key == "OTF":
@@ -58,21 +90,19 @@ def shown(picture: Picture, key: str, part: Part = "level") -> Shown:
     if key == "F" and part == "level":
         power = np.abs(values) ** 2
         peak = float(power.max())
-        return _levels(power, peak, "|F(ν)|²", f"dB relative to {peak:.3g} m⁴")
+        bar = f"dB relative to {_number(peak * factor**2)} {unit}⁴"
+        return _levels(power, peak, "|F(ν)|²", bar)
     if key == "F" and part == "phase":
         return Shown(np.degrees(np.angle(values)), -180, 180, "phase", "phase of F(ν)", "degrees")
     if key == "W":
         title = f"{title} over {'x' if picture.name == 'wigner_x' else 'ν'}"
-    return _signed(values.real, f"Re {title}" if key == "F" else title, picture.unit)
+    title = f"Re {title}" if key == "F" else title
+    peak = float(np.max(np.abs(values.real)))
+    ratio = values.real / peak if peak > 0 else values.real
+    bar = f"relative to {_number(peak * factor)} {named}"
+    return Shown(ratio, -1.0, 1.0, "signed", title, bar, peak)
 
 
 def _levels(power: NDArray[Any], peak: float, title: str, bar: str) -> Shown:
     levels = level_db(power, peak if peak > 0 else None, FLOOR_DB)
     return Shown(levels, FLOOR_DB, 0.0, "level", title, bar)
-
-
-def _signed(values: NDArray[np.float64], title: str, unit: str) -> Shown:
-    peak = float(np.max(np.abs(values)))
-    ratio = values / peak if peak > 0 else values
-    bar = f"relative to {peak:.3g} {unit}"
-    return Shown(ratio, -1.0, 1.0, "signed", title, bar, peak)

@@ -22,6 +22,8 @@ from bokeh.util.token import (
 from tornado.routing import PathMatches, Rule
 from tornado.web import ErrorHandler, RequestHandler
 
+from polywigner.explorer.page import theme
+
 __all__ = ["LARGEST_MESSAGE", "Pages", "Turns", "route"]
 
 LARGEST_MESSAGE = 4 << 20
@@ -125,7 +127,10 @@ class _Page(RequestHandler):
         session: Any = SimpleNamespace(token=token, document=Document())
         self.finish(
             server_html_page_for_session(
-                session, resources=app.resources(), title="polywigner explore", template=_WAITING
+                session,
+                resources=app.resources(),
+                title="polywigner explore",
+                template=theme.TEMPLATE + _WAITING,
             )
         )
 

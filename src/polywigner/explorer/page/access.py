@@ -8,12 +8,14 @@ from bokeh.events import DocumentReady
 from bokeh.models import CustomJS, InlineStyleSheet
 from bokeh.models.widgets.widget import Widget
 
+from polywigner.explorer.page import theme
+
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session
 
 __all__ = ["WITH_KEYS", "connect_access"]
 
-_RING = "2px solid #c1440e"
+_RING = "2px solid var(--pw-mark)"
 _FOCUS = f"""
 .bk-btn:focus-visible, .bk-input:focus-visible, input:focus-visible, .noUi-handle:focus-visible {{
   outline: {_RING} !important; outline-offset: 1px; }}
@@ -53,10 +55,12 @@ for (const [group, label] of groups) {
   press()
   group.properties.active.change.connect(press)
 }
-const press = () => view_of(toggle).shadow_el.querySelector("button")
-  .setAttribute("aria-pressed", toggle.active)
-press()
-toggle.properties.active.change.connect(press)
+for (const [toggle, attribute] of toggles) {
+  const press = () => view_of(toggle)?.shadow_el.querySelector("button")
+    .setAttribute(attribute, toggle.active)
+  press()
+  toggle.properties.active.change.connect(press)
+}
 for (const [text, live, label] of texts) {
   const {el} = view_of(text)
   named(el, live === "assertive" ? "alert" : "status", label)
@@ -144,13 +148,17 @@ document.addEventListener("keydown", (event) => {
 def connect_access(session: Session) -> None:
     """Roles and names of what Bokeh leaves without, and the keys of the page."""
     controls, figures = session.controls, session.figures
-    focus = InlineStyleSheet(css=_FOCUS)
+    focus = InlineStyleSheet(css=theme.WIDGETS + _FOCUS)
     for widget in session.page.select({"type": Widget}):
         widget.stylesheets = [*widget.stylesheets, focus]
+    headings = [controls.drawer, *(group.heading for group in controls.groups)]
     known: dict[str, Any] = {
         "sliders": [controls.defocus, controls.distance],
         "groups": [(controls.part, "Part of F"), (controls.order, "Order of rays")],
-        "toggle": controls.draw,
+        "toggles": [
+            (controls.draw, "aria-pressed"),
+            *((made, "aria-expanded") for made in headings),
+        ],
         "texts": [
             (controls.message, "assertive", "Messages"),
             (controls.busy, "polite", "State of the computation"),
@@ -161,8 +169,8 @@ def connect_access(session: Session) -> None:
         "figures": figures.all,
         "with_keys": WITH_KEYS,
         "ring": _RING,
-        "side": session.page.children[0],
-        "main": session.page.children[1],
+        "side": session.page.children[1],
+        "main": session.page.children[2],
     }
     ready = session.doc.js_on_event
     ready(DocumentReady, CustomJS(args=known, code=_ROLES))

@@ -10,6 +10,7 @@ from bokeh.models import (
     CellEditor,
     CheckboxGroup,
     ColumnDataSource,
+    CustomJS,
     DataTable,
     Div,
     FileInput,
@@ -36,134 +37,138 @@ VIEWS = {
 """Views that can be hidden, and are then not computed."""
 STARTS_WITH = ("fourier", "wigner_nu", "wigner_x", "otf", "far")
 
-_WIDTH = 300
 _TAKE = {name: VIEWS[name] for name in SNIPPETS}
 _FILES = {"png": "PNG", "svg": "SVG", "npz": ".npz", "py": "Python"}
+_WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (2, 4, 3, 4)}
+_HEAD: dict[str, Any] = {"sizing_mode": "fixed", "height": 30, "margin": (0, 3, 0, 3)}
+_TABLE_HEIGHT = 150  # pixels
 
 
-def _heading(text: str) -> Div:
-    return Div(text=f"<b>{text}</b>", width=_WIDTH, margin=(8, 5, 0, 5))
+def _row(*widgets: Any) -> Any:
+    return row(*widgets, sizing_mode="stretch_width")
+
+
+class Group:
+    """Controls below a heading that opens and closes them."""
+
+    def __init__(self, name: str, title: str, height: int, *widgets: Any) -> None:
+        self.height = height  # pixels of what is below: which groups a window has room for
+        self.heading = Toggle(
+            label=title, active=True, name=f"group_{name}", sizing_mode="stretch_width",
+            margin=(0, 0, 0, 0), css_classes=["heading"],
+        )  # fmt: skip
+        self.body = column(
+            *widgets, sizing_mode="stretch_width", margin=(2, 4, 8, 4), name=f"body_{name}"
+        )
+        show = CustomJS(args={"body": self.body}, code="body.visible = cb_obj.active")
+        self.heading.js_on_change("active", show)
 
 
 class Controls:
     """All widgets of one visitor; what they do is the session's business."""
 
     def __init__(self) -> None:
-        half = _WIDTH // 2 - 10
         shapes = [(name, name) for name in (*CATALOGUE, "blank sheet")]
         self.shape = Select(title="Start from", options=[("", "choose a shape …"), *shapes],
-                            value="", name="shape", width=_WIDTH)  # fmt: skip
-        self.unit = Select(title="Length unit", options=list(UNITS), name="unit", width=half)
+                            value="", name="shape", **_WIDE)  # fmt: skip
+        self.unit = Select(title="Length unit", options=list(UNITS), name="unit", **_WIDE)
         self.upload = FileInput(
-            accept=".geojson,.json,.wkt,.csv,.svg,.dxf,.txt", name="upload", width=_WIDTH,
+            accept=".geojson,.json,.wkt,.csv,.svg,.dxf,.txt", name="upload", **_WIDE,
             title="or a file (GeoJSON, WKT, CSV, SVG, DXF; 1 MiB)",
         )  # fmt: skip
-        self.draw = Toggle(label="Draw an outline", name="draw", width=half)
-        self.finish = Button(label="Finish outline", name="finish", width=half, disabled=True)
-        self.undo = Button(label="Undo", name="undo", width=half)
-        self.redo = Button(label="Redo", name="redo", width=half)
-        self.delete = Button(label="Delete vertex", name="delete", width=half)
-        self.insert = Button(label="Insert vertex", name="insert", width=half)
-        self.snap = NumericInput(title="Snap to", mode="float", low=0, name="snap", width=half)
+        self.draw = Toggle(label="Draw an outline", name="draw", **_WIDE)
+        self.finish = Button(label="Finish outline", name="finish", **_WIDE, disabled=True)
+        self.undo = Button(label="Undo", name="undo", width=58, **_HEAD)
+        self.redo = Button(label="Redo", name="redo", width=58, **_HEAD)
+        self.delete = Button(label="Delete vertex", name="delete", **_WIDE)
+        self.insert = Button(label="Insert vertex", name="insert", **_WIDE)
+        self.snap = NumericInput(title="Snap to", mode="float", low=0, name="snap", **_WIDE)
         self.rows = ColumnDataSource({"ring": [], "x": [], "y": []}, name="rows")
         self.table = DataTable(
-            source=self.rows, editable=True, width=_WIDTH, height=170, name="table",
+            source=self.rows, editable=True, **_WIDE, height=_TABLE_HEIGHT, name="table",
             index_position=None, autosize_mode="fit_columns", sortable=False, reorderable=False,
             columns=[
                 TableColumn(field="ring", title="outline", editor=CellEditor(), width=60),
-                TableColumn(field="x", title="x", editor=NumberEditor(), width=115),
-                TableColumn(field="y", title="y", editor=NumberEditor(), width=115),
+                TableColumn(field="x", title="x", editor=NumberEditor(), width=100),
+                TableColumn(field="y", title="y", editor=NumberEditor(), width=100),
             ],
         )  # fmt: skip
-        self.wave = TextInput(title="Frequency or wavelength", name="wave", width=half)
-        self.taper = TextInput(title="Taper", placeholder="taylor 30 dB", name="taper",
-                               width=half)  # fmt: skip
-        self.array = TextInput(title="Array", placeholder="4 x 4, 12 mm", name="array", width=half)
+        self.wave = TextInput(title="Frequency or wavelength", name="wave", **_WIDE)
+        self.taper = TextInput(title="Taper", placeholder="taylor 30 dB", name="taper", **_WIDE)
+        self.array = TextInput(title="Array", placeholder="4 x 4, 12 mm", name="array", **_WIDE)
         self.window = TextInput(title="Window of the array", placeholder="taylor 25 dB",
-                                name="window", width=half)  # fmt: skip
+                                name="window", **_WIDE)  # fmt: skip
         self.steering = TextInput(title="Steering θ, φ", placeholder="20 deg, 90 deg",
-                                  name="steering", width=half)  # fmt: skip
+                                  name="steering", **_WIDE)  # fmt: skip
         self.reach = NumericInput(title="Largest sin θ (0: auto)", mode="float", low=0, high=1,
-                                  name="reach", width=half)  # fmt: skip
+                                  name="reach", **_WIDE)  # fmt: skip
         self.x, self.y, self.nu_x, self.nu_y = (
-            NumericInput(title=title, mode="float", name=name, width=half)
+            NumericInput(title=title, mode="float", name=name, **_WIDE)
             for title, name in (("x", "x"), ("y", "y"), ("ν_x", "nu_x"), ("ν_y", "nu_y"))
         )
-        self.whole = Button(label="Undo zoom", name="whole", width=half)
-        self.part = RadioButtonGroup(labels=["dB", "real part", "phase"], name="part",
-                                     width=_WIDTH)  # fmt: skip
+        self.whole = Button(label="Undo zoom", name="whole", width=86, **_HEAD)
+        self.part = RadioButtonGroup(labels=["dB", "real part", "phase"], name="part", **_WIDE)
         self.defocus = Slider(title="Defocus W20 (waves)", start=-4, end=4, step=0.05, value=0,
-                              name="defocus", width=_WIDTH)  # fmt: skip
+                              name="defocus", **_WIDE)  # fmt: skip
         self.distance = Slider(title="Near field at z", start=1, end=200, step=1, value=50,
-                               name="distance", width=_WIDTH)  # fmt: skip
-        self.order = RadioButtonGroup(labels=["rays: leading order", "third order"], name="order",
-                                      width=_WIDTH)  # fmt: skip
-        self.views = CheckboxGroup(labels=list(VIEWS.values()), name="views",
-                                   width=_WIDTH)  # fmt: skip
+                               name="distance", **_WIDE)  # fmt: skip
+        self.order = RadioButtonGroup(labels=["leading order", "third order"], name="order",
+                                      **_WIDE)  # fmt: skip
+        self.views = CheckboxGroup(labels=list(VIEWS.values()), name="views", inline=True, **_WIDE)
         self.views.active = [list(VIEWS).index(name) for name in STARTS_WITH]
         self.take = Select(title="Take away", options=list(_TAKE.items()), value="wigner_nu",
-                           name="take", width=_WIDTH)  # fmt: skip
-        quarter = _WIDTH // 4 - 10
+                           name="take", **_WIDE)  # fmt: skip
         self.files = {
-            kind: Button(label=label, name=f"take_{kind}", width=quarter)
+            kind: Button(label=label, name=f"take_{kind}", **_WIDE)
             for kind, label in _FILES.items()
         }
         self.outlines = {
-            "geojson": Button(label="Aperture: GeoJSON", name="take_geojson", width=half),
-            "outline_svg": Button(label="Aperture: SVG", name="take_outline_svg", width=half),
+            "geojson": Button(label="Aperture: GeoJSON", name="take_geojson", **_WIDE),
+            "outline_svg": Button(label="Aperture: SVG", name="take_outline_svg", **_WIDE),
         }
         self.code = TextAreaInput(title="Python that computes this view", name="code", rows=9,
-                                  cols=40, width=_WIDTH, max_length=None)  # fmt: skip
+                                  cols=40, **_WIDE, max_length=None)  # fmt: skip
         # of one height: a message must not move the figures under the pointer
-        self.message = Div(
-            text="",
-            name="message",
-            height=46,
-            sizing_mode="stretch_width",
-            styles={"overflow-y": "auto"},
-        )
-        self.note = Div(text="", name="note", width=_WIDTH)
-        self.busy = Div(text="", name="busy", width=130)
-        self.values = Div(text="", name="values", width=_WIDTH)
+        self.message = Div(text="", name="message", height=36, sizing_mode="stretch_width",
+                           margin=(0, 6, 0, 6), styles={"overflow-y": "auto"})  # fmt: skip
+        self.note = Div(text="", name="note", **_WIDE)
+        self.busy = Div(text="", name="busy", height=36, width=250, margin=(0, 6, 0, 6))
+        self.values = Div(text="", name="values", **_WIDE)
         self.link = TextInput(value="", name="link", visible=False)
-        self.tour_text = Div(name="tour", width=_WIDTH)
-        self.tour = Button(label="What am I looking at?", name="tour_next", width=half + 40)
-        self.tour_back = Button(label="Back", name="tour_back", width=60, visible=False)
+        self.tour_text = Div(name="tour", visible=False, styles={"flex": "1 0 100%"},
+                             margin=(2, 10, 2, 10))  # fmt: skip
+        self.tour = Button(label="What am I looking at?", name="tour_next", width=150, **_HEAD)
+        self.tour_back = Button(label="Back", name="tour_back", visible=False, width=58, **_HEAD)
+        self.drawer = Toggle(label="Controls", active=True, name="drawer", width=76, **_HEAD)
+        self.groups = [
+            Group(
+                "outline", "Outline", 213, self.shape, self.upload, _row(self.unit, self.snap),
+                _row(self.draw, self.finish), _row(self.insert, self.delete),
+            ),
+            Group("light", "Light", 155, _row(self.wave, self.steering),
+                  _row(self.taper, self.array), _row(self.window, self.reach)),
+            Group("views", "Views", 222, self.views, self.part, self.defocus, self.distance,
+                  self.order, self.note),
+            Group("vertices", "Vertices", 165, self.table),
+            Group("take", "Take away", 266, self.take, _row(*self.files.values()),
+                  _row(*self.outlines.values()), self.code),
+        ]  # fmt: skip
+
+    def head(self) -> Any:
+        """The line above all."""
+        return row(
+            self.drawer, self.undo, self.redo, self.whole, self.busy, self.message,
+            self.tour_back, self.tour, self.tour_text, name="head",
+        )  # fmt: skip
 
     def side(self) -> Any:
         """The column at the left."""
+        groups = [part for group in self.groups for part in (group.heading, group.body)]
+        return column(*groups, self.link)
+
+    def point(self) -> Any:
+        """The chosen point and the values there, among the figures."""
+        title = Div(text="<b>Chosen point</b>", **_WIDE)
         return column(
-            row(self.tour_back, self.tour),
-            self.tour_text,
-            _heading("Aperture"),
-            self.shape,
-            self.upload,
-            row(self.unit, self.snap),
-            row(self.draw, self.finish),
-            row(self.insert, self.delete),
-            row(self.undo, self.redo),
-            self.table,
-            _heading("Light"),
-            row(self.wave, self.steering),
-            row(self.taper, self.array),
-            row(self.window, self.reach),
-            _heading("Chosen point"),
-            row(self.x, self.y),
-            row(self.nu_x, self.nu_y),
-            self.values,
-            _heading("Views"),
-            self.views,
-            self.whole,
-            self.part,
-            self.defocus,
-            self.distance,
-            self.order,
-            self.note,
-            _heading("Take away"),
-            self.take,
-            row(*self.files.values()),
-            row(*self.outlines.values()),
-            self.code,
-            self.link,
-            width=_WIDTH + 20,
+            title, _row(self.x, self.y), _row(self.nu_x, self.nu_y), self.values, name="point"
         )

@@ -45,7 +45,7 @@ def connect_downloads(session: Session) -> None:
     # what nothing in the page refers to is not sent to it
     known = {
         "link": controls.link, "files": session.downloads, "keys": session.keys,
-        "refused": session.refused, "pointed": session.pointed,
+        "refused": session.refused, "pointed": session.pointed, "stale": session.status.stale,
     }  # fmt: skip
     controls.link.js_on_change("value", CustomJS(args=known, code=script.ADDRESS))
     on_change(session, controls.take, "value", lambda _: show_code(controls, session.state))

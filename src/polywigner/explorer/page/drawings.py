@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from bokeh.core.properties import value
-from bokeh.models import ColumnDataSource, PointDrawTool, Scatter
+from bokeh.models import CDSView, ColumnDataSource, GroupFilter, PointDrawTool, Scatter
 
 from polywigner.explorer.page.pictures import plain_figure
 from polywigner.explorer.state import State
@@ -16,8 +16,10 @@ from polywigner.explorer.views import Cuts, Outlines
 
 __all__ = ["ApertureFigure", "LagFigure", "PolarFigure"]
 
-_INK, _TINT, _ACCENT = "#1f3b57", "#c6d7e6", "#c1440e"
+_INK, _TINT, _ACCENT = "#2f6da8", "#8fb8dd", "#d4561f"  # seen on white and on black
 _HANDLES = ((60, 10), (150, 7), (math.inf, 4))  # vertices, and the pixels of each
+_MOST_HANDLES = 200  # a page with more to paint and to look through answers a hand late
+_TITLE = "Aperture (full), support of W (pale)"
 _SPAN = 40.0  # dB, of the polar plot
 
 
@@ -37,24 +39,25 @@ class ApertureFigure:
     """The outline with its vertices to drag, the support of W, and the chosen position."""
 
     def __init__(self) -> None:
-        self.figure = made = plain_figure("Aperture (dark), support of W (light)", "aperture")
+        self.figure = made = plain_figure(_TITLE, "aperture")
         self.support, self.filled = _empty(), _empty()
-        self.outline = ColumnDataSource({"xs": [], "ys": []}, name="outline")
-        self.vertices = ColumnDataSource({"x": [], "y": [], "ring": []}, name="vertices")
+        self.outline = ColumnDataSource({"xs": [], "ys": [], "number": []}, name="outline")
+        columns: dict[str, list[Any]] = {"x": [], "y": [], "ring": [], "handle": []}
+        self.vertices = ColumnDataSource(columns, name="vertices")
         self.pending = ColumnDataSource({"x": [], "y": []})
         self.cross = ColumnDataSource({"x": [], "y": []})
-        columns = {"xs": "xs", "ys": "ys"}
-        made.multi_polygons(**columns, source=self.support, color=_TINT, line_color="#9bb5cc")
-        made.multi_polygons(**columns, source=self.filled, color=_INK, line_color=None)
+        both = {"xs": "xs", "ys": "ys"}
+        made.multi_polygons(**both, source=self.support, color=_TINT, fill_alpha=0.35)
+        made.multi_polygons(**both, source=self.filled, color=_INK, line_color=None)
         edges = made.patches(
-            **columns, source=self.outline, fill_alpha=0.0, line_color=_INK, line_width=2
+            **both, source=self.outline, fill_alpha=0.0, line_color=_INK, line_width=2
         )
         edges.nonselection_glyph = None
         made.line("x", "y", source=self.pending, color=_ACCENT, line_width=2, line_dash="dashed")
         made.scatter("x", "y", source=self.pending, color=_ACCENT, size=7)
         self.handles = handles = made.scatter(
             "x", "y", source=self.vertices, size=10, color="white", line_color=_ACCENT,
-            line_width=2,
+            line_width=2, view=CDSView(filter=GroupFilter(column_name="handle", group="yes")),
         )  # fmt: skip
         handles.nonselection_glyph = None
         handles.selection_glyph = Scatter(
@@ -77,10 +80,17 @@ class ApertureFigure:
         """Outline and handles of the state, also of one that is no polygon."""
         xs = [[x for x, _ in ring] for ring in state.rings]
         ys = [[y for _, y in ring] for ring in state.rings]
-        self.outline.data = {"xs": xs, "ys": ys}
+        self.outline.data = {"xs": xs, "ys": ys, "number": [*range(len(xs))]}
         numbers = [k for k, ring in enumerate(state.rings) for _ in ring]
-        self.vertices.data = {"x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers}
+        count = len(numbers)
+        step = math.ceil(count / _MOST_HANDLES) or 1
+        handles = ["yes" if k % step == 0 else "" for k in range(count)]
+        self.vertices.data = {
+            "x": [*chain(*xs)], "y": [*chain(*ys)], "ring": numbers, "handle": handles,
+        }  # fmt: skip
         self.vertices.selected.indices = []
+        few = f"Aperture; {handles.count('yes')} handles, {count} vertices"
+        self.figure.title.text = _TITLE if step == 1 else few
         self.handles.glyph.size = next(s for most, s in _HANDLES if len(numbers) <= most)
 
     @property
@@ -91,6 +101,10 @@ class ApertureFigure:
 
     def choose(self, vertex: int | None) -> None:
         """Select a vertex, or none."""
+        if vertex is not None and not self.vertices.data["handle"][vertex]:
+            handles = [*self.vertices.data["handle"]]
+            handles[vertex] = "yes"
+            self.vertices.data = {**self.vertices.data, "handle": handles}
         self.vertices.selected.indices = [] if vertex is None else [vertex]
 
     def clear(self) -> None:
@@ -135,6 +149,10 @@ class LagFigure:
         self.figure.xaxis.axis_label = f"ξ_x ({state.unit})"
         self.figure.yaxis.axis_label = f"ξ_y ({state.unit})"
 
+    def clear(self) -> None:
+        """No lags."""
+        self.source.data = {"xs": [], "ys": []}
+
 
 class PolarFigure:
     """Directivity in two planes over the angle from the normal, radially in dB."""
@@ -145,9 +163,9 @@ class PolarFigure:
         self.rings = ColumnDataSource({"xs": [], "ys": []})
         self.labels = ColumnDataSource({"x": [], "y": [], "text": []})
         self.cuts = [ColumnDataSource({"x": [], "y": []}) for _ in range(2)]
-        made.multi_line("xs", "ys", source=self.rings, color="#cccccc")
+        made.multi_line("xs", "ys", source=self.rings, color="#8a939c", alpha=0.5)
         made.text("x", "y", "text", source=self.labels, text_font_size="8pt", text_align="center",
-                  text_color="#555555")  # fmt: skip
+                  text_color="#55616c")  # fmt: skip
         for source, name, dash, colour in zip(
             self.cuts, ("φ = 0°", "φ = 90°"), ("solid", "dashed"), (_INK, _ACCENT), strict=True
         ):
@@ -156,7 +174,7 @@ class PolarFigure:
         self._phi = (0.0, np.pi / 2)
         made.legend.location = "bottom_center"
         made.legend.orientation = "horizontal"
-        made.legend.border_line_color = None
+        made.legend.border_line_color = made.legend.background_fill_color = None
         self.reset()
 
     def reset(self) -> None:

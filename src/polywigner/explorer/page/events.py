@@ -15,6 +15,15 @@ from polywigner.explorer import editing, views, windows
 from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.page import script
 from polywigner.explorer.page.downloads import connect_downloads
+from polywigner.explorer.page.drawing import (
+    connect_drawing,
+    corner,
+    finish,
+    near,
+    placed,
+    tolerance,
+    tolerance_of,
+)
 from polywigner.explorer.page.guards import guarded, on_change, on_click, on_event
 from polywigner.explorer.page.keyboard import Keyboard
 from polywigner.explorer.page.show import ORDERS, PARTS
@@ -27,7 +36,6 @@ if TYPE_CHECKING:
 __all__ = ["connect"]
 
 _REST = 1.0  # seconds
-_NEAR_VERTEX = 0.02  # of the window: a click there means the vertex
 
 
 def connect(session: Session) -> None:
@@ -53,12 +61,10 @@ def _connect_outline(session: Session) -> None:
             session.edit(step=False, rings=editing.snapped(session.state.rings, session.state.snap))
 
     def edited(data: Any) -> None:
-        rings = tuple(
-            tuple(zip(map(float, xs), map(float, ys), strict=True))
-            for xs, ys in zip(data["xs"], data["ys"], strict=True)
-            if len(xs) >= 3
-        )
-        rings = editing.rounded_where_new(rings, session.state.rings, _tolerance_of(session))
+        columns = zip(data["number"], data["xs"], data["ys"], strict=True)
+        left = {k: tuple(zip(map(float, xs), map(float, ys), strict=True)) for k, xs, ys in columns}
+        rings, farewell = editing.without_lost(session.state.rings, left)
+        rings = editing.rounded_where_new(rings, session.state.rings, tolerance_of(session))
         if rings == session.state.rings:
             session.signals.data = {"busy": [0]}
             return
@@ -66,12 +72,13 @@ def _connect_outline(session: Session) -> None:
         same = moved and (drag["on"] or time.monotonic() < drag["until"])
         step = not (drag["started"] and same)
         drag["started"] = bool(drag["on"] or not step)
-        session.edit(step=step, edges=False, rings=rings)
+        session.edit(step=step, edges=bool(farewell), rings=rings)
+        session.add(farewell)
 
     on_event(session, drawn.figure, PanStart, lambda _: dragging(True))
     on_event(session, drawn.figure, PanEnd, lambda _: dragging(False))
     on_change(session, drawn.outline, "data", edited)
-    _connect_drawing(session)
+    connect_drawing(session)
     on_click(session, controls.undo, lambda: session.go(session.history.undone()))
     on_click(session, controls.redo, lambda: session.go(session.history.redone()))
     on_click(session, controls.delete, lambda: _delete(session))
@@ -79,6 +86,8 @@ def _connect_outline(session: Session) -> None:
     typed = guarded(session, partial(_from_table, session))
     # a cell: Bokeh is still at it, and must not find other data
     on_change(session, controls.rows, "data", lambda _: session.doc.add_next_tick_callback(typed))
+    known = {"table": controls.table, "rows": controls.rows}
+    controls.rows.js_on_change("data", CustomJS(args=known, code=script.REPAINT))
     on_change(session, controls.shape, "value", lambda name: _start_from(session, name))
     arrived = guarded(session, partial(_upload, session))
     # the name of a file comes after its content
@@ -109,7 +118,7 @@ def _selected(session: Session) -> int | None:
 def _delete(session: Session) -> None:
     row = _selected(session)
     if row is not None:
-        session.edit(rings=editing.without_vertex(session.state.rings, row))
+        session.delete(row)
 
 
 def _insert(session: Session) -> None:
@@ -150,11 +159,11 @@ def _pressed(session: Session, keyboard: Keyboard, data: Any) -> None:
     key, figure, shift = data["key"][0], data["figure"][0], bool(data["shift"][0])
     drawing = session.controls.draw.active
     if key == "finish":
-        _finish(session)
+        finish(session)
     elif drawing and key == "Escape":
         session.controls.draw.active = False
     elif drawing and key == " " and figure == "aperture":
-        _corner(session, session.state.x)
+        corner(session, session.state.x)
     else:
         keyboard.pressed(key, figure, shift)
 
@@ -165,74 +174,13 @@ def _row_selected(session: Session, rows: list[int]) -> None:
         session.figures.aperture.choose(rows[0])
 
 
-def _connect_drawing(session: Session) -> None:
-    controls = session.controls
-
-    def toggled(active: bool) -> None:
-        session.pending.clear()
-        session.figures.aperture.pending.data = {"x": [], "y": []}
-        controls.finish.disabled = not active
-        controls.draw.button_type = "primary" if active else "default"
-        session.say(
-            "Click the corners one after the other (or go there by arrows, and press the space "
-            "bar); click the first one again, or press Enter, to close the outline. Esc gives up."
-            if active
-            else "",
-            hint=True,
-        )
-
-    on_change(session, controls.draw, "active", toggled)
-    on_click(session, controls.finish, lambda: _finish(session))
-
-
-def _finish(session: Session) -> None:
-    """Close the outline that is being drawn."""
-    if not session.controls.draw.active:
-        return
-    ring = tuple(session.pending)
-    session.controls.draw.active = False
-    if len(ring) < 3:
-        session.say("An outline needs three corners at least.")
-        return
-    session.edit(rings=(*session.state.rings, ring))
-
-
-def _tolerance(figure: Any) -> float:
-    return _NEAR_VERTEX * abs(figure.x_range.end - figure.x_range.start)
-
-
-def _near(session: Session, a: tuple[float, float], b: tuple[float, float]) -> bool:
-    reach = _tolerance(session.figures.aperture.figure)
-    return abs(a[0] - b[0]) < reach and abs(a[1] - b[1]) < reach
-
-
 def _tapped(session: Session, event: Any) -> None:
     """A click into the aperture: a corner of a new outline, a vertex, or a position."""
     point = (float(event.x), float(event.y))
     if session.controls.draw.active:
-        _corner(session, editing.rounded(point, _tolerance_of(session)))
-    elif not any(_near(session, point, v) for ring in session.state.rings for v in ring):
-        session.edit(step=False, edges=False, x=editing.rounded(point, _tolerance_of(session)))
-
-
-def _placed(session: Session, point: tuple[float, float]) -> tuple[float, float]:
-    """On the raster, if there is one."""
-    ((placed,),) = editing.snapped(((point,),), session.state.snap)
-    return placed
-
-
-def _corner(session: Session, point: tuple[float, float]) -> None:
-    """Another corner of the outline that is being drawn, or its first once more."""
-    if len(session.pending) >= 3 and _near(session, point, session.pending[0]):
-        _finish(session)
-        return
-    session.pending.append(_placed(session, point))
-    x, y = zip(*session.pending, strict=True)
-    session.figures.aperture.pending.data = {"x": list(x), "y": list(y)}
-
-
-def _tolerance_of(session: Session) -> float:
-    return _tolerance(session.figures.aperture.figure) / 20
+        corner(session, editing.rounded(point, tolerance_of(session)))
+    elif not any(near(session, point, v) for ring in session.state.rings for v in ring):
+        session.edit(step=False, edges=False, x=editing.rounded(point, tolerance_of(session)))
 
 
 def _connect_points(session: Session) -> None:
@@ -246,7 +194,7 @@ def _connect_points(session: Session) -> None:
 
     def choose(name: str, event: Any) -> None:
         figure = figures.by_name(event_figures[name])
-        point = editing.rounded((float(event.x), float(event.y)), _tolerance(figure) / 20)
+        point = editing.rounded((float(event.x), float(event.y)), tolerance(figure) / 20)
         session.edit(step=False, edges=False, **{"x" if name == "wigner_x" else "nu": point})
 
     event_figures = {name: name for name in ("fourier", "wigner_nu", "wigner_x")}
@@ -264,8 +212,8 @@ def _connect_points(session: Session) -> None:
 
 def _doubled(session: Session, event: Any) -> None:
     if not session.controls.draw.active:
-        point = _placed(session, editing.rounded((event.x, event.y), _tolerance_of(session)))
-        if not any(_near(session, point, v) for ring in session.state.rings for v in ring):
+        point = placed(session, editing.rounded((event.x, event.y), tolerance_of(session)))
+        if not any(near(session, point, v) for ring in session.state.rings for v in ring):
             session.edit(rings=editing.with_vertex_near(session.state.rings, point))
 
 

@@ -91,10 +91,12 @@ class Keyboard:
             session.figures.aperture.choose(None)
             session.say("")
         elif key in ("Insert", "Delete") and chosen is not None:
-            change = editing.with_vertex_after if key == "Insert" else editing.without_vertex
-            session.edit(rings=change(session.state.rings, chosen))
             self._last = (-1, 0.0)
-            self.choose(chosen + (key == "Insert"))
+            if key == "Insert":
+                session.edit(rings=editing.with_vertex_after(session.state.rings, chosen))
+                self.choose(chosen + 1)
+            elif not session.delete(chosen):
+                self.choose(chosen)
 
     def _vertices(self) -> list[tuple[float, float]]:
         return [(x, y) for _, x, y in editing.rows_of_rings(self.session.state.rings)]

@@ -10,15 +10,15 @@ from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMappe
 from bokeh.plotting import figure
 from numpy.typing import NDArray
 
-from polywigner.explorer.shown import Shown
+from polywigner.explorer.shown import Shown, power_of_ten, written
 from polywigner.explorer.state import State
 from polywigner.explorer.views import Picture
 from polywigner.figures.style import LEVEL_MAP, SIGNED_MAP
 
 __all__ = ["ImageFigure", "coloured", "palette", "plain_figure", "replaced"]
 
-_SIDE = 235
-"""Side of the square that is drawn into, in pixels: three columns beside the controls."""
+_SIDE = 256
+"""Side of the square that is drawn into, in pixels, until the page has measured its window."""
 _MAPS = {"level": LEVEL_MAP, "unit": LEVEL_MAP, "phase": "twilight", "difference": SIGNED_MAP}
 _SIDES = {"level": "dB", "phase": "°", "difference": "dB"}
 _NO_COLOUR = "#dddddd"  # of what is not a number
@@ -67,19 +67,24 @@ def plain_figure(title: str, name: str, **how: Any) -> Any:
     made = figure(
         title=title, name=name, frame_width=_SIDE, frame_height=_SIDE, match_aspect=True,
         tools="pan,wheel_zoom", active_scroll="wheel_zoom", toolbar_location=None,
-        x_range=Range1d(-1, 1), y_range=Range1d(-1, 1), min_border_left=55, min_border_right=52,
-        **how,
+        x_range=Range1d(-1, 1), y_range=Range1d(-1, 1), min_border_left=50, min_border_right=14,
+        background_fill_color=None, border_fill_color=None, outline_line_color="#8a939c",
+        outline_line_alpha=0.4, **how,
     )  # fmt: skip
     made.toolbar.logo = None
-    made.title.text_font_size = "10pt"
+    made.title.text_font_size = "9.5pt"
+    made.axis.axis_label_text_font_size = made.axis.major_label_text_font_size = "8.5pt"
+    made.axis.axis_label_text_font_style = "normal"
+    made.axis.axis_label_standoff = 2
+    made.axis.minor_tick_line_color = None
     made.xgrid.visible = made.ygrid.visible = False
     return made
 
 
-def _title(what: Shown, side: str) -> str:
+def _title(what: Shown, side: str, exponent: int) -> str:
     """The title of a picture: the quantity shown, and the unit of the colour bar."""
     if what.scale in ("signed", "phase"):
-        return f"{what.title} ({side})"
+        return f"{what.title} ({written(exponent) + ' ' if exponent else ''}{side})"
     if what.scale == "unit":
         return what.title
     return f"{what.title}: {what.bar.replace('dB relative to', 'dB re')}"
@@ -107,9 +112,14 @@ class ImageFigure:
                 "x", "y", source=self.cross, marker="cross", size=14, line_width=width,
                 color=colour,
             )  # fmt: skip
-        self.bar = ColorBar(color_mapper=self.mapper, width=10, padding=3, label_standoff=4)
-        self.figure.add_layout(self.bar, "right")
-        self.hover = HoverTool(renderers=[drawn], tooltips=[("value", "@value{0.0000e+0}")])
+        self.bar = ColorBar(
+            color_mapper=self.mapper, height=8, padding=2, label_standoff=3,
+            major_label_text_font_size="8.5pt", background_fill_color=None,
+        )  # fmt: skip
+        self.figure.add_layout(self.bar, "below")
+        self.hover = HoverTool(
+            renderers=[drawn], formatters=dict.fromkeys(("$x", "$y", "@value"), "printf")
+        )
         self.figure.add_tools(self.hover)
         self._window: tuple[Any, ...] = ()
         self._scale = "level"
@@ -126,12 +136,15 @@ class ImageFigure:
         peak = what.peak * per**2 if signed else 1.0
         values = np.asarray(what.values * peak, dtype=np.float32)
         self._frame((left, bottom, width, state.unit))
-        self.mapper.update(low=what.low * peak, high=what.high * peak)
+        # the bar's own formatter would write exponents where there is no room for them
+        exponent = power_of_ten(peak) if signed else 0
+        top = peak / 10.0**exponent
+        self.mapper.update(low=what.low * top, high=what.high * top)
         if what.scale != self._scale:  # so many colours take 5 ms to check
             self._scale = what.scale
             self.mapper.palette = palette(what.scale)
         side = f"{state.unit}²" if signed else _SIDES.get(what.scale, "")
-        self.figure.title.text = _title(what, side)
+        self.figure.title.text = _title(what, side, exponent)
         self.hover.tooltips = self._tooltips(picture, state.unit, side)
         self.source.data = {
             "image": [coloured(what)], "value": [values],
@@ -159,7 +172,10 @@ class ImageFigure:
             (self.figure.yaxis, "_y", "y"),
         ):
             axis.axis_label = f"{plain if self.symbol == 'x' else self.symbol + mark} ({unit})"
-        return [("at", f"$x{{0.0000}}, $y{{0.0000}} {unit}"), ("value", f"@value{{0.0000}} {side}")]
+        return [
+            ("at", f"$x{{%.5g}}, $y{{%.5g}} {unit}"),
+            ("value", f"@value{{%.5g}} {side}"),
+        ]
 
     def _frame(self, window: tuple[Any, ...]) -> None:
         """Ranges only where the window has changed: a visitor's zoom stays."""

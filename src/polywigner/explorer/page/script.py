@@ -4,20 +4,21 @@ the address, the size of figures."""
 from __future__ import annotations
 
 __all__ = [
-    "ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "LOST", "QUICK_PAINT", "REBUILD", "SCROLL",
-    "TEXTS", "UPLOAD",
+    "ADDRESS", "ARRANGE", "DOWNLOAD", "DRAG", "ELAPSED", "LOST", "QUICK_PAINT", "REBUILD",
+    "REPAINT", "SCROLL", "STALE", "TEXTS", "UPLOAD",
 ]  # fmt: skip
 
 _OUTLINE = """
 const drawn = () => {
   const {x, y, ring} = vertices.data
-  const xs = [], ys = [], found = new Map()
+  const xs = [], ys = [], number = []
   for (let k = 0; k < x.length; k++) {
-    if (!found.has(ring[k])) { found.set(ring[k], xs.length); xs.push([]); ys.push([]) }
-    xs[found.get(ring[k])].push(x[k]); ys[found.get(ring[k])].push(y[k])
+    if (!number.includes(ring[k])) { number.push(ring[k]); xs.push([]); ys.push([]) }
+    const place = number.indexOf(ring[k])
+    xs[place].push(x[k]); ys[place].push(y[k])
   }
   const before = JSON.stringify([outline.data.xs, outline.data.ys])
-  return JSON.stringify([xs, ys]) === before ? null : {xs, ys}
+  return JSON.stringify([xs, ys]) === before ? null : {xs, ys, number}
 }
 """
 
@@ -73,29 +74,58 @@ window.polywigner_address = setTimeout(() => {
 }, 200)
 """
 
-# Of a figure's width, 118 pixels are labels and its colour bar. The page is laid out once for all
-# figures: Bokeh would do it for each of their sizes, in seconds.
+# The page is laid out once for all figures: Bokeh would do it for each of their sizes, in seconds.
+# 64 x 106 pixels of a figure are its labels and its colour bar. Controls that there is no room for
+# are closed at first, the last ones before the others.
 ARRANGE = """
+const room = () => {
+  const {clientWidth, clientHeight} = Bokeh.index.find_one(main).el
+  return [clientWidth - 10, clientHeight - 4]
+}
+const best = (count) => {
+  const [width, height] = room()
+  let seen = [0, 1], wide = [0, 1]  // all figures in view, or as wide as they may be
+  for (let columns = 1; columns <= 6; columns++) {
+    const across = Math.floor(width / columns) - 64 - 8
+    const down = Math.floor(height / Math.ceil(count / columns)) - 106 - 4
+    if (Math.min(across, down) > seen[0]) { seen = [Math.min(across, down), columns] }
+    if (across >= 240 || columns === 1) { wide = [across, columns] }
+  }
+  return seen[0] >= 240 ? seen : wide
+}
 const arrange = () => {
-  const {clientWidth} = document.documentElement
-  const room = clientWidth - (clientWidth > narrow ? beside : 0) - 12
-  const columns = Math.max(1, Math.min(4, Math.floor(room / 310)))
-  const side = Math.max(190, Math.min(420, Math.floor(room / columns) - 118))
-  document.documentElement.style.setProperty("--polywigner-columns", columns)
+  const count = figures.filter((figure) => figure.visible).length + 1
+  const [side, columns] = best(count)
+  document.documentElement.style.setProperty("--pw-columns", columns)
   if (figures[0].frame_width === side) { return }
   for (const figure of figures) {
     figure.setv({frame_width: side, frame_height: side}, {silent: true})
   }
   Bokeh.index.find_one(page).invalidate_layout()
 }
-arrange()
-window.addEventListener("resize", arrange)
+const toggled = () => {
+  document.documentElement.style.setProperty("--pw-controls", drawer.active ? "flex" : "none")
+  document.documentElement.style.setProperty("--pw-side", drawer.active ? "max-content" : "0px")
+}
+if (window.innerWidth > narrow) {
+  let left = window.innerHeight - 55 - 29 * groups.length
+  groups.forEach((group, k) => { left -= heights[k]; group.active = left >= 0 })
+} else { drawer.active = false }
+drawer.properties.active.change.connect(toggled)
+toggled()
+new ResizeObserver(arrange).observe(Bokeh.index.find_one(main).el)
+// a finger scrolls the page, but in the outline it moves vertices
+for (const figure of figures) {
+  figure.properties.visible.change.connect(() => setTimeout(arrange))
+  const element = Bokeh.index.find_one(figure)?.canvas_view?.events_el
+  if (element && figure.name !== "aperture") { element.style.touchAction = "pan-y" }
+}
 // the wheel scrolls the page, with Ctrl it zooms a figure
 document.addEventListener("wheel", (event) => {
   if (!event.ctrlKey && !event.metaKey) { event.stopPropagation() }
 }, {capture: true})
 """
-"""The size of figures, and what the wheel does over them."""
+"""The size of figures, which controls are open, and what the wheel does over figures."""
 
 SCROLL = """
 const [name] = pointed.data.figure
@@ -106,8 +136,8 @@ setTimeout(() => Bokeh.index.find_one(figure)?.el.scrollIntoView({block: "neares
 """The figure that the tour is at comes into view."""
 
 LOST = """
-busy.text = "not connected"
-message.text = '<div style="color:#b00020">The connection to the server is lost. Reload this ' +
+busy.text = '<span class="outdated" data-request="0">not connected</span>'
+message.text = '<div class="alert">The connection to the server is lost. Reload this ' +
   'page once polywigner explore runs again: its address has all that you drew.</div>'
 """
 """Said by the page itself: nobody else can."""
@@ -142,6 +172,13 @@ replaced(part?.position, "_update", (update) => function (css) {
 })
 """
 
+# Bokeh 3.9 leaves the cells as they are where all rows are replaced.
+REPAINT = """
+const view = Bokeh.index.find_one(table)
+if (view?.grid) { view.data.init(rows, table.view); view.grid.invalidate() }
+"""
+"""The cells of the table as its rows are."""
+
 TEXTS = """
 for (const model of texts) {
   const view = Bokeh.index.find_one(model)
@@ -149,3 +186,29 @@ for (const model of texts) {
 }
 """
 """Texts in places of their own: Bokeh lays out the whole page anew for a word, in 40 ms."""
+
+ELAPSED = """
+let since = performance.now(), request = null
+setInterval(() => {
+  const line = Bokeh.index.find_one(busy)?.markup_el?.querySelector(".computing")
+  const asked = line?.dataset.request ?? null
+  if (asked !== request) { request = asked; since = performance.now() }
+  const seconds = Math.round((performance.now() - since) / 1000)
+  if (line && seconds >= 2) { line.querySelector(".elapsed").textContent = seconds + " s" }
+}, 500)
+"""
+"""The seconds of a computation, counted by the page: the server may be at one long step."""
+
+STALE = """
+const paint = (pale) => {
+  for (const figure of figures) {
+    const old = stale.data.figure.includes(figure.name), by = old ? "0.4" : ""
+    const style = Bokeh.index.find_one(figure)?.el.style
+    if (style && old === pale && style.opacity !== by) { style.opacity = by }
+  }
+}
+clearTimeout(window.polywigner_stale)
+paint(false)
+window.polywigner_stale = setTimeout(() => paint(true), 700)  // what comes soon changes no style
+"""
+"""Pictures of an older state are pale."""

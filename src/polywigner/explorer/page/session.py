@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -15,6 +14,7 @@ from bokeh.models import ColumnDataSource
 from tornado.ioloop import IOLoop
 
 from polywigner.errors import PolywignerError
+from polywigner.explorer.editing import without_vertex
 from polywigner.explorer.history import History
 from polywigner.explorer.logs import log_fault
 from polywigner.explorer.needs import needed
@@ -25,14 +25,18 @@ from polywigner.explorer.page.guards import guarded
 from polywigner.explorer.page.layout import arranged, connect_layout
 from polywigner.explorer.page.messages import together
 from polywigner.explorer.page.show import Figures, fill, show_code
+from polywigner.explorer.page.status import Status
 from polywigner.explorer.readings import Readings
-from polywigner.explorer.results import Result, results
+from polywigner.explorer.results import Result, queue, results
 from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.state import State, from_query, to_query
+from polywigner.explorer.views import edges_of
 
 __all__ = ["Session", "open_page"]
 
-_GATHERED = 0.03  # seconds for which results wait for each other
+Arrived = tuple[Result, list[tuple[str, int]]]  # with what is still to be computed after it
+
+_GATHERED = 0.03  # seconds that a result waits for others
 
 
 def open_page(doc: Any, start: State, scheduler: Scheduler, readings: Readings) -> Session:
@@ -65,6 +69,7 @@ class Session:
         self.doc, self.scheduler, self.readings = doc, scheduler, readings
         self.history = History(start)
         self.controls, self.figures = Controls(), Figures()
+        self.status = Status(self.controls.busy)
         self.signals = ColumnDataSource({"busy": [0]}, name="signals")
         self.downloads = ColumnDataSource({"name": [], "kind": [], "content": []})
         self.keys = ColumnDataSource({"key": [], "figure": [], "shift": [], "time": []})
@@ -73,6 +78,7 @@ class Session:
         self.pending: list[tuple[float, float]] = []
         self.filling = False
         self.trouble = self.notice = self.reading = ""
+        self.is_outdated = False  # whether the source could not be made, and pictures are older
         self.is_hint = False
         self.wanted = 0  # the number of the newest request
         self.shown: dict[str, State] = {}  # what each view shows in full
@@ -81,10 +87,11 @@ class Session:
         doc.title = "polywigner explore"
         connect(self)
         self.fill()
-        top = [self.controls.busy, self.controls.message]
-        self.page = arranged(self.controls.side(), top, self.figures.grid)
-        connect_layout(doc, self.page, self.figures.all)
+        controls, figures = self.controls, self.figures.all
+        self.page = arranged(controls.head(), controls.side(), figures, controls.point())
+        connect_layout(doc, self.page, figures, controls.drawer, controls.groups)
         connect_access(self)
+        self.status.show_on(doc, self.figures.all)
         doc.add_root(self.page)  # last: a document looks through its models after each change
 
     @property
@@ -111,6 +118,13 @@ class Session:
             self.fill()
             return
         self.go(self.history.then(state) if step else self.history.instead(state), edges)
+
+    def delete(self, vertex: int) -> str:
+        """Take a vertex away, and say what goes with it."""
+        rings, farewell = without_vertex(self.state.rings, vertex)
+        self.edit(rings=rings)
+        self.add(farewell)
+        return farewell
 
     def go(self, history: History, edges: bool = True) -> None:
         """Another history: an edit, undo or redo."""
@@ -150,6 +164,11 @@ class Session:
         self.notice, self.is_hint = text, hint
         self._show_message()
 
+    def add(self, text: str) -> None:
+        """Say what an edit did besides, if anything."""
+        if text:
+            self.say(text, hint=True)
+
     def _show_message(self) -> None:
         lines = [
             (self.reading, True),
@@ -157,8 +176,8 @@ class Session:
             (self.trouble, not self.state.rings),
         ]
         self.controls.message.text = "".join(
-            f'<div role="{"status" if hint else "alert"}" style="color:'
-            f'{"#1f3b57" if hint else "#b00020"}">{escape(text)}</div>'
+            f'<div role="{"status" if hint else "alert"}" class="{"hint" if hint else "alert"}">'
+            f"{escape(text)}</div>"
             for text, hint in lines
             if text
         )
@@ -187,9 +206,11 @@ class Session:
         Those that are shown as they would be computed stay.
         """
         self.wanted += 1
+        self.arrived: set[str] = set()  # views of which there is something of this request
         names = tuple(n for n in self.visible if self.shown.get(n) != needed(self.state, n))
         self.signals.data = {"busy": [1]}
-        self.controls.busy.text = '<span role="status">computing …</span>'
+        self.status.request = self.wanted
+        self.status.computing(names, (), (*names, "lags"))
         self.scheduler.submit(id(self), partial(self._compute, self.state, names, self.wanted))
 
     def _compute(self, state: State, names: tuple[str, ...], number: int) -> Iterator[None]:
@@ -197,16 +218,20 @@ class Session:
 
         Each message costs the browser a frame, of all figures that there are.
         """
-        found: list[Result] = []
-        since = time.monotonic()
+        found: list[Arrived] = []
+        todo: list[tuple[str, int]] = []
+        show = partial(self._show, state, names, found, number)
         for result in results(state, names):
             if result is not None:
-                found.append(result)
-            if found and (result is None or time.monotonic() - since > _GATHERED):
-                self._later(partial(self._show, state, found, number))
-                found, since = [], time.monotonic()
+                if result.name == "source":
+                    todo = [] if result.error else queue(names, edges_of(state))
+                else:
+                    todo = todo[1:]
+                found.append((result, todo))
+                if len(found) <= 1 and todo:  # otherwise one of them is waited for
+                    self._later(show, _GATHERED)
             yield
-        self._later(partial(self._show, state, found, number, is_last=True))
+        self._later(partial(show, is_last=True))
 
     def aside(self, compute: Callable[[], bytes], send: Callable[[bytes], None]) -> None:
         """Compute a file in the scheduler's thread, apart from the views, and send it."""
@@ -222,31 +247,53 @@ class Session:
 
         self.scheduler.submit((id(self), "file"), steps)
 
-    def _later(self, callback: Any) -> None:
+    def _later(self, callback: Any, after: float = 0.0) -> None:
+        """Call this in the page's own thread, so many seconds from now."""
+        if not self.closed:
+            soon = partial(self._soon, callback)
+            self.loop.add_callback(self.loop.call_later, after, soon)
+
+    def _soon(self, callback: Any) -> Any:
         if self.closed:
-            return
+            return None
         with suppress(Exception):  # a visitor leaves in this moment: Bokeh takes the page apart
             session = self.doc.session_context.session
-            if session is None:  # the page is still being made
-                self.doc.add_next_tick_callback(callback)
-            else:
-                self.loop.add_callback(session.with_document_locked, callback)
+            if session is not None:
+                return session.with_document_locked(callback)
+            self.doc.add_next_tick_callback(callback)  # the page is still being made
+        return None
 
-    def _show(self, state: State, found: list[Result], number: int, is_last: bool = False) -> None:
-        if number != self.wanted or self.closed:
+    def _show(
+        self,
+        state: State,
+        names: tuple[str, ...],
+        found: list[Arrived],
+        number: int,
+        is_last: bool = False,
+    ) -> None:
+        if number != self.wanted or self.closed or not (found or is_last):
             return
         with self.filled():
-            for result in found:
+            todo: list[tuple[str, int]] = []
+            while found:
+                result, todo = found.pop(0)
                 self._show_one(state, result)
+                self.arrived.add(result.name)
             if is_last:
-                self.controls.busy.text = '<span role="status">ready</span>'
+                self.status.ready(self.visible, self.is_outdated, not state.rings)
                 self.signals.data = {"busy": [0]}
+            else:
+                stale = [name for name in names if name not in self.arrived]
+                self.status.computing(names, todo, stale)
 
     def _show_one(self, state: State, result: Result) -> None:
         self.shown.pop(result.name, None)
         if result.name == "source":
-            self.trouble = result.error
-            if result.error:
+            self.trouble, self.is_outdated = result.error, bool(result.error)
+            if not state.rings:
+                self.shown.clear()
+                self.figures.clear_all(self.controls)
+            elif result.error:
                 self.trouble += ". What is shown is the last that could be computed."
             self._show_message()
             show_code(self.controls, state)

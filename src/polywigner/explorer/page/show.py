@@ -12,10 +12,9 @@ from polywigner.explorer.editing import rows_of_rings
 from polywigner.explorer.history import History
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.drawings import ApertureFigure, LagFigure, PolarFigure
-from polywigner.explorer.page.layout import figure_grid
 from polywigner.explorer.page.pictures import ImageFigure, replaced
 from polywigner.explorer.results import Result
-from polywigner.explorer.shown import shown
+from polywigner.explorer.shown import in_unit, shown
 from polywigner.explorer.snippets import snippet
 from polywigner.explorer.state import State
 
@@ -78,10 +77,9 @@ class Figures:
         made = {name: image.figure for name, image in self.images.items()}
         self.all = [
             self.aperture.figure, made["fourier"], made["wigner_nu"],
-            self.lags.figure, made["wigner_x"], made["otf"], self.polar.figure,
+            made["wigner_x"], made["otf"], self.polar.figure, self.lags.figure,
             *(made[f"{key}_near"] for key in _NEAR),
         ]  # fmt: skip
-        self.grid = figure_grid(self.all)
 
     def of(self, name: str) -> list[Any]:
         """The Bokeh figures of a view."""
@@ -99,6 +97,12 @@ class Figures:
             controls.note.text = "" if name == "near" else controls.note.text
             for key in [f"{key}_near" for key in _NEAR] if name == "near" else [name]:
                 self.images[key].clear()
+
+    def clear_all(self, controls: Controls) -> None:
+        """Nothing is drawn: no pictures, no values."""
+        self.lags.clear()
+        for name in (*VIEWS, "values"):
+            self.clear(name, controls)
 
     def reset(self) -> None:
         """All figures as they are before anybody zooms."""
@@ -145,27 +149,27 @@ class Figures:
             self.aperture.show_outlines(result.value, state)
             self.lags.show(result.value.lags, state, windows.lag_half(state), state.x)
         elif result.name == "values":
-            controls.values.text = _table_of(result.value)
+            controls.values.text = _table_of(result.value, state)
         elif result.name == "far":
             self.polar.show(result.value)
         elif result.name == "near":
             controls.note.text = result.value.note
             for key in _NEAR:
-                what = shown(result.value, key)
+                what = shown(result.value, key, unit=state.unit)
                 self.images[f"{key}_near"].update(result.value, what, state, None)
         else:
             picture = result.value
             key = next(iter(picture.arrays))
             cross = {"fourier": state.nu, "wigner_nu": state.nu, "wigner_x": state.x}
-            what = shown(picture, key, state.part)
+            what = shown(picture, key, state.part, state.unit)
             self.images[result.name].update(picture, what, state, cross.get(result.name))
 
 
-def _table_of(values: dict[str, tuple[complex, str]]) -> str:
-    rows = "".join(
-        f"<tr><td>{name}</td><td>{_number(value)} {unit}</td></tr>"
-        for name, (value, unit) in values.items()
-    )
+def _table_of(values: dict[str, tuple[complex, str]], state: State) -> str:
+    rows = ""
+    for name, (value, quantity) in values.items():
+        factor, unit = in_unit(quantity, state.unit)
+        rows += f"<tr><td>{name}</td><td>{_number(value * factor)} {unit}</td></tr>"
     return f'<table aria-live="polite">{rows}</table>'
 
 

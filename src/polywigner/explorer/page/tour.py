@@ -19,7 +19,7 @@ STEPS: tuple[tuple[str, str, str], ...] = (
     (
         "aperture",
         "An opening, lit by a plane wave",
-        "The dark shape is an aperture: an antenna patch, a pupil, a hole in a screen. Drag one of "
+        "The full shape is an aperture: an antenna patch, a pupil, a hole in a screen. Drag one of "
         "its corners. Double-click near an edge for a new corner; click a corner and press "
         "Backspace to take it away.",
     ),
@@ -50,7 +50,7 @@ STEPS: tuple[tuple[str, str, str], ...] = (
         "Near field: rays with negative light",
         "W travels along straight rays, so their sum is a near field: here by Wigner rays, beside "
         "it by Kirchhoff's exact integral, then the difference in dB. Move the plane with the "
-        "slider below: nearer than a few wavelengths rays fail. The last box of this column has "
+        'slider among the views: nearer than a few wavelengths rays fail. "Take away" has '
         "the pictures, the numbers and the Python code to take away.",
     ),
 )
@@ -64,13 +64,14 @@ def connect_tour(session: Session) -> None:
 
     def go(by: int) -> None:
         if at["step"] >= 0:
-            session.figures.by_name(STEPS[at["step"]][0]).outline_line_color = "#e5e5e5"
+            session.figures.by_name(STEPS[at["step"]][0]).outline_line_color = "#8a939c"
             session.figures.by_name(STEPS[at["step"]][0]).outline_line_width = 1
         step = at["step"] = at["step"] + by if at["step"] + by < len(STEPS) else -1
         controls.tour_back.visible = step > 0
         if step < 0:
             controls.views.active = list(before)
-            controls.tour_text.text, controls.tour.label = "", "What am I looking at?"
+            controls.tour_text.update(text="", visible=False)
+            controls.tour.label = "What am I looking at?"
             return
         figure, heading, text = STEPS[step]
         if step == 0 and by > 0:
@@ -80,7 +81,8 @@ def connect_tour(session: Session) -> None:
             controls.views.active = sorted({*before, list(VIEWS).index(view)})
         session.pointed.data = {"figure": [figure]}
         session.figures.by_name(figure).update(outline_line_color="#ffb000", outline_line_width=4)
-        controls.tour_text.text = f"<b>{step + 1} of {len(STEPS)}: {heading}</b><br>{text}"
+        said = f"<b>{step + 1} of {len(STEPS)}: {heading}.</b> {text}"
+        controls.tour_text.update(text=said, visible=True)
         controls.tour.label = "Next" if step + 1 < len(STEPS) else "End of the tour"
 
     known = {"pointed": session.pointed, "figures": session.figures.all}
