@@ -222,7 +222,7 @@ def test_a_bar_is_drawn_on_request_and_never_into_a_pipe(
 
 def test_without_xarray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(MissingExtraError, match=r"polywigner\[volume\]"):
+    with pytest.raises(MissingExtraError, match=r"\.\[volume\]"):
         pw.line(SQUARE, BOX, 3, WAVELENGTH)
 
 

@@ -15,6 +15,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import FileFormatError, StoreError
+from polywigner.propagation.stores_files import checksum_of
 from polywigner.transforms.labelled import LabelledArray, LabelledArrays
 
 xarray = pytest.importorskip("xarray", reason="the extra datasets is not installed")
@@ -88,6 +89,7 @@ def _made_older(store: Path) -> None:
     del settings["source_sha256"], attrs["coordinates"], attrs["source"]
     attrs["polywigner_settings"] = json.dumps({**settings, "source": text})
     del table["consolidated_metadata"]["metadata"]["source_json"]
+    attrs["polywigner_checksum"] = checksum_of(table)
     file.write_text(json.dumps(table))
     shutil.rmtree(store / "source_json")
 

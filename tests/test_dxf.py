@@ -310,7 +310,7 @@ BAD: dict[str, tuple[Build, type[Exception], str]] = {
     "nan": (lambda s: s.add_circle((0, math.nan), 1), FileFormatError, "finite coordinates"),
     "infinite": (lambda s: s.add_circle((0, math.inf), 1), FileFormatError, "finite coordinates"),
     "huge": (lambda s: s.add_circle((0, 0), 1e200), FileFormatError, "below 1e\\+100"),
-    "block bomb": (bomb, FileFormatError, "200000 lines"),
+    "block bomb": (bomb, FileFormatError, "100000 lines"),
     "recursion": (recursion, FileFormatError, "16 deep"),
     "empty grid": (empty_grid, FileFormatError, "got none"),
     "weights": (

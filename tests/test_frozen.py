@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from polywigner.plans import forced
 
 pytestmark = pytest.mark.llvm
 
@@ -114,8 +115,9 @@ def test_few_kernels_are_remembered() -> None:
     from polywigner.execution import frozen
 
     x, _ = points(3)
-    for k in range(frozen._MOST + 3):
-        pw.position_marginal(pw.shapes.rectangle(1.0, 1 + k / 100), x, engine="llvm")
+    with forced("code"):
+        for k in range(frozen._MOST + 3):
+            pw.position_marginal(pw.shapes.rectangle(1.0, 1 + k / 100), x, engine="llvm")
     assert len(frozen._known) == frozen._MOST
 
 
@@ -159,7 +161,7 @@ def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
     source, (x, nu) = pw.shapes.triangle(1.0, 0.61), points(10)
     with monkeypatch.context() as patched:
         patched.setattr(DrjitOperations, "select", interrupted)
-        with pytest.raises(KeyboardInterrupt):
+        with pytest.raises(KeyboardInterrupt), forced("code"):
             pw.wigner(source, x, nu, engine="llvm")
     assert gc.isenabled()
     expected = pw.wigner(source, x, nu, engine="numpy")

@@ -81,6 +81,31 @@ def test_what_is_no_number_is_none_in_the_result(name: str, llvm: Any) -> None:
 
 
 @pytest.mark.llvm
+@pytest.mark.parametrize("weights", [[1.0, 1.0], [1.0, 1j], [2.0, -0.5]])
+def test_collections_with_any_weights_are_data_too(weights: Any, llvm: Any) -> None:
+    outlines = random_outlines(11)
+    pieces = [next(outlines), pw.Aperture(next(outlines).rings[0] + np.array([1.5, 0.4]))]
+    source, rng = pw.Array(pieces, weights), np.random.default_rng(12)
+    functions: list[Callable[..., Any]] = [*TRANSFORMS.values(), _of_lags, _of_places]
+    for count in (3, 500):  # a kernel recorded for other numbers of samples
+        x, nu = rng.normal(size=(2, count, 2)) * 0.5
+        for function in functions:
+            expected = function(source, x, nu, engine="numpy")
+            with forced("data"):
+                found = function(source, x, nu, engine="llvm")
+            assert found.shape == expected.shape
+            assert np.abs(found - expected).max() <= DOUBLE * 40
+
+
+def _of_lags(source: Any, x: Any, nu: Any, **how: Any) -> Any:
+    return pw.lag_marginal(source, x, **how)
+
+
+def _of_places(source: Any, x: Any, nu: Any, **how: Any) -> Any:
+    return pw.position_marginal(source, x, **how)
+
+
+@pytest.mark.llvm
 @pytest.mark.parametrize("name", TRANSFORMS)
 def test_any_number_of_outlines_needs_a_few_kernels(name: str, llvm: Any) -> None:
     rng, outlines = np.random.default_rng(3), random_outlines(4)

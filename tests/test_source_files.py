@@ -551,7 +551,7 @@ def test_the_error_of_a_missing_library_names_the_extra(
 ) -> None:
     monkeypatch.setitem(sys.modules, "scipy.signal.windows", None)
     (tmp_path / "array.toml").write_text(PATCH)
-    with pytest.raises(MissingExtraError, match=r"window: .*polywigner\[arrays\]"):
+    with pytest.raises(MissingExtraError, match=r"window: .*\.\[arrays\]"):
         pw.read_source(tmp_path / "array.toml")
 
 

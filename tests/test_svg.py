@@ -344,14 +344,14 @@ def _doubling(levels: int) -> str:
 
 SCRIBBLE = " ".join(f"{(k * 7919) % 10007} {(k * 104729) % 9973}" for k in range(900))
 LARGE = {
-    "use of use": (_doubling(28), "50000 elements"),
+    "use of use": (_doubling(28), "10000 outlines"),
     "many elements": ("<g/>" * 60_000, "50000 elements"),
     "deep elements": ("<a>" * 200_000, "64 deep"),
     "use of a long path": (
         f'<polygon id="p" points="{"1 0 " * 10_000}"/>' + '<use href="#p"/>' * 10_000,
-        "200000 lines",
+        "100000 lines",
     ),
-    "long path": (f'<path d="M0 0{"c0 9 9 9 9 0" * 201_000}z"/>', "200000 lines"),
+    "long path": (f'<path d="M0 0{"c0 9 9 9 9 0" * 201_000}z"/>', "100000 lines"),
     "many crossings": (f'<path d="M{SCRIBBLE}z"/>', "20000 places"),
     "many subpaths": (
         f'<path d="{"".join(f"M{k} 0h.5v.5z" for k in range(10_001))}"/>', "10000 outlines",

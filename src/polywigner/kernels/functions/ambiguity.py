@@ -66,7 +66,8 @@ def _position_slice_area(clipper: Clipper, *xi: Any) -> Values:
         return (real, imag) if is_phased else (real,)
 
     real, *imag = clipper.sum_over_edges(term, values=2 if is_phased else 1)
-    return 0.5 * real, 0.5 * imag[0] if imag else 0.0 * real
+    # not 0 times it: Dr.Jit makes a constant of that, which is as wide as the first samples were
+    return 0.5 * real, 0.5 * imag[0] if imag else real - real
 
 
 _LISTED = SharedSlice(
