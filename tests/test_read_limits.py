@@ -226,6 +226,15 @@ def test_faces_of_a_line_are_counted_as_triangles(tmp_path: Path) -> None:
     refusal(tmp_path / "b.obj", faces, "200000 triangles, got 269400", pw.read_polyhedron)
 
 
+@pytest.mark.parametrize("types", ["list", "uchar list int", "list uchar list"])
+def test_a_ply_of_types_that_are_none_is_refused(tmp_path: Path, types: str) -> None:
+    pytest.importorskip("trimesh")
+    content = _ply(_binary_cube(), kind="binary_little_endian")
+    changed = content.replace(b"property list uchar int", f"property {types}".encode())
+    assert changed != content
+    refusal(tmp_path / "a.ply", changed, "PLY of numbers", pw.read_polyhedron)
+
+
 def test_an_stl_with_a_facet_cut_short_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     facet = "facet normal 0 0 1\nouter loop\n" + "vertex 0 0 0\n" * 3 + "endloop\nendfacet\n"

@@ -28,7 +28,7 @@ Precision = Literal["double", "single"] | None
 
 def checked_engine(engine: str) -> str:
     """``engine`` if it is a known name. Raises ArgumentError otherwise."""
-    if engine not in get_args(Engine):
+    if not isinstance(engine, str) or engine not in get_args(Engine):
         names = ", ".join(f'"{name}"' for name in get_args(Engine))
         raise ArgumentError(f"expected engine to be one of {names}, got {engine!r}")
     return engine
@@ -36,7 +36,9 @@ def checked_engine(engine: str) -> str:
 
 def checked_precision(precision: str | None) -> str | None:
     """``precision`` if it is a known name or None. Raises ArgumentError otherwise."""
-    if precision not in (None, "double", "single"):
+    if precision is not None and (
+        not isinstance(precision, str) or precision not in ("double", "single")
+    ):
         raise ArgumentError(
             f'expected precision to be "double", "single" or None, got {precision!r}'
         )

@@ -12,6 +12,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.exact import Ring
 from polywigner.geometry.grid import polygons_in, union_on_grid
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["automean", "lag_slice", "position_slice"]
 
@@ -63,8 +64,8 @@ def automean(aperture: Aperture) -> Aperture:
 
 def _point(point: ArrayLike, name: str) -> Ring:
     try:
-        array = np.asarray(point, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = real_numbers(point)
+    except ValueError:
         raise ArgumentError(f"expected {name} as two numbers, got {point!r}") from None
     if array.shape != (2,) or not np.isfinite(array).all():
         raise ArgumentError(f"expected {name} as two finite numbers, got {point!r}")

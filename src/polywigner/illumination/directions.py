@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["transverse", "unit_vector"]
 
@@ -48,7 +49,8 @@ def transverse(direction: Any) -> NDArray[np.float64]:
             "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
             f"or the sine of an angle for slits, got {direction!r}"
         )
-    length = float(np.linalg.norm(given))
+    with np.errstate(over="ignore"):
+        length = float(np.linalg.norm(given))
     if length > 1 + _UNIT:
         raise ArgumentError(
             "expected components along the aperture of a unit vector, got a length of "
@@ -59,8 +61,8 @@ def transverse(direction: Any) -> NDArray[np.float64]:
 
 def _numbers(direction: Any) -> NDArray[np.float64]:
     try:
-        vector = np.array(direction, dtype=np.float64)
-    except (TypeError, ValueError):
+        vector = real_numbers(direction)
+    except ValueError:
         vector = np.array(np.nan)
     if not np.isfinite(vector).all():
         raise ArgumentError(f"expected a direction of finite numbers, got {direction!r}")

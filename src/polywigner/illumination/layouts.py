@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_count, checked_length, checked_number, shape_of
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
     "MOST_ELEMENTS",
@@ -203,8 +204,8 @@ def checked_positions(positions: Any, components: tuple[int, ...]) -> Positions:
     Raises ArgumentError for anything else.
     """
     try:
-        places = np.array(positions, dtype=np.float64)
-    except (TypeError, ValueError):
+        places = real_numbers(positions)
+    except ValueError:
         places = np.empty(0)
     if places.ndim == 1 and 1 in components:
         places = places[:, None]

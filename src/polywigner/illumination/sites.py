@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import shape_of
+from polywigner.geometry.numbers import real_numbers
 from polywigner.illumination.lattices import Lattice, lattice_of
 
 __all__ = ["Sites", "checked_sites", "checked_weights"]
@@ -51,8 +52,8 @@ def checked_sites(
     Raises ArgumentError and IlluminationError as :func:`polywigner.phased_array` does.
     """
     try:
-        places = np.array(positions, dtype=np.float64)
-    except (TypeError, ValueError):
+        places = real_numbers(positions)
+    except ValueError:
         places = np.empty(0)
     if dimension in (1, None) and places.ndim == 1:
         places = places[:, None]

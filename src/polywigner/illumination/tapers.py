@@ -295,7 +295,9 @@ def _tapered(
     width: float | None, height: float | None, dimension: int, taper: Callable[[float], _Waves]
 ) -> Illumination:
     """The field with one taper along each axis that has a length."""
-    along = [_CONSTANT if size is None else taper(size) for size in _axes(width, height, dimension)]
+    axes = _axes(width, height, dimension)
+    with np.errstate(over="ignore"):  # of a size too small to divide by; refused as a field
+        along = [_CONSTANT if size is None else taper(size) for size in axes]
     return Illumination(*along[0]) if dimension == 1 else _product(*along)
 
 

@@ -14,6 +14,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_length
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.field import checked_shift, turned_points
+from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["LARGEST_AMPLITUDE", "Illumination", "restored"]
 
@@ -199,9 +200,11 @@ def _checked(
     amplitudes: Any, frequencies: Any
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     try:
+        if np.ma.is_masked(amplitudes):
+            raise ValueError
         waves = np.atleast_1d(np.array(amplitudes, dtype=np.complex128))
-        kappa = np.array(frequencies, dtype=np.float64)
-    except (TypeError, ValueError):
+        kappa = real_numbers(frequencies)
+    except (TypeError, ValueError, OverflowError):
         raise IlluminationError(
             "expected complex amplitudes (m,) and real frequencies (m, d), got "
             f"{type(amplitudes).__name__} and {type(frequencies).__name__}"

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, MissingExtraError, install_command
 from polywigner.geometry.arguments import checked_count, checked_length
 from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.numbers import real_numbers
 from polywigner.illumination.directions import transverse, unit_vector
 from polywigner.illumination.layouts import MOST_ELEMENTS, checked_positions
 from polywigner.illumination.tapers import checked_sidelobes
@@ -87,8 +88,8 @@ def focusing_weights(
     """
     places = checked_positions(positions, (2,))
     try:
-        focus = np.array(point, dtype=np.float64)
-    except (TypeError, ValueError):
+        focus = real_numbers(point)
+    except ValueError:
         focus = np.empty(0)
     if focus.shape != (3,) or not np.isfinite(focus).all() or not focus[2] > 0:
         raise ArgumentError(f"expected a point (x, y, z) with z above zero, got {point!r}")

@@ -148,7 +148,7 @@ def amplitude(
         return execution.evaluate_hosted(
             compute, "points", points, 3, precision=precision, engine=engine
         )
-    if method == "wigner":
+    if isinstance(method, str) and method == "wigner":
         raise ArgumentError(
             f'expected method to be one of {", ".join(METHODS)}, got "wigner", whose rays have no '
             "phase; use polywigner.irradiance for them"

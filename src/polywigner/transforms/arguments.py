@@ -93,10 +93,9 @@ def transform(
 def _kernel_for(name: str, source: Any, precision: str | None, engine: str, *, double: bool) -> Any:
     if isinstance(source, Array):
         check_width(source)
-    kernel = kernels.kernel_for(name, source, double)
     execution.checked_precision(precision)
     execution.checked_engine(engine)
-    return kernel
+    return kernels.kernel_for(name, source, double)
 
 
 def checked_call(

@@ -173,9 +173,9 @@ def _checked_waves(defocus: Any) -> float:
 
 def _number(value: Any) -> float:
     """A real number as a float; NaN for anything else."""
-    if isinstance(value, str | bytes) or np.ndim(value) or np.iscomplexobj(value):
-        return float("nan")
     try:
+        if isinstance(value, str | bytes) or np.ndim(value) or np.iscomplexobj(value):
+            return float("nan")
         return float(value)
     except (TypeError, ValueError, OverflowError):
         return float("nan")

@@ -151,12 +151,12 @@ def _check_binary_ply(
     """The bytes of all elements, of which lists tell how long they are."""
     place = 0
     for name, count, properties in elements:
-        if not {kind for types in properties for kind in types} <= {"list", *_PLY_TYPES}:
+        if not all(map(_is_ply_type, properties)):
             raise FileFormatError(f"expected PLY of numbers, got another type in {name[:40]!r}")
         fixed, lists = 0, []
         for types in properties:
-            if types[:1] == ["list"]:
-                lists.append((fixed, *(_PLY_TYPES[kind] for kind in types[1:3])))
+            if len(types) == 3:
+                lists.append((fixed, *(_PLY_TYPES[kind] for kind in types[1:])))
                 fixed = 0
             else:
                 fixed += _PLY_TYPES[types[0]]
@@ -175,6 +175,12 @@ def _check_binary_ply(
     if place > len(body) or body[place:].strip():
         _check_announced(place, len(body), "bytes")
     return place
+
+
+def _is_ply_type(types: list[str]) -> bool:
+    """Whether they are one number's, or "list" with those of its length and its entries."""
+    numbers = types[1:] if len(types) == 3 and types[0] == "list" else types
+    return len(numbers) == len(types) // 2 + 1 and set(numbers) <= _PLY_TYPES.keys()
 
 
 def _check_announced(announced: int, found: int, what: str) -> None:
