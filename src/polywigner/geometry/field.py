@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.plausibility import warn_of_degrees
 
 __all__ = ["Field", "checked_field", "checked_shift", "turned_points"]
@@ -60,8 +61,8 @@ def checked_field(field: Any, dimension: int) -> Field:
 def checked_shift(shift: Any, dimension: int) -> NDArray[np.float64]:
     """A shift as (dimension,) finite numbers; ArgumentError if it is none."""
     try:
-        offset = np.array(shift, dtype=np.float64)
-    except (TypeError, ValueError):
+        offset = real_numbers(shift)
+    except ValueError:
         offset = np.empty(0)
     if offset.shape != (dimension,) or not np.isfinite(offset).all():
         raise ArgumentError(f"expected a shift of {dimension} finite numbers, got {shift!r}")

@@ -190,7 +190,7 @@ def _checked_vertices(vertices: Any) -> Vertices:
 def _checked_faces(faces: Any, count: int) -> tuple[tuple[int, ...], ...]:
     try:
         numbers = tuple(tuple(operator.index(k) for k in face) for face in faces)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise GeometryError("expected faces as lists of vertex numbers, which are whole") from None
     for n, face in enumerate(numbers):
         if len(face) < 3 or len(set(face)) != len(face):

@@ -21,6 +21,7 @@ from polywigner.geometry.arguments import checked_count as _count
 from polywigner.geometry.arguments import checked_length as _length
 from polywigner.geometry.arguments import checked_number as _number
 from polywigner.geometry.exact import Ring
+from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.parts import part_of_rings
 from polywigner.geometry.slits import Slits
 
@@ -51,8 +52,8 @@ __all__ = [
 def _numbers(values: Any, name: str, meaning: str, dimensions: int) -> Ring:
     """Pairs of finite numbers: one, shape (2,), or several, shape (m, 2)."""
     try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = real_numbers(values)
+    except ValueError:
         array = np.empty(0)
     fits = array.ndim == dimensions and array.shape[-1] == 2 and array.size > 0
     if not fits or not np.isfinite(array).all():

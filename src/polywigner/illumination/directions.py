@@ -23,7 +23,7 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
     vector = _numbers(direction)
     if vector.shape != (3,):
         raise ArgumentError(f"expected a direction as a unit vector (3,), got {direction!r}")
-    length = float(np.linalg.norm(vector))
+    length = _length(vector)
     if abs(length - 1) > _UNIT:
         raise ArgumentError(
             f"expected a direction of length 1, got one of length {length:.6g}; {_ADVICE}"
@@ -49,14 +49,18 @@ def transverse(direction: Any) -> NDArray[np.float64]:
             "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
             f"or the sine of an angle for slits, got {direction!r}"
         )
-    with np.errstate(over="ignore"):
-        length = float(np.linalg.norm(given))
+    length = _length(given)
     if length > 1 + _UNIT:
         raise ArgumentError(
             "expected components along the aperture of a unit vector, got a length of "
             f"{length:.6g}; {_ADVICE}"
         )
     return given
+
+
+def _length(vector: NDArray[np.float64]) -> float:
+    with np.errstate(over="ignore"):
+        return float(np.linalg.norm(vector))
 
 
 def _numbers(direction: Any) -> NDArray[np.float64]:

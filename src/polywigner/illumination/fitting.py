@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_count, checked_number, shape_of
+from polywigner.geometry.numbers import real_numbers
 from polywigner.illumination.waves import Illumination, restored
 
 __all__ = ["FittedIllumination", "fit_illumination"]
@@ -125,9 +126,9 @@ def fit_illumination(
 
 def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
     try:
-        places = np.array(points, dtype=np.float64)
+        places = real_numbers(points)
         field = np.array(values, dtype=np.complex128)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ArgumentError(
             "expected points (n, 2) and complex values (n,) that are numbers, got shapes "
             f"{shape_of(points)} and {shape_of(values)}"

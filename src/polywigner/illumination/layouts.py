@@ -175,8 +175,8 @@ def thinned(
     places = checked_positions(positions, (1, 2, 3))
     share = checked_number(fill, "fill", "a fraction above 0 and up to 1")
     try:
-        likely = np.ones(len(places)) if taper is None else np.array(taper, dtype=np.float64)
-    except (TypeError, ValueError):
+        likely = np.ones(len(places)) if taper is None else real_numbers(taper)
+    except ValueError:
         raise ArgumentError(
             f"expected a taper of real numbers, got {type(taper).__name__}; give the moduli of "
             "complex weights"

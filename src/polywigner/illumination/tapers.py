@@ -250,7 +250,7 @@ def fourier_taper(
     across = _axes(width, height, dimension)
     try:
         series = np.array(coefficients, dtype=np.complex128)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         series = np.empty(0, np.complex128)
     axes = 1 if height is None else 2
     if series.ndim != axes or not all(n % 2 for n in series.shape):

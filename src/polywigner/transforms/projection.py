@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
+from polywigner.geometry.numbers import real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
@@ -188,8 +189,8 @@ def _by_name(what: str, values: Any) -> dict[str, Any]:
 
 def _given(name: str, values: Any) -> Values:
     try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = real_numbers(values)
+    except ValueError:
         array = np.empty(0)
     if array.ndim != 1 or not len(array) or not np.isfinite(array).all():
         raise ArgumentError(f"expected {name} as finite numbers of shape (n,), got {values!r}")

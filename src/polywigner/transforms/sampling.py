@@ -12,6 +12,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.arguments import checked_generator
+from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
@@ -114,8 +115,8 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
         return checked_generator(seed).random((int(samples), columns))
     expected = f"expected samples as a count or as numbers of shape (n, {columns}) in [0, 1)"
     try:
-        array = np.asarray(samples, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = real_numbers(samples)
+    except ValueError:
         raise ArgumentError(f"{expected}, got {type(samples).__name__}") from None
     if array.ndim != 2 or array.shape[1] != columns:
         raise ArgumentError(f"{expected}, got shape {array.shape}")
