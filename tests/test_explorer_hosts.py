@@ -84,7 +84,7 @@ def test_its_own_page_is_answered(address: str) -> None:
 
 def test_pages_of_other_sites_cannot_connect(address: str) -> None:
     assert handshake(address, address.rstrip("/")) == SWITCHED
-    for origin in ("http://example.org", "http://localhost:1", "null"):
+    for origin in ("http://example.org", "http://localhost:1", "null", "http://["):
         assert handshake(address, origin) == FORBIDDEN
         assert ask(address, "/", {"Origin": origin}).status == FORBIDDEN
 

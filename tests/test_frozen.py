@@ -110,6 +110,26 @@ def test_what_is_yet_to_be_computed_is_computed_together_with_the_kernel() -> No
     assert pw.wigner(CHEVRON, x, nu).state == dr.VarState.Evaluated
 
 
+MANY_OUTLINES = """
+import numpy as np, polywigner as pw
+
+outlines = [pw.shapes.regular_polygon(sides, 1.0) for sides in range(40, 76)]
+rng = np.random.default_rng(0)
+for _ in range(400):
+    source, count = outlines[rng.integers(36)], int(rng.integers(1, 3000))
+    precision = ["double", "single"][rng.integers(2)]
+    x, nu = rng.normal(size=(count, 2)) * 0.4, rng.normal(size=(count, 2))
+    pw.wigner(source, x, nu, engine="llvm", precision=precision)
+"""
+
+
+@pytest.mark.slow
+def test_lists_of_cells_that_are_made_anew_are_recorded_anew() -> None:
+    """More outlines in turn than there are lists remembered."""
+    done = subprocess.run([sys.executable, "-c", MANY_OUTLINES], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.slow
 def test_few_kernels_are_remembered() -> None:
     from polywigner.execution import frozen

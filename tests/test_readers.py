@@ -263,7 +263,7 @@ TOO_MUCH = {
     "polygons.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 10_001)}]}}',
                          FileFormatError, "at most 10000 outlines"),
     "heap.geojson": (f'{{"type":"MultiPolygon","coordinates":[{_many(TRIANGLE, 1500)}]}}',
-                     GeometryError, "inside the other"),
+                     FileFormatError, "pairs of edges near each other"),
     "scribble.csv": ("\n".join(SCRIBBLE), FileFormatError, "cross in at most 20000 places"),
 }  # fmt: skip
 

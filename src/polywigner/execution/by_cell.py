@@ -19,6 +19,7 @@ from polywigner.execution.drjit_ranges import packet_type
 from polywigner.execution.frozen import frozen, is_recording
 from polywigner.execution.operations import DrjitOperations
 from polywigner.kernels import Kernel
+from polywigner.kernels.cut.cell_lists import cell_lists
 from polywigner.kernels.cut.cells import arrays_of
 from polywigner.kernels.cut.clipping import MIRRORED
 from polywigner.kernels.outline.tables import cut_of
@@ -151,7 +152,9 @@ class ByCell:
         summed: Callable[..., tuple[Any, ...]] = traced
         if self.size > 1 and not is_recording(ops.float_type):
             memory = partial(arrays_of, ops, self.tables, MIRRORED, kernel.name)
-            owners = (kernel, self.tables)
+            # the lists too: they may be made anew, and a recording is of those that it was made with
+            lists = cell_lists(self.tables, MIRRORED.point)
+            owners = (kernel, self.tables, lists)
             summed = frozen(lambda: (traced, memory()), owners, ops.float_type, "by cell")
         found = summed(begun.rows, cells, *where)
         drjit.eval(found)

@@ -10,7 +10,6 @@ import re
 import socket
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
-from urllib.parse import urlsplit
 
 from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.routing import Matcher, Rule
@@ -96,7 +95,7 @@ class _Foreign(Matcher):
         host = request.headers.get("Host", "").lower()
         origin = request.headers.get("Origin")
         known = host in self.hosts or host in _with_port(_address_reached(request), self.port)
-        same = origin is None or urlsplit(origin).netloc.lower() == host
+        same = origin is None or origin.partition("://")[2].lower() == host
         return None if known and same else {}
 
 
