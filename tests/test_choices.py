@@ -70,6 +70,8 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/outline/frame.py", "NEEDLE_ASPECT"): DIGITS,
     ("kernels/outline/lines.py", "NEARLY_PARALLEL"): DIGITS,
     ("kernels/outline/lines.py", "_SAME_OFFSET"): DIGITS,
+    ("mitsuba/exact.py", "_MOST_PANELS"): REFUSED,
+    ("mitsuba/exact.py", "_REAL"): DIGITS,
     ("mitsuba/parameters.py", "_LARGEST"): REFUSED,
     ("mitsuba/parameters.py", "_SMALLEST"): REFUSED,
     ("mitsuba/rendering.py", "_LARGEST_SPP"): REFUSED,

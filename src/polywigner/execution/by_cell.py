@@ -152,7 +152,7 @@ class ByCell:
         summed: Callable[..., tuple[Any, ...]] = traced
         if self.size > 1 and not is_recording(ops.float_type):
             memory = partial(arrays_of, ops, self.tables, MIRRORED, kernel.name)
-            # the lists too: they may be made anew, and a recording is of those that it was made with
+            # the lists too: they may be made anew, and a recording is of those it was made with
             lists = cell_lists(self.tables, MIRRORED.point)
             owners = (kernel, self.tables, lists)
             summed = frozen(lambda: (traced, memory()), owners, ops.float_type, "by cell")

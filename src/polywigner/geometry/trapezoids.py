@@ -45,6 +45,32 @@ class Trapezoids:
         return 0.5 * self.width * heights
 
     @property
+    def rows(self) -> npt.NDArray[np.float64]:
+        """(n, 6): all numbers of each."""
+        sides = (self.low_left, self.low_right, self.high_left, self.high_right)
+        return np.stack([self.left, self.width, *sides], axis=-1)
+
+    @property
+    def middles(self) -> npt.NDArray[np.float64]:
+        """Midpoints of their middle lines, (n, 2)."""
+        y = 0.25 * (self.low_left + self.low_right + self.high_left + self.high_right)
+        return np.stack([self.left + 0.5 * self.width, y], axis=-1)
+
+    def divided(self, count: int) -> Trapezoids:
+        """Each in ``count`` strips of equal width, these in as many pieces of equal height."""
+        step = np.arange(count + 1) / count
+        u, v = step[:, None, None], step[:, None]
+        low = self.low_left + u * (self.low_right - self.low_left)
+        high = self.high_left + u * (self.high_right - self.high_left)
+        side = low + v * (high - low)  # (strip, piece, n)
+        left = self.left + u[:-1] * self.width
+        found = (
+            left, self.width / count,
+            side[:-1, :-1], side[1:, :-1], side[:-1, 1:], side[1:, 1:],
+        )  # fmt: skip
+        return Trapezoids(*(a.reshape(-1) for a in np.broadcast_arrays(*found)))
+
+    @property
     def columns(self) -> tuple[npt.NDArray[np.float64], ...]:
         """The constants of :func:`point_in_trapezoid`, each (n,).
 

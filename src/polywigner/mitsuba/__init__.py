@@ -6,6 +6,7 @@ variant.
 
 - ``parameters``: what the shape accepts; ``sources``: apertures handed over from memory
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
+- ``exact``: exact irradiances in its place, for points that a source lights
 - ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``shadows``
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """

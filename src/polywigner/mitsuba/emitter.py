@@ -28,11 +28,12 @@ from polywigner.errors import SceneError
 from polywigner.execution import Traced, kernel_with_derivatives, ops_for
 from polywigner.kernels import kernel_for
 from polywigner.mitsuba.emitter_sampling import sampled_emitter_class
+from polywigner.mitsuba.exact import FIXED, ExactField
 from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions
 from polywigner.mitsuba.parameters import EmitterSpec, check_range, rigid_pose
 from polywigner.mitsuba.placement import check_place, cover, matrix_of, move
 from polywigner.mitsuba.radiator import radiator_of
-from polywigner.mitsuba.sampling import positions_of
+from polywigner.mitsuba.sampling import cells_with_field, positions_of
 from polywigner.mitsuba.traced import TracedSource
 from polywigner.transforms import fourier
 
@@ -83,6 +84,14 @@ def emitter_class(variant: str) -> Any:
             self._is_dispersive = depends_on_wavelength(self._source, spec.obliquity)
             self._terms = self._terms_at(wavelength)
             self._traced = TracedSource(m, radiator)
+            self._exact: Any = None
+            self._cells: Any = None
+            if spec.estimator == "exact":
+                self._exact = self._exact_at(wavelength)
+                self._cells = cells_with_field(m, self._source, self._unit)
+
+        def _exact_at(self, wavelength: float) -> ExactField:
+            return ExactField(m, self._source, wavelength, self.spec.obliquity)
 
         def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
             """(kernel, its constants, forms of h) of what adds up to the radiance.
@@ -102,7 +111,8 @@ def emitter_class(variant: str) -> Any:
         def traverse(self, callback: Any) -> None:
             """``wavelength`` (m), ``power`` (W), ``to_world`` (rigid); vertices and weights."""
             # Where it turns the directions of waves, these are constants of the kernel.
-            flag = "NonDifferentiable" if self._is_dispersive else "Differentiable"
+            constant = self._is_dispersive or self._exact is not None
+            flag = "NonDifferentiable" if constant else "Differentiable"
             callback.put("wavelength", self.wavelength, getattr(mi.ParamFlags, flag))
             callback.put("power", self.power, mi.ParamFlags.Differentiable)
             # With `direct` alone: others do not move the samples along with the aperture, so that
@@ -138,6 +148,8 @@ def emitter_class(variant: str) -> Any:
                 self._reshape(shape)
             if "wavelength" in keys and self._is_dispersive:
                 self._terms = self._terms_at(_single(self.wavelength, "wavelength"))
+            if "wavelength" in keys and self._exact is not None:
+                self._exact = self._exact_at(_single(self.wavelength, "wavelength"))
             self._take_over()
             if "to_world" in keys and shape is not None:
                 move(shape, rigid_pose(matrix_of(self.to_world)), self._centre)
@@ -198,6 +210,13 @@ def emitter_class(variant: str) -> Any:
                 wigner = self._wigner(kernel, tables, (*place, *frequency))
                 density = density + wigner * emission_factor(coefficients, cosine)
             return dr.select(front, self._scale(inverse) * density, 0.0)
+
+        def _irradiance(self, point: Any) -> Any:
+            """|U|^2 at a point in front, in the frame and in scene units, in W/m^2."""
+            if jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength)):
+                raise SceneError(FIXED)
+            found = self._exact.intensity(point, self._unit)
+            return found * (_value(self.power, jit) / self.spec.radiator.energy)
 
         def _wigner(self, kernel: Any, tables: Any, point: Any) -> Any:
             if not jit:

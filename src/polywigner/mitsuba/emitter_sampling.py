@@ -10,13 +10,17 @@ import mitsuba as mi
 
 __all__ = ["sampled_emitter_class"]
 
+# Stands for a density without bound; its square, and products with radiances, fit into float32.
+_OVERWHELMING = 1e12
+
 
 @cache
 def sampled_emitter_class(variant: str) -> Any:
     """The base of the emitter's class for one variant, which has no radiance yet.
 
     What it is built on has ``_positions`` to draw from, ``_shifts``, the frame's ``_axes`` and
-    ``_origin``, ``_radiance`` and ``_intensity``.
+    ``_origin``, ``_radiance`` and ``_intensity``; with the estimator ``exact``, else None,
+    ``_cells`` in proportion to |u|^2, and ``_irradiance``.
     """
     m = getattr(mi, variant)
     jit = dr.is_jit_v(m.Float)
@@ -40,35 +44,60 @@ def sampled_emitter_class(variant: str) -> Any:
         # ---- sampling for receivers ----------------------------------------------------------
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
-            x, per_area = self._positions.sample(sample)
+            x, per_area = self._drawn(sample)
             direction, distance = self._seen_from(it, x)
-            cosine = direction.z
-            front = cosine > 0.0
-            density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
             ds = m.DirectionSample3f()
             self._place(ds, x, it.time)
             ds.d = -self._to_scene(direction)
             ds.dist = distance
-            ds.pdf = dr.select(front, density, 0.0)
-            # As for a point light: no sampled reflection meets a surface that is not there.
-            ds.delta = m.Bool(not self.spec.visible)
+            ds.pdf = self._density(direction.z, distance, per_area)
             ds.emitter = m.EmitterPtr(self) if jit else self
-            weight = self._received(it, x, per_area) / per_area
-            return ds, self._spectrum(weight, active)
+            return ds, self._spectrum(self._weight(it, x, per_area), active)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             cosine = -dr.dot(ds.d, self._axes[2])
-            front = cosine > 0.0
-            per_area = self._positions.density(ds.uv)
-            density = per_area * (ds.dist * ds.dist) / dr.select(front, cosine, 1.0)
-            return dr.select(front, density, 0.0)
+            return self._density(cosine, ds.dist, self._density_at(ds.uv))
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             direction, distance = self._seen_from(it, ds.uv)
-            front = direction.z > 0.0
-            per_angle = (distance * distance) / dr.select(front, direction.z, 1.0)
-            received = self._received(it, ds.uv, self._positions.density(ds.uv))
-            return self._spectrum(received * per_angle, active)
+            per_area = self._density_at(ds.uv)
+            density = self._density(direction.z, distance, per_area)
+            return self._spectrum(self._weight(it, ds.uv, per_area) * density, active)
+
+        def _drawn(self, sample: Any) -> tuple[Any, Any]:
+            """A position and its density, None where there is exact light."""
+            if self._cells is not None:
+                return self._cells.sample(sample), None
+            return self._positions.sample(sample)
+
+        def _density_at(self, x: Any) -> Any:
+            return None if self._cells is not None else self._positions.density(x)
+
+        def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
+            """Per solid angle; overwhelming where no light comes by rays that meet the source.
+
+            Integrators weigh samples of a light against such rays by the squares of densities. A
+            light that has no surface is met by none. Exact light must not be counted twice; mirrors
+            take no samples of lights, and show the radiance. As a `delta` light, for which there is
+            no weighing, it would be too bright in ``direct`` with several samples of lights.
+            """
+            front = cosine > 0.0
+            density = m.Float(_OVERWHELMING)
+            if per_area is not None and self.spec.visible:
+                density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
+            return dr.select(front, density, 0.0)
+
+        def _weight(self, it: Any, x: Any, per_area: Any) -> Any:
+            if self._cells is not None:
+                return self._seen_exactly(it, self._seen_from(it, x)[0].z)
+            return self._received(it, x, per_area) / per_area
+
+        def _seen_exactly(self, it: Any, cosine: Any) -> Any:
+            """|U|^2 at the point ``it`` over the cosine at the source, that of a parallel floor."""
+            place = self._to_frame(it.p - self._origin)
+            front = cosine > 0.0
+            found = self._irradiance(m.Point3f(place.x, place.y, dr.select(front, place.z, 1.0)))
+            return dr.select(front, found / dr.select(front, cosine, 1.0), 0.0)
 
         def _received(self, it: Any, x: Any, per_area: Any) -> Any:
             """L cos/r^2 at the point ``it``, the mean over the places that a sample stands for.

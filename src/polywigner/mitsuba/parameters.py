@@ -21,9 +21,10 @@ from polywigner.errors import GeometryError, SceneError
 from polywigner.geometry import Aperture, read_aperture
 from polywigner.illumination import Array, read_source
 from polywigner.illumination.texts import FEEDING, fed
+from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.radiator import Radiator, emitted_power, radiator_of
-from polywigner.mitsuba.sampling import SAMPLINGS
+from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.sources import is_key, registered_source
 from polywigner.quantities import parse_frequency, parse_length, parse_power, wavelength_of
 
@@ -32,7 +33,6 @@ __all__ = [
     "EmitterSpec",
     "check_flag",
     "check_range",
-    "check_sampling",
     "check_sampling_weight",
     "read_parameters",
     "rigid_pose",
@@ -52,6 +52,7 @@ PARAMETERS = (
     "power",
     "radiated_power",
     "obliquity",
+    "estimator",
     "antithetic",
     "sampling",
     "control_variate",
@@ -75,6 +76,7 @@ class EmitterSpec:
     pose: npt.NDArray[np.float64]
     """(4, 4), read-only; the translation in scene units."""
     obliquity: str = OBLIQUITIES[0]
+    estimator: str = ESTIMATORS[0]
     scene_unit: float = 1.0
     """Metres."""
     sampling_weight: float = 1.0
@@ -112,16 +114,20 @@ def read_parameters(props: Any) -> EmitterSpec:
     radiator = radiator_of(fed(_source(values), texts, wavelength), obliquity, antithetic)
     power = emitted_power(radiator, wavelength, obliquity, *powers)
     check_range(radiator, wavelength, power, scene_unit)
+    varied = _flag(values, "control_variate", False)
+    estimator = _text(values, "estimator", ESTIMATORS[0])
+    check_estimator(estimator, radiator.source, wavelength, obliquity, antithetic, varied)
     return EmitterSpec(
         radiator=radiator,
         wavelength=wavelength,
         power=power,
         pose=rigid_pose(values["to_world"].matrix if "to_world" in values else np.eye(4)),
         obliquity=obliquity,
+        estimator=estimator,
         scene_unit=scene_unit,
         sampling_weight=check_sampling_weight(values.get("sampling_weight", 1.0)),
         sampling=check_sampling(_text(values, "sampling", SAMPLINGS[0])),
-        control_variate=_flag(values, "control_variate", False),
+        control_variate=varied,
         visible=_flag(values, "visible", True),
     )
 
@@ -177,13 +183,6 @@ def check_sampling_weight(value: Any) -> float:
             f"expected a finite sampling_weight of zero or more, got {value!r}; 1 is the default"
         )
     return float(value)
-
-
-def check_sampling(name: str) -> str:
-    """``name`` itself, or a SceneError that lists what there is."""
-    if name not in SAMPLINGS:
-        raise SceneError(f"expected a sampling, got {name!r}; use one of {', '.join(SAMPLINGS)}")
-    return name
 
 
 def check_flag(name: str, value: Any) -> bool:

@@ -14,20 +14,40 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from polywigner.errors import SceneError
 from polywigner.execution import ops_for
+from polywigner.geometry import Aperture
 from polywigner.geometry.trapezoids import Trapezoids, point_in_trapezoid, trapezoids
+from polywigner.illumination import Array
 from polywigner.mitsuba.radiator import Radiator
 from polywigner.transforms import position_marginal
 from polywigner.transforms.sampling import in_phase
 
-__all__ = ["SAMPLINGS", "Cells", "Positions", "cells_of", "positions_of"]
+__all__ = [
+    "SAMPLINGS",
+    "Cells",
+    "Positions",
+    "cells_of",
+    "cells_with_field",
+    "check_sampling",
+    "positions_of",
+]
 
 SAMPLINGS = ("uniform", "marginal", "root-marginal")
 
 # Along the longer side of the region that radiates; between these the density is bilinear.
 _TABLE = 256
+# Of fields that are not uniform: most strips across an element, and pieces of all elements.
+_STRIPS, _PIECES = 32, 1 << 16
 # A share of the samples goes everywhere in it, so that no place is left out that the table missed.
 _EVERYWHERE = 0.02
+
+
+def check_sampling(name: str) -> str:
+    """``name`` itself, or a SceneError that lists what there is."""
+    if name not in SAMPLINGS:
+        raise SceneError(f"expected a sampling, got {name!r}; use one of {', '.join(SAMPLINGS)}")
+    return name
 
 
 def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> Cells:
@@ -35,10 +55,33 @@ def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> Cells:
     return Cells(m, trapezoids(rings))
 
 
+def cells_with_field(m: Any, source: Aperture | Array, unit: float) -> Cells:
+    """The sampler of positions in a source in proportion to |u|^2, in units of ``unit`` metres.
+
+    Of fields that are not uniform, in proportion to |u|^2 in the middle of each of many pieces.
+    Overlapping elements each count for themselves.
+    """
+    weights = source.weights if isinstance(source, Array) else np.ones(1)
+    elements = source.elements_in_plane
+    pieces = _PIECES // len(elements)
+    tables, shares = [], []
+    for element, weight in zip(elements, weights, strict=True):
+        field = element.illumination
+        cells = trapezoids(element.rings)
+        if field is not None:
+            cells = cells.divided(int(np.clip(np.sqrt(pieces / cells.left.size), 2, _STRIPS)))
+        values = np.ones(1) if field is None else field(cells.middles)
+        shares.append(np.broadcast_to(np.abs(weight * values) ** 2, cells.left.shape))
+        tables.append(cells.rows)
+    return Cells(m, Trapezoids(*(np.concatenate(tables) / unit).T), np.concatenate(shares))
+
+
 class Cells:
     """The trapezoids of an aperture as tables of one variant's arrays."""
 
-    def __init__(self, m: Any, cells: Trapezoids) -> None:
+    def __init__(
+        self, m: Any, cells: Trapezoids, weights: npt.NDArray[np.float64] | None = None
+    ) -> None:
         self._m, self._ops = m, ops_for(m.Float)
         self._count = cells.left.size
         columns = cells.columns
@@ -46,13 +89,16 @@ class Cells:
             self._columns = [m.Float(column.tolist()) for column in columns]
         else:
             self._columns = [column.tolist() for column in columns]
-        self._choice = m.DiscreteDistribution((cells.areas / np.max(cells.areas)).tolist())
+        shares = cells.areas if weights is None else cells.areas * weights
+        self._choice = m.DiscreteDistribution((shares / np.max(shares)).tolist())
 
     def sample(self, sample: Any) -> Any:
-        """A point, uniform in the aperture, for a uniform point of the unit square."""
+        """A point, uniform in each cell, for a uniform point of the unit square."""
         m, u, index = self._m, sample.x, 0
         if self._count > 1:
             index, u = self._choice.sample_reuse(sample.x)
+            # what is left of a sample in a cell of small share is rounded, and may lie outside
+            u = self._ops.minimum(self._ops.maximum(u, 0.0), 1.0)
         return m.Point2f(*point_in_trapezoid(self._ops, self._row(index), u, sample.y))
 
     def _row(self, index: Any) -> list[Any]:

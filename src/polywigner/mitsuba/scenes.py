@@ -16,16 +16,16 @@ from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
+from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import (
     check_flag,
     check_range,
-    check_sampling,
     check_sampling_weight,
     rigid_pose,
 )
 from polywigner.mitsuba.radiator import emitted_power, radiator_of
-from polywigner.mitsuba.sampling import SAMPLINGS
+from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.scene_files import check_scene_file
 from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested, original_error, register
 from polywigner.mitsuba.sources import register_source
@@ -54,6 +54,7 @@ def aperture(
     control_variate: bool = False,
     visible: bool = True,
     radiated_power: float | None = None,
+    estimator: str = ESTIMATORS[0],
 ) -> dict[str, Any]:
     """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
@@ -87,6 +88,10 @@ def aperture(
         as :func:`polywigner.radiated_power` counts it for this obliquity. Small sources radiate
         less than the integral of |u|^2; the rest is evanescent.
 
+    estimator: how a point of the scene is lit. ``wigner``: by signed radiance from a random place
+        of the source. ``exact``: by the exact irradiance |U|^2 of the point, to 1e-4 of its peak at
+        any distance, with no noise where all of the source is seen; docs/plugin.md.
+
     The entry holds a key, see :func:`register_source`: load it in the process that made it.
 
     Raises
@@ -96,15 +101,19 @@ def aperture(
     if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
         source = Aperture(source)
     antithetic = check_flag("antithetic", antithetic)
+    control_variate = check_flag("control_variate", control_variate)
     radiator = radiator_of(source, obliquity, antithetic)
+    length = parse_length(wavelength)
+    check_estimator(estimator, radiator.source, length, obliquity, antithetic, control_variate)
     entry: dict[str, Any] = {
         "type": PLUGIN_NAME,
         "source": register_source(radiator.source),
-        "wavelength": parse_length(wavelength),
+        "wavelength": length,
         "obliquity": obliquity,
+        "estimator": estimator,
         "antithetic": antithetic,
         "sampling": check_sampling(sampling),
-        "control_variate": check_flag("control_variate", control_variate),
+        "control_variate": control_variate,
         "scene_unit": parse_length(scene_unit),
         "sampling_weight": check_sampling_weight(sampling_weight),
         "visible": check_flag("visible", visible),

@@ -19,7 +19,7 @@ from polywigner.kernels.kernel import Kernel
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of
 
-__all__ = ["boundary_field", "strata_of"]
+__all__ = ["boundary_field", "boundary_tables", "panels_in", "strata_of"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -204,6 +204,23 @@ def _once(
             values[some] += real + 1j * imag
             errors[some] += error
     return values, errors
+
+
+def panels_in(radiator: Radiator, wavelength: float, longest: float) -> float:
+    """Bound on the number of panels up to ``longest`` wavelengths, once for each wave."""
+    edges = sum(element.edges for element in radiator.elements)
+    return edges + radiator.perimeter / (longest * wavelength)
+
+
+def boundary_tables(
+    radiator: Radiator, wavelength: float, longest: float, double: bool, share: float
+) -> integrals.BoundaryTables:
+    """All panels of a source as one kernel's tables; ``share`` as `BoundaryTables` has it."""
+    blocks = list(panels_of(radiator, wavelength, longest, _ROWS, False))
+    rows, amplitudes, evanescent = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    x, y = radiator.centre.tolist()
+    panels = _Panels(rows, amplitudes, evanescent, (x, y), wavelength)
+    return _tables(panels, double, share, False)
 
 
 def _tables(

@@ -1,0 +1,233 @@
+"""The exact field of a source, traced into a render kernel: the estimator ``exact``. Source: (B3).
+
+The boundary integrals are those of :func:`polywigner.amplitude` in single precision, one loop over
+pieces of edges with as many nodes as piece and point need. Where every element of an array of equal
+ones, or an aperture as a whole, is in its own far zone, it is a sum over elements instead: the far
+field of each (RP1), with the exact phase and direction of each.
+
+Lengths are in wavelengths, relative to the middle of the source.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+import drjit as dr
+import numpy as np
+
+from polywigner.errors import IlluminationError, SceneError
+from polywigner.execution import NumpyOperations, ops_for
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.illumination.direction_cosines import times_direction_cosine
+from polywigner.illumination.obliquities import SHARES, warn_of_slopes
+from polywigner.kernels.boundary import integrals
+from polywigner.kernels.boundary.distances import distance_of
+from polywigner.numerics import phases
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.propagation.boundary import boundary_tables, panels_in
+from polywigner.propagation.panels import radiator_of
+from polywigner.transforms import fourier
+
+__all__ = ["ESTIMATORS", "FIXED", "ExactField", "check_estimator"]
+
+ESTIMATORS = ("wigner", "exact")
+
+
+FIXED = (
+    'expected derivatives in the power and in reflectances alone with the estimator "exact", got '
+    'some in a place, an outline, weights or the wavelength; use the estimator "wigner"'
+)
+# A panel takes some 50 ns of a core at each sample.
+_MOST_PANELS = 8192
+# Error allowed of a panel's integral, as a share of its integrand's size, a third of 1e-4 for that
+# of the sum: measured, |U|^2 is within 3e-5 of its peak.
+_DIGITS = math.log(3e4)
+# Panels as long as twice the distance are cheapest. Nearer, the rules are graded.
+_LONGEST = 12.0
+# At the distance r, waves from an element of half-diagonal a have phases of about k a^2/(6 r) that
+# its far field leaves out. They add to |U|^2 by their square if a half turn leaves the element as
+# it is, for its far field is real then: 3e-5 at 200 a^2, in wavelengths; to first order otherwise.
+_FAR = {True: 200.0, False: 2000.0}
+_AWAY = 20.0
+# Imaginary part of a far field, over the content, that is rounding.
+_REAL = 1e-9
+
+
+def check_estimator(
+    name: Any,
+    source: Aperture | Array,
+    wavelength: float,
+    obliquity: str,
+    antithetic: bool,
+    control_variate: bool,
+) -> str:
+    """``name`` itself; SceneError for others, and for ``exact`` where it is not for this source."""
+    if name not in ESTIMATORS:
+        raise SceneError(f"expected an estimator, got {name!r}; use one of {', '.join(ESTIMATORS)}")
+    if name == "exact":
+        given = {"antithetic": antithetic, "control_variate": control_variate}
+        for option in (option for option, is_on in given.items() if is_on):
+            raise SceneError(
+                f'expected no {option} with the estimator "exact", got true; leave it out: a point '
+                "that sees the whole source has no noise there"
+            )
+        _check_exact(source, wavelength, obliquity)
+    return str(name)
+
+
+def _check_exact(source: Aperture | Array, wavelength: float, obliquity: str) -> None:
+    """SceneError where a source has no exact field, or one that costs too much a sample."""
+    if obliquity not in SHARES:
+        raise SceneError(
+            f'expected a boundary condition as obliquity with the estimator "exact", got '
+            f'{obliquity!r}; use one of {", ".join(SHARES)}, or the estimator "wigner"'
+        )
+    count = panels_in(radiator_of(source), wavelength, _LONGEST)
+    if not count <= _MOST_PANELS:
+        raise SceneError(
+            f"expected at most {_MOST_PANELS} pieces of edges, once for each wave, with the "
+            f'estimator "exact", got {count:.0f}, of which each sample is a sum; use the estimator '
+            '"wigner"'
+        )
+
+
+class ExactField:
+    """|U|^2 of a source for one variant's arrays; nothing in it depends on the pose.
+
+    Raises SceneError for what :func:`check_estimator` refuses.
+    """
+
+    def __init__(self, m: Any, source: Aperture | Array, wavelength: float, obliquity: str) -> None:
+        _check_exact(source, wavelength, obliquity)
+        warn_of_slopes(source, wavelength, obliquity)
+        self._m, self._jit = m, dr.is_jit_v(m.Float)
+        # a scalar variant has one sample: all panels, and all nodes, are taken at once
+        self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)
+        radiator = radiator_of(source)
+        self._share = SHARES[obliquity]
+        self._tables = boundary_tables(
+            radiator, wavelength, _LONGEST, self._ops.double, self._share.field
+        )
+        self._centre = radiator.centre
+        self._middle = [self._adjustable(c) for c in (radiator.centre / wavelength).tolist()]
+        self._inverse = self._adjustable(1 / wavelength)
+        self._elements: list[tuple[float, ...]] = []
+        if len(radiator.elements) == 1:
+            self._set_elements(radiator.elements[0], wavelength)
+
+    def _set_elements(self, element: Any, wavelength: float) -> None:
+        """What the sum over equal elements in their far zones is made of."""
+        outline = element.outline
+        corners = np.reshape(outline.bounds, (2, 2))
+        middle = corners.mean(axis=0)
+        own = outline.moved(-middle)
+        places = (element.shifts + middle - self._centre) / wavelength
+        weights = element.weights
+        self._elements = list(
+            map(tuple, np.stack([*places.T, weights.real, weights.imag], axis=1).tolist())
+        )
+        reach = math.dist(*corners) / (2 * wavelength)
+        far = max(_FAR[_is_symmetric(own, wavelength)] * reach * reach, _AWAY * reach)
+        farthest = far + float(np.hypot(*places.T).max())
+        self._farthest = self._adjustable(farthest)
+        self._fields = []
+        if self._share.field:
+            self._fields.append((own, False))
+        if self._share.slope:
+            with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
+                self._fields.append((times_direction_cosine(own, wavelength), True))
+
+    def _adjustable(self, value: float) -> Any:
+        # opaque: as a literal, every new wavelength would compile the render kernel again
+        return dr.opaque(self._m.Float, value) if self._jit else value
+
+    def intensity(self, point: Any, unit: float) -> Any:
+        """|U|^2 at a point in front, in units of ``unit`` metres; in the unit of |u|^2."""
+        # Dr.Jit's derivatives of loops within loops are zero without a word.
+        if self._jit and dr.grad_enabled(point):
+            raise SceneError(FIXED)
+        x, y, z = (c * (unit * self._inverse) for c in (point.x, point.y, point.z))
+        x, y = x - self._middle[0], y - self._middle[1]
+        if not self._jit:
+            x, y, z = (np.array([value]) for value in (x, y, z))
+        inner = self._inner(x, y, z)
+        if not self._elements:
+            real, imag = self._near(*inner)
+        elif self._jit:
+            real, imag = dr.if_stmt(
+                inner, inner[6] > self._farthest, self._far, self._near, mode="symbolic"
+            )
+        else:
+            real, imag = (self._far if inner[6][0] > self._farthest else self._near)(*inner)
+        found = real * real + imag * imag
+        return found if self._jit else float(found[0])
+
+    def _inner(self, x: Any, y: Any, z: Any) -> Any:
+        """Coordinates and distance from the centre in two floats each; no turns; accuracy."""
+        m = self._m
+        if not self._jit:
+            distance = distance_of(self._ops, ((x, 0.0), (y, 0.0), (z, 0.0)))
+            zero = np.zeros(1)
+            return (x, zero, y, zero, z, zero, *distance, zero, zero + _DIGITS)
+        # the distance of two floats of float32, by float64
+        wide = ops_for(m.Float64)
+        point = tuple((m.Float64(value), 0.0) for value in (x, y, z))
+        halves = [m.Float(half) for half in phases.halves(wide, distance_of(wide, point))]
+        zero = m.Float(0.0)
+        return (x, zero, y, zero, z, zero, *halves, zero, m.Float(_DIGITS))
+
+    def _near(self, *inner: Any) -> tuple[Any, Any]:
+        real, imag, _ = integrals.edge_sum(self._ops, self._tables, *inner)
+        return real, imag
+
+    def _far(self, *inner: Any) -> tuple[Any, Any]:
+        """The sum over elements, each in its own far zone."""
+        x, y, z, distance = (inner[k] for k in (0, 2, 4, 6))
+        term = partial(self._element, x, y, z, distance)
+        real, imag = self._ops.sum_over(self._elements, term, 2, like=x, unroll=False)
+        return real, imag
+
+    def _element(
+        self, x: Any, y: Any, z: Any, distance: Any, at_x: Any, at_y: Any, real: Any, imag: Any
+    ) -> tuple[Any, Any]:
+        """One element's field, its phase relative to that of the distance from the centre."""
+        ops = self._ops
+        dx, dy = x - at_x, y - at_y
+        radius = ops.sqrt(dx * dx + dy * dy + z * z)
+        longer = (at_x * (at_x - 2.0 * x) + at_y * (at_y - 2.0 * y)) / (radius + distance)
+        inverse = 1.0 / radius
+        value = self._spectrum(dx * inverse, dy * inverse, z * inverse, inverse)
+        wave = Pair(*cos_sin_turns(ops, longer)) * Pair(real, imag)
+        found = (value * wave).scaled(inverse)
+        return found.real, found.imag
+
+    def _spectrum(self, along_x: Any, along_y: Any, cosine: Any, inverse: Any) -> Pair:
+        """The far field (RP1) of an element towards a direction, times distance in wavelengths.
+
+        Of the field's share with the term in 1/(k r) of Rayleigh and Sommerfeld's integral.
+        """
+        nu_x, nu_y = along_x * self._inverse, along_y * self._inverse
+        nu: Any = self._m.Vector2f(nu_x, nu_y) if self._jit else np.stack([nu_x, nu_y], axis=-1)
+        scale = self._inverse * self._inverse
+        total = Pair(0.0, 0.0)
+        for field, is_slope in self._fields:
+            found = fourier(field, nu)
+            part = Pair(found.real, found.imag)
+            if is_slope:
+                total = total + part.scaled(self._share.slope * scale)
+            else:
+                near = Pair(1.0, inverse * (1 / (2 * math.pi)))
+                total = total + (part * near).scaled(self._share.field * scale * cosine)
+        return total
+
+
+def _is_symmetric(element: Aperture, wavelength: float) -> bool:
+    """Whether its far field is real: seen in directions that have no symmetry of their own."""
+    directions = np.array([[0.31, 0.17], [-0.53, 0.61], [0.83, -0.29]])
+    values = fourier(element, directions / wavelength)
+    return bool(np.abs(values.imag).max() < _REAL * element.area)

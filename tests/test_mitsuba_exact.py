@@ -1,0 +1,348 @@
+"""Light by the exact field of a source: the estimator ``exact`` of the emitter."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import (
+    MILLIMETRE,
+    MONO,
+    RGB,
+    SPECTRAL,
+    SQUARE,
+    WAVELENGTH,
+    draws,
+    emitter_of,
+    evaluated,
+    light,
+    pose,
+    use,
+    vectors,
+)
+from polywigner.errors import SceneError
+
+pytestmark = pytest.mark.drjit
+
+L_SHAPE = pw.Aperture(MILLIMETRE * np.array([[0, 0], [10, 0], [10, 4], [4, 4], [4, 10], [0, 10]]))
+RING = pw.shapes.ring(0.006, 0.004, n=12)
+HORN = pw.shapes.rectangle(12e-3, 8e-3).with_illumination(pw.cosine_taper(12e-3))
+STEERED = SQUARE.with_illumination(pw.steering((0.3, 0.2), WAVELENGTH))
+PATCH = pw.shapes.square(0.5 * WAVELENGTH)
+SITES = 0.6 * WAVELENGTH * (np.argwhere(np.ones((4, 4))) - 1.5)
+FOCUS = np.exp(-2j * np.pi * np.hypot(np.linalg.norm(SITES, axis=1), 0.02) / WAVELENGTH)
+FOCUSED = pw.phased_array(PATCH, SITES, FOCUS)
+DIFFERENT = pw.Array([PATCH, pw.shapes.square(0.01).moved((0.012, 0.001))], [1, 0.5j])
+SOURCES = {
+    "L": L_SHAPE,
+    "ring": RING,
+    "chevrons": pw.shapes.chevron_pair(0.01, 0.01, 0.004),
+    "horn": HORN,
+    "steered": STEERED,
+    "focused array": FOCUSED,
+    "different elements": DIFFERENT,
+}
+
+# What the documentation promises, over the peak of the irradiance.
+ERROR = 1e-4
+# Places in single precision, in the scene and in the frame of a source, move fringes.
+PLACES = 3e-4
+# Of a render: the same value at all samples, but for the size of a pixel.
+PIXEL = 1e-3
+# 64 x 64 strata of a sample: an edge of a shadow crosses 64 of them.
+STRATA = 1 / 64
+
+
+def received(mi: Any, emitter: Any, points: np.ndarray, frame: np.ndarray, seed: int = 1) -> Any:
+    """What floors parallel to a source receive at points (mm, world): (n,), by one sample each."""
+    it = mi.Interaction3f()
+    samples = np.random.default_rng(seed).uniform(size=(len(points), 2))
+    if mi.variant().startswith("scalar"):
+        found = []
+        for point, sample in zip(points, samples, strict=True):
+            it.p = mi.Point3f(*point.tolist())
+            ds, weight = emitter.sample_direction(it, mi.Point2f(*sample.tolist()), True)
+            found.append(-(np.array(ds.d) @ frame[:, 2]) * np.array(weight).ravel()[0])
+        return np.array(found)
+    it.p = vectors(mi, "Point", points)
+    ds, weight = emitter.sample_direction(it, vectors(mi, "Point", samples), True)
+    cosine = -(frame[:, 2] @ np.array(ds.d, dtype=float))
+    return cosine * np.atleast_2d(np.array(weight, dtype=float))[0]
+
+
+def floor_points(height: float, count: int = 200) -> np.ndarray:
+    """On a floor, within two heights of the axis, and on the axis (m)."""
+    wide = 2 * max(height, 0.01)
+    points = np.random.default_rng(4).uniform(-wide, wide, (count, 3))
+    points[0, :2] = 0.0
+    points[:, 2] = height
+    return points
+
+
+HEIGHTS = (0.2 * WAVELENGTH, 2 * WAVELENGTH, 0.05, 0.3, 5.0)
+
+
+METHODS = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
+
+
+@pytest.mark.parametrize(
+    ("name", "method"), [(name, METHODS[k % 3]) for k, name in enumerate(SOURCES)]
+)
+def test_a_parallel_floor_receives_the_exact_irradiance_near_and_far(
+    name: str, method: str, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    from polywigner.mitsuba.exact import ExactField
+
+    source = SOURCES[name]
+    field = ExactField(mi, source, WAVELENGTH, method)
+    points = np.concatenate([floor_points(height, 80) for height in HEIGHTS])
+    seen = np.array(field.intensity(vectors(mi, "Point", points), 1.0), dtype=float)
+    single = points.astype(np.float32).astype(float)
+    exact = pw.irradiance(source, single, WAVELENGTH, method=method)
+    seen, exact = (v.reshape(len(HEIGHTS), -1) for v in (seen, exact))
+    assert (np.abs(seen - exact).max(axis=1) < ERROR * exact.max(axis=1)).all()
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO, RGB, SPECTRAL])
+def test_light_is_the_irradiance_times_the_power_in_any_pose_and_variant(
+    variant: str,
+) -> None:
+    mi = use(variant)
+    count = 3 if variant == "scalar_rgb" else 200
+    source, placed = (
+        FOCUSED if variant.endswith("rgb") else HORN,
+        pose((3.0, -2.0, 1.0), about_x=0.4),
+    )
+    entry = light(source, to_world=placed, estimator="exact", power=2.0)
+    local = np.concatenate([floor_points(h, count) for h in (0.03, 0.3)])
+    points = local / MILLIMETRE @ placed[:3, :3].T + placed[:3, 3]
+    seen = received(mi, emitter_of(entry), points, placed[:3, :3])
+    energy = float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+    exact = pw.irradiance(source, local, WAVELENGTH, method="rayleigh-sommerfeld-1") * 2 / energy
+    seen, exact = seen.reshape(2, -1), exact.reshape(2, -1)
+    assert (np.abs(seen - exact).max(axis=1) < PLACES * exact.max(axis=1)).all()
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_samples_agree_with_density_and_evaluation_and_none_come_from_behind(variant: str) -> None:
+    mi = use(variant)
+    emitter = emitter_of(light(estimator="exact"))
+    it = mi.Interaction3f()
+    for height, is_lit in ((25.0, True), (-5.0, False)):
+        it.p = mi.Point3f(4.0, 6.0, height)
+        ds, weight = emitter.sample_direction(it, mi.Point2f(0.3, 0.6), True)
+        value = np.array(emitter.eval_direction(it, ds, True), dtype=float)
+        density = np.array(ds.pdf, dtype=float)
+        again = np.array(emitter.pdf_direction(it, ds, True), dtype=float)
+        assert density == pytest.approx(again, rel=1e-6)
+        assert value == pytest.approx(np.array(weight, dtype=float) * density, rel=1e-5)
+        assert np.all(value > 0) if is_lit else not np.any(value)
+
+
+def test_samples_follow_the_square_of_the_field(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    from polywigner.mitsuba.sampling import cells_with_field
+
+    middles = ((np.arange(64) + 0.5) / 64).tolist()
+    u, v = (axis.ravel().tolist() for axis in np.meshgrid(middles, middles))
+    sample = mi.Point2f(mi.Float(u), mi.Float(v))
+    x, y = np.array(cells_with_field(mi, HORN, MILLIMETRE).sample(sample))
+    assert np.abs(x).max() <= 6.0 + 1e-5 and np.abs(y).max() <= 4.0 + 1e-5
+    assert np.mean(x * x) == pytest.approx(144 * (1 / 12 - 1 / (2 * np.pi**2)), rel=STRATA)
+    weighted = pw.Array([PATCH, PATCH.moved((0.01, 0.0))], [1, 3j])
+    x, _ = np.array(cells_with_field(mi, weighted, MILLIMETRE).sample(sample))
+    assert np.mean(x > 5.0) == pytest.approx(0.9, abs=STRATA)
+
+
+def spot(entry: Any, integrator: Any, height: float, more: Any = None, spp: int = 4) -> float:
+    """Irradiance of a white floor on the axis, from the picture of a hundredth of a millimetre."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+
+    transform = mi.ScalarTransform4f
+    look = transform().look_at([0, 0, height - 2], [0, 0, height], [0, 1, 0])
+    film = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}}
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "sensor": {
+                "type": "orthographic",
+                "near_clip": 0.1,
+                "to_world": look.scale([0.005, 0.005, 1]),
+                "film": film,
+                "sampler": {"type": "multijitter"},
+            },
+            "floor": {
+                "type": "rectangle",
+                "to_world": transform()
+                .translate([0, 0, height])
+                .rotate([1, 0, 0], 180)
+                .scale(4 * height),
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}},
+            },
+            "light": entry,
+            **(more or {}),
+        }
+    )
+    image = pwm.render(scene, mi.load_dict(integrator), spp=spp)
+    return float(np.pi * image[0, 0, 0])
+
+
+@cache
+def on_axis(height: float) -> float:
+    """|U|^2 of the square (mm)."""
+    place = (0.0, 0.0, height * MILLIMETRE)
+    return float(pw.irradiance(SQUARE, place, WAVELENGTH, method="rayleigh-sommerfeld-1"))
+
+
+INTEGRATORS = [
+    {"type": "direct"},
+    {"type": "direct", "emitter_samples": 4, "bsdf_samples": 2},
+    {"type": "path", "max_depth": 2},
+    {"type": "path", "max_depth": 6},
+    {"type": "volpath", "max_depth": 3},
+    {"type": "volpathmis", "max_depth": 3},
+    {"type": "prb", "max_depth": 3},
+]
+
+
+@pytest.mark.parametrize(
+    ("integrator", "visible"), [*((i, True) for i in INTEGRATORS), (INTEGRATORS[1], False)]
+)
+def test_no_integrator_counts_the_light_twice(
+    integrator: dict[str, Any], visible: bool, llvm: object
+) -> None:
+    use("llvm_ad_mono")
+    seen = spot(light(estimator="exact", visible=visible), integrator, 8.0)
+    assert seen == pytest.approx(on_axis(8.0), rel=PIXEL)
+
+
+def test_scalar_variants_render_it() -> None:
+    use("scalar_rgb")
+    seen = spot(light(estimator="exact"), {"type": "path", "max_depth": 2}, 8.0)
+    assert seen == pytest.approx(on_axis(8.0), rel=PIXEL)
+
+
+@pytest.mark.parametrize(
+    ("source", "shade", "share"),
+    [
+        (SQUARE, 2.0, 0.3),
+        # of cos^2 over 12 mm from -6 to -3: u + sin(2 pi u)/(2 pi) from -1/2 to -1/4
+        (HORN, 3.0, 0.25 - 1 / (2 * np.pi)),
+    ],
+)
+def test_behind_an_obstacle_the_seen_share_of_the_squared_field_counts(
+    source: pw.Aperture, shade: float, share: float, llvm: object
+) -> None:
+    mi = use("llvm_ad_mono")
+    height = 30.0
+    move = mi.ScalarTransform4f().translate([50.0 - shade / 2, 0, height / 2])
+    screen = {"type": "rectangle", "to_world": move.scale([50, 50, 1])}
+    entry = light(source, estimator="exact")
+    open_, shaded = (
+        spot(entry, {"type": "path", "max_depth": 2}, height, more, spp=4096)
+        for more in ({}, {"screen": screen})
+    )
+    assert shaded / open_ == pytest.approx(share, abs=STRATA)
+
+
+def test_a_hidden_source_is_as_bright_by_several_samples_as_by_one(llvm: object) -> None:
+    use("llvm_ad_mono")
+    lit = [
+        spot(
+            light(visible=False),
+            {"type": "direct", "emitter_samples": count, "bsdf_samples": 1},
+            200.0,
+            spp=4096,
+        )
+        for count in (1, 4)
+    ]
+    assert lit[1] / lit[0] == pytest.approx(1.0, abs=0.2)
+
+
+def test_rays_and_what_a_camera_sees_are_those_of_the_wigner_radiance(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    x, direction = draws(50, 0.004)
+    emitters = [emitter_of(light(estimator=name)) for name in ("wigner", "exact")]
+    seen = [evaluated(mi, emitter, x / MILLIMETRE, direction) for emitter in emitters]
+    assert np.array_equal(*seen)
+    square = mi.Point2f([0.1, 0.7], [0.3, 0.2])
+    rays = [np.array(e.sample_ray(0.0, 0.5, square, square, True)[1]) for e in emitters]
+    assert np.array_equal(*rays)
+
+
+def test_wavelength_and_power_can_be_changed(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    scene = mi.load_dict({"type": "scene", "light": light(estimator="exact")})
+    emitter = scene.emitters()[0]
+    points = np.array([[3.0, 2.0, 40.0], [20.0, 0.0, 40.0]])
+    params = mi.traverse(scene)
+    params["light.emitter.wavelength"] = 2e-3
+    params["light.emitter.power"] = 3.0
+    params.update()
+    seen = received(mi, emitter, points, np.eye(3))
+    exact = pw.irradiance(SQUARE, points * MILLIMETRE, 2e-3, method="rayleigh-sommerfeld-1")
+    assert seen == pytest.approx(exact * 3 / SQUARE.area, rel=PLACES)
+
+
+def test_derivatives_are_those_in_the_power_and_others_are_refused(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    import drjit as dr
+
+    emitter = emitter_of(light(estimator="exact", power=2.0))
+    it = mi.Interaction3f()
+    it.p = mi.Point3f(4.0, 6.0, 25.0)
+    sample = mi.Point2f(0.3, 0.6)
+    dr.enable_grad(emitter.power)
+    _, weight = emitter.sample_direction(it, sample, True)
+    dr.backward(weight.x)
+    assert dr.grad(emitter.power)[0] == pytest.approx(dr.detach(weight.x)[0] / 2, rel=1e-5)
+    dr.disable_grad(emitter.power)
+    for value in (emitter.wavelength, emitter.vertices, it.p):
+        dr.enable_grad(value)
+        with pytest.raises(
+            SceneError, match=r'derivatives in the power.*use the estimator "wigner"'
+        ):
+            emitter.sample_direction(it, sample, True)
+        dr.disable_grad(value)
+
+
+HUGE = pw.phased_array(PATCH, WAVELENGTH * np.argwhere(np.ones((50, 50))), np.ones(2500))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"estimator": "rays"}, "an estimator, got 'rays'; use one of wigner, exact"),
+        ({"estimator": None}, "an estimator, got None"),
+        ({"estimator": "exact", "obliquity": "paper"}, "boundary condition.*'paper'"),
+        ({"estimator": "exact", "control_variate": True}, "no control_variate"),
+        ({"estimator": "exact", "antithetic": True}, "no antithetic"),
+        ({"estimator": "exact", "source": HUGE}, 'at most 8192 pieces.*10417.*"wigner"'),
+    ],
+)
+def test_what_the_estimator_is_not_for_is_refused(arguments: dict[str, Any], words: str) -> None:
+    use("scalar_rgb")
+    with pytest.raises(SceneError, match=words):
+        light(**arguments)
+
+
+def test_xml_takes_the_estimator_and_refuses_others() -> None:
+    mi = use("scalar_rgb")
+    import polywigner.mitsuba as pwm
+
+    key = pwm.register_source(SQUARE)
+    text = (
+        f'<scene version="3.0.0"><shape type="wigner"><string name="source" value="{key}"/>'
+        '<string name="frequency" value="94 GHz"/><string name="estimator" value="%s"/></shape>'
+        "</scene>"
+    )
+    assert mi.load_string(text % "exact").emitters()[0].spec.estimator == "exact"
+    with pytest.raises(RuntimeError, match="use one of wigner, exact"):
+        mi.load_string(text % "best")
