@@ -67,6 +67,7 @@ if TYPE_CHECKING:
         radiance,
         radiant_intensity,
     )
+    from polywigner.reception import coupling
     from polywigner.transforms import (
         ambiguity,
         array_factor,
@@ -135,6 +136,7 @@ _HOMES = {
     "plane": "polywigner.propagation",
     "hemisphere": "polywigner.propagation",
     "volume": "polywigner.propagation",
+    "coupling": "polywigner.reception",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -173,6 +175,7 @@ __all__ = [
     "beam_metrics",
     "cite",
     "cosine_taper",
+    "coupling",
     "differentiable",
     "energy_budget",
     "explain",
