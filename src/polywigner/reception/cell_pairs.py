@@ -31,7 +31,9 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
 # Values of the kernel, or of waves at nodes, at a time: their arrays stay in the cache.
-_BLOCK = 1 << 16
+_BLOCK = 1 << 15
+# Moments at a time: 64 MiB.
+_MOMENTS = 1 << 21
 # Steps in which the rates of waves are rounded up, so that poses share their nodes.
 _RATE_STEP = 0.125
 
@@ -131,21 +133,25 @@ class Links:
 
         And the arguments of the kernel between these nodes and all of the receiver's.
         """
-        towards = self._between(pairs)
-        towards /= np.linalg.norm(towards, axis=1)[:, None]
-        back = np.einsum("nji,nj->ni", self.rotation[pairs.pose], towards)
-        here = self._moments(self.transmitter, pairs.transmitter, -towards[:, :2], order)
-        there = self._moments(self.receiver, pairs.receiver, back[:, :2], order)
         count = order * order
+        most = max(1, _MOMENTS // count)
         step = max(1, _BLOCK // count**2)
         rows = max(1, _BLOCK // (step * count))
-        for start in range(0, len(pairs), step):
-            mine = slice(start, min(start + step, len(pairs)))
-            some = pairs.where(np.arange(mine.start, mine.stop))
-            for first in range(0, count, rows):
-                row = slice(first, first + rows)
-                geometry = self._geometry(some, towards[mine], order, row)
-                yield mine, here[mine, row], there[mine], geometry
+        for begin in range(0, len(pairs), most):
+            part = pairs.where(np.arange(begin, min(begin + most, len(pairs))))
+            towards = self._between(part)
+            towards /= np.linalg.norm(towards, axis=1)[:, None]
+            back = np.einsum("nji,nj->ni", self.rotation[part.pose], towards)
+            here = self._moments(self.transmitter, part.transmitter, -towards[:, :2], order)
+            there = self._moments(self.receiver, part.receiver, back[:, :2], order)
+            for start in range(0, len(part), step):
+                mine = slice(start, min(start + step, len(part)))
+                some = part.where(np.arange(mine.start, mine.stop))
+                own = slice(begin + mine.start, begin + mine.stop)
+                for first in range(0, count, rows):
+                    row = slice(first, first + rows)
+                    geometry = self._geometry(some, towards[mine], order, row)
+                    yield own, here[mine, row], there[mine], geometry
 
     def _geometry(self, pairs: Pairs, towards: Floats, order: int, row: slice) -> tuple[Any, ...]:
         """exp(ikR) without the waves of the moments, r, R and the receiver's normal."""

@@ -26,6 +26,9 @@ Complex = NDArray[np.complex128]
 
 # What rounding of a cut leaves of a polygon, as a fraction of the cell's area.
 _SLIVER = 1e-14
+# Nodes for a cycle of a wave, as a fraction of those of rays: 2.5, where Gauss needs pi/2. With 4
+# nodes more, moments of triangles err by 1e-11 of the area.
+_SHARE = 0.7
 # Rules kept for other poses and orders, of some hundred kB at most.
 _MOST_KEPT = 256
 
@@ -75,7 +78,7 @@ class Cells:
                 self._nodes.clear()
             longest = float((self.high[cell] - self.low[cell]).max())
             # so that the longest side has as many nodes more as the order is
-            waving = rate + self.highest_frequency + order / (NODES_PER_CYCLE * longest)
+            waving = _SHARE * (rate + self.highest_frequency) + order / (NODES_PER_CYCLE * longest)
             self._nodes[key] = self._rule(cell, waving, extra)
         return self._nodes[key]
 

@@ -51,7 +51,7 @@ _BLOCK = 512
 # int |u|^2 of a source that cancels itself, relative to that of its parts.
 _DARK = 1e-12
 # Nodes along a side of a cell for 1e-6, and more for each digit.
-_NODES, _NODES_PER_DIGIT = 4.0, 0.25
+_NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 
 @takes_frequency
