@@ -47,7 +47,7 @@ _LEAST = 1e-12
 # relative to that: in a null of a pattern no digits are left.
 _FLOOR = 1e-3
 # Poses at a time: their pairs of cells are raised together.
-_BLOCK = 512
+_BLOCK = 64
 # int |u|^2 of a source that cancels itself, relative to that of its parts.
 _DARK = 1e-12
 # Nodes along a side of a cell for 1e-6, and more for each digit.

@@ -29,9 +29,8 @@ _MOST_RATIO = 4.0
 _IDLE = 0.25
 # Rounding of a pair's sum, relative to the sum of moduli.
 _ROUNDING = 1e-15
-# Values of the kernel at a time, some minutes' work, pairs that need as many in the end, and rounds
-# of refinement.
-_MOST_VALUES, _MOST_PAIRS, _ROUNDS = 1 << 31, 1 << 17, 60
+# Values of the kernel for a pose, some minutes' work, and pairs that need as many in the end.
+_MOST_VALUES, _MOST_PAIRS = 1 << 29, 1 << 17
 
 
 @dataclass(eq=False)
@@ -84,7 +83,8 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
     none = np.zeros(count, np.intp)
     digits = -math.log10(tolerance)
     parts = _first(links, _tryable(links, Pairs(np.arange(count), none, none)), digits)
-    for _ in range(_ROUNDS):
+    work = 0.0
+    while True:
         pose = parts.pairs.pose
         real, imag = (np.bincount(pose, v, count) for v in (parts.values.real, parts.values.imag))
         total = real + 1j * imag
@@ -96,7 +96,11 @@ def link_sums(links: Links, tolerance: float, floor: Floats) -> LinkSums:
         halved = open_ & (_foreseen(links, parts) > share)
         raised = open_ & ~halved
         fresh = _first(links, _tryable(links, _halves(links, parts.pairs.where(halved))), digits)
-        parts = parts.where(~open_).and_also(fresh).and_also(_raised(links, parts.where(raised)))
+        again = _raised(links, parts.where(raised))
+        work += sum(float((_ORDERS[part.orders] ** 4.0).sum()) for part in (fresh, again))
+        if work > _MOST_VALUES * count:
+            raise _too_much(links, parts.pairs)
+        parts = parts.where(~open_).and_also(fresh).and_also(again)
     errors = np.bincount(pose, parts.errors, count).astype(np.float64)
     return LinkSums(total, errors, allowed, parts)
 
@@ -144,7 +148,7 @@ def _raised(links: Links, parts: _Parts) -> _Parts:
 
 def _at(links: Links, pairs: Pairs, orders: Indices) -> tuple[Complex, Floats]:
     work = float((_ORDERS[orders].astype(np.float64) ** 4).sum())
-    if work > _MOST_VALUES:
+    if work > _MOST_VALUES * len(links.offset):
         raise _too_much(links, pairs)
     values, sizes = np.empty(len(pairs), np.complex128), np.empty(len(pairs))
     for order in np.unique(orders):
@@ -179,7 +183,7 @@ def _tryable(links: Links, pairs: Pairs) -> Pairs:
         good &= here + there <= _MOST_RATIO * distance
         found = found.and_also(pairs.where(good))
         pairs = _halves(links, pairs.where(~good))
-        if len(pairs) + len(found) > _MOST_PAIRS:
+        if len(pairs) + len(found) > _MOST_PAIRS * len(links.offset):
             raise _too_much(links, pairs)
     return found
 
