@@ -28,6 +28,7 @@ ROOMS = [
     ("transforms",),
     ("radiometry",),
     ("propagation",),
+    ("reception",),
     ("mitsuba", "testing"),  # `testing` is for users: it checks the public transforms
     ("figures",),
     ("explorer",),

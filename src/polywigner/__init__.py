@@ -71,6 +71,7 @@ if TYPE_CHECKING:
         radiance,
         radiant_intensity,
     )
+    from polywigner.reception import coupling
     from polywigner.transforms import (
         ambiguity,
         array_factor,
@@ -140,6 +141,7 @@ _HOMES = {
     "hemisphere": "polywigner.propagation",
     "verify_store": "polywigner.propagation",
     "volume": "polywigner.propagation",
+    "coupling": "polywigner.reception",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -178,6 +180,7 @@ __all__ = [
     "beam_metrics",
     "cite",
     "cosine_taper",
+    "coupling",
     "differentiable",
     "energy_budget",
     "explain",

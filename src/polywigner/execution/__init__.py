@@ -20,6 +20,7 @@ module               what is in it
 ``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``hosted_slopes``    the same with derivatives that the host computes as well
+``pose_slopes``      values of poses with derivatives that the host computes
 ``derivatives``      functions with known derivatives as one custom operation
 ``gradients``        kernels with derivatives in closed form
 ``accumulators``     what derivatives in vertices and fields are added up in
@@ -56,6 +57,7 @@ from polywigner.execution.parameters import (
     plane_points,
     tensor_of,
 )
+from polywigner.execution.pose_slopes import hosted_poses
 from polywigner.execution.ray_sums import (
     float_of,
     has_gradient,
@@ -98,6 +100,7 @@ __all__ = [
     "has_gradient",
     "host_points",
     "hosted_field",
+    "hosted_poses",
     "in_plane",
     "is_drjit",
     "kernel_threads",

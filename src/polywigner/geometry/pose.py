@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from polywigner.errors import GeometryError
 from polywigner.geometry.numbers import real_numbers
 
-__all__ = ["rigid_pose"]
+__all__ = ["RIGID_TOLERANCE", "rigid_pose"]
 
 # Scene files give angles in single precision: a product of a few such rotations departs from a
 # rotation by some 1e-6. A scale that anybody wants differs by more than this.
-_RIGID_TOLERANCE = 1e-4
+RIGID_TOLERANCE = 1e-4
 
 
 def rigid_pose(to_world: Any) -> NDArray[np.float64]:
@@ -34,7 +34,7 @@ def rigid_pose(to_world: Any) -> NDArray[np.float64]:
     rotation = given[:3, :3]
     if not np.allclose(given[3], (0.0, 0.0, 0.0, 1.0)):
         raise GeometryError("expected a rigid to_world, got a perspective transformation")
-    if float(np.abs(rotation.T @ rotation - np.eye(3)).max()) > _RIGID_TOLERANCE:
+    if float(np.abs(rotation.T @ rotation - np.eye(3)).max()) > RIGID_TOLERANCE:
         scales = ", ".join(f"{scale:.6g}" for scale in np.linalg.svd(rotation, compute_uv=False))
         raise GeometryError(
             "expected a to_world of rotations and translations only, got one that scales by "

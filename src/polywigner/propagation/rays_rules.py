@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from polywigner.propagation.arrangement import Triangles
 
-__all__ = ["Rule", "areas", "gauss_rule", "node_count", "rule_by_triangles", "spacings"]
+__all__ = [
+    "NODES_PER_CYCLE",
+    "Rule",
+    "areas",
+    "gauss_rule",
+    "node_count",
+    "rule_by_triangles",
+    "spacings",
+]
 
 Values = NDArray[np.float64]
 Rule = tuple[Values, Values]
@@ -18,7 +26,7 @@ Rule = tuple[Values, Values]
 
 # Nodes along a side for each cycle of the phase of W, which turns at twice the frequency: Gauss
 # needs pi/2 for each cycle of its integrand before it converges.
-_NODES_PER_CYCLE = 3.5
+NODES_PER_CYCLE = 3.5
 # Rules of more nodes are made of equal panels of half as many: they cost too much to find.
 _MOST_IN_ONE = 200
 
@@ -59,7 +67,7 @@ def spacings(triangles: Triangles, rate: float, extra: float) -> Values:
 
 def _counts(long: Values, short: Values, rate: float, extra: float) -> Values:
     sides = np.column_stack([long, short])
-    result: Values = np.maximum(np.ceil(extra + _NODES_PER_CYCLE * rate * sides), 1.0)
+    result: Values = np.maximum(np.ceil(extra + NODES_PER_CYCLE * rate * sides), 1.0)
     return result
 
 

@@ -1,0 +1,248 @@
+"""The share of one cell of a transmitter and one of a receiver in a link, for many such pairs.
+
+Between cells that are small compared with their distance the kernel is, but for two plane waves
+along the line s of their centres, a slowly varying function of both places. It is interpolated at
+Gauss's nodes, q along each side of both boxes:
+
+    int int u_t K u_r = sum_ij M_i K_ij M'_j,    M_i = int u_t(x) exp(-ik s.x) L_i(x) dx       (RX3)
+
+so that a pair costs q^4 values of K, however many wavelengths its cells have, and sums over the
+nodes in each cell. Of cells that are rectangles it is the rule of Gauss, of twice the order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.illumination.obliquities import Shares
+from polywigner.reception.cells import Cells
+from polywigner.reception.link_kernels import link_kernel, link_slopes
+
+__all__ = ["Links", "Pairs"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
+
+# Values of the kernel, or of waves at nodes, at a time: their arrays stay in the cache.
+_BLOCK = 1 << 15
+# Moments at a time: 64 MiB.
+_MOMENTS = 1 << 21
+# Steps in which the rates of waves are rounded up, so that poses share their nodes.
+_RATE_STEP = 0.125
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of cells: the numbers of a pose and of both cells, (n,) each."""
+
+    pose: Indices
+    transmitter: Indices
+    receiver: Indices
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+    def where(self, chosen: NDArray[np.bool_] | Indices) -> Pairs:
+        """Some of the pairs."""
+        return Pairs(self.pose[chosen], self.transmitter[chosen], self.receiver[chosen])
+
+    def and_also(self, other: Pairs) -> Pairs:
+        """These pairs and others."""
+        both = zip(self._columns, other._columns, strict=True)
+        return Pairs(*(np.concatenate(columns) for columns in both))
+
+    @property
+    def _columns(self) -> tuple[Indices, Indices, Indices]:
+        return self.pose, self.transmitter, self.receiver
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """A transmitter and a receiver in n poses, lengths in wavelengths."""
+
+    transmitter: Cells
+    receiver: Cells
+    rotation: Floats
+    """(n, 3, 3), of the receiver's frame into the transmitter's."""
+    offset: Floats
+    """From the centre of the transmitter to that of the receiver, (n, 3)."""
+    shares: Shares
+    extra: float
+    """Nodes along a side of a cell beyond those that waves and polynomials need."""
+
+    def sizes(self, pairs: Pairs) -> tuple[Floats, Floats, Floats]:
+        """Half the diagonals of both cells of pairs, and their distance, (n,) each."""
+        half = [
+            np.linalg.norm(cells.high[own] - cells.low[own], axis=1) / 2
+            for cells, own in (
+                (self.transmitter, pairs.transmitter),
+                (self.receiver, pairs.receiver),
+            )
+        ]
+        return half[0], half[1], np.linalg.norm(self._between(pairs), axis=1)
+
+    def _between(self, pairs: Pairs) -> Floats:
+        """From the centres of the transmitter's boxes to those of the receiver's, (n, 3)."""
+        found = self.offset[pairs.pose].copy()
+        there = _middle(self.receiver, pairs.receiver)
+        found += np.einsum("nij,nj->ni", self.rotation[pairs.pose][:, :, :2], there)
+        found[:, :2] -= _middle(self.transmitter, pairs.transmitter)
+        return found
+
+    def sums(self, pairs: Pairs, order: int) -> tuple[Complex, Floats]:
+        """(RX3) of pairs (n,), less the phase of the distance of the sources; and its size.
+
+        The size is about the sum of the moduli of all terms.
+        """
+        found, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
+        for mine, here, there, geometry in self._blocks(pairs, order):
+            kernel = link_kernel(self.shares, *geometry)
+            found[mine] += _contracted(here, kernel, there)
+            largest = np.abs(kernel[:, :: order + 1, :: order + 1]).max(axis=(1, 2))
+            size[mine] += largest * np.abs(here).sum(axis=1) * np.abs(there).sum(axis=1)
+        return found, size
+
+    def slopes(self, pairs: Pairs, order: int) -> Complex:
+        """Derivatives of :meth:`sums` in the first three rows of ``to_transmitter``, (n, 3, 4).
+
+        Its last column counts in wavelengths.
+        """
+        found = np.zeros((len(pairs), 3, 4), np.complex128)
+        for mine, here, there, geometry in self._blocks(pairs, order):
+            place, _ = self._points(self.receiver, pairs.receiver[mine], order)
+            place = place + self.receiver.centre / self.receiver.wavelength
+            of_place, of_normal = link_slopes(self.shares, *geometry)
+            arms = [there * place[..., 0], there * place[..., 1], there, there]
+            for row in range(3):
+                for column, right in enumerate(arms):
+                    values = of_normal[row] if column == 2 else of_place[row]
+                    found[mine, row, column] += _contracted(here, values, right)
+        return found
+
+    def _blocks(
+        self, pairs: Pairs, order: int
+    ) -> Iterator[tuple[slice, Complex, Complex, tuple[Any, ...]]]:
+        """Blocks of pairs, and of the transmitter's nodes, with their moments.
+
+        And the arguments of the kernel between these nodes and all of the receiver's.
+        """
+        count = order * order
+        most = max(1, _MOMENTS // count)
+        step = max(1, _BLOCK // count**2)
+        rows = max(1, _BLOCK // (step * count))
+        for begin in range(0, len(pairs), most):
+            part = pairs.where(np.arange(begin, min(begin + most, len(pairs))))
+            towards = self._between(part)
+            towards /= np.linalg.norm(towards, axis=1)[:, None]
+            back = np.einsum("nji,nj->ni", self.rotation[part.pose], towards)
+            here = self._moments(self.transmitter, part.transmitter, -towards[:, :2], order)
+            there = self._moments(self.receiver, part.receiver, back[:, :2], order)
+            for start in range(0, len(part), step):
+                mine = slice(start, min(start + step, len(part)))
+                some = part.where(np.arange(mine.start, mine.stop))
+                own = slice(begin + mine.start, begin + mine.stop)
+                for first in range(0, count, rows):
+                    row = slice(first, first + rows)
+                    geometry = self._geometry(some, towards[mine], order, row)
+                    yield own, here[mine, row], there[mine], geometry
+
+    def _geometry(self, pairs: Pairs, towards: Floats, order: int, row: slice) -> tuple[Any, ...]:
+        """exp(ikR) without the waves of the moments, r, R and the receiver's normal."""
+        x, from_x = (p[:, row] for p in self._points(self.transmitter, pairs.transmitter, order))
+        y, from_y = self._points(self.receiver, pairs.receiver, order)
+        turned = self.rotation[pairs.pose]
+        columns = turned[:, :, :2]
+        y, from_y = (np.einsum("nij,nkj->ink", columns, places) for places in (y, from_y))
+        beside = np.repeat(y[:, :, None, :], x.shape[1], axis=2)
+        beside[:2] -= np.moveaxis(x, -1, 0)[..., None]
+        offset = self.offset[pairs.pose].T[:, :, None, None]
+        r = offset + beside
+        distance = np.sqrt((r * r).sum(axis=0))
+        whole = np.sqrt((offset * offset).sum(axis=0))
+        excess = ((2 * offset + beside) * beside).sum(axis=0) / (distance + whole)
+        excess -= np.einsum("ni,ink->nk", towards, from_y)[:, None, :]
+        excess += np.einsum("ni,nki->nk", towards[:, :2], from_x)[:, :, None]
+        wave = exp_turns(excess)
+        normal = turned[:, :, 2].T[:, :, None, None]
+        return wave, r, distance, normal
+
+    @staticmethod
+    def _points(cells: Cells, own: Indices, order: int) -> tuple[Floats, Floats]:
+        """Gauss's nodes in boxes (n, q^2, 2), and the same relative to the boxes' middles."""
+        half = (cells.high[own] - cells.low[own]) / 2
+        relative = half[:, None] * _rule(order)[0]
+        return relative + _middle(cells, own)[:, None], relative
+
+    def _moments(self, cells: Cells, own: Indices, waves: Floats, order: int) -> Complex:
+        """M_i of (RX3), (n, q^2).
+
+        ``waves`` (n, 2): cycles per wavelength, about the middle of each cell.
+        """
+        fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
+        rate = np.ceil(fastest / _RATE_STEP) * _RATE_STEP
+        found = np.zeros((len(own), order * order), np.complex128)
+        by_cell = np.argsort(own, kind="stable")
+        step = max(1, _BLOCK // (order * order))
+        for cell, mine in _groups(own, by_cell):
+            places, weights = cells.nodes(cell, float(rate), order, self.extra)
+            middle, half = _middle(cells, cell), (cells.high[cell] - cells.low[cell]) / 2
+            for start in range(0, len(places), step):
+                part = slice(start, start + step)
+                relative = places[part] - middle
+                basis = weights[part, None] * _basis(relative / half, order)
+                for some in np.array_split(mine, -(-len(mine) * len(relative) // _BLOCK)):
+                    turns = waves[some, :1] * relative[:, 0] + waves[some, 1:] * relative[:, 1]
+                    found[some] += np.einsum("pn,nk->pk", exp_turns(turns), basis)
+        return found
+
+
+def exp_turns(turns: Floats) -> Complex:
+    """exp(2 pi i turns)."""
+    phase = 2 * np.pi * turns
+    found = np.empty(phase.shape, np.complex128)
+    found.real, found.imag = np.cos(phase), np.sin(phase)
+    return found
+
+
+def _contracted(left: Complex, kernel: Complex, right: Complex) -> Complex:
+    """sum_ij left_i kernel_ij right_j of each pair; not by BLAS, whose threads such sizes delay."""
+    result: Complex = (left * np.einsum("nij,nj->ni", kernel, right)).sum(axis=1)
+    return result
+
+
+def _middle(cells: Cells, own: Indices | int) -> Floats:
+    result: Floats = (cells.low[own] + cells.high[own]) / 2
+    return result
+
+
+def _groups(own: Indices, ordered: Indices) -> Iterator[tuple[int, Indices]]:
+    """Each cell with the places at which it stands in ``own``."""
+    cells, starts = np.unique(own[ordered], return_index=True)
+    yield from zip(cells.tolist(), np.split(ordered, starts[1:]), strict=True)
+
+
+@lru_cache(maxsize=32)
+def _rule(order: int) -> tuple[Floats, Floats]:
+    """Gauss's nodes (q^2, 2) of the square [-1, 1]^2, and Legendre's series from values there.
+
+    The latter is of one coordinate: coefficients = matrix (q, q) times values.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(order)
+    x, y = np.meshgrid(nodes, nodes, indexing="ij")
+    series = np.polynomial.legendre.legvander(nodes, order - 1).T * weights
+    series *= (np.arange(order) + 0.5)[:, None]
+    return np.stack([x.ravel(), y.ravel()], axis=1), series
+
+
+def _basis(places: Floats, order: int) -> Floats:
+    """Polynomials that are 1 at one node and 0 at all others, at places (n, 2), (n, q^2)."""
+    values = np.polynomial.legendre.legvander(places, order - 1) @ _rule(order)[1]
+    result: Floats = (values[:, 0, :, None] * values[:, 1, None, :]).reshape(len(places), -1)
+    return result

@@ -1,0 +1,394 @@
+"""Links between two sources, against reference values, integrals of fields and closed forms."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles.references import read_json
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+
+WAVELENGTH = pw.SPEED_OF_LIGHT / 94e9
+EXACT = ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"]
+SQUARE = pw.shapes.square(10e-3)
+COSINE = SQUARE.with_illumination(pw.Illumination([0.5, 0.5], [(50.0, 0.0), (-50.0, 0.0)]))
+STEERED = SQUARE.with_illumination(pw.Illumination([1.0], [(0.3 / WAVELENGTH, 0.0)]))
+L_SHAPE = pw.Aperture(1e-3 * np.array([(0, 0), (12, 0), (12, 4), (4, 4), (4, 12), (0, 12)]) - 6e-3)
+PAIR = pw.Aperture([1e-3 * np.array([(0, 0), (3, 0), (3, 5)]) + (x, 0) for x in (-4e-3, 2e-3)])
+HOLED = pw.Aperture(shapely.Polygon([(0, 0), (8e-3, 1e-3), (5e-3, 7e-3)], [[(4e-3, 2e-3),
+    (5e-3, 2e-3), (5e-3, 4e-3)]]))  # fmt: skip
+REFERENCE = {
+    name: case for name, case in read_json("links").items() if not name.startswith("triangle")
+}
+SOURCES = {
+    "square to L, shifted, tilted": (SQUARE, L_SHAPE),
+    "TE10 square to square, tilted": (COSINE, SQUARE),
+    "steered square to TE10 square": (STEERED, COSINE),
+}
+# Of sums of float64 and of the reference values, which were found by two rules to 2.5e-14.
+ROUNDING = 1e-12
+# Of fields to 1e-12, summed over some hundred nodes.
+FIELDS = 1e-10
+# Of derivatives: differences of the fourth order err by (k step)^4, 1e-11, and by rounding.
+DIFFERENCES = 1e-7
+
+
+def pose(x: float, y: float, z: float, tilt: float = 0.0, spin: float = 0.0) -> np.ndarray:
+    """Facing the transmitter but for a tilt about y, after a spin about the own z; in radians."""
+    c, s = math.cos(math.pi + tilt), math.sin(math.pi + tilt)
+    a, b = math.cos(spin), math.sin(spin)
+    turned = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ [[a, -b, 0], [b, a, 0], [0, 0, 1]]
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turned, (x, y, z)
+    return matrix
+
+
+def norm(source: Any) -> float:
+    return float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+
+
+def rule(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 2) on a source of convex parts, and weights times its field."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    u, v = np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2, indexing="ij")
+    share = np.outer(weights, weights).ravel() / 4 * u.ravel()
+    u, v = u.reshape(-1, 1), v.reshape(-1, 1)
+    places, values = [], []
+    for piece in source.convex_cover:
+        for b, c in pairwise(piece[1:]):
+            a = piece[0]
+            places.append(a + u * ((b - a) + v * (c - b)))
+            area = abs(float(np.linalg.det([b - a, c - a])))
+            values.append(share * area)
+    found, sizes = np.concatenate(places), np.concatenate(values).astype(complex)
+    field = source.illumination
+    return found, sizes if field is None else sizes * field(found)
+
+
+@pytest.mark.parametrize("method", EXACT)
+@pytest.mark.parametrize("name", REFERENCE)
+def test_couplings_have_their_reference_values(name: str, method: str) -> None:
+    case, pair = REFERENCE[name], SOURCES.get(name, (SQUARE, SQUARE))
+    expected = complex(*case["coupling"][method])
+    for tolerance in (1e-6, 1e-10):
+        found = pw.coupling(*pair, case["to_transmitter"], WAVELENGTH, method, tolerance)
+        assert abs(found - expected) <= tolerance * abs(expected)
+
+
+@pytest.mark.parametrize(
+    ("distance", "expected"),
+    [(1.0, -30.077568), (62.7e-3, -6.930870), (31.4e-3, -3.291214), (6e-3, -1.767883)],
+)
+def test_coaxial_squares_couple_by_so_many_decibels(distance: float, expected: float) -> None:
+    found = pw.coupling(SQUARE, SQUARE, pose(0, 0, distance), frequency=94e9)
+    assert 20 * math.log10(abs(found)) == pytest.approx(expected, abs=5e-7)
+
+
+@pytest.mark.parametrize("method", EXACT)
+def test_a_coupling_is_the_same_in_both_directions(method: str) -> None:
+    to_transmitter = pose(8e-3, -5e-3, 21e-3, 0.5, 0.8)
+    pair = (COSINE, L_SHAPE.with_illumination(pw.Illumination([1, 0.4j], [(80, 20), (-30, 150)])))
+    there = pw.coupling(*pair, to_transmitter, WAVELENGTH, method)
+    back = pw.coupling(*pair[::-1], np.linalg.inv(to_transmitter), WAVELENGTH, method)
+    assert abs(there - back) <= 2e-6 * abs(there)
+
+
+@pytest.mark.parametrize("receiver", [L_SHAPE, HOLED, COSINE])
+@pytest.mark.parametrize("place", [(3e-3, 1e-3, 12e-3, 0.3, 1.0), (30e-3, 0, 9e-3, 0.6, 0.2)])
+def test_a_coupling_is_the_field_summed_over_the_receiver(
+    receiver: pw.Aperture, place: tuple[float, ...]
+) -> None:
+    to_transmitter = pose(*place)
+    places, weights = rule(receiver, 24)
+    points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
+    field = pw.amplitude(PAIR, points, WAVELENGTH, "rayleigh-sommerfeld-2", tolerance=1e-12)
+    expected = field @ weights / math.sqrt(norm(PAIR) * norm(receiver))
+    found = pw.coupling(PAIR, receiver, to_transmitter, WAVELENGTH, "rayleigh-sommerfeld-2", FIELDS)
+    assert abs(found - expected) <= 2 * FIELDS * abs(expected)
+
+
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff"])
+def test_the_cosine_of_arrival_is_the_slope_of_the_field_along_the_normal(method: str) -> None:
+    to_transmitter = pose(6e-3, 2e-3, 15e-3, 0.4, 0.3)
+    places, weights = rule(L_SHAPE, 16)
+    points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
+    step = 1e-3 * WAVELENGTH
+    along = np.array([-2, -1, 0, 1, 2])[:, None, None] * step * to_transmitter[:3, 2] + points
+    field = pw.amplitude(SQUARE, along, WAVELENGTH, method, tolerance=1e-13)
+    slope = (field[0] - 8 * field[1] + 8 * field[3] - field[4]) / (12 * step)
+    arriving = -slope * WAVELENGTH / (2j * math.pi)
+    if method == "kirchhoff":
+        arriving = (field[2] + arriving) / 2
+    expected = arriving @ weights / math.sqrt(norm(SQUARE) * norm(L_SHAPE))
+    found = pw.coupling(SQUARE, L_SHAPE, to_transmitter, WAVELENGTH, method, 1e-9)
+    assert abs(found - expected) <= 1e-8 * abs(expected)
+
+
+def test_a_tenth_of_a_wavelength_apart_a_coupling_is_still_the_field_summed() -> None:
+    patch = pw.shapes.square(0.6 * WAVELENGTH)
+    to_transmitter = pose(0.2 * WAVELENGTH, 0, 0.15 * WAVELENGTH, 0.1)
+    places, weights = rule(patch, 40)
+    points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
+    field = pw.amplitude(patch, points, WAVELENGTH, "rayleigh-sommerfeld-2", tolerance=1e-9)
+    found = pw.coupling(patch, patch, to_transmitter, WAVELENGTH, "rayleigh-sommerfeld-2", 1e-8)
+    assert abs(found - field @ weights / patch.area) < 1e-7  # of the sum over the kinked field
+
+
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "fraunhofer"])
+def test_ten_thousand_wavelengths_away_the_coupling_is_friis(method: str) -> None:
+    side, distance, tilt, sine = 0.7, 1e4, 0.3, 0.4
+    z = math.sqrt(1 - sine**2) * distance
+    patch = pw.shapes.square(side)
+    found = pw.coupling(patch, patch, pose(sine * distance, 0, z, tilt), 1.0, method)
+
+    def gain(sine: float) -> float:
+        pattern = side**2 * np.sinc(side * sine)
+        return 4 * math.pi * (1 - sine**2) * pattern**2 / side**2
+
+    # the receiver's normal leans by the tilt from the direction back along the transmitter's
+    back = math.sin(math.asin(sine) - tilt)
+    back_other = math.sin(math.asin(sine) + tilt)
+    expected = [gain(sine) * gain(b) / (4 * math.pi * distance) ** 2 for b in (back, back_other)]
+    decibels = 10 * np.log10(abs(found) ** 2 / np.array(expected))
+    assert np.abs(decibels).min() < 1e-6
+
+
+@pytest.mark.parametrize("distance", [1e5, 1e9, 1e13])
+def test_phases_are_right_at_any_distance(distance: float) -> None:
+    to_transmitter = pose(0.3 * distance, 0.1 * distance, distance, 0.2)
+    exact = pw.coupling(COSINE, L_SHAPE, to_transmitter, WAVELENGTH, tolerance=1e-9)
+    far = pw.coupling(COSINE, L_SHAPE, to_transmitter, WAVELENGTH, "fraunhofer")
+    # what Fraunhofer's approximation misses falls with the distance
+    assert abs(exact / far - 1) < max(1e-9, 0.1 / distance)
+
+
+def fresnel(transmitter: Any, receiver: Any, to_transmitter: np.ndarray) -> complex:
+    """Fresnel's field, from the package, summed over a parallel receiver."""
+    places, weights = rule(receiver, 24)
+    points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
+    field = pw.amplitude(transmitter, points, WAVELENGTH, "fresnel", tolerance=1e-12)
+    return complex(field @ weights / math.sqrt(norm(transmitter) * norm(receiver)))
+
+
+@pytest.mark.parametrize(
+    ("pair", "place"),
+    [
+        ((SQUARE, SQUARE), (0.0, 0.0, 62.7e-3)),
+        ((SQUARE, SQUARE), (4e-3, -3e-3, 31.4e-3, 0.0, 0.5)),
+        ((STEERED, pw.Aperture(HOLED.rings[0])), (9e-3, 0.0, 40e-3, 0.0, 2.0)),
+    ],
+)
+def test_the_overlap_in_phase_space_is_fresnels_coupling(
+    pair: tuple[Any, Any], place: tuple[float, ...]
+) -> None:
+    to_transmitter = pose(*place)
+    found = pw.coupling(*pair, to_transmitter, WAVELENGTH, "wigner", 1e-5)
+    assert isinstance(found, float)
+    assert found == pytest.approx(abs(fresnel(*pair, to_transmitter)) ** 2, rel=1e-5, abs=0)
+
+
+def test_an_array_couples_as_the_sum_of_its_elements() -> None:
+    places = pw.arrays.grid_positions(4, 3, 2e-3, 2e-3)
+    weights = np.exp(1j * np.arange(12)) * np.linspace(1, 2, 12)
+    patch = pw.shapes.square(1.5e-3).with_illumination(pw.Illumination([1, 0.5], [(0, 0), (90, 0)]))
+    array = pw.phased_array(patch, places, weights)
+    to_transmitter = pose(5e-3, 0, 30e-3, 0.2)
+    found = pw.coupling(array, L_SHAPE, to_transmitter, WAVELENGTH, tolerance=1e-9)
+    total = 0j
+    for place, weight in zip(places, weights, strict=True):
+        own = np.eye(4)
+        own[:2, 3] = -place
+        total += weight * pw.coupling(
+            patch, L_SHAPE, own @ to_transmitter, WAVELENGTH, tolerance=1e-9
+        )
+    expected = total * math.sqrt(norm(patch) / norm(array))
+    assert abs(found - expected) < 1e-8 * abs(expected)
+
+
+def test_a_lattice_of_256_elements_couples_with_another_as_their_patterns_say() -> None:
+    array = pw.phased_array(pw.shapes.square(0.45), pw.arrays.grid_positions(16, 16, 0.5, 0.5))
+    near, far = np.array([pose(200, 0, 300, -0.5), pose(2e5, 0, 3e5, -0.5)])
+    exact = pw.coupling(array, array, [near, far], 1.0)
+    friis = pw.coupling(array, array, far, 1.0, "fraunhofer")
+    assert abs(exact[1] / friis - 1) < 1e-3  # 8 wavelengths at 4e5: phases of 5e-4 radians
+    assert abs(exact[0]) < abs(exact[1]) * 1e3 * 1.5
+
+
+def test_cutting_a_source_changes_nothing() -> None:
+    halves = [pw.shapes.rectangle(10e-3, 4e-3).moved((0, -3e-3))]
+    halves.append(pw.shapes.rectangle(10e-3, 6e-3).moved((0, 2e-3)))
+    to_transmitter = pose(0, 5e-3, 8e-3, 0.2)
+    whole = pw.coupling(SQUARE, COSINE, to_transmitter, WAVELENGTH, tolerance=1e-11)
+    cut = pw.coupling(pw.Array(halves), COSINE, to_transmitter, WAVELENGTH, tolerance=1e-11)
+    assert abs(whole - cut) < 2e-11 * abs(whole)
+
+
+def test_estimated_errors_hold() -> None:
+    poses = np.array([pose(4e-3, 0, z, 0.1) for z in (9e-3, 30e-3, 0.3)])
+    pair = (L_SHAPE, STEERED)
+    best = pw.coupling(*pair, poses, WAVELENGTH, tolerance=1e-10)
+    for tolerance in (1e-2, 1e-4, 1e-7):
+        found, errors = pw.coupling(
+            *pair, poses, WAVELENGTH, tolerance=tolerance, return_error=True
+        )
+        assert (np.abs(found - best) <= errors + 1e-10).all()
+        assert (errors <= tolerance * np.abs(found)).all()
+
+
+def test_poses_broadcast_and_a_pose_gives_a_number() -> None:
+    poses = np.array([[pose(x, 0, z) for x in (0, 5e-3, 9e-3)] for z in (20e-3, 40e-3)])
+    found = pw.coupling(SQUARE, COSINE, poses, WAVELENGTH)
+    assert found.shape == (2, 3)
+    alone = pw.coupling(SQUARE, COSINE, poses[1, 2], WAVELENGTH)
+    assert isinstance(alone, complex)
+    assert abs(alone - found[1, 2]) <= 1e-6 * abs(alone)
+    assert pw.coupling(SQUARE, COSINE, poses[:0], WAVELENGTH).shape == (0, 3)
+    assert pw.coupling(SQUARE, SQUARE, poses[0, :1], WAVELENGTH, "wigner", 1e-2).shape == (1,)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff"])
+def test_derivatives_in_the_pose_are_differences(method: str) -> None:
+    import drjit as dr
+    from drjit.llvm.ad import TensorXf64
+
+    starts = np.array([pose(5e-3, -2e-3, 24e-3, 0.3, 0.7), pose(-3e-3, 0, 0.5, -0.2)])
+    pair = (L_SHAPE.moved((2e-3, 1e-3)), STEERED.moved((-1e-3, 3e-3)))
+
+    def moves(t: float) -> np.ndarray:  # a screw about an axis through the receiver's origin
+        c, s = math.cos(t), math.sin(t)
+        turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+        moved = starts.copy()
+        moved[:, :3, :3] = turn @ starts[:, :3, :3]
+        moved[:, :3, 3] += np.array([2e-3, -3e-3, 1e-3]) * t
+        return moved
+
+    def value(t: float) -> Any:
+        return pw.coupling(*pair, moves(t), WAVELENGTH, method, 1e-11)
+
+    step = 1e-3
+    change = (moves(1e-5) - moves(-1e-5)) / 2e-5
+    expected = (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
+    poses = TensorXf64(starts)
+    dr.enable_grad(poses)
+    found = pw.coupling(*pair, poses, WAVELENGTH, method, 1e-10)
+    assert found.shape == (2, 2)
+    dr.set_grad(poses, TensorXf64(change))
+    dr.enqueue(dr.ADMode.Forward, poses)
+    dr.traverse(dr.ADMode.Forward)
+    forward = np.array(dr.grad(found).numpy()) @ [1, 1j]
+    assert np.abs(forward - expected).max() < DIFFERENCES * np.abs(expected).max()
+    poses = TensorXf64(starts)
+    dr.enable_grad(poses)
+    found = pw.coupling(*pair, poses, WAVELENGTH, method, 1e-10)
+    dr.backward(dr.sum(found.array * found.array))  # |b|^2 of both
+    reverse = (np.array(dr.grad(poses).numpy()) * change).sum(axis=(1, 2))
+    power = 2 * (value(0.0).conj() * expected).real
+    assert np.abs(reverse - power).max() < DIFFERENCES * np.abs(power).max()
+
+
+@pytest.mark.llvm
+def test_poses_of_drjit_without_derivatives_give_what_those_of_numpy_do() -> None:
+    from drjit.llvm.ad import TensorXf64
+
+    place = pose(3e-3, 0, 30e-3)
+    for method in ("kirchhoff", "fraunhofer", "wigner"):
+        expected = pw.coupling(SQUARE, SQUARE, place, WAVELENGTH, method, 1e-3)
+        found = pw.coupling(SQUARE, SQUARE, TensorXf64(place), WAVELENGTH, method, 1e-3).numpy()
+        assert np.allclose(found if method == "wigner" else found @ [1, 1j], expected, rtol=1e-12)
+
+
+@pytest.mark.llvm
+def test_derivatives_that_there_are_not_are_refused() -> None:
+    import drjit as dr
+    from drjit.llvm.ad import TensorXf64
+
+    poses = TensorXf64(pose(0, 0, 0.1))
+    dr.enable_grad(poses)
+    with pytest.raises(ArgumentError, match='with derivatives, got "fraunhofer"'):
+        pw.coupling(SQUARE, SQUARE, poses, WAVELENGTH, "fraunhofer")
+    with pytest.raises(ArgumentError, match="return_error"):
+        pw.coupling(SQUARE, SQUARE, poses, WAVELENGTH, return_error=True)
+    with pytest.raises(ArgumentError, match=r"tensor \(..., 4, 4\)"):
+        pw.coupling(SQUARE, SQUARE, TensorXf64([0.0, 1.0]), WAVELENGTH)
+
+
+def _changed(**entries: float) -> np.ndarray:
+    matrix = pose(0, 0, 0.1)
+    for name, value in entries.items():
+        matrix[int(name[1]), int(name[2])] = value
+    return matrix
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        (pose(0, 0, -0.1), "all of the receiver in front of the transmitter's plane"),
+        (pose(0, 0, 0.0), "in front of the transmitter's plane"),
+        (pose(0, 0, 0.1, math.pi), "looks away from it"),
+        (pose(0.1, 0, 2e-3, 0.7), "got its point .* move it forwards"),
+        (pose(10e-3, 0, 9e-3, -0.6), "all of the transmitter in front of the receiver's plane"),
+        (_changed(m00=-2.0), "departs from a rotation"),
+        (_changed(m00=1.0), "mirror image"),
+        (_changed(m23=math.nan), "not finite"),
+        (_changed(m30=1.0), "last row"),
+        (np.eye(3), r"shape \(3, 3\)"),
+        ("somewhere", "rigid poses"),
+    ],
+)
+def test_poses_that_make_no_link_are_refused(place: Any, message: str) -> None:
+    with pytest.raises(GeometryError, match=message):
+        pw.coupling(SQUARE, SQUARE, place, WAVELENGTH)
+
+
+def test_a_pose_among_many_is_named() -> None:
+    with pytest.raises(GeometryError, match="in pose 1"):
+        pw.coupling(SQUARE, SQUARE, [pose(0, 0, 1), pose(0, 0, -1)], WAVELENGTH)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"transmitter": pw.Slits([(0, 1e-3)])}, ArgumentError, "Slits"),
+        ({"receiver": SQUARE.placed(np.eye(4))}, ArgumentError, "use its .aperture"),
+        ({"receiver": pw.Array([SQUARE, SQUARE], [1, -1])}, IlluminationError, "cancel"),
+        ({"wavelength": 0.0}, ArgumentError, "wavelength"),
+        ({"wavelength": math.nan}, ArgumentError, "wavelength"),
+        ({"method": "fresnel"}, ArgumentError, "expected method to be one of"),
+        ({"tolerance": 1e-14}, ArgumentError, "tolerance"),
+        ({"tolerance": math.nan}, ArgumentError, "tolerance"),
+        ({"wavelength": 1e-9, "to_transmitter": pose(0, 0, 1e-5)}, ArgumentError, "fewer"),
+    ],
+)
+def test_other_arguments_are_refused(change: dict[str, Any], error: type, message: str) -> None:
+    arguments = {"transmitter": SQUARE, "receiver": SQUARE, "to_transmitter": pose(0, 0, 0.1)}
+    with pytest.raises(error, match=message):
+        pw.coupling(**{**arguments, "wavelength": WAVELENGTH, **change})
+
+
+def test_tilted_planes_have_no_overlap_along_rays() -> None:
+    with pytest.raises(ArgumentError, match="parallel planes"):
+        pw.coupling(SQUARE, SQUARE, pose(0, 0, 0.1, 0.1), WAVELENGTH, "wigner")
+
+
+@pytest.mark.llvm
+def test_a_differentiable_source_is_refused() -> None:
+    from drjit.llvm.ad import Array2f64
+
+    source = pw.differentiable(vertices=Array2f64(np.ascontiguousarray(SQUARE.rings[0].T)))
+    with pytest.raises(ArgumentError, match=r"pass its \.source"):
+        pw.coupling(source, SQUARE, pose(0, 0, 0.1), WAVELENGTH)
+
+
+def test_in_a_null_errors_count_relative_to_the_largest_coupling() -> None:
+    checker = pw.Array([SQUARE, SQUARE.moved((10e-3, 0))], [1, -1])
+    place = pose(5e-3, 0, 20e-3)  # in the plane of antisymmetry
+    found, error = pw.coupling(checker, SQUARE, place, WAVELENGTH, return_error=True)
+    assert abs(found) < ROUNDING
+    assert error <= 1e-9
