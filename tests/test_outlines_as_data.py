@@ -187,3 +187,5 @@ def test_a_process_compiles_for_so_many_outlines_only() -> None:
     assert plan(replace(large, others=3)).way.name == "edges as code"
     assert plan(replace(large, others=1000)).way.name == DATA
     assert plan(replace(large, others=1000, spent=10.0)).way.name == "edges as code"
+    with forced("code"):
+        assert plan(replace(large, others=1000)).way.name == "edges as code"

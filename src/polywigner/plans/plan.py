@@ -153,10 +153,13 @@ def _allowed(request: Request) -> list[Way]:
     if request.engine != "auto":
         engines &= {"numpy"} if request.engine == "numpy" else {"llvm"}
     ways = [way for way in _ways(request) if way.engine in engines]
+    as_forced = [way for way in ways if wanted and way.cut == wanted]
+    if as_forced:
+        return as_forced
     if request.others >= LIMITS["most sources as code"] and any(way.is_for_all for way in ways):
         # of kernels for this source alone, those that it has paid for
         ways = [way for way in ways if way.is_for_all or way.setup <= request.spent]
-    return [way for way in ways if wanted and way.cut == wanted] or ways
+    return ways
 
 
 def _ways(request: Request) -> Iterator[Way]:
