@@ -12,6 +12,8 @@ import shapely
 
 import polywigner as pw
 from polywigner.errors import GeometryError
+from polywigner.kernels.cut.cell_lists import cell_lists
+from polywigner.kernels.functions.plane import tables_of
 from polywigner.plans import Outline, Plan, Request, forced, plan
 from polywigner.plans.plan import DATA
 from test_compilation import compiled
@@ -160,6 +162,14 @@ def test_derivatives_need_no_kernel_of_their_own(llvm: Any) -> None:
     with compiled() as found:
         call(15)
     assert len(found) < MOST_FORMS
+
+
+def test_lists_of_one_cell_do_not_oust_those_of_many() -> None:
+    tables = tables_of(pw.shapes.regular_polygon(24, 1.0), True)
+    kept = cell_lists(tables, -1)
+    for _ in range(40):  # as derivatives of 40 outlines make them
+        cell_lists(replace(tables, cut="all in cells"), -1)
+    assert cell_lists(tables, -1) is kept
 
 
 SQUARE = Request("wigner", 1000, Outline(4, 1, 16, 4), engine="llvm", loaded=True, takes_data=True)

@@ -101,14 +101,18 @@ class CellLists:
         return sum(array.nbytes for array in arrays)
 
 
-@lru_cache(maxsize=32)
 def cell_lists(tables: Tables, sign: int) -> CellLists:
     """The lists for edges that lie at ``O + sign (a + t e)`` in the other copy.
 
     Coarse cells, if the tables ask for them, are found in a fourth of the time.
     """
-    if tables.cut == "all in cells":
-        return lists_of_one_cell(tables, sign)
+    # remembered apart: those of one cell are many and quick to make, and must not oust the others
+    one = tables.cut == "all in cells"
+    return lists_of_one_cell(tables, sign) if one else _lists_of_cells(tables, sign)
+
+
+@lru_cache(maxsize=32)
+def _lists_of_cells(tables: Tables, sign: int) -> CellLists:
     edges = OutlineEdges.of(tables.edges)
     angle = main_direction(edges.vector)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
