@@ -10,7 +10,7 @@ module               what is in it
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
 ``chunks``           samples chunk by chunk
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_shared``
-                     places that meet many frequencies
+                     places that meet many frequencies; ``on_drjit_data`` one for all outlines
 ``by_cell``          samples in the order of their cells; ``frozen`` kernels traced once
 ``table_data``       tables as data of a kernel; ``listed_sums`` sums of some rows
 ``pairs``            every position with every frequency

@@ -1,7 +1,7 @@
 """A kernel compiled once for all outlines, which come as data with every call.
 
 A kernel with an outline as code takes a tenth of a second to compile, and some hundred kilobytes
-of the process for good. This one is for any outline, and half to a fifth as fast.
+of the process for good. This one is for any outline, and a third to half as fast.
 """
 
 from __future__ import annotations

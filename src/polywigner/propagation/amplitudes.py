@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from functools import partial
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
@@ -33,6 +32,7 @@ from polywigner.propagation.places import (
     checked_method,
     checked_points,
     checked_wavelength,
+    warn_of_missed,
 )
 from polywigner.transforms import Differentiable
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -180,7 +180,7 @@ def amplitude(
         warn_of_slopes(source, length, name)
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)
         values, errors = found[:2]
-        _warn_of(*found[1:])
+        warn_of_missed(*found[1:], "points", stacklevel=3)
     shape = places.shape[:-1]
     result = values.reshape(shape).astype(np.complex128 if double else np.complex64)[()]
     return (result, errors.reshape(shape)[()]) if return_error else result
@@ -197,18 +197,6 @@ def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
         hint = "" if number > 0.1 or double else '; precision="double" has 1e-13'
         raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}{hint}")
     return number
-
-
-def _warn_of(errors: NDArray[np.float64], allowed: NDArray[np.float64]) -> None:
-    missed = ~(errors <= allowed)
-    if missed.any():
-        worst = float((errors[missed] / allowed[missed]).max())
-        warnings.warn(
-            f"{int(missed.sum())} of {len(errors)} points miss the tolerance, the worst by a "
-            f"factor of {worst:.3g}; see return_error=True, or allow a larger tolerance",
-            PolywignerWarning,
-            stacklevel=3,
-        )
 
 
 def _seen_from_centre(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
+from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry.arguments import checked_wavelength, shape_of
 from polywigner.geometry.numbers import real_numbers
 
@@ -21,6 +22,7 @@ __all__ = [
     "checked_name",
     "checked_points",
     "checked_wavelength",
+    "warn_of_missed",
 ]
 
 Method = Literal[
@@ -98,3 +100,18 @@ def checked_name(argument: str, name: Any, allowed: Sequence[str]) -> str:
         names = ", ".join(f'"{each}"' for each in allowed)
         raise ArgumentError(f"expected {argument} to be one of {names}, got {name!r}")
     return name
+
+
+def warn_of_missed(
+    errors: NDArray[np.float64], allowed: NDArray[np.float64], what: str, stacklevel: int
+) -> None:
+    """Warn of results, by their name, whose errors are larger than allowed."""
+    missed = ~(errors <= allowed)
+    if missed.any():
+        worst = float((errors[missed] / allowed[missed]).max())
+        warnings.warn(
+            f"{int(missed.sum())} of {len(errors)} {what} miss the tolerance, the worst by a "
+            f"factor of {worst:.3g}; see return_error=True, or allow a larger tolerance",
+            PolywignerWarning,
+            stacklevel=stacklevel,
+        )

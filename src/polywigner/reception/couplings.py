@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from functools import lru_cache, partial
 from typing import Any, Literal, get_args
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, IlluminationError, PolywignerWarning
+from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import DrJitArray
@@ -22,7 +21,7 @@ from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
-from polywigner.propagation.places import checked_method, checked_wavelength
+from polywigner.propagation.places import checked_method, checked_wavelength, warn_of_missed
 from polywigner.radiometry.directions import checked_source
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of
@@ -177,7 +176,7 @@ def _found(
         values[some], errors[some], limits[some] = found[:3]
         if slopes is not None:
             slopes[some] = found[3]
-    _warn_of(errors, limits)
+    warn_of_missed(errors, limits, "couplings", stacklevel=5)
     whole = None if slopes is None else slopes.reshape(*shape, 3, 4)
     return values.reshape(shape), errors.reshape(shape), whole
 
@@ -276,15 +275,3 @@ def _checked_tolerance(tolerance: Any) -> float:
     if not _LEAST <= number <= 0.1:
         raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
     return number
-
-
-def _warn_of(errors: Floats, limits: Floats) -> None:
-    missed = ~(errors <= limits)
-    if missed.any():
-        worst = float((errors[missed] / limits[missed]).max())
-        warnings.warn(
-            f"{int(missed.sum())} of {len(errors)} couplings miss the tolerance, the worst by a "
-            f"factor of {worst:.3g}; see return_error=True, or allow a larger tolerance",
-            PolywignerWarning,
-            stacklevel=5,
-        )
