@@ -12,8 +12,9 @@ from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.lattices import lattice_of
+from polywigner.illumination.waves import restored
 
-__all__ = ["moved_source", "mutual_support"]
+__all__ = ["mirrored_source", "moved_source", "mutual_support"]
 
 _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 
@@ -22,6 +23,8 @@ _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 _MOST_PAIRS = 500
 # Copies on a lattice cost less, but their union still 4 s for 16000 vertices.
 _MOST_VERTICES = 4096
+# x changes its sign.
+_MIRROR = np.array([-1.0, 1.0])
 
 
 def mutual_support(source: Aperture | Array) -> Aperture:
@@ -94,3 +97,19 @@ def moved_source(source: _Source, shift: NDArray[np.float64]) -> _Source:
         element, positions = source.repeated
         return phased_array(element, positions + shift, source.weights)
     return Array([element.moved(shift) for element in source.elements_in_plane], source.weights)
+
+
+def mirrored_source(source: Aperture | Array) -> Aperture | Array:
+    """A source of the plane, with its field, as a mirror shows it: u(-x, y)."""
+    if isinstance(source, Aperture):
+        copy = Aperture(shapely.transform(source.polygons, lambda points: points * _MIRROR))
+        field = source.illumination
+        if field is None:
+            return copy
+        is_fit = getattr(field, "is_fit", False)
+        waves = restored(field.amplitudes, field.frequencies * _MIRROR, is_fit)
+        return copy.with_illumination(waves)
+    if source.repeated is not None:
+        element, positions = source.repeated
+        return phased_array(mirrored_source(element), positions * _MIRROR, source.weights)
+    return Array([mirrored_source(element) for element in source.elements_in_plane], source.weights)

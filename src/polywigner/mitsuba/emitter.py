@@ -256,6 +256,8 @@ def emitter_class(variant: str) -> Any:
             return _value(self.power, jit) * (inverse * inverse / energy)
 
         def eval(self, si: Any, active: Any = True) -> Any:
+            if not self.spec.visible:  # or unseen for a while, with a surface of its own
+                return self._spectrum(m.Float(0.0), active)
             direction = self._to_frame(si.to_world(si.wi))
             return self._spectrum(self._radiance(si.uv, direction), active)
 

@@ -1,0 +1,113 @@
+"""The coupling of an emitter and a receiver in a scene, as far as they are in front of each other.
+
+Exact, by :func:`polywigner.coupling`, where nothing is in between. Neither source radiates backwards.
+Of one that reaches behind the plane of the other only the part in front counts, as behind an opaque
+screen without edges.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.errors import PolywignerError, SceneError
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.mitsuba.placed_sources import PlacedSource
+from polywigner.mitsuba.placement import PLACE_ERROR
+from polywigner.reception import coupling
+from polywigner.transforms import lag_marginal
+
+__all__ = ["FacingParts", "coupled_share", "facing_parts"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FacingParts:
+    """What each of two sources has in front of the other's plane."""
+
+    emitter: PlacedSource
+    receiver: PlacedSource
+    share: float
+    """Of int |u|^2 of both, the product: 1 where all faces all."""
+
+
+def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
+    """The parts that face each other; None where there are none, as in one plane."""
+    rounding = PLACE_ERROR * max(float(np.abs(p.pose[:3, 3]).max()) for p in (emitter, receiver))
+    parts, share = [], 1.0
+    for one, other in ((emitter, receiver), (receiver, emitter)):
+        pose = one.pose_of(other)
+        part = _part_in_front(one.source, pose[:3, 2], pose[:3, 3], rounding)
+        if part is None:
+            return None
+        if part is not one.source:
+            share *= _energy(part) / _energy(one.source)
+        parts.append(replace(one, source=part))
+    return FacingParts(*parts, share)
+
+
+def coupled_share(parts: FacingParts) -> float:
+    """|b|^2: received over emitted power with nothing in between, both as int |u|^2.
+
+    Raises SceneError where the link is too much work, or too near.
+    """
+    emitter, receiver = parts.emitter, parts.receiver
+    method: Any = emitter.obliquity
+    try:
+        b = coupling(
+            emitter.source, receiver.source, emitter.pose_of(receiver), emitter.wavelength, method
+        )
+    except PolywignerError as error:
+        raise SceneError(
+            f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}: {error}"
+        ) from None
+    return float(abs(b) ** 2 * parts.share)
+
+
+def _part_in_front(
+    source: Aperture | Array, normal: Floats, place: Floats, rounding: float
+) -> Aperture | Array | None:
+    """The part of a source in z = 0 in front of the plane through ``place``; itself if that is all.
+
+    ``rounding``: heights of no account, in m.
+    """
+    elements = source.elements_in_plane
+    parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
+    if all(part is element for part, element in zip(parts, elements, strict=True)):
+        return source
+    kept = [k for k, part in enumerate(parts) if part is not None]
+    if not kept:
+        return None
+    weights = source.weights[kept] if isinstance(source, Array) else np.ones(1)
+    return Array([parts[k] for k in kept], weights)
+
+
+def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
+    """Where ``normal`` . x > ``least``; the very element where that is everywhere."""
+    corners = np.concatenate(element.rings)
+    heights = corners @ normal[:2] - least
+    if (heights > 0).all():
+        return element
+    if not (heights > 0).any():
+        return None
+    slope = float(np.hypot(*normal[:2]))
+    ahead = normal[:2] / slope
+    beside = np.array([-ahead[1], ahead[0]])
+    far = 2 * (element.diameter + float(np.abs(heights).max()) / slope)
+    foot = element.centre - ahead * (float(element.centre @ normal[:2]) - least) / slope
+    box = [foot + beside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
+    found = shapely.intersection(element.polygons, shapely.Polygon(box))
+    polygons = [part for part in shapely.get_parts(found) if part.area > 0]
+    if not polygons:
+        return None
+    return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
+
+
+def _energy(source: Aperture | Array) -> float:
+    return float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))
