@@ -12,7 +12,7 @@ from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.support import mirrored_source
-from polywigner.mitsuba.parameters import rigid_pose
+from polywigner.mitsuba.given import rigid_pose
 from polywigner.mitsuba.placement import matrix_of
 from polywigner.quantities import SPEED_OF_LIGHT
 

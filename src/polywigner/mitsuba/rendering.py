@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.logs import silent
+from polywigner.mitsuba.receiver import receiving
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 from polywigner.mitsuba.shadows import looks_through, may_shadow
 
@@ -87,7 +88,7 @@ def render(
             # Of almost equal length, rather than a last one that is short and badly stratified.
             samples = total // passes + (index < total % passes)
             own = number * passes + index
-            with _cropped(camera, top, rows), _without_complaints():
+            with receiving(scene), _cropped(camera, top, rows), _without_complaints():
                 part = _part(scene, camera, method, samples, source(own))
             image = image + samples / total * part
             if progress is not None:
