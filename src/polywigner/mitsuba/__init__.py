@@ -22,6 +22,8 @@ from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.plugins import register  # noqa: E402
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
 from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
+from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
+from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
     aperture,
@@ -36,10 +38,15 @@ register()
 
 __all__ = [
     "OBLIQUITIES",
+    "Contribution",
+    "DirectPath",
+    "ReceivedPower",
     "aperture",
     "choose_variant",
     "has_wigner_emitter",
     "load_scene",
+    "received_power",
+    "received_powers",
     "receiver",
     "receiving",
     "register_source",

@@ -21,7 +21,7 @@ from polywigner.mitsuba.receiver import receiving
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 from polywigner.mitsuba.shadows import looks_through, may_shadow
 
-__all__ = ["check_spp", "default_integrator", "default_spp", "render"]
+__all__ = ["check_seed", "check_spp", "default_integrator", "default_spp", "render"]
 
 # Noise falls with the root of the number: nobody waits for more.
 _LARGEST_SPP = 2**30
@@ -141,10 +141,16 @@ def check_spp(spp: int) -> int:
     return total
 
 
-def _seed(seed: int) -> Callable[[int], int]:
-    """The seed of each part by its number."""
+def check_seed(seed: int) -> int:
+    """The seed; ArgumentError unless a whole number of zero or more."""
     if (entropy := _integer("seed", seed)) < 0:
         raise ArgumentError(f"expected a seed of zero or more, got {seed}")
+    return entropy
+
+
+def _seed(seed: int) -> Callable[[int], int]:
+    """The seed of each part by its number."""
+    entropy = check_seed(seed)
     return lambda part: int(np.random.SeedSequence(entropy, spawn_key=(part,)).generate_state(1)[0])
 
 

@@ -1,0 +1,196 @@
+"""What a receiver gets from a scene: watts, with what they are made of and their standard error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from polywigner.quantities import SPEED_OF_LIGHT
+
+__all__ = ["OTHER_LIGHTS", "Contribution", "DirectPath", "ReceivedPower", "dbm_of", "dbm_text"]
+
+BOLTZMANN = 1.380649e-23
+"""J/K, exact in the SI of 2019."""
+
+OTHER_LIGHTS = "other lights"
+
+_MILLIWATT = 1e-3
+
+
+def dbm_of(watts: float) -> float | None:
+    """A power in dBm; None for what is not above zero, which noise may leave."""
+    return 10 * math.log10(watts / _MILLIWATT) if watts > 0 else None
+
+
+def dbm_text(watts: float) -> str:
+    """A power in dBm as tables have it."""
+    level = dbm_of(watts)
+    if level is not None:
+        return f"{level:.2f} dBm"
+    return "none" if watts == 0 else "below zero"
+
+
+@dataclass(frozen=True)
+class DirectPath:
+    """Light that comes straight from an emitter, or from its image in flat mirrors."""
+
+    mirrors: tuple[str, ...]
+    """Names of shapes, in the order in which light meets them; none: the straight line."""
+    power: float
+    """W."""
+    coupling: float
+    """|b|^2 with nothing in between: received over emitted power."""
+    passing: float
+    """Share of the power that obstacles and mirrors let through, a mean over rays."""
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """What a receiver gets from one emitter, or from all lights that are not coherent."""
+
+    name: str
+    direct: float
+    """W, straight and by flat mirrors: exact but for the share that passes."""
+    scattered: float
+    """W, by surfaces and fog."""
+    standard_error: float
+    """W, of ``scattered``."""
+    paths: tuple[DirectPath, ...] = ()
+
+    @property
+    def power(self) -> float:
+        """W."""
+        return self.direct + self.scattered
+
+
+@dataclass(frozen=True)
+class ReceivedPower:
+    """The power that one receiver gets from a scene; ``float()`` gives it in W.
+
+    Powers count as the integral of |u|^2 does. Parts add without interference.
+    """
+
+    receiver: str
+    wavelength: float
+    """m."""
+    contributions: tuple[Contribution, ...]
+    standard_error: float
+    """W, of ``scattered``; the rest has none."""
+    samples: int
+    """Of the scattered part, for each of its renders."""
+    seed: int
+    bandwidth: float | None = None
+    """Hz."""
+    temperature: float | None = None
+    """K."""
+    noise_figure: float | None = None
+    """dB; None counts as 0."""
+    notes: tuple[str, ...] = ()
+    """What the numbers leave out in this scene."""
+
+    @property
+    def direct(self) -> float:
+        """W, straight from emitters and by flat mirrors."""
+        return math.fsum(part.direct for part in self.contributions)
+
+    @property
+    def scattered(self) -> float:
+        """W, by surfaces and fog; noise may take it below zero (estimator ``wigner``)."""
+        return math.fsum(part.scattered for part in self.contributions)
+
+    @property
+    def power(self) -> float:
+        """W."""
+        return self.direct + self.scattered
+
+    @property
+    def dbm(self) -> float | None:
+        """The power in dBm; None where it is not above zero."""
+        return dbm_of(self.power)
+
+    @property
+    def noise_power(self) -> float | None:
+        """W, k T B F; None without a temperature and a bandwidth."""
+        if self.temperature is None or self.bandwidth is None:
+            return None
+        factor = 10 ** ((self.noise_figure or 0.0) / 10)
+        return BOLTZMANN * self.temperature * self.bandwidth * factor
+
+    @property
+    def snr(self) -> float | None:
+        """Power over noise power, not in dB; None where either is not there."""
+        noise = self.noise_power
+        return None if noise is None else self.power / noise
+
+    def __float__(self) -> float:
+        return self.power
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as numbers and texts, for JSON."""
+        return {
+            "receiver": self.receiver,
+            "wavelength_m": self.wavelength,
+            "frequency_hz": SPEED_OF_LIGHT / self.wavelength,
+            "power_w": self.power,
+            "standard_error_w": self.standard_error,
+            "power_dbm": self.dbm,
+            "direct_w": self.direct,
+            "scattered_w": self.scattered,
+            "emitters": [_dict_of(part) for part in self.contributions],
+            "samples": self.samples,
+            "seed": self.seed,
+            "bandwidth_hz": self.bandwidth,
+            "temperature_k": self.temperature,
+            "noise_figure_db": self.noise_figure,
+            "noise_power_w": self.noise_power,
+            "snr": self.snr,
+            "notes": list(self.notes),
+        }
+
+    def __str__(self) -> str:
+        frequency = SPEED_OF_LIGHT / self.wavelength / 1e9
+        rows = [(f"receiver {self.receiver}", "direct", "scattered", "standard error", "power")]
+        for part in self.contributions:
+            numbers = part.direct, part.scattered, part.standard_error
+            rows.append((part.name, *map(_watts, numbers), dbm_text(part.power)))
+        numbers = self.direct, self.scattered, self.standard_error
+        if len(self.contributions) != 1:
+            rows.append(("total", *map(_watts, numbers), dbm_text(self.power)))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        lines = [
+            "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
+            for row in rows
+        ]
+        lines.append(f"{_watts(self.power)} +- {_watts(self.standard_error)} at {frequency:.6g} GHz")
+        if self.noise_power is not None:
+            lines.append(self._noise_text(self.noise_power))
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+    def _noise_text(self, noise: float) -> str:
+        ratio = self.power / noise
+        shown = f"{10 * math.log10(ratio):.2f} dB" if ratio > 0 else "below zero"
+        return f"noise {_watts(noise)} ({dbm_text(noise)}), signal to noise {shown}"
+
+
+def _dict_of(part: Contribution) -> dict[str, Any]:
+    return {
+        "name": part.name,
+        "power_w": part.power,
+        "direct_w": part.direct,
+        "scattered_w": part.scattered,
+        "standard_error_w": part.standard_error,
+        "paths": [
+            {
+                "mirrors": list(path.mirrors),
+                "power_w": path.power,
+                "coupling": path.coupling,
+                "passing": path.passing,
+            }
+            for path in part.paths
+        ],
+    }
+
+
+def _watts(value: float) -> str:
+    return f"{value:.4g} W"

@@ -1,0 +1,265 @@
+"""The power that receivers get from a scene: exact links, and scattered light by samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from polywigner.errors import ArgumentError, SceneError
+from polywigner.geometry.arguments import checked_number
+from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in
+from polywigner.mitsuba.placed_sources import (
+    PlacedSource,
+    check_match,
+    placed_emitter,
+    placed_receiver,
+)
+from polywigner.mitsuba.received import OTHER_LIGHTS, Contribution, ReceivedPower
+from polywigner.mitsuba.receiver import is_receiver
+from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp
+from polywigner.mitsuba.scattered import BATCHES, batches_of, scattered_batches
+from polywigner.mitsuba.unseen import unseen, wigner_emitters
+
+__all__ = ["receivers_of", "received_power", "received_powers"]
+
+Progress = Callable[[int, int], None]
+
+MOST_REFLECTIONS = 3
+
+
+def received_power(
+    scene: Any,
+    spp: int | None = None,
+    seed: int = 0,
+    *,
+    receiver: int | str | None = None,
+    integrator: Any = None,
+    reflections: int = 2,
+    bandwidth: float | None = None,
+    temperature: float | None = None,
+    noise_figure: float | None = None,
+    progress: Progress | None = None,
+) -> ReceivedPower:
+    """The power that a receiver of a scene gets, in W, with its standard error.
+
+    The sum of what comes straight from each emitter, exact by :func:`polywigner.coupling` in the
+    poses of both, times the share of rays that pass obstacles; of what comes by flat mirrors, the
+    same from the images of emitters in them; and of what surfaces and fog scatter, by samples of
+    the ``wigner_receiver`` sensor. Powers add without interference. docs/receivers.md.
+
+    Parameters
+    ----------
+    scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights.
+    spp : samples of the scattered part, in 16 batches, for each emitter; rounded up to a multiple
+        of 16. Default: the sensor's own.
+    seed : of the random numbers, zero or more. What is direct has none.
+    receiver : id of the sensor, or its number among the receivers of the scene, from 0; None: the
+        only one.
+    integrator : of the scattered part, as in :func:`polywigner.mitsuba.render`.
+    reflections : most flat mirrors on a direct way, 0 to 3.
+    bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB, in place of the
+        receiver's own; without a noise figure, F is 1. The bandwidth also says which emitters the
+        receiver takes.
+    progress : called after each render with the number of those done, and of all.
+
+    Returns
+    -------
+    ReceivedPower: ``float()`` or ``.power`` in W, ``.standard_error``, ``.dbm``, ``.direct``,
+    ``.scattered``, ``.contributions`` of each emitter, ``.noise_power``, ``.snr``, ``.notes``.
+
+    Raises
+    ------
+    SceneError : no receiver, no light; an emitter of another wavelength, obliquity or scene unit;
+        links or chains of mirrors that are too much work; what :func:`polywigner.mitsuba.render`
+        refuses. ArgumentError : no scene, several receivers and none named, other arguments out of
+        range.
+    """
+    found = receivers_of(scene)
+    return _received(
+        scene, [_chosen(found, receiver)], spp, seed, integrator, reflections,
+        (bandwidth, temperature, noise_figure), progress,
+    )[0]  # fmt: skip
+
+
+def received_powers(
+    scene: Any,
+    spp: int | None = None,
+    seed: int = 0,
+    *,
+    integrator: Any = None,
+    reflections: int = 2,
+    bandwidth: float | None = None,
+    temperature: float | None = None,
+    noise_figure: float | None = None,
+    progress: Progress | None = None,
+) -> list[ReceivedPower]:
+    """The power of each receiver of a scene, in its order: :func:`received_power`."""
+    return _received(
+        scene, list(range(len(receivers_of(scene)))), spp, seed, integrator, reflections,
+        (bandwidth, temperature, noise_figure), progress,
+    )  # fmt: skip
+
+
+def receivers_of(scene: Any) -> list[tuple[int, Any]]:
+    """The receivers of a scene with their numbers among its sensors; SceneError for none."""
+    if not hasattr(scene, "sensors"):
+        raise ArgumentError(
+            f"expected a mi.Scene, got {type(scene).__name__}; make one with "
+            "polywigner.mitsuba.load_scene or mi.load_dict"
+        )
+    found = [(k, sensor) for k, sensor in enumerate(scene.sensors()) if is_receiver(sensor)]
+    if not found:
+        raise SceneError(
+            "expected a scene with a receiver, got one without; add a <sensor "
+            'type="wigner_receiver">, or polywigner.mitsuba.receiver(...)'
+        )
+    return found
+
+
+def _chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
+    """The number of a receiver among receivers."""
+    names = [sensor.id() for _, sensor in found]
+    if receiver is None and len(found) == 1:
+        return 0
+    if isinstance(receiver, str) and names.count(receiver) == 1:
+        return names.index(receiver)
+    is_number = isinstance(receiver, int) and not isinstance(receiver, bool)
+    if is_number and 0 <= receiver < len(found):  # type: ignore[operator]
+        return int(receiver)  # type: ignore[arg-type]
+    listed = ", ".join(f"{number} ({name!r})" for number, name in enumerate(names))
+    raise ArgumentError(
+        f"expected receiver as one of {listed}, got {receiver!r}; name one, or take all with "
+        "received_powers"
+    )
+
+
+def _received(
+    scene: Any,
+    numbers: list[int],
+    spp: int | None,
+    seed: int,
+    integrator: Any,
+    reflections: int,
+    noise: tuple[float | None, float | None, float | None],
+    progress: Progress | None,
+) -> list[ReceivedPower]:
+    check_seed(seed)
+    if spp is not None:
+        check_spp(spp)
+    _check_reflections(reflections)
+    given = _checked_noise(noise)
+    if not scene.emitters():
+        raise SceneError("expected a scene with light, got one without emitters; add one")
+    receivers = [receivers_of(scene)[number] for number in numbers]
+    emitters = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
+    places = [placed_receiver(s, n) for n, (_, s) in zip(numbers, receivers, strict=True)]
+    noises = [_noise_of(sensor.spec, given) for _, sensor in receivers]
+    for place, own in zip(places, noises, strict=True):
+        for emitter in emitters:
+            check_match(emitter, place, own["bandwidth"])
+    results = []
+    with unseen(scene):
+        for count, ((index, _), place, own) in enumerate(
+            zip(receivers, places, noises, strict=True)
+        ):
+            samples = default_spp(scene, index) if spp is None else spp
+            told = _part_of(progress, count, len(receivers))
+            results.append(
+                _one(scene, index, place, emitters, samples, seed, integrator, reflections, own, told)
+            )
+    return results
+
+
+def _one(
+    scene: Any,
+    index: int,
+    receiver: PlacedSource,
+    emitters: list[PlacedSource],
+    spp: int,
+    seed: int,
+    integrator: Any,
+    reflections: int,
+    noise: dict[str, float | None],
+    progress: Progress | None,
+) -> ReceivedPower:
+    """The power of one receiver, in a scene whose sources are unseen."""
+    mirrors, notes = mirrors_in(scene, receiver.scene_unit, reflections)
+    links = [direct_light(scene, emitter, receiver, mirrors, reflections) for emitter in emitters]
+    found, others = scattered_batches(scene, index, integrator, spp, seed, progress)
+    parts = [
+        _contribution(emitter.name, batches, link)
+        for emitter, batches, link in zip(emitters, found, links, strict=True)
+    ]
+    if len(scene.emitters()) > len(emitters):
+        parts.append(_contribution(OTHER_LIGHTS, others, DirectLight()))
+    total = others + found.sum(axis=0)
+    notes = [note for link in links for note in link.notes] + notes
+    if any(shape.is_medium_transition() for shape in scene.shapes()):
+        notes.append("what fog takes off direct light is left out")
+    return ReceivedPower(
+        receiver=receiver.name,
+        wavelength=receiver.wavelength,
+        contributions=tuple(parts),
+        standard_error=_standard_error(total),
+        samples=BATCHES * batches_of(spp),
+        seed=seed,
+        notes=tuple(notes),
+        **noise,
+    )
+
+
+def _contribution(name: str, batches: Any, link: DirectLight) -> Contribution:
+    return Contribution(
+        name=name,
+        direct=math.fsum(path.power for path in link.paths),
+        scattered=float(batches.mean()),
+        standard_error=_standard_error(batches),
+        paths=link.paths,
+    )
+
+
+def _standard_error(batches: Any) -> float:
+    """Of the mean of equal batches."""
+    return float(np.std(batches, ddof=1) / math.sqrt(len(batches)))
+
+
+def _part_of(progress: Progress | None, number: int, count: int) -> Progress | None:
+    """Progress of one of several receivers, whose renders are as many."""
+    if progress is None:
+        return None
+    return lambda done, total: progress(number * total + done, count * total)
+
+
+def _noise_of(spec: Any, given: dict[str, float | None]) -> dict[str, float | None]:
+    """What is given, else the receiver's own."""
+    return {
+        name: getattr(spec, name) if value is None else value for name, value in given.items()
+    }
+
+
+def _checked_noise(noise: tuple[float | None, ...]) -> dict[str, float | None]:
+    found: dict[str, float | None] = {}
+    units = {"bandwidth": "Hz", "temperature": "K", "noise_figure": "dB"}
+    for (name, unit), value in zip(units.items(), noise, strict=True):
+        least = "zero or more" if name == "noise_figure" else "above zero"
+        if value is None:
+            found[name] = None
+            continue
+        number = checked_number(value, name, f"a number {least}, in {unit}")
+        if number < 0 or (number == 0 and name != "noise_figure"):
+            raise ArgumentError(f"expected {name} as a number {least}, in {unit}, got {value!r}")
+        found[name] = number
+    return found
+
+
+def _check_reflections(value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ArgumentError(f"expected reflections as a whole number, got {value!r}")
+    if not 0 <= value <= MOST_REFLECTIONS:
+        raise ArgumentError(
+            f"expected reflections from 0 to {MOST_REFLECTIONS}, got {value}; ways by more mirrors "
+            "are not searched"
+        )
