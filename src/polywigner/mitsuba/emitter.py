@@ -64,6 +64,8 @@ def emitter_class(variant: str) -> Any:
             self.wavelength = _adjustable(m, spec.wavelength)
             self.power = _adjustable(m, spec.power)
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
+            # a literal is folded into loops, which Dr.Jit cannot record for a single sample then
+            self._dark = dr.opaque(m.Float, 0.0) if jit else 0.0
             self._unit = spec.scene_unit
             self._set_source(spec, spec.wavelength)
             self._take_over()
@@ -212,7 +214,7 @@ def emitter_class(variant: str) -> Any:
 
         def eval(self, si: Any, active: Any = True) -> Any:
             if not self.spec.visible:  # or unseen for a while, with a surface of its own
-                return spectrum(m, m.Float(0.0), active)
+                return spectrum(m, self._dark, active)
             direction = self._frame.to_own(si.to_world(si.wi))
             return spectrum(m, self._radiance(si.uv, direction), active)
 

@@ -1,0 +1,479 @@
+"""Received powers against couplings, images by hand, and a quadrature over a floor."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, SceneError
+
+pytestmark = pytest.mark.drjit
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+WAVELENGTH = 3.19e-3
+SQUARE = pw.shapes.square(10e-3)
+# Neither it nor its field looks like itself in a mirror.
+HANDED = pw.Aperture([(0, 0), (9e-3, 0), (9e-3, 2e-3), (2e-3, 2e-3), (2e-3, 6e-3), (0, 6e-3)])
+HANDED = HANDED.with_illumination(pw.Illumination([1.0, 0.4j], [(40.0, 15.0), (-20.0, 0.0)]))
+
+# Poses of a scene come in single precision.
+SINGLE = 2e-6
+# 4096 places that fill the apertures evenly, not on the edge of a shadow.
+RAYS = 0.01
+# Means of noise, in standard errors that are themselves known to 18 %.
+SIGMAS = 5.0
+# A grid of 300 x 300 points on the floor; cosines are those from the middle of the sources.
+QUADRATURE = 0.01
+
+MIRROR = {"type": "conductor", "material": "none"}
+
+
+@pytest.fixture(params=["scalar_rgb", pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)])
+def variant(request: pytest.FixtureRequest) -> str:
+    mi.set_variant(request.param)
+    return request.param
+
+
+@pytest.fixture
+def plain() -> None:
+    mi.set_variant("scalar_rgb")
+
+
+def facing(distance: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
+    """At z = distance, looking back to the origin's plane."""
+    pose = np.diag([-1.0, 1.0, -1.0, 1.0])
+    pose[:3, 3] = x, y, distance
+    return pose
+
+
+def shifted(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def turned(angle: float, pose: np.ndarray) -> np.ndarray:
+    """Turned about its own y axis."""
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.eye(4)
+    turn[0, 0], turn[0, 2], turn[2, 0], turn[2, 2] = c, s, -s, c
+    return pose @ turn
+
+
+def emitter(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
+    return pm.aperture(source, wavelength=WAVELENGTH, to_world=pose, power=1.0, **options)
+
+
+def receiver(source: Any = SQUARE, pose: Any = None, **options: Any) -> dict[str, Any]:
+    return pm.receiver(source, wavelength=WAVELENGTH, to_world=pose, **options)
+
+
+def plate(x: float, y: float, z: float, axis: list[int], angle: float, **bsdf: Any) -> Any:
+    """Two by two metres, looking along z before it is turned."""
+    transform = mi.ScalarTransform4f().translate([x, y, z]).rotate(axis, angle)
+    entry = {"type": "rectangle", "to_world": transform}
+    return {**entry, "bsdf": bsdf} if bsdf else entry
+
+
+def scene_of(**parts: Any) -> Any:
+    return mi.load_dict({"type": "scene", **parts})
+
+
+def power_of(spp: int = 16, seed: int = 0, **parts: Any) -> Any:
+    return pm.received_power(scene_of(**parts), spp=spp, seed=seed)
+
+
+def coupled(one: Any, pose: np.ndarray, other: Any, other_pose: np.ndarray) -> float:
+    """|b|^2 of sources in space."""
+    to_one = np.linalg.inv(pose) @ other_pose
+    return float(abs(pw.coupling(one, other, to_one, WAVELENGTH)) ** 2)
+
+
+# ---- straight from the emitter -----------------------------------------------------------------
+
+
+def test_in_empty_space_a_link_is_its_coupling(variant: str) -> None:
+    pose = turned(0.3, facing(0.2, x=0.03, y=-0.02))
+    found = power_of(tx=emitter(HANDED), rx=receiver(SQUARE, pose))
+    assert float(found) == pytest.approx(coupled(HANDED, np.eye(4), SQUARE, pose), rel=SINGLE)
+    assert found.scattered == 0 and found.standard_error == 0
+    assert found.notes == ()
+    (part,) = found.contributions
+    assert part.name == "tx" and part.paths[0].mirrors == () and part.paths[0].passing == 1
+
+
+def test_a_scene_in_millimetres_has_the_link_of_one_in_metres(plain: None) -> None:
+    in_mm = facing(200.0, x=30.0)
+    found = power_of(
+        tx=emitter(scene_unit=1e-3), rx=receiver(SQUARE, in_mm, scene_unit=1e-3)
+    )
+    expected = coupled(SQUARE, np.eye(4), SQUARE, facing(0.2, x=0.03))
+    assert float(found) == pytest.approx(expected, rel=SINGLE)
+
+
+def test_a_plate_before_half_of_the_aperture_takes_half_of_the_light(variant: str) -> None:
+    black = plate(1.0, 0, 2e-3, [0, 0, 1], 0, type="diffuse", reflectance=0.0)
+    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), half=black)
+    whole = coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
+    assert float(found) == pytest.approx(whole / 2, rel=RAYS)
+    assert "passes obstacles" in found.notes[0]
+
+
+def test_a_wall_takes_all_light_and_says_so(plain: None) -> None:
+    found = power_of(
+        tx=emitter(), rx=receiver(pose=facing(1.0)), wall=plate(0, 0, 0.5, [0, 1, 0], 180)
+    )
+    assert float(found) == 0 and found.dbm is None
+    assert "obstacles block it" in found.notes[0]
+    assert "none" in str(found)
+
+
+def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(variant: str) -> None:
+    between = {
+        "third": emitter(SQUARE, shifted(0, 0, 0.5)),
+        "bound": plate(0, 0, 0.3, [0, 0, 1], 0, type="null"),
+        "veil": plate(0, 0, 0.4, [0, 0, 1], 0, type="mask", opacity=0.25, b={"type": "diffuse"}),
+    }
+    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), **between)
+    part = next(part for part in found.contributions if part.name == "tx")
+    expected = 0.75 * coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
+    assert part.direct == pytest.approx(expected, rel=SINGLE)
+
+
+def test_sources_in_one_plane_or_back_to_back_have_no_direct_light(plain: None) -> None:
+    for pose in (np.eye(4), shifted(0.05), shifted(0, 0, -1.0), shifted(0, 0, 1.0)):
+        found = power_of(tx=emitter(), rx=receiver(pose=pose))
+        assert float(found) == 0
+        assert "in the plane of the other" in found.notes[0]
+
+
+def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plain: None) -> None:
+    # The receiver's plane goes through the middle of the emitter, x > 0 lies in front of it.
+    pose = turned(math.pi / 2, shifted(0, 0, 0.1))
+    pose[0, 3] = 0.0
+    found = power_of(tx=emitter(SQUARE), rx=receiver(SQUARE, pose))
+    half = SQUARE & pw.shapes.rectangle(10e-3, 10e-3).moved((5e-3, 0))
+    upper = SQUARE  # all of the receiver stands in front of the emitter
+    least = pose.copy()
+    least[0, 3] = -1e-9  # the emitter's edge lies in its plane
+    expected = coupled(half, np.eye(4), upper, least) * half.area / SQUARE.area
+    assert float(found) == pytest.approx(expected, rel=1e-3)
+    assert "left out" in found.notes[0]
+
+
+# ---- by mirrors --------------------------------------------------------------------------------
+
+
+def test_a_perfect_mirror_shows_the_mirrored_source(variant: str) -> None:
+    """The image of the receiver, made by hand, receives what the receiver does of the image."""
+    pose = turned(-0.4, facing(1.0, x=0.02, y=0.01))
+    found = power_of(
+        tx=emitter(HANDED), rx=receiver(HANDED, pose), m=plate(0.2, 0, 0.5, [0, 1, 0], -90, **MIRROR)
+    )
+    paths = {path.mirrors: path for path in found.contributions[0].paths}
+    field = HANDED.illumination
+    flipped = pw.Aperture([ring * [-1, 1] for ring in HANDED.rings]).with_illumination(
+        pw.Illumination(field.amplitudes, field.frequencies * [-1, 1])
+    )
+    across = np.diag([-1.0, 1.0, 1.0, 1.0])
+    image = across @ pose @ across  # in the plane x = 0.2
+    image[0, 3] += 0.4
+    expected = coupled(HANDED, np.eye(4), flipped, image)
+    assert paths["m",].power == pytest.approx(expected, rel=1e-4)  # the plate's own place
+    assert paths["m",].passing == pytest.approx(1.0, rel=SINGLE)
+    assert found.direct == pytest.approx(paths[()].power + paths["m",].power)
+
+
+def test_a_corner_of_two_mirrors_turns_the_source_by_half_a_turn(variant: str) -> None:
+    pose = facing(1.0, x=0.05)
+    walls = {
+        "a": plate(0.1, 0, 0.5, [0, 1, 0], -90, **MIRROR),
+        "b": plate(0, -0.1, 0.5, [1, 0, 0], -90, **{**MIRROR, "specular_reflectance": 0.5}),
+    }
+    found = power_of(tx=emitter(HANDED), rx=receiver(SQUARE, pose), **walls)
+    image = np.diag([-1.0, -1.0, 1.0, 1.0])  # about the edge x = 0.1, y = -0.1
+    image[:2, 3] = 0.2, -0.2
+    whole = coupled(HANDED, image, SQUARE, pose)
+    paths = {path.mirrors: path for path in found.contributions[0].paths}
+    # nearer to it at its own end, the light meets "a" last
+    assert set(paths) == {(), ("a",), ("b",), ("b", "a")}
+    assert paths["b", "a"].power == pytest.approx(whole / 2, rel=1e-4)  # the plates' own places
+
+
+def test_mirrors_are_found_by_their_smooth_plane_faces(plain: None) -> None:
+    others = {
+        "ball": {"type": "sphere", "center": [0, 5, 0], "bsdf": MIRROR},
+        "rough": plate(0, 0, 9, [0, 0, 1], 0, type="roughconductor"),
+        "disk": {
+            "type": "disk",
+            "to_world": mi.ScalarTransform4f().translate([0.3, 0, 0.5]).rotate([0, 1, 0], -90),
+            "bsdf": {"type": "twosided", "bsdf": MIRROR},
+        },
+        "box": {
+            "type": "cube",
+            "to_world": mi.ScalarTransform4f().translate([-1.3, 0, 0.5]),
+            "bsdf": MIRROR,
+        },
+    }
+    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), **others)
+    ways = {path.mirrors for path in found.contributions[0].paths}
+    assert {(), ("disk",)} < ways
+    assert any(len(way) == 1 and way[0].startswith("box[") for way in ways)
+    assert any("ball" in note for note in found.notes)
+    alone = pm.received_power(scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)), **others), spp=16,
+                              reflections=0)  # fmt: skip
+    assert len(alone.contributions[0].paths) == 1
+
+
+# ---- scattered ---------------------------------------------------------------------------------
+
+
+FLOOR = 0.1  # below both
+
+
+def scene_with_floor(swapped: bool = False, **more: Any) -> Any:
+    one, other = turned(0.0, shifted(0, 0)), facing(0.5)
+    poses = (other, one) if swapped else (one, other)
+    sources = (SQUARE, HANDED) if swapped else (HANDED, SQUARE)
+    floor = plate(0, -FLOOR, 0.25, [1, 0, 0], -90)
+    return scene_of(
+        tx=emitter(sources[0], poses[0], estimator="exact"),
+        rx=receiver(sources[1], poses[1]),
+        floor=floor,
+        **more,
+    )
+
+
+def scattered_by_floor() -> tuple[float, float]:
+    """A sum over the floor of both exact irradiances, there and back.
+
+    |U|^2 is what a floor parallel to the emitter receives: one turned to it receives cos_y/cos_x of
+    that, cos_x the emitter's own cosine.
+    """
+    steps = 300
+    half = 1.0
+    axis = (np.arange(steps) + 0.5) / steps * 2 * half - half
+    x, z = np.meshgrid(axis, 0.25 + axis)
+    y = np.full_like(x, -FLOOR)
+    points = np.stack([x, y, z], axis=-1)
+    back = np.stack([-x, y, 0.5 - z], axis=-1)  # in the receiver's frame
+    in_front = (z > 1e-3) & (z < 0.5 - 1e-3)
+    points, back = points[in_front], back[in_front]
+    sent = pw.irradiance(HANDED, points, WAVELENGTH, method="rayleigh-sommerfeld-1")
+    taken = pw.irradiance(SQUARE, back, WAVELENGTH, method="rayleigh-sommerfeld-1")
+    sent = sent / pw.lag_marginal(HANDED, (0.0, 0.0)).real  # of 1 W
+    taken = taken / SQUARE.area
+    centre = np.array([*HANDED.centre, 0.0])
+    away = points - centre
+    from_one, from_other = (np.linalg.norm(way, axis=-1) for way in (away, back))
+    cosines = (FLOOR + centre[1]) / from_one * FLOOR / from_other
+    light = 0.5 / np.pi * sent * taken * cosines * WAVELENGTH**2 * (2 * half / steps) ** 2
+    there, back_again = light * from_one / away[:, 2], light * from_other / back[:, 2]
+    return float(there.sum()), float(back_again.sum())
+
+
+@pytest.mark.llvm
+def test_a_floor_scatters_what_the_product_of_both_irradiances_says() -> None:
+    mi.set_variant("llvm_ad_mono")
+    there = pm.received_power(scene_with_floor(), spp=16384)
+    back = pm.received_power(scene_with_floor(swapped=True), spp=16384)
+    for found, expected in zip((there, back), scattered_by_floor(), strict=True):
+        allowed = SIGMAS * found.standard_error + QUADRATURE * expected
+        assert abs(found.scattered - expected) < allowed
+        assert 0 < found.standard_error < 0.1 * expected
+    assert there.direct == pytest.approx(back.direct, rel=SINGLE)
+    assert there.power == there.direct + there.scattered
+
+
+@pytest.mark.llvm
+def test_powers_of_emitters_and_other_lights_add() -> None:
+    mi.set_variant("llvm_ad_mono")
+    second = emitter(SQUARE, shifted(0.05), estimator="exact")
+    lamp = {"type": "constant", "radiance": 1e-4}
+    alone = pm.received_power(scene_with_floor(), spp=4096)
+    all_of = pm.received_power(scene_with_floor(second=second, lamp=lamp), spp=8192)
+    parts = {part.name: part for part in all_of.contributions}
+    assert set(parts) == {"tx", "second", "other lights"}
+    assert parts["tx"].direct == alone.direct
+    error = math.hypot(parts["tx"].standard_error, alone.standard_error)
+    assert abs(parts["tx"].scattered - alone.scattered) < SIGMAS * error
+    assert parts["other lights"].direct == 0 and parts["other lights"].scattered > 0
+    assert all_of.power == pytest.approx(sum(part.power for part in parts.values()))
+
+
+def test_the_stated_error_is_that_of_repetitions(plain: None) -> None:
+    """64 seeds: their variance over the mean of the stated ones is 1 but for chi squared's own."""
+    scene = scene_of(
+        tx=emitter(estimator="exact"),
+        rx=receiver(pose=shifted(0.02)),
+        floor=plate(0, 0, 0.3, [1, 0, 0], 180),
+    )
+    found = [pm.received_power(scene, spp=32, seed=seed) for seed in range(64)]
+    spread = np.var([each.scattered for each in found], ddof=1)
+    stated = np.mean([each.standard_error**2 for each in found])
+    # chi squared of 63 degrees of freedom over 63 is from 0.55 to 1.6 in 999 of 1000 cases
+    assert 0.55 < spread / stated < 1.6
+
+
+def test_the_seed_decides_the_scattered_part_alone(plain: None) -> None:
+    scene = scene_with_floor()
+    one, same, other = (pm.received_power(scene, spp=16, seed=seed) for seed in (1, 1, 2))
+    assert one == same
+    assert one.scattered != other.scattered and one.direct == other.direct
+    assert one.samples == 16 and pm.received_power(scene, spp=17).samples == 32
+
+
+# ---- the state of the scene ---------------------------------------------------------------------
+
+
+def state_of(scene: Any) -> list[Any]:
+    sources = [e for e in scene.emitters() if hasattr(e, "spec")]
+    places = [
+        np.array(mi.traverse(e.get_shape())["vertex_positions"]).tolist() for e in sources
+    ]
+    return [*places, *(e.spec for e in sources), *(np.ravel(e.power).tolist() for e in sources)]
+
+
+def test_the_scene_is_as_before_whatever_ends_the_work(variant: str) -> None:
+    scene = scene_with_floor(second=emitter(SQUARE, shifted(0.05)))
+    before = state_of(scene)
+    ray = mi.Ray3f(mi.Point3f(0.052, 1e-3, -1.0), mi.Vector3f(0, 0, 1))
+
+    def hit() -> float:
+        return float(np.ravel(scene.ray_intersect(ray).t)[0])
+
+    assert hit() == pytest.approx(1.0)
+
+    def stop(done: int, total: int) -> None:
+        assert 1 <= done <= total == 32
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        pm.received_power(scene, spp=16, progress=stop)
+    assert state_of(scene) == before
+    assert hit() == pytest.approx(1.0)
+
+
+def test_parameters_that_were_changed_count_as_they_are_now(variant: str) -> None:
+    scene = scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)))
+    params = mi.traverse(scene)
+    params["tx.emitter.power"] = 2.0
+    params["tx.emitter.to_world"] = mi.Transform4f().translate([0.05, 0, 0])
+    params.update()
+    expected = 2 * coupled(SQUARE, shifted(0.05), SQUARE, facing(1.0))
+    assert float(pm.received_power(scene, spp=16)) == pytest.approx(expected, rel=SINGLE)
+
+
+# ---- the result ---------------------------------------------------------------------------------
+
+
+def test_noise_is_boltzmanns_constant_times_temperature_bandwidth_and_figure(plain: None) -> None:
+    pose = facing(1.0)
+    found = power_of(tx=emitter(), rx=receiver(pose=pose, temperature=290.0, bandwidth=1.0))
+    assert 10 * math.log10(found.noise_power / 1e-3) == pytest.approx(-173.975, abs=1e-3)
+    scene = scene_of(tx=emitter(), rx=receiver(pose=pose, temperature=290.0, bandwidth=1.0))
+    louder = pm.received_power(scene, spp=16, bandwidth=1e6, noise_figure=3.0)
+    assert louder.noise_power == pytest.approx(found.noise_power * 1e6 * 10**0.3)
+    assert louder.snr == pytest.approx(float(louder) / louder.noise_power)
+    assert pm.received_power(scene_of(tx=emitter(), rx=receiver(pose=pose)), spp=16).snr is None
+
+
+def test_a_result_tells_itself_as_text_and_numbers(plain: None) -> None:
+    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0), temperature=290, bandwidth=1e9))
+    told = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert told["power_w"] == float(found) and told["power_dbm"] == found.dbm
+    assert told["emitters"][0]["paths"][0]["mirrors"] == []
+    assert 10 * math.log10(float(found) / 1e-3) == pytest.approx(found.dbm)
+    lines = str(found).splitlines()
+    assert lines[0].split()[:2] == ["receiver", "rx"] and lines[1].split()[0] == "tx"
+    assert "signal to noise" in lines[-1]
+
+
+def test_a_power_below_zero_has_no_decibels() -> None:
+    part = pm.Contribution("tx", 0.0, -1e-9, 1e-9)
+    found = pm.ReceivedPower("rx", WAVELENGTH, (part,), 1e-9, 16, 0, 1.0, 290.0)
+    assert found.dbm is None and found.to_dict()["power_dbm"] is None
+    assert "below zero" in str(found) and found.snr < 0
+
+
+def test_several_receivers_are_named_or_all_taken(plain: None) -> None:
+    scene = scene_of(
+        tx=emitter(), near=receiver(pose=facing(0.5)), far=receiver(pose=facing(1.0))
+    )
+    both = pm.received_powers(scene, spp=16)
+    names = [each.receiver for each in both]
+    assert sorted(names) == ["far", "near"]
+    for number, name in enumerate(names):
+        assert pm.received_power(scene, spp=16, receiver=name) == both[number]
+        assert pm.received_power(scene, spp=16, receiver=number) == both[number]
+    for wrong in (None, 2, -1, "other", True, 0.5):
+        with pytest.raises(ArgumentError, match=r"'(near|far)'"):
+            pm.received_power(scene, spp=16, receiver=wrong)
+
+
+# ---- bad input ----------------------------------------------------------------------------------
+
+
+def with_other(**changed: Any) -> Any:
+    options: dict[str, Any] = {"wavelength": WAVELENGTH, "to_world": facing(1.0), **changed}
+    return lambda: scene_of(tx=emitter(), rx=pm.receiver(SQUARE, **options))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: scene_of(tx=emitter()), "a receiver, got one without"),
+        (lambda: scene_of(rx=receiver()), "a scene with light"),
+        (with_other(wavelength=4e-3), "one wavelength of emitter 'tx' and receiver 'rx'"),
+        (with_other(obliquity="kirchhoff"), "one obliquity"),
+        (with_other(scene_unit=1e-3, to_world=facing(1e3)), "one scene_unit"),
+    ],
+)
+def test_a_scene_without_a_link_is_refused(
+    plain: None, make: Callable[[], Any], message: str
+) -> None:
+    with pytest.raises(SceneError, match=message) as raised:
+        pm.received_power(make(), spp=16)
+    assert "\n" not in str(raised.value)
+
+
+def test_emitters_within_the_bandwidth_are_received_at_their_wavelength(plain: None) -> None:
+    frequency = 299_792_458.0 / WAVELENGTH
+    scene = with_other(wavelength=299_792_458.0 / (frequency + 0.4e9), bandwidth=1e9)()
+    expected = coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
+    assert float(pm.received_power(scene, spp=16)) == pytest.approx(expected, rel=SINGLE)
+    with pytest.raises(SceneError, match="Hz wide"):
+        pm.received_power(scene, spp=16, bandwidth=0.5e9)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"spp": 0},
+        {"spp": 1.5},
+        {"seed": -1},
+        {"reflections": 4},
+        {"reflections": True},
+        {"bandwidth": 0.0},
+        {"temperature": -1.0},
+        {"noise_figure": float("nan")},
+        {"temperature": "hot"},
+    ],
+    ids=str,
+)
+def test_an_argument_out_of_range_is_refused(plain: None, wrong: dict[str, Any]) -> None:
+    scene = scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)))
+    with pytest.raises(ArgumentError, match="expected"):
+        pm.received_power(scene, **wrong)
+
+
+def test_what_is_no_scene_is_refused() -> None:
+    with pytest.raises(ArgumentError, match=r"expected a mi\.Scene"):
+        pm.received_power("scene.xml")
