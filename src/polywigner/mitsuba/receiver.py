@@ -3,14 +3,14 @@
 A radiance L that arrives at the receiver's plane adds, in the receiver's own frame and with
 N = int |u|^2 of the field that it would send,
 
-    P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                     (estimator ``wigner``)
+    P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
 
 and, of the same power by reciprocity, from points y of surfaces at the distance r from x,
 
-    P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2             (estimator ``exact``)
+    P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
-with U the field that the receiver would send to y. Rays that meet nothing weigh by the far pattern:
-that of a point far out. docs/receivers.md has the limits.
+with U the field that the receiver would send to y. Rays that meet nothing weigh by the far
+pattern: that of a point far out. docs/receivers.md has the limits.
 
 Rays start at positions relative to the middle of the source: see module `emitter`.
 """
@@ -43,7 +43,7 @@ __all__ = ["RECEIVER_NAME", "is_receiver", "receiver_class", "receiving"]
 
 RECEIVER_NAME = "wigner_receiver"
 
-# Half-diagonals squared over wavelengths, and half-diagonals, to a point that stands for directions.
+# To a point that stands for a direction: reaches squared over wavelengths, or reaches.
 _FAR = 1e4
 
 

@@ -31,8 +31,8 @@ _MOST_WITHIN = 4
 # A share of the samples looks everywhere in front: near surfaces are seen in other directions than
 # far ones.
 _EVERYWHERE = 0.25
-# Cosines at the horizon, whose square is still a normal number of float32.
-_LEAST_COSINE = 1e-9
+# Cosine at the horizon, whose square is still a normal number of float32.
+_GRAZING = 1e-9
 
 
 def directions_of(m: Any, source: Aperture | Array, wavelength: float, obliquity: str) -> Tabulated:
@@ -75,9 +75,7 @@ def direction_of(m: Any, angles: Any) -> Any:
     """The unit vector of (alpha, psi), in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
-    front = rho * cosine
-    front = dr.select(front > _LEAST_COSINE, front, _LEAST_COSINE)
-    return m.Vector3f(angles.x, rho * sine, front)
+    return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
 def in_pixel(m: Any, place: Any, size: tuple[int, int]) -> tuple[Any, Any]:
