@@ -65,6 +65,7 @@ def receiver_class(variant: str) -> Any:
             self.m_needs_sample_3 = True
             self.spec = spec
             self.scene: Any = None  # while it is rendered, see `receiving`
+            self.fineness = 1  # pixels of the film for one of the map, see module `films`
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             self._place()
             radiator, unit = spec.radiator, spec.scene_unit
@@ -144,13 +145,17 @@ def receiver_class(variant: str) -> Any:
             One pixel looks where the far pattern is, the pixels of a map each in its directions.
             """
             film = self.film()
-            width, height = (int(n) for n in film.size())
+            fine = self.fineness
+            width, height = (int(n) // fine for n in film.size())
             if width * height == 1:
                 angles, density = self._directions.sample(sample)
                 return angles, 1.0 / density
             corner, size = film.crop_offset(), film.crop_size()
             place = m.Point2f(
-                sample.x * int(size[0]) + int(corner[0]), sample.y * int(size[1]) + int(corner[1])
+                *(
+                    (s * int(n) + int(o)) / fine
+                    for s, n, o in zip(sample, size, corner, strict=True)
+                )
             )
             return in_pixel(m, place, (width, height))
 
