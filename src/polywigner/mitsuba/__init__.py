@@ -1,9 +1,8 @@
 """Coherent apertures as light sources in Mitsuba 3.
 
 Importing this module chooses the LLVM library for Dr.Jit (before Dr.Jit is loaded, because it can
-be chosen only then) and makes the shape ``wigner`` and the sensor
-``wigner_receiver`` known to every Mitsuba variant. It never sets a
-variant.
+be chosen only then) and makes the shape ``wigner`` and the sensor ``wigner_receiver`` known
+to every Mitsuba variant. It never sets a variant.
 
 - ``parameters``: what the shape accepts; ``given``: one by one; ``sources``: from memory
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``

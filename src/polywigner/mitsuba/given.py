@@ -117,9 +117,8 @@ class Given:
 
     def pose(self) -> npt.NDArray[np.float64]:
         """A read-only (4, 4) matrix."""
-        return rigid_pose(
-            self.values["to_world"].matrix if "to_world" in self.values else np.eye(4)
-        )
+        given = self.values.get("to_world")
+        return rigid_pose(np.eye(4) if given is None else given.matrix)
 
     def optional(self, name: str, parse: Callable[[Any], float]) -> float | None:
         """A number, or None where there is none."""

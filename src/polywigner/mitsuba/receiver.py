@@ -3,14 +3,14 @@
 A radiance L that arrives at the receiver's plane adds, in the receiver's own frame and with
 N = int |u|^2 of the field that it would send,
 
-    P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                     (estimator ``wigner``)
+    P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
 
 and, of the same power by reciprocity, from points y of surfaces at the distance r from x,
 
-    P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2             (estimator ``exact``)
+    P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
 
-with U the field that the receiver would send to y. Rays that meet nothing weigh by the far pattern:
-that of a point far out. docs/receivers.md has the limits.
+with U the field that the receiver would send to y. Rays that meet nothing weigh by the far
+pattern: that of a point far out. docs/receivers.md has the limits.
 
 Rays start at positions relative to the middle of the source: see module `emitter`.
 """
@@ -43,7 +43,7 @@ __all__ = ["RECEIVER_NAME", "is_receiver", "receiver_class", "receiving"]
 
 RECEIVER_NAME = "wigner_receiver"
 
-# Half-diagonals squared over wavelengths, and half-diagonals, to a point that stands for directions.
+# To a point that stands for a direction: reaches squared over wavelengths, or reaches.
 _FAR = 1e4
 
 
@@ -65,6 +65,7 @@ def receiver_class(variant: str) -> Any:
             self.m_needs_sample_3 = True
             self.spec = spec
             self.scene: Any = None  # while it is rendered, see `receiving`
+            self.fineness = 1  # pixels of the film for one of the map, see module `films`
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             self._place()
             radiator, unit = spec.radiator, spec.scene_unit
@@ -144,13 +145,17 @@ def receiver_class(variant: str) -> Any:
             One pixel looks where the far pattern is, the pixels of a map each in its directions.
             """
             film = self.film()
-            width, height = (int(n) for n in film.size())
+            fine = self.fineness
+            width, height = (int(n) // fine for n in film.size())
             if width * height == 1:
                 angles, density = self._directions.sample(sample)
                 return angles, 1.0 / density
             corner, size = film.crop_offset(), film.crop_size()
             place = m.Point2f(
-                sample.x * int(size[0]) + int(corner[0]), sample.y * int(size[1]) + int(corner[1])
+                *(
+                    (s * int(n) + int(o)) / fine
+                    for s, n, o in zip(sample, size, corner, strict=True)
+                )
             )
             return in_pixel(m, place, (width, height))
 

@@ -103,7 +103,7 @@ def receiver(
 
 
 def _film(film: Any) -> dict[str, Any]:
-    """The entry of a film of so many pixels, whose sums are compensated: a pixel takes millions."""
+    """The entry of a film: as it is, or of so many pixels."""
     if isinstance(film, Mapping):
         if not isinstance(film.get("type"), str):
             raise SceneError(
@@ -119,7 +119,6 @@ def _film(film: Any) -> dict[str, Any]:
         "pixel_format": "luminance",
         "component_format": "float32",
         "rfilter": {"type": "box"},
-        "compensate": True,
     }
 
 

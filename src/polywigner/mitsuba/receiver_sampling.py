@@ -28,22 +28,23 @@ _IN_LOBE = 4
 _FEWEST, _MOST = 32, 1024
 # Along each side, so that no narrow beam passes between places of the largest table.
 _MOST_WITHIN = 4
-# A share of the samples looks everywhere in front: near surfaces are seen in other directions than
-# far ones.
-_EVERYWHERE = 0.25
-# Cosines at the horizon, whose square is still a normal number of float32.
-_LEAST_COSINE = 1e-9
+# Shares of the samples: in proportion to the far pattern, which far surfaces are seen by; to its
+# root, for W and what is near; and everywhere in front.
+_SHARES = (0.4, 0.4, 0.2)
+# Cosine at the horizon, whose square is still a normal number of float32.
+_GRAZING = 1e-9
 
 
 def directions_of(m: Any, source: Aperture | Array, wavelength: float, obliquity: str) -> Tabulated:
-    """A sampler of (alpha, psi) in proportion to the far pattern g |F|^2, with a uniform share."""
+    """A sampler of (alpha, psi) where the far pattern g |F|^2 is, and with a share everywhere."""
     low, high = np.reshape(source.bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     wanted = np.ceil(lobes * [2.0, math.pi]).astype(int)
     counts = np.clip(wanted, _FEWEST, _MOST)
     within = int(np.clip(np.ceil((wanted / counts).max()), 1, _MOST_WITHIN))
-    density = _mean_pattern(source, wavelength, obliquity, counts, within)
-    density = density / density.mean() + _EVERYWHERE / (1.0 - _EVERYWHERE)
+    pattern = _mean_pattern(source, wavelength, obliquity, counts, within)
+    kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
+    density = sum(share * kind / kind.mean() for share, kind in zip(_SHARES, kinds, strict=True))
     return Tabulated(m, density, np.array([-1.0, -math.pi / 2]), np.array([2.0, math.pi]))
 
 
@@ -75,9 +76,7 @@ def direction_of(m: Any, angles: Any) -> Any:
     """The unit vector of (alpha, psi), in front of the receiver."""
     rho = _root(1.0 - angles.x * angles.x)
     sine, cosine = dr.sincos(angles.y)
-    front = rho * cosine
-    front = dr.select(front > _LEAST_COSINE, front, _LEAST_COSINE)
-    return m.Vector3f(angles.x, rho * sine, front)
+    return m.Vector3f(angles.x, rho * sine, dr.abs(rho * cosine) + _GRAZING)
 
 
 def in_pixel(m: Any, place: Any, size: tuple[int, int]) -> tuple[Any, Any]:

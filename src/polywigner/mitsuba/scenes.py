@@ -17,8 +17,8 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
-from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
 from polywigner.mitsuba.plugins import original_error, register
 from polywigner.mitsuba.radiator import emitted_power, radiator_of
