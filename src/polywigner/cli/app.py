@@ -105,6 +105,62 @@ def render(
 
 
 @app.command()
+def receive(
+    scene: Annotated[
+        str,
+        typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
+    ],
+    spp: Annotated[
+        int | None,
+        typer.Option(help="Samples of the scattered light of each emitter (default: the scene's)."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None,
+    reflections: Annotated[
+        int, typer.Option(help="Most flat mirrors on a direct way, 0 to 3.")
+    ] = 2,
+    bandwidth: Annotated[
+        str | None, typer.Option(help="Such as '1 GHz' (default: the receiver's own).")
+    ] = None,
+    temperature: Annotated[
+        str | None, typer.Option(help="Of the noise, such as '290 K' (default: the receiver's own).")
+    ] = None,
+    noise_figure: Annotated[
+        str | None, typer.Option(help="Such as '3 dB' (default: the receiver's own, else 0 dB).")
+    ] = None,
+    define: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
+    ] = None,
+    db_floor: DbFloor = -40.0,
+    out: Out = None,
+) -> None:
+    """Say what power the receivers of a scene get, straight, by mirrors and scattered.
+
+    Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
+    NAME.png.
+    """
+    from polywigner.cli.receive import run_receive
+
+    run_receive(
+        scene,
+        spp=spp,
+        seed=seed,
+        variant=variant,
+        reflections=reflections,
+        bandwidth=bandwidth,
+        temperature=temperature,
+        noise_figure=noise_figure,
+        define=define or [],
+        floor_db=db_floor,
+        out=out,
+    )
+
+
+@app.command()
 def transform(
     aperture: SourceFile,
     unit: Unit = None,

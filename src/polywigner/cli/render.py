@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import platform
-import shlex
-import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from polywigner.cli.output import check_text, check_writable, output_stem, targets, writing
+from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.scenes import check_is_file, check_is_no_aperture, progress_bar, versions_of
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
@@ -28,7 +23,6 @@ __all__ = ["run_render"]
 
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
 _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
-_NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 # By how much fewer samples a sampler needs than independent ones; on floors that are lit without
 # obstacles it was 60, beside edges of shadows less (docs/sampling.md).
 _GAINS = {"multijitter": 10}
@@ -71,7 +65,7 @@ def run_render(
     _check(settings)
     files = targets(output_stem(out, Path(scene).stem), (".exr", ".png", ".json"))
     check_writable(files)
-    _check_is_no_aperture(scene)
+    check_is_no_aperture(scene)
 
     from polywigner.figures import draw_scene, picture_peak
     from polywigner.figures.levels import check_floor
@@ -93,7 +87,7 @@ def run_render(
             used = sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
             samples = check_spp(_enough(loaded, error_db, used))
         ready = time.perf_counter()
-        with _progress_bar() as progress:
+        with progress_bar() as progress:
             image = render(loaded, integrator, samples, seed, progress=progress)
         done = time.perf_counter()
     for message in messages:
@@ -103,7 +97,7 @@ def run_render(
     reference = picture_peak(radiance)
     record = _record(settings, loaded, radiance, reference)
     record["used"] |= {"variant": chosen, "spp": samples}
-    record["versions"] = _versions(chosen)
+    record["versions"] = versions_of(chosen)
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     _warn_of_darkness(radiance)
     title = _title(loaded, scene, chosen, samples)
@@ -118,11 +112,7 @@ def run_render(
 
 def _check(settings: RenderSettings) -> None:
     """All that can be known to be wrong before Mitsuba takes its second to load."""
-    check_text("the scene file", settings.scene)
-    if not os.path.isfile(settings.scene):  # noqa: PTH113 (pathlib raises for a name too long)
-        raise SceneError(
-            f"expected a Mitsuba scene file, got {settings.scene!r}, which is not a file"
-        )
+    check_is_file(settings.scene)
     if settings.spp is not None and settings.spp < 1:
         raise ArgumentError(f"expected --spp of at least 1, got {settings.spp}")
     if settings.spp is not None and settings.error_db is not None:
@@ -133,17 +123,6 @@ def _check(settings: RenderSettings) -> None:
         raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)
-
-
-def _check_is_no_aperture(scene: str) -> None:
-    suffix = Path(scene).suffix.lower()
-    if suffix in _NO_SCENES:
-        kind = "a source file" if suffix == ".toml" else "an aperture"
-        raise SceneError(
-            f"expected a scene, which is Mitsuba XML, got {scene!r}, which is {kind}; "
-            f"see its transforms by `polywigner transform {shlex.quote(scene)}`, or name it in "
-            'the <shape type="wigner"> of a scene'
-        )
 
 
 def _check_scene(scene: Any, name: str) -> None:
@@ -175,35 +154,6 @@ def _enough(scene: Any, error_db: float, sampler: str) -> int:
 def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
     if name is not None and name not in known:
         raise ArgumentError(f"expected {option} to be one of {', '.join(known)}, got {name!r}")
-
-
-@contextmanager
-def _progress_bar() -> Iterator[Callable[[int, int], None]]:
-    """A function to call after each part: moves a bar on a terminal, does nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("rendering"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _radiance(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -283,16 +233,3 @@ def _plugin(instance: Any, kind: str) -> str:
     """The name under which a scene asks for it: ``path`` for a ``PathIntegrator``."""
     name = str(instance.class_name()).removesuffix(kind).lower()
     return {"particletracer": "ptracer"}.get(name, name)
-
-
-def _versions(variant: str) -> dict[str, str | None]:
-    from importlib.metadata import version
-
-    from polywigner.toolchain.llvm import prepare
-
-    packages = ("polywigner", "mitsuba", "drjit", "numpy")
-    found: dict[str, str | None] = {name: version(name) for name in packages}
-    found["llvm"] = prepare().version if variant.startswith("llvm_") else None
-    found["python"] = platform.python_version()
-    found["machine"] = f"{platform.system()} {platform.machine()}"
-    return found

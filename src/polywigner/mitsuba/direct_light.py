@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from polywigner.mitsuba.links import coupled_share, facing_parts
 from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of
 from polywigner.mitsuba.placed_sources import PlacedSource
@@ -68,8 +70,21 @@ def _path(
         emitter.power * coupling * passing,
         coupling,
         passing,
+        _arrival(parts.emitter, parts.receiver),
     )
     return path, " and ".join(_doubts(parts.share, passing, chain))
+
+
+def _arrival(emitter: PlacedSource, receiver: PlacedSource) -> tuple[float, float]:
+    """Direction cosines of the emitter's middle, in the receiver's frame."""
+    ends = [place.points(_middle(place.source)[None])[0] for place in (emitter, receiver)]
+    way = receiver.pose[:3, :3].T @ (ends[0] - ends[1])
+    alpha, beta, _ = (way / np.linalg.norm(way)).tolist()
+    return alpha, beta
+
+
+def _middle(source: Any) -> Any:
+    return np.reshape(source.bounds, (2, 2)).mean(axis=0)
 
 
 def _doubts(facing: float, passing: float, chain: tuple[Mirror, ...]) -> list[str]:

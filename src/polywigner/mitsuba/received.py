@@ -43,6 +43,8 @@ class DirectPath:
     """|b|^2 with nothing in between: received over emitted power."""
     passing: float
     """Share of the power that obstacles and mirrors let through, a mean over rays."""
+    arrives_from: tuple[float, float]
+    """Direction cosines to the middle of the emitter or its image, in the receiver's frame."""
 
 
 @dataclass(frozen=True)
@@ -186,6 +188,7 @@ def _dict_of(part: Contribution) -> dict[str, Any]:
                 "power_w": path.power,
                 "coupling": path.coupling,
                 "passing": path.passing,
+                "arrives_from": list(path.arrives_from),
             }
             for path in part.paths
         ],

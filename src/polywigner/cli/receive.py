@@ -1,0 +1,153 @@
+"""``polywigner receive``: what the receivers of a scene get, as a table, a record and a picture."""
+
+from __future__ import annotations
+
+import json
+import time
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.scenes import check_is_file, check_is_no_aperture, progress_bar, versions_of
+from polywigner.cli.sources import frequency_text, short_name
+from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
+
+__all__ = ["run_receive"]
+
+# Panels of a row of the picture.
+_COLUMNS = 3
+
+
+@dataclass(frozen=True)
+class ReceiveSettings:
+    """The options of one run, as they are recorded; None stands for what the scene says."""
+
+    scene: str
+    spp: int | None
+    seed: int
+    variant: str | None
+    reflections: int
+    bandwidth: str | None
+    temperature: str | None
+    noise_figure: str | None
+    defined: dict[str, str]
+    floor_db: float
+
+
+def run_receive(
+    scene: str,
+    *,
+    spp: int | None,
+    seed: int,
+    variant: str | None,
+    reflections: int,
+    bandwidth: str | None,
+    temperature: str | None,
+    noise_figure: str | None,
+    define: list[str],
+    floor_db: float,
+    out: str | None,
+) -> None:
+    """Print a table for each receiver, write NAME.json and NAME.png, print their paths.
+
+    Raises
+    ------
+    PolywignerError : input that cannot be used; nothing is written then.
+    """
+    defined = dict(_definition(text) for text in define)
+    settings = ReceiveSettings(
+        scene, spp, seed, variant, reflections, bandwidth, temperature, noise_figure, defined,
+        floor_db,
+    )  # fmt: skip
+    check_is_file(scene)
+    if spp is not None and spp < 1:
+        raise ArgumentError(f"expected --spp of at least 1, got {spp}")
+    if seed < 0:
+        raise ArgumentError(f"expected --seed of zero or more, got {seed}")
+    noise = {
+        "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
+        "temperature": None if temperature is None else parse_temperature(temperature),
+        "noise_figure": None if noise_figure is None else parse_noise_figure(noise_figure),
+    }
+    files = targets(output_stem(out, Path(scene).stem + "_received"), (".json", ".png"))
+    check_writable(files)
+    check_is_no_aperture(scene)
+
+    from polywigner.figures.levels import check_floor
+    from polywigner.mitsuba import choose_variant, load_scene
+    from polywigner.mitsuba.arrival_map import arrival_map
+    from polywigner.mitsuba.logs import to_list
+    from polywigner.mitsuba.received_power import received_powers, receivers_of
+
+    check_floor(floor_db)
+    start = time.perf_counter()
+    chosen = choose_variant(variant)
+    with to_list() as messages:
+        loaded = load_scene(scene, chosen, None, **defined)
+        receivers_of(loaded)
+        with progress_bar() as progress:
+            found = received_powers(
+                loaded, spp, seed, reflections=reflections, progress=progress, **noise
+            )
+        maps = [arrival_map(loaded, number, seed) for number in range(len(found))]
+    for message in messages:
+        warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
+    record = {
+        "settings": asdict(settings),
+        "used": {"variant": chosen},
+        "receivers": [each.to_dict() for each in found],
+        "versions": versions_of(chosen),
+        "seconds": round(time.perf_counter() - start, 3),
+    }
+    figure = _figure(scene, found, maps, floor_db)
+    with writing(files) as (text, png):
+        text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        figure.savefig(png, format="png")
+    print("\n\n".join(map(str, found)))
+    for path in files:
+        print(path)
+
+
+def _definition(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise ArgumentError(
+            f"expected --define as NAME=VALUE of a $parameter of the scene, got {text!r}"
+        )
+    return name, value
+
+
+def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> Any:
+    """A panel for each receiver."""
+    from polywigner.figures.arrivals import DirectArrival, draw_arrivals
+    from polywigner.figures.style import new_figure
+
+    columns = min(len(found), _COLUMNS)
+    rows = -(-len(found) // columns)
+    figure = new_figure(5.4 * columns, 4.7 * rows, spacing=0.05)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, each, picture in zip(panels, found, maps, strict=False):
+        marks = [
+            DirectArrival(*path.arrives_from, path.power, " by ".join([part.name, *path.mirrors]))
+            for part in each.contributions
+            for path in part.paths
+        ]
+        draw_arrivals(picture, marks, floor_db, _title(scene, each), ax=axes)
+    for axes in panels[len(found) :]:
+        axes.set_visible(False)
+    return figure
+
+
+def _title(scene: str, found: Any) -> str:
+    from polywigner.mitsuba.received import dbm_text
+
+    parts = f"direct {dbm_text(found.direct)}, scattered {dbm_text(found.scattered)}"
+    total = dbm_text(found.power)
+    text = (
+        f"{short_name(scene)}, receiver {found.receiver}, {frequency_text(found.wavelength)}\n"
+        f"received {total}: {parts}"
+    )
+    return text.replace(" -", " −")
