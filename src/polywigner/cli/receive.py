@@ -131,7 +131,7 @@ def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> A
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, each, picture in zip(panels, found, maps, strict=False):
         marks = [
-            DirectArrival(*path.arrives_from, path.power, " by ".join([part.name, *path.mirrors]))
+            DirectArrival(path.arrives_from, path.power, " by ".join([part.name, *path.mirrors]))
             for part in each.contributions
             for path in part.paths
         ]

@@ -32,8 +32,8 @@ _MARK = "#4dd2ff"
 class DirectArrival(NamedTuple):
     """Light straight from a source, or from its image: a mark in the picture."""
 
-    alpha: float
-    beta: float
+    place: tuple[float, float]
+    """Direction cosines."""
     power: float
     """W."""
     name: str
@@ -94,7 +94,9 @@ def draw_arrivals(
             axes.add_patch(Circle((0, 0), radius, lw=0.6, ls="-" if is_rim else ":", **how))
             if not is_rim:
                 place = -radius * math.sqrt(0.5)
-                axes.text(place, place, f"{degrees}°", color="white", fontsize=7, ha="right", va="top")
+                axes.text(
+                    place, place, f"{degrees}°", color="white", fontsize=7, ha="right", va="top"
+                )
         _mark(axes, direct)
         axes.set_xlim(-1.02, 1.02)
         axes.set_ylim(-1.02, 1.02)
@@ -108,19 +110,18 @@ def draw_arrivals(
 
 def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
     for number, arrival in enumerate(direct):
-        place = arrival.alpha, arrival.beta
-        axes.plot(*place, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
+        axes.plot(*arrival.place, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{10 * math.log10(arrival.power / _MILLIWATT):.1f} dBm".replace("-", "−")
-        side, level_of_text = (1 if arrival.alpha < 0 else -1), (1 if number % 2 == 0 else -1)
+        side, above = (1 if arrival.place[0] < 0 else -1), (1 if number % 2 == 0 else -1)
         axes.annotate(
             f"{arrival.name}\n{level}",
-            place,
-            xytext=(2 * side, 7 * level_of_text),
+            arrival.place,
+            xytext=(2 * side, 7 * above),
             textcoords="offset points",
             color=_MARK,
             fontsize=7,
             ha="left" if side > 0 else "right",
-            va="bottom" if level_of_text > 0 else "top",
+            va="bottom" if above > 0 else "top",
         )
 
 

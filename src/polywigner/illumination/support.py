@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -99,8 +99,8 @@ def moved_source(source: _Source, shift: NDArray[np.float64]) -> _Source:
     return Array([element.moved(shift) for element in source.elements_in_plane], source.weights)
 
 
-def mirrored_source(source: Aperture | Array) -> Aperture | Array:
-    """A source of the plane, with its field, as a mirror shows it: u(-x, y)."""
+def mirrored_source(source: Any) -> Any:
+    """An aperture or an array, with its field, as a mirror shows it: u(-x, y)."""
     if isinstance(source, Aperture):
         copy = Aperture(shapely.transform(source.polygons, lambda points: points * _MIRROR))
         field = source.illumination

@@ -19,10 +19,10 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.plugins import register  # noqa: E402
-from polywigner.mitsuba.receiver import receiving  # noqa: E402
-from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
+from polywigner.mitsuba.receiver import receiving  # noqa: E402
+from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
     aperture,

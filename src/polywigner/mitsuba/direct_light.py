@@ -92,7 +92,9 @@ def _doubts(facing: float, passing: float, chain: tuple[Mirror, ...]) -> list[st
     if facing < 1:
         doubts.append("a part lies behind the plane of the other source and is left out")
     if passing < 1 and not chain:
-        doubts.append(f"{passing:.1%} of direct light passes obstacles, by rays, without diffraction")
+        doubts.append(
+            f"{passing:.1%} of direct light passes obstacles, by rays, without diffraction"
+        )
     return doubts
 
 
@@ -104,7 +106,9 @@ def smooth_notes(mirrors: list[Mirror], others: list[str], reflections: int) -> 
             f"light by {', '.join(others)}, smooth but no flat mirror, is left out of direct light"
         )
     if mirrors or others:
-        limit = f"of more than {reflections} reflections, and " if reflections else "by mirrors, and "
+        limit = (
+            f"of more than {reflections} reflections, and " if reflections else "by mirrors, and "
+        )
         notes.append(
             f"left out: light {limit}from mirrors to rough surfaces; mirrors have no edge waves"
         )

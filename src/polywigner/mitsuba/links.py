@@ -1,8 +1,8 @@
 """The coupling of an emitter and a receiver in a scene, as far as they are in front of each other.
 
-Exact, by :func:`polywigner.coupling`, where nothing is in between. Neither source radiates backwards.
-Of one that reaches behind the plane of the other only the part in front counts, as behind an opaque
-screen without edges.
+Exact, by :func:`polywigner.coupling`, where nothing is in between. Neither source radiates
+backwards. Of one that reaches behind the plane of the other only the part in front counts, as
+behind an opaque screen without edges.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
         if part is not one.source:
             share *= _energy(part) / _energy(one.source)
         parts.append(replace(one, source=part))
-    return FacingParts(*parts, share)
+    return FacingParts(parts[0], parts[1], share)
 
 
 def coupled_share(parts: FacingParts) -> float:
@@ -81,11 +81,9 @@ def _part_in_front(
     parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
     if all(part is element for part, element in zip(parts, elements, strict=True)):
         return source
-    kept = [k for k, part in enumerate(parts) if part is not None]
-    if not kept:
-        return None
-    weights = source.weights[kept] if isinstance(source, Array) else np.ones(1)
-    return Array([parts[k] for k in kept], weights)
+    weights = source.weights if isinstance(source, Array) else np.ones(1)
+    kept = [(part, w) for part, w in zip(parts, weights, strict=True) if part is not None]
+    return Array([part for part, _ in kept], [w for _, w in kept]) if kept else None
 
 
 def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:

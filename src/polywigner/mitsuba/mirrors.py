@@ -1,7 +1,8 @@
 """Flat mirrors of a scene, and the images of sources in them.
 
-A mirror is a plane face of a shape whose BSDF has a smooth lobe of reflection: rectangles, disks and
-the faces of meshes. Light that comes by a chain of them comes straight from the image of the image.
+A mirror is a plane face of a shape whose BSDF has a smooth lobe of reflection: rectangles, disks
+and the faces of meshes. Light that comes by a chain of them comes straight from the image of the
+image.
 """
 
 from __future__ import annotations
@@ -54,11 +55,8 @@ def mirrors_of(scene: Any, unit: float) -> tuple[list[Mirror], list[str]]:
         planes = _planes(shape) if mi.has_flag(flags, mi.BSDFFlags.DeltaReflection) else []
         if not planes or mi.has_flag(flags, mi.BSDFFlags.DeltaTransmission):
             others.append(name)
-        if len(planes) > 1:
-            names = [f"{name}[{k}]" for k in range(len(planes))]
-        else:
-            names = [name]
-        for own, (normal, offset) in zip(names, planes, strict=False):
+        for face, (normal, offset) in enumerate(planes):
+            own = f"{name}[{face}]" if len(planes) > 1 else name
             mirrors.append(Mirror(own, shape, normal, offset * unit))
     return mirrors, others
 
@@ -72,8 +70,9 @@ def chains_of(mirrors: list[Mirror], most: int) -> Iterator[tuple[Mirror, ...]]:
     total = sum(count * (count - 1) ** k for k in range(most)) if count else 0
     if total > _MOST_CHAINS:
         raise SceneError(
-            f"expected at most {_MOST_CHAINS} chains of flat mirrors, got {total} of {count} mirrors "
-            f"with up to {most} reflections; ask for fewer reflections, or make small mirrors rough"
+            f"expected at most {_MOST_CHAINS} chains of flat mirrors, got {total} of {count} "
+            f"mirrors with up to {most} reflections; ask for fewer reflections, or make small "
+            "mirrors rough"
         )
     chains: list[tuple[Mirror, ...]] = [()]
     for _ in range(most):

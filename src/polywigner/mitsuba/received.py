@@ -152,7 +152,9 @@ class ReceivedPower:
 
     def __str__(self) -> str:
         frequency = SPEED_OF_LIGHT / self.wavelength / 1e9
-        rows = [(f"receiver {self.receiver}", "direct", "scattered", "standard error", "power")]
+        rows: list[tuple[str, ...]] = [
+            (f"receiver {self.receiver}", "direct", "scattered", "standard error", "power")
+        ]
         for part in self.contributions:
             numbers = part.direct, part.scattered, part.standard_error
             rows.append((part.name, *map(_watts, numbers), dbm_text(part.power)))
@@ -164,7 +166,9 @@ class ReceivedPower:
             "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
             for row in rows
         ]
-        lines.append(f"{_watts(self.power)} +- {_watts(self.standard_error)} at {frequency:.6g} GHz")
+        lines.append(
+            f"{_watts(self.power)} +- {_watts(self.standard_error)} at {frequency:.6g} GHz"
+        )
         if self.noise_power is not None:
             lines.append(self._noise_text(self.noise_power))
         return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])

@@ -23,7 +23,7 @@ from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp
 from polywigner.mitsuba.scattered import BATCHES, batches_of, scattered_batches
 from polywigner.mitsuba.unseen import unseen, wigner_emitters
 
-__all__ = ["receivers_of", "received_power", "received_powers"]
+__all__ = ["received_power", "received_powers", "receivers_of"]
 
 Progress = Callable[[int, int], None]
 
@@ -48,7 +48,7 @@ def received_power(
     The sum of what comes straight from each emitter, exact by :func:`polywigner.coupling` in the
     poses of both, times the share of rays that pass obstacles; of what comes by flat mirrors, the
     same from the images of emitters in them; and of what surfaces and fog scatter, by samples of
-    the ``wigner_receiver`` sensor. Powers add without interference. docs/receivers.md.
+    the ``wigner_receiver`` sensor. Powers add without interference. docs/received_power.md.
 
     Parameters
     ----------
@@ -168,7 +168,9 @@ def _received(
             samples = default_spp(scene, index) if spp is None else spp
             told = _part_of(progress, count, len(receivers))
             results.append(
-                _one(scene, index, place, emitters, samples, seed, integrator, reflections, own, told)
+                _one(
+                    scene, index, place, emitters, samples, seed, integrator, reflections, own, told
+                )
             )
     return results
 
@@ -235,9 +237,7 @@ def _part_of(progress: Progress | None, number: int, count: int) -> Progress | N
 
 def _noise_of(spec: Any, given: dict[str, float | None]) -> dict[str, float | None]:
     """What is given, else the receiver's own."""
-    return {
-        name: getattr(spec, name) if value is None else value for name, value in given.items()
-    }
+    return {name: getattr(spec, name) if value is None else value for name, value in given.items()}
 
 
 def _checked_noise(noise: tuple[float | None, ...]) -> dict[str, float | None]:

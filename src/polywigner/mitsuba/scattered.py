@@ -1,8 +1,8 @@
 """The power that surfaces and fog scatter to a receiver, with its standard error.
 
-Samples come in batches with seeds of their own, and the spread of the batches is the error. Paths do
-not depend on the power of a source: with one seed, the render by one source and the other lights,
-less the render by the other lights alone, is to the last sample what that source gives.
+Samples come in batches with seeds of their own, and the spread of the batches is the error. Paths
+do not depend on the power of a source: with one seed, the render by one source and the other
+lights, less the render by the other lights alone, is what that source gives, sample by sample.
 """
 
 from __future__ import annotations

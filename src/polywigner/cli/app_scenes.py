@@ -1,0 +1,114 @@
+"""The commands on Mitsuba scenes and their options; each imports its work when it is called."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from polywigner.cli.options import DbFloor, Out
+
+__all__ = ["receive", "render"]
+
+
+def render(
+    scene: Annotated[
+        str, typer.Argument(help="Mitsuba XML file with a <shape type='wigner'> in it.")
+    ],
+    spp: Annotated[
+        int | None, typer.Option(help="Samples per pixel (default: the scene's).")
+    ] = None,
+    error_db: Annotated[
+        float | None,
+        typer.Option(
+            help="In place of --spp: rms error in dB of what lies 20 dB below the peak, as far as "
+            "the source makes it (docs/sampling.md)."
+        ),
+    ] = None,
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None,
+    integrator: Annotated[
+        str | None, typer.Option(help="path, direct, volpath, ... (default: the scene's).")
+    ] = None,
+    sampler: Annotated[
+        str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    db_floor: DbFloor = -40.0,
+    out: Out = None,
+) -> None:
+    """Render a Mitsuba scene lit by a coherent aperture.
+
+    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json.
+    """
+    from polywigner.cli.render import run_render
+
+    run_render(
+        scene,
+        spp=spp,
+        error_db=error_db,
+        variant=variant,
+        integrator=integrator,
+        sampler=sampler,
+        seed=seed,
+        floor_db=db_floor,
+        out=out,
+    )
+
+
+def receive(
+    scene: Annotated[
+        str,
+        typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
+    ],
+    spp: Annotated[
+        int | None,
+        typer.Option(help="Samples of the scattered light of each emitter (default: the scene's)."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None,
+    reflections: Annotated[
+        int, typer.Option(help="Most flat mirrors on a direct way, 0 to 3.")
+    ] = 2,
+    bandwidth: Annotated[
+        str | None, typer.Option(help="Such as '1 GHz' (default: the receiver's own).")
+    ] = None,
+    temperature: Annotated[
+        str | None,
+        typer.Option(help="Of the noise, such as '290 K' (default: the receiver's own)."),
+    ] = None,
+    noise_figure: Annotated[
+        str | None, typer.Option(help="Such as '3 dB' (default: the receiver's own, else 0 dB).")
+    ] = None,
+    define: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
+    ] = None,
+    db_floor: DbFloor = -40.0,
+    out: Out = None,
+) -> None:
+    """Say what power the receivers of a scene get, straight, by mirrors and scattered.
+
+    Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
+    NAME.png.
+    """
+    from polywigner.cli.receive import run_receive
+
+    run_receive(
+        scene,
+        spp=spp,
+        seed=seed,
+        variant=variant,
+        reflections=reflections,
+        bandwidth=bandwidth,
+        temperature=temperature,
+        noise_figure=noise_figure,
+        define=define or [],
+        floor_db=db_floor,
+        out=out,
+    )

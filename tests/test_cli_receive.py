@@ -1,0 +1,160 @@
+"""``polywigner receive`` on a link whose coupling is known."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+
+pytestmark = pytest.mark.drjit
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "link_77ghz" / "link.xml"
+
+SCENE = """<scene version="3.0.0">
+    <default name="distance" value="1"/>
+    <shape type="wigner" id="tx">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+        <string name="power" value="10 dBm"/>
+    </shape>
+    {sensors}
+</scene>
+"""
+SENSOR = """<sensor type="wigner_receiver" id="{name}">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="{frequency}"/>
+        <string name="estimator" value="wigner"/>
+        <transform name="to_world">
+            <lookat origin="{x}, 0, $distance" target="{x}, 0, 0" up="0, 1, 0"/>
+        </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="1"/><integer name="height" value="1"/>
+            <rfilter type="box"/>
+        </film>
+    </sensor>"""
+
+
+def scene_file(folder: Path, *names: str, frequency: str = "94 GHz") -> Path:
+    (folder / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    sensors = "".join(
+        SENSOR.format(name=name, x=0.1 * k, frequency=frequency) for k, name in enumerate(names)
+    )
+    path = folder / "link.xml"
+    path.write_text(SCENE.format(sensors=sensors))
+    return path
+
+
+def received(path: Path, *options: str) -> list[dict[str, Any]]:
+    out = path.parent / "out"
+    words = ["receive", str(path), "--variant", "scalar_rgb", "--spp", "16", "--out", str(out)]
+    assert main([*words, *options]) == 0
+    assert out.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    return json.loads(out.with_suffix(".json").read_text())["receivers"]
+
+
+def test_a_table_is_printed_and_all_of_it_recorded(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = scene_file(tmp_path, "rx")
+    (found,) = received(
+        path, "--temperature", "290 K", "--bandwidth", "1 GHz", "--noise-figure", "3 dB"
+    )
+    facing = np.diag([-1.0, 1.0, -1.0, 1.0])
+    facing[2, 3] = 1.0
+    square = pw.shapes.square(10e-3)
+    expected = 10 + 20 * math.log10(abs(pw.coupling(square, square, facing, frequency=94e9)))
+    assert found["power_dbm"] == pytest.approx(expected, abs=1e-4)
+    assert found["noise_power_w"] == pytest.approx(1.380649e-23 * 290 * 1e9 * 10**0.3)
+    out, err = capfd.readouterr()
+    assert re.search(r"^tx .* -20\.08 dBm$", out, re.MULTILINE)
+    assert "signal to noise" in out
+    assert out.splitlines()[-2:] == [f"{tmp_path / 'out'}{suffix}" for suffix in (".json", ".png")]
+    assert err == ""
+
+
+def test_a_parameter_of_the_scene_can_be_defined(tmp_path: Path) -> None:
+    path = scene_file(tmp_path, "rx")
+    near, far = (received(path, "--define", f"distance={k}")[0]["power_w"] for k in (2, 4))
+    assert near / far == pytest.approx(4, rel=0.01)  # far away
+
+
+def test_several_receivers_are_told_one_after_the_other(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    found = received(scene_file(tmp_path, "first", "second"))
+    assert {each["receiver"] for each in found} == {"first", "second"}
+    assert len(re.findall(r"^receiver (?:first|second) ", capfd.readouterr().out, re.M)) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--spp", "0"], "--spp"),
+        (["--seed", "-1"], "--seed"),
+        (["--bandwidth", "1 GHx"], "frequency"),
+        (["--temperature", "-3 K"], "temperature"),
+        (["--noise-figure", "3 m"], "noise figure"),
+        (["--define", "distance"], "NAME=VALUE"),
+        (["--reflections", "9"], "reflections"),
+        (["--db-floor", "3"], "floor"),
+        (["--variant", "no_such"], "variant"),
+    ],
+    ids=str,
+)
+def test_a_bad_option_is_told_in_one_line(
+    options: list[str], told: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = scene_file(tmp_path, "rx")
+    words = ["receive", str(path), "--variant", "scalar_rgb", "--out", str(tmp_path / "out")]
+    capfd.readouterr()
+    assert main([*words, *options]) == 2
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("polywigner: error: ") and told in lines[0]
+    assert not list(tmp_path.glob("out*"))
+
+
+def test_a_scene_without_a_link_is_told_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    made = [
+        (scene_file(tmp_path), "wigner_receiver"),
+        (scene_file(tmp_path, "rx", frequency="77 GHz"), "one wavelength of emitter 'tx'"),
+        (tmp_path / "none.xml", "not a file"),
+        (tmp_path / "square.wkt", "polywigner transform"),
+    ]
+    for path, told in made:
+        if path.name == "link.xml":  # the same file twice
+            path = scene_file(tmp_path, *(["rx"] if "one" in told else []), frequency="77 GHz")
+        capfd.readouterr()
+        words = ["receive", str(path), "--variant", "scalar_rgb", "--out", str(tmp_path / "out")]
+        assert main(words) == 2
+        lines = capfd.readouterr().err.splitlines()
+        assert len(lines) == 1 and told in lines[0]
+
+
+@pytest.mark.llvm
+def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
+    out = tmp_path / "link"
+    assert main(["receive", str(EXAMPLE), "--spp", "16384", "--out", str(out)]) == 0
+    (found,) = json.loads(out.with_suffix(".json").read_text())["receivers"]
+    straight, mirrored = found["emitters"][0]["paths"]
+    # Friis, of a uniform patch of 10 x 4 mm
+    expected = (40e-6 / (found["wavelength_m"] * 2.0)) ** 2
+    assert straight["coupling"] == pytest.approx(expected, rel=1e-3)
+    assert mirrored["mirrors"] == ["metal_wall"] and mirrored["power_w"] < straight["power_w"]
+    assert 0 < 3 * found["standard_error_w"] < found["scattered_w"] < found["direct_w"]
+
+    from polywigner.mitsuba import load_scene
+    from polywigner.mitsuba.arrival_map import arrival_map
+
+    total = arrival_map(load_scene(EXAMPLE, "llvm_ad_mono"), 0).sum()
+    # 64 samples of each pixel
+    assert total == pytest.approx(found["scattered_w"], abs=5 * found["standard_error_w"])
