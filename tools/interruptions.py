@@ -34,6 +34,11 @@ COMMANDS = {
         *("render", str(EXAMPLES / "two_chevrons" / "scene.xml")),
         *("--variant", "scalar_rgb", "--spp", "64"),
     ],
+    "receive": ["receive", str(EXAMPLES / "link_77ghz" / "link.xml"), "--spp", "67108864"],
+    "receive-scalar": [
+        *("receive", str(EXAMPLES / "link_77ghz" / "link.xml")),
+        *("--variant", "scalar_rgb", "--spp", "16384"),
+    ],
     "transform": ["transform", CHEVRONS, *AT, "--samples", "1025"],
     "propagate": [
         *("propagate", CHEVRONS, *AT, "--method", "kirchhoff", "--accuracy", "1e-4"),
