@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -23,10 +24,8 @@ def fineness(camera: Any, samples: int) -> int:
 
     Those of others are not: what is stratified in a pixel of a camera is best left so.
     """
-    factor = 1
-    while is_receiver(camera) and samples > _IN_PIXEL * factor * factor:
-        factor *= 2
-    return factor
+    doublings = math.ceil(math.log2(samples / _IN_PIXEL) / 2)
+    return 2 ** max(doublings, 0) if is_receiver(camera) else 1
 
 
 @contextmanager

@@ -152,10 +152,8 @@ def receiver_class(variant: str) -> Any:
                 return angles, 1.0 / density
             corner, size = film.crop_offset(), film.crop_size()
             place = m.Point2f(
-                *(
-                    (s * int(n) + int(o)) / fine
-                    for s, n, o in zip(sample, size, corner, strict=True)
-                )
+                (sample.x * int(size[0]) + int(corner[0])) / fine,
+                (sample.y * int(size[1]) + int(corner[1])) / fine,
             )
             return in_pixel(m, place, (width, height))
 
@@ -182,7 +180,9 @@ def receiver_class(variant: str) -> Any:
             return self._scale * (distance * distance) * found
 
         def bbox(self) -> Any:
-            return m.ScalarBoundingBox3f(m.ScalarPoint3f(self.spec.pose[:3, 3].tolist()))
+            # scalar variants have one kind
+            box = getattr(m, "ScalarBoundingBox3f", m.BoundingBox3f)
+            return box(self.spec.pose[:3, 3].tolist())
 
         def to_string(self) -> str:
             spec = self.spec

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.films import coarse, cropped, fineness, refined
+from polywigner.mitsuba.fog import is_fog_near
 from polywigner.mitsuba.logs import silent
 from polywigner.mitsuba.receiver import receiving
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
@@ -79,6 +80,7 @@ def render(
     source = _seed(seed)
     method = _integrator(scene, integrator)
     _warn_of_limits(scene, method)
+    _warn_of_fog(scene, camera)
     factor = fineness(camera, total)
     with receiving(scene), refined(camera, factor):
         spp = math.ceil(total / factor**2)
@@ -265,6 +267,17 @@ def _warn_of_limits(scene: Any, integrator: Any) -> None:
         warnings.warn(
             "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases the "
             "image: set its rr_depth above its max_depth, or use 'path'",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_fog(scene: Any, camera: Any) -> None:
+    if is_fog_near(scene, camera):
+        warnings.warn(
+            'fog reaches into the near zone of a receiver with the estimator "exact", which weighs '
+            "what it scatters by the surface behind it: what is scattered within 2 D^2/wavelength "
+            'is not right; use the estimator "wigner"',
             RuntimeWarning,
             stacklevel=3,
         )
