@@ -43,6 +43,7 @@ VOLUME = {
 COMMANDS = {
     "two_chevrons_volume": ["volume", str(CHEVRONS), *chain.from_iterable(VOLUME.items())],
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
+    "link_77ghz": ["receive", str(EXAMPLES / "link_77ghz" / "link.xml")],
     **{path.parent.name: ["render", str(path)] for path in sorted(EXAMPLES.glob("*/scene.xml"))},
 }
 README = ("patch_above_floor", "first_picture", "two_chevrons_volume")

@@ -1,5 +1,5 @@
-"""The command line: ``polywigner render``, ``transform``, ``propagate``, ``volume``, ``figures``,
-``explore``, ``cite``, ``doctor``.
+"""The command line: ``polywigner render``, ``receive``, ``transform``, ``propagate``, ``volume``,
+``figures``, ``explore``, ``cite``, ``doctor``.
 
 ``main`` turns every outcome into an exit code and, for a failure, one line on stderr. The heavy
 libraries are imported by the command that needs them, so that ``--help`` answers at once.

@@ -4,13 +4,15 @@
 share, ``scene`` draws a rendered picture, ``slices`` computes what ``transforms`` draws as the
 figure of ``polywigner transform``, ``projections`` draws what ``polywigner.projections`` returns.
 Fields in front of a source: ``lines``, ``planes`` and ``hemispheres`` draw several methods side by
-side, ``volumes`` isosurfaces, ``patterns`` far fields as data sheets show them. ``paper`` has the
+side, ``volumes`` isosurfaces, ``patterns`` far fields as data sheets show them. ``arrivals``: where
+a receiver's power comes from. ``paper`` has the
 figures of the paper, ``drawing`` what they share with the others.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
 
 from __future__ import annotations
 
+from polywigner.figures.arrivals import DirectArrival, draw_arrivals
 from polywigner.figures.hemispheres import draw_hemispheres
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.lines import draw_lines
@@ -30,7 +32,9 @@ from polywigner.figures.volumes import draw_volume
 
 __all__ = [
     "LARGEST_SAMPLES",
+    "DirectArrival",
     "TransformSlices",
+    "draw_arrivals",
     "draw_hemispheres",
     "draw_lines",
     "draw_pattern",
