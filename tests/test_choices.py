@@ -84,7 +84,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("mitsuba/scene_files.py", "_DEEPEST_INCLUDE"): REFUSED,
     ("mitsuba/sources.py", "CAPACITY"): MEMORY,
     ("mitsuba/traced.py", "_APART"): DIGITS,
-    ("mitsuba/visibility.py", "_STRAIGHT"): DIGITS,
+    ("mitsuba/ways.py", "_STRAIGHT"): DIGITS,
     ("transforms/arguments.py", "_BLOCK"): MEMORY,
     ("transforms/extremes.py", "_LARGEST_EXPONENT"): DIGITS,
     ("transforms/extremes.py", "_UNDERFLOW"): DIGITS,

@@ -166,6 +166,26 @@ def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plai
     assert "left out" in found.notes[0]
 
 
+FOG = {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.5}
+
+
+def test_fog_takes_its_share_off_direct_light(variant: str) -> None:
+    """Beer's law: through a slab, and from within fog that the sensor says it stands in."""
+    slab = {
+        "type": "cube",
+        "to_world": mi.ScalarTransform4f().translate([0, 0, 0.5]).scale([1, 1, 0.2]),
+        "bsdf": {"type": "null"},
+        "interior": FOG,
+    }
+    whole = coupled(SQUARE, np.eye(4), SQUARE, facing(1.0))
+    rx = receiver(pose=facing(1.0), estimator="wigner")
+    through = power_of(tx=emitter(), rx=rx, slab=slab)
+    assert through.direct == pytest.approx(whole * math.exp(-2.0 * 0.4), rel=1e-3)
+    slab["to_world"] = mi.ScalarTransform4f().translate([0, 0, 1.0]).scale([1, 1, 0.5])
+    inside = power_of(tx=emitter(), rx={**rx, "medium": FOG}, slab=slab)
+    assert inside.direct == pytest.approx(whole * math.exp(-2.0 * 0.5), rel=1e-3)
+
+
 # ---- by mirrors --------------------------------------------------------------------------------
 
 

@@ -37,6 +37,8 @@ class PlacedSource:
     obliquity: str
     scene_unit: float
     power: float = 0.0
+    medium: Any = None
+    """Fog that the source stands in, as the sensor says; None: none."""
 
     def mirrored(self, normal: Floats, offset: float) -> PlacedSource:
         """Its image behind the plane of the points p with ``normal`` . p = ``offset``, in m.
@@ -75,7 +77,8 @@ def placed_emitter(emitter: Any, number: int) -> PlacedSource:
 
 def placed_receiver(sensor: Any, number: int) -> PlacedSource:
     """A wigner receiver; ``number`` names one without an id."""
-    return _placed(sensor, sensor.id() or f"receiver {number}")
+    placed = _placed(sensor, sensor.id() or f"receiver {number}")
+    return replace(placed, medium=sensor.get_medium())
 
 
 def check_match(

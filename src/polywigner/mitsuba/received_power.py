@@ -199,8 +199,6 @@ def _one(
         parts.append(_contribution(OTHER_LIGHTS, others, DirectLight()))
     total = others + found.sum(axis=0)
     notes = [note for link in links for note in link.notes] + notes
-    if any(shape.is_medium_transition() for shape in scene.shapes()):
-        notes.append("what fog takes off direct light is left out")
     return ReceivedPower(
         receiver=receiver.name,
         wavelength=receiver.wavelength,

@@ -38,7 +38,7 @@ def unseen(scene: Any) -> Iterator[None]:
     sources = wigner_emitters(scene)
     specs = [source.spec for source in sources]
     shapes = [source.get_shape() for source in sources if _is_transparent(source)]
-    places = [list(mi.traverse(shape)["vertex_positions"]) for shape in shapes]
+    places = [_positions(shape) for shape in shapes]
     try:
         for source, spec in zip(sources, specs, strict=True):
             source.spec = replace(spec, visible=False)
@@ -77,10 +77,17 @@ def _zero_like(power: Any) -> Any:
     return zero
 
 
+def _positions(shape: Any) -> list[float]:
+    positions = dr.detach(mi.traverse(shape)["vertex_positions"])
+    result: list[float] = np.asarray(positions, dtype=np.float64).ravel().tolist()
+    return result
+
+
 def _shrunk(positions: list[float]) -> list[float]:
-    points = np.array([float(value) for value in positions]).reshape(-1, 3)
+    points = np.reshape(positions, (-1, 3))
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
-    return (middle + _SHRUNK * (points - middle)).ravel().tolist()
+    result: list[float] = (middle + _SHRUNK * (points - middle)).ravel().tolist()
+    return result
 
 
 def _move(scene: Any, shapes: list[Any], places: list[list[float]]) -> None:
