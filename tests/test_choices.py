@@ -78,7 +78,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("mitsuba/parameters.py", "_LARGEST"): REFUSED,
     ("mitsuba/parameters.py", "_SMALLEST"): REFUSED,
     ("mitsuba/placed_sources.py", "_ROUNDING"): DIGITS,
-    ("mitsuba/received_power.py", "MOST_REFLECTIONS"): REFUSED,
+    ("mitsuba/receiving_arguments.py", "_MOST_REFLECTIONS"): REFUSED,
     ("mitsuba/rendering.py", "_LARGEST_SPP"): REFUSED,
     ("mitsuba/rendering.py", "_NEVER"): REFUSED,
     ("mitsuba/scene_files.py", "_DEEPEST_INCLUDE"): REFUSED,

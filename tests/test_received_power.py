@@ -476,6 +476,7 @@ def test_emitters_within_the_bandwidth_are_received_at_their_wavelength(plain: N
         {"seed": -1},
         {"reflections": 4},
         {"reflections": True},
+        {"tolerance": "fine"},
         {"bandwidth": 0.0},
         {"temperature": -1.0},
         {"noise_figure": float("nan")},

@@ -75,6 +75,9 @@ def receive(
     reflections: Annotated[
         int, typer.Option(help="Most flat mirrors on a direct way, 0 to 3.")
     ] = 2,
+    accuracy: Annotated[
+        float, typer.Option(help="Relative error allowed of the fields of direct light.")
+    ] = 1e-6,
     bandwidth: Annotated[
         str | None, typer.Option(help="Such as '1 GHz' (default: the receiver's own).")
     ] = None,
@@ -105,6 +108,7 @@ def receive(
         seed=seed,
         variant=variant,
         reflections=reflections,
+        accuracy=accuracy,
         bandwidth=bandwidth,
         temperature=temperature,
         noise_figure=noise_figure,

@@ -30,6 +30,7 @@ class ReceiveSettings:
     seed: int
     variant: str | None
     reflections: int
+    accuracy: float
     bandwidth: str | None
     temperature: str | None
     noise_figure: str | None
@@ -44,6 +45,7 @@ def run_receive(
     seed: int,
     variant: str | None,
     reflections: int,
+    accuracy: float,
     bandwidth: str | None,
     temperature: str | None,
     noise_figure: str | None,
@@ -59,8 +61,8 @@ def run_receive(
     """
     defined = dict(_definition(text) for text in define)
     settings = ReceiveSettings(
-        scene, spp, seed, variant, reflections, bandwidth, temperature, noise_figure, defined,
-        floor_db,
+        scene, spp, seed, variant, reflections, accuracy, bandwidth, temperature, noise_figure,
+        defined, floor_db,
     )  # fmt: skip
     check_is_file(scene)
     if spp is not None and spp < 1:
@@ -90,7 +92,13 @@ def run_receive(
         receivers_of(loaded)
         with progress_bar() as progress:
             found = received_powers(
-                loaded, spp, seed, reflections=reflections, progress=progress, **noise
+                loaded,
+                spp,
+                seed,
+                reflections=reflections,
+                tolerance=accuracy,
+                progress=progress,
+                **noise,
             )
         maps = [arrival_map(loaded, number, seed) for number in range(len(found))]
     for message in messages:

@@ -13,7 +13,10 @@ from polywigner.mitsuba.placed_sources import PlacedSource
 from polywigner.mitsuba.received import DirectPath
 from polywigner.mitsuba.visibility import passing_share
 
-__all__ = ["DirectLight", "direct_light"]
+__all__ = ["DirectLight", "direct_light", "mirrors_in", "ways_of"]
+
+
+Way = tuple[Mirror, ...]
 
 
 @dataclass(frozen=True)
@@ -28,18 +31,18 @@ def direct_light(
     scene: Any,
     emitter: PlacedSource,
     receiver: PlacedSource,
-    mirrors: list[Mirror],
-    reflections: int,
+    ways: list[Way],
+    tolerance: float,
 ) -> DirectLight:
     """Paths that bring power, in a scene whose sources are unseen.
 
-    Raises SceneError for links and numbers of mirrors that are too much work.
+    Raises SceneError for links that are too much work.
     """
     paths, notes = [], []
     link = f"from {emitter.name!r} to {receiver.name!r}"
-    for chain in [(), *chains_of(mirrors, reflections)]:
+    for chain in ways:
         way = link + "".join(f" by {mirror.name!r}" for mirror in chain)
-        found, reason = _path(scene, emitter, receiver, chain)
+        found, reason = _path(scene, emitter, receiver, chain, tolerance)
         if found is not None:
             paths.append(found)
         # most chains of mirrors lead nowhere
@@ -49,7 +52,11 @@ def direct_light(
 
 
 def _path(
-    scene: Any, emitter: PlacedSource, receiver: PlacedSource, chain: tuple[Mirror, ...]
+    scene: Any,
+    emitter: PlacedSource,
+    receiver: PlacedSource,
+    chain: Way,
+    tolerance: float,
 ) -> tuple[DirectPath | None, str]:
     image = emitter
     for mirror in chain:
@@ -64,7 +71,7 @@ def _path(
     passing = passing_share(scene, facing, parts.receiver, chain)
     if passing == 0:
         return None, "no direct light; obstacles block it"
-    coupling = coupled_share(parts)
+    coupling = coupled_share(parts, tolerance)
     path = DirectPath(
         tuple(mirror.name for mirror in chain),
         emitter.power * coupling * passing,
@@ -87,7 +94,7 @@ def _middle(source: Any) -> Any:
     return np.reshape(source.bounds, (2, 2)).mean(axis=0)
 
 
-def _doubts(facing: float, passing: float, chain: tuple[Mirror, ...]) -> list[str]:
+def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
     doubts = []
     if facing < 1:
         doubts.append("a part lies behind the plane of the other source and is left out")
@@ -98,24 +105,24 @@ def _doubts(facing: float, passing: float, chain: tuple[Mirror, ...]) -> list[st
     return doubts
 
 
-def smooth_notes(mirrors: list[Mirror], others: list[str], reflections: int) -> list[str]:
-    """What is to be said of smooth surfaces in a scene."""
+def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:
+    """The straight way, and those by up to so many mirrors; SceneError for too many of them."""
+    return [(), *chains_of(mirrors, reflections)]
+
+
+def mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
+    """The flat mirrors of a scene, and what is to be said of its smooth surfaces."""
+    mirrors, others = mirrors_of(scene, unit)
     notes = []
     if others:
         notes.append(
             f"light by {', '.join(others)}, smooth but no flat mirror, is left out of direct light"
         )
-    if mirrors or others:
-        limit = (
-            f"of more than {reflections} reflections, and " if reflections else "by mirrors, and "
-        )
+    if mirrors:
+        plural = "" if reflections == 1 else "s"
+        limit = f"more than {reflections} reflection{plural}" if reflections else "flat mirrors"
         notes.append(
-            f"left out: light {limit}from mirrors to rough surfaces; mirrors have no edge waves"
+            f"left out: direct light by {limit}, light from mirrors to rough surfaces, and waves "
+            "from the edges of mirrors"
         )
-    return notes
-
-
-def mirrors_in(scene: Any, unit: float, reflections: int) -> tuple[list[Mirror], list[str]]:
-    """Mirrors to reckon with, and what is to be said of smooth surfaces."""
-    mirrors, others = mirrors_of(scene, unit)
-    return (mirrors if reflections else []), smooth_notes(mirrors, others, reflections)
+    return mirrors, notes

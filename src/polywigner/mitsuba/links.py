@@ -39,7 +39,11 @@ class FacingParts:
 
 def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
     """The parts that face each other; None where there are none, as in one plane."""
-    rounding = PLACE_ERROR * max(float(np.abs(p.pose[:3, 3]).max()) for p in (emitter, receiver))
+    sizes = [
+        max(float(np.abs(values).max()) for values in (placed.pose[:3, 3], placed.source.bounds))
+        for placed in (emitter, receiver)
+    ]
+    rounding = PLACE_ERROR * max(sizes)
     parts, share = [], 1.0
     for one, other in ((emitter, receiver), (receiver, emitter)):
         pose = one.pose_of(other)
@@ -52,22 +56,35 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
     return FacingParts(parts[0], parts[1], share)
 
 
-def coupled_share(parts: FacingParts) -> float:
+def coupled_share(parts: FacingParts, tolerance: float) -> float:
     """|b|^2: received over emitted power with nothing in between, both as int |u|^2.
 
-    Raises SceneError where the link is too much work, or too near.
+    Raises SceneError where the link is too much work, or too near, and where it has no boundary
+    condition at both ends.
     """
     emitter, receiver = parts.emitter, parts.receiver
+    link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
+    _check_obliquity(link, emitter.obliquity, receiver.obliquity)
+    pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     try:
-        b = coupling(
-            emitter.source, receiver.source, emitter.pose_of(receiver), emitter.wavelength, method
-        )
+        b = coupling(emitter.source, receiver.source, pose, emitter.wavelength, method, tolerance)
     except PolywignerError as error:
-        raise SceneError(
-            f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}: {error}"
-        ) from None
+        raise SceneError(f"{link}: {error}") from None
     return float(abs(b) ** 2 * parts.share)
+
+
+def _check_obliquity(link: str, one: str, other: str) -> None:
+    if one != other:
+        raise SceneError(
+            f"{link}: expected one obliquity, got {one!r} and {other!r}; a link has one boundary "
+            "condition at both ends: give both the same"
+        )
+    if one == "paper":
+        raise SceneError(
+            f'{link}: expected a boundary condition as obliquity, got "paper", of which there are '
+            'no links; use "rayleigh-sommerfeld-1"'
+        )
 
 
 def _part_in_front(

@@ -98,16 +98,6 @@ def check_match(
             f"{receiver.wavelength:.6g} m, {apart:.6g} Hz apart; give both one frequency, or the "
             "receiver a bandwidth of twice that"
         )
-    if emitter.obliquity != receiver.obliquity:
-        raise SceneError(
-            f"expected one obliquity {both}, got {emitter.obliquity!r} and {receiver.obliquity!r}; "
-            "a link has one boundary condition at both ends: give both the same"
-        )
-    if emitter.obliquity == "paper":
-        raise SceneError(
-            f'expected a boundary condition as obliquity {both}, got "paper", of which there are '
-            'no links; use "rayleigh-sommerfeld-1"'
-        )
     if emitter.scene_unit != receiver.scene_unit:
         raise SceneError(
             f"expected one scene_unit {both}, got {emitter.scene_unit:g} m and "

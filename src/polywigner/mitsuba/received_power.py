@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry.arguments import checked_number
-from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in
+from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in, ways_of
 from polywigner.mitsuba.placed_sources import (
     PlacedSource,
     check_match,
@@ -19,15 +19,14 @@ from polywigner.mitsuba.placed_sources import (
 )
 from polywigner.mitsuba.received import OTHER_LIGHTS, Contribution, ReceivedPower
 from polywigner.mitsuba.receiver import is_receiver
-from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp
+from polywigner.mitsuba.receiving_arguments import Asked, asked_of
+from polywigner.mitsuba.rendering import default_spp
 from polywigner.mitsuba.scattered import BATCHES, batches_of, scattered_batches
 from polywigner.mitsuba.unseen import unseen, wigner_emitters
 
 __all__ = ["received_power", "received_powers", "receivers_of"]
 
 Progress = Callable[[int, int], None]
-
-MOST_REFLECTIONS = 3
 
 
 def received_power(
@@ -38,6 +37,7 @@ def received_power(
     receiver: int | str | None = None,
     integrator: Any = None,
     reflections: int = 2,
+    tolerance: float = 1e-6,
     bandwidth: float | None = None,
     temperature: float | None = None,
     noise_figure: float | None = None,
@@ -60,6 +60,7 @@ def received_power(
         only one.
     integrator : of the scattered part, as in :func:`polywigner.mitsuba.render`.
     reflections : most flat mirrors on a direct way, 0 to 3.
+    tolerance : of couplings, as in :func:`polywigner.coupling`.
     bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB, in place of the
         receiver's own; without a noise figure, F is 1. The bandwidth also says which emitters the
         receiver takes.
@@ -77,11 +78,10 @@ def received_power(
         refuses. ArgumentError : no scene, several receivers and none named, other arguments out of
         range.
     """
-    found = receivers_of(scene)
-    return _received(
-        scene, [_chosen(found, receiver)], spp, seed, integrator, reflections,
-        (bandwidth, temperature, noise_figure), progress,
-    )[0]  # fmt: skip
+    asked = asked_of(
+        spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
+    )
+    return _received(scene, [_chosen(receivers_of(scene), receiver)], asked, progress)[0]
 
 
 def received_powers(
@@ -91,16 +91,17 @@ def received_powers(
     *,
     integrator: Any = None,
     reflections: int = 2,
+    tolerance: float = 1e-6,
     bandwidth: float | None = None,
     temperature: float | None = None,
     noise_figure: float | None = None,
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
     """The power of each receiver of a scene, in its order: :func:`received_power`."""
-    return _received(
-        scene, list(range(len(receivers_of(scene)))), spp, seed, integrator, reflections,
-        (bandwidth, temperature, noise_figure), progress,
-    )  # fmt: skip
+    asked = asked_of(
+        spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
+    )
+    return _received(scene, list(range(len(receivers_of(scene)))), asked, progress)
 
 
 def receivers_of(scene: Any) -> list[tuple[int, Any]]:
@@ -137,41 +138,23 @@ def _chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
 
 
 def _received(
-    scene: Any,
-    numbers: list[int],
-    spp: int | None,
-    seed: int,
-    integrator: Any,
-    reflections: int,
-    noise: tuple[float | None, float | None, float | None],
-    progress: Progress | None,
+    scene: Any, numbers: list[int], asked: Asked, progress: Progress | None
 ) -> list[ReceivedPower]:
-    check_seed(seed)
-    if spp is not None:
-        check_spp(spp)
-    _check_reflections(reflections)
-    given = _checked_noise(noise)
     if not scene.emitters():
         raise SceneError("expected a scene with light, got one without emitters; add one")
     receivers = [receivers_of(scene)[number] for number in numbers]
     emitters = [placed_emitter(e, k) for k, e in enumerate(wigner_emitters(scene))]
     places = [placed_receiver(s, n) for n, (_, s) in zip(numbers, receivers, strict=True)]
-    noises = [_noise_of(sensor.spec, given) for _, sensor in receivers]
-    for place, own in zip(places, noises, strict=True):
+    noises = [asked.noise_of(sensor.spec) for _, sensor in receivers]
+    for place, noise in zip(places, noises, strict=True):
         for emitter in emitters:
-            check_match(emitter, place, own["bandwidth"])
+            check_match(emitter, place, noise["bandwidth"])
     results = []
     with unseen(scene):
-        for count, ((index, _), place, own) in enumerate(
-            zip(receivers, places, noises, strict=True)
-        ):
-            samples = default_spp(scene, index) if spp is None else spp
-            told = _part_of(progress, count, len(receivers))
-            results.append(
-                _one(
-                    scene, index, place, emitters, samples, seed, integrator, reflections, own, told
-                )
-            )
+        for number, (index, _) in enumerate(receivers):
+            told = _part_of(progress, number, len(receivers))
+            found = _one(scene, index, places[number], emitters, asked, told)
+            results.append(replace(found, **noises[number]))
     return results
 
 
@@ -180,34 +163,29 @@ def _one(
     index: int,
     receiver: PlacedSource,
     emitters: list[PlacedSource],
-    spp: int,
-    seed: int,
-    integrator: Any,
-    reflections: int,
-    noise: dict[str, float | None],
+    asked: Asked,
     progress: Progress | None,
 ) -> ReceivedPower:
-    """The power of one receiver, in a scene whose sources are unseen."""
-    mirrors, notes = mirrors_in(scene, receiver.scene_unit, reflections)
-    links = [direct_light(scene, emitter, receiver, mirrors, reflections) for emitter in emitters]
-    found, others = scattered_batches(scene, index, integrator, spp, seed, progress)
+    """The power of one receiver, without its noise, in a scene whose sources are unseen."""
+    spp = default_spp(scene, index) if asked.spp is None else asked.spp
+    mirrors, notes = mirrors_in(scene, receiver.scene_unit, asked.reflections)
+    ways = ways_of(mirrors, asked.reflections)
+    links = [direct_light(scene, e, receiver, ways, asked.tolerance) for e in emitters]
+    found, others = scattered_batches(scene, index, asked.integrator, spp, asked.seed, progress)
     parts = [
         _contribution(emitter.name, batches, link)
         for emitter, batches, link in zip(emitters, found, links, strict=True)
     ]
     if len(scene.emitters()) > len(emitters):
         parts.append(_contribution(OTHER_LIGHTS, others, DirectLight()))
-    total = others + found.sum(axis=0)
-    notes = [note for link in links for note in link.notes] + notes
     return ReceivedPower(
         receiver=receiver.name,
         wavelength=receiver.wavelength,
         contributions=tuple(parts),
-        standard_error=_standard_error(total),
+        standard_error=_standard_error(others + found.sum(axis=0)),
         samples=BATCHES * batches_of(spp),
-        seed=seed,
-        notes=tuple(notes),
-        **noise,
+        seed=asked.seed,
+        notes=tuple([note for link in links for note in link.notes] + notes),
     )
 
 
@@ -231,33 +209,3 @@ def _part_of(progress: Progress | None, number: int, count: int) -> Progress | N
     if progress is None:
         return None
     return lambda done, total: progress(number * total + done, count * total)
-
-
-def _noise_of(spec: Any, given: dict[str, float | None]) -> dict[str, float | None]:
-    """What is given, else the receiver's own."""
-    return {name: getattr(spec, name) if value is None else value for name, value in given.items()}
-
-
-def _checked_noise(noise: tuple[float | None, ...]) -> dict[str, float | None]:
-    found: dict[str, float | None] = {}
-    units = {"bandwidth": "Hz", "temperature": "K", "noise_figure": "dB"}
-    for (name, unit), value in zip(units.items(), noise, strict=True):
-        least = "zero or more" if name == "noise_figure" else "above zero"
-        if value is None:
-            found[name] = None
-            continue
-        number = checked_number(value, name, f"a number {least}, in {unit}")
-        if number < 0 or (number == 0 and name != "noise_figure"):
-            raise ArgumentError(f"expected {name} as a number {least}, in {unit}, got {value!r}")
-        found[name] = number
-    return found
-
-
-def _check_reflections(value: Any) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ArgumentError(f"expected reflections as a whole number, got {value!r}")
-    if not 0 <= value <= MOST_REFLECTIONS:
-        raise ArgumentError(
-            f"expected reflections from 0 to {MOST_REFLECTIONS}, got {value}; ways by more mirrors "
-            "are not searched"
-        )
