@@ -327,15 +327,15 @@ def targets(distance: float) -> Iterator[tuple[str, float, float]]:
 
 
 def radar() -> Iterator[tuple[str, Case]]:
-    """Lambertian targets 3 m away."""
+    """Lambertian targets 2 m away."""
     ball = {
         "type": "sphere",
-        "center": [0.0, 0.0, 3.0 / MILLIMETRE],
+        "center": [0.0, 0.0, 2.0 / MILLIMETRE],
         "radius": TARGET / MILLIMETRE,
         "bsdf": white(ALBEDO),
     }
-    things = (("plate", plate(*leaning(3.0), ALBEDO)), ("sphere", ball))
-    for (name, thing), (_, _, power) in zip(things, targets(3.0), strict=True):
+    things = (("plate", plate(*leaning(2.0), ALBEDO)), ("sphere", ball))
+    for (name, thing), (_, _, power) in zip(things, targets(2.0), strict=True):
         yield (
             f"radar, Lambertian {name}, exact",
             Case(
