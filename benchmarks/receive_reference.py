@@ -22,7 +22,7 @@ import numpy.typing as npt
 import polywigner as pw
 from polywigner.quantities import wavelength_of
 
-__all__ = ["WAVELENGTH", "End", "grid", "of_fog", "of_surface", "share_of_furnace"]
+__all__ = ["WAVELENGTH", "End", "grid", "of_ball", "of_fog", "of_surface", "share_of_furnace"]
 
 WAVELENGTH = wavelength_of(94e9)
 METHOD = "rayleigh-sommerfeld-1"
@@ -43,7 +43,7 @@ class End:
         """Centred at its origin, of unit field: its power in W is its area in m^2."""
         return pw.shapes.square(self.side)
 
-    def irradiance(self, points: Array) -> Array:
+    def irradiance(self, points: Array, method: str = METHOD) -> Array:
         """|U|^2 at points (..., 3) of the scene; zero behind."""
         own = (points.reshape(-1, 3) - self.pose[:3, 3]) @ self.pose[:3, :3]
         front = own[:, 2] > 0
@@ -51,7 +51,7 @@ class End:
         seen = own[front]
         values[front] = np.concatenate(
             [
-                pw.irradiance(self.source, seen[k : k + _BLOCK], WAVELENGTH, method=METHOD)
+                pw.irradiance(self.source, seen[k : k + _BLOCK], WAVELENGTH, method=method)
                 for k in range(0, len(seen), _BLOCK)
             ]
         )
@@ -122,20 +122,40 @@ def of_fog(
     return float((volumes * sent * taken).sum())
 
 
-def share_of_furnace(source: pw.Aperture, obliquity: str) -> float:
-    """Power of a radiance 1 from everywhere over wavelength^2, by the hemisphere integral of g."""
-    t, w = np.polynomial.legendre.leggauss(200)
+def _hemisphere(count: int) -> tuple[Array, Array]:
+    """Unit vectors (n, n, 3) with z > 0, and their solid angles."""
+    t, w = np.polynomial.legendre.leggauss(count)
     alpha, psi = np.meshgrid(t, t * np.pi / 2, indexing="ij")
     rho = np.sqrt(1 - alpha**2)
-    cosine = rho * np.cos(psi)
-    nu = np.stack([alpha, rho * np.sin(psi)], axis=-1) / WAVELENGTH
+    directions = np.stack([alpha, rho * np.sin(psi), rho * np.cos(psi)], axis=-1)
+    return directions, np.outer(w, w * np.pi / 2)
+
+
+def of_ball(receiver: End, obliquity: str, radius: float) -> float:
+    """Power of a ball of radiance 1 around a receiver at the origin, by its exact near field."""
+    directions, solid_angles = _hemisphere(160)
+    points = radius * directions
+
+    def of(direction: Array, place: Array) -> Array:
+        return np.asarray((direction * directions).sum(axis=-1))
+
+    seen = receiver.mean(points, of) * receiver.irradiance(points, obliquity)
+    total = (solid_angles * radius**2 * seen).sum()
+    return float(WAVELENGTH**2 / receiver.source.area * total)
+
+
+def share_of_furnace(source: pw.Aperture, obliquity: str) -> float:
+    """Power of a radiance 1 from everywhere over wavelength^2, by the hemisphere integral of g."""
+    directions, solid_angles = _hemisphere(200)
+    cosine = directions[..., 2]
+    nu = directions[..., :2] / WAVELENGTH
     g = {
         "rayleigh-sommerfeld-1": cosine**2,
         "kirchhoff": ((1 + cosine) / 2) ** 2,
         "rayleigh-sommerfeld-2": np.ones_like(cosine),
     }[obliquity]
     pattern = np.abs(pw.fourier(source, nu)) ** 2 * g
-    return float((np.outer(w, w * np.pi / 2) * pattern).sum() / (WAVELENGTH**2 * source.area))
+    return float((solid_angles * pattern).sum() / (WAVELENGTH**2 * source.area))
 
 
 def grid(low: Any, high: Any, panels: Any) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ from receive_reference import (
     WAVELENGTH,
     End,
     grid,
+    of_ball,
     of_fog,
     of_surface,
     share_of_furnace,
@@ -103,11 +104,22 @@ def plate(centre: Any, towards: Any, half: float, reflectance: float = 1.0) -> d
     return {"type": "rectangle", "to_world": transform, "bsdf": white(reflectance)}
 
 
-def on_plate(centre: Any, towards: Any, half: float, panels: int = 40) -> tuple[Any, Any, Any]:
+def on_plate(centre: Any, towards: Any, half: float, panels: int = 12) -> tuple[Any, Any, Any]:
     """Points, normals and areas of it."""
     flat, areas = grid((-half, -half), (half, half), (panels, panels))
     frame = pose(centre, towards)
     return flat @ frame[:3, :2].T + frame[:3, 3], frame[:3, 2], areas
+
+
+def on_ball(centre: Any, radius: float) -> tuple[Any, Any, Any]:
+    """Points, normals and areas of the half of a sphere that faces the plane z = 0."""
+    t, w = np.polynomial.legendre.leggauss(60)
+    azimuth = np.arange(32) * (2 * np.pi / 32)
+    cosine, phi = np.meshgrid((t + 1) / 2, azimuth, indexing="ij")
+    sine = np.sqrt(1 - cosine**2)
+    normals = np.stack([sine * np.cos(phi), sine * np.sin(phi), -cosine], axis=-1)
+    areas = radius**2 * np.pi / 32 * w[:, None] * np.ones(32)
+    return radius * normals + centre, normals, areas
 
 
 def scene_of(*entries: dict[str, Any], depth: int = 2, fog: Any = None) -> dict[str, Any]:
@@ -135,25 +147,37 @@ def floor_case(
     )
 
 
+BALL = 0.02
+
+
 def furnaces() -> Iterator[tuple[str, Case]]:
     """A radiance of 1 from everywhere, and from the inside of a sphere in the near field."""
     sky = {"type": "constant", "radiance": {"type": "spectrum", "value": 1.0}}
     ball = {
         "type": "sphere",
-        "radius": 20.0,
+        "radius": BALL / MILLIMETRE,
         "flip_normals": True,
         "emitter": {"type": "area", "radiance": {"type": "spectrum", "value": 1.0}},
     }
     for estimator in ("exact", "wigner"):
         for name in OBLIQUITIES:
-            for place, light in (("sky", sky), ("sphere of 20 mm", ball)):
+
+            def everywhere(name: str = name) -> float:
+                return WAVELENGTH**2 * share_of_furnace(SENDS.source, name)
+
+            def nearby(name: str = name) -> float:
+                return of_ball(SENDS, name, BALL)
+
+            # rays carry the radiance, as far as the sphere is
+            near = nearby if estimator == "exact" else everywhere
+            for place, thing, power in (("sky", sky, everywhere), ("sphere of 20 mm", ball, near)):
                 yield (
                     f"furnace, {place}, {name}, {estimator}",
                     Case(
-                        lambda e=estimator, n=name, x=light: scene_of(
+                        lambda e=estimator, n=name, x=thing: scene_of(
                             reader(SENDS, e, obliquity=n), x
                         ),
-                        lambda n=name: WAVELENGTH**2 * share_of_furnace(SENDS.source, n),
+                        power,
                     ),
                 )
 
@@ -203,7 +227,7 @@ def obstacles() -> Iterator[tuple[str, Case]]:
         return np.clip(0.5 - points[..., 0] / SENDS.side, 0.0, 1.0)
 
     def power() -> float:
-        flat, areas = grid((-0.595, -0.6), (0.005, 0.6), (60, 40))
+        flat, areas = grid((-0.595, -0.6), (0.005, 0.6), (60, 12))
         points = np.insert(flat, 2, HEIGHT, axis=-1)
         return of_surface(SENDS, SENDS, points, np.array([0, 0, -1.0]), areas, passes=passes)
 
@@ -241,8 +265,8 @@ def fogs() -> Iterator[tuple[str, Case]]:
         return np.exp(-EXTINCTION * inside * np.linalg.norm(points - place, axis=-1))
 
     def scattered() -> float:
-        flat, areas = grid((-0.6, -0.6), (0.6, 0.6), (20, 20))
-        t, w = np.polynomial.legendre.leggauss(8)
+        flat, areas = grid((-0.6, -0.6), (0.6, 0.6), (10, 10))
+        t, w = np.polynomial.legendre.leggauss(6)
         points = np.stack([np.insert(flat, 2, 0.25 + 0.05 * z, axis=-1) for z in t])
         volumes = 0.05 * w[:, None, None] * areas
         return of_fog(SENDS, SENDS, points, volumes, EXTINCTION, passes)
@@ -275,33 +299,50 @@ def by_radar_equation(cross_section: float, distance: float) -> float:
     return density * cross_section / (4 * np.pi * distance**2) * gain * WAVELENGTH**2 / (4 * np.pi)
 
 
-def radar() -> Iterator[tuple[str, Case]]:
-    """Lambertian targets, small beside the beam, by the radar equation."""
-    distance, reflectance, half, angle = 3.0, 0.7, 0.03, np.deg2rad(35)
-    centre = (0.0, 0.0, distance)
-    towards = (np.sin(angle), 0.0, distance - np.cos(angle))
-    section = 4 * reflectance * (2 * half) ** 2 * np.cos(angle) ** 2
+ALBEDO, TARGET = 0.7, 0.03
+
+
+def leaning(distance: float) -> tuple[Any, Any, float]:
+    """A plate on the axis, turned by 35 degrees."""
+    angle = np.deg2rad(35)
+    return (0.0, 0.0, distance), (np.sin(angle), 0.0, distance - np.cos(angle)), TARGET
+
+
+def targets(distance: float) -> Iterator[tuple[str, float, float]]:
+    """Lambertian plate and sphere at a distance: by the radar equation, and by quadrature."""
+    section = 4 * ALBEDO * (2 * TARGET) ** 2 * np.cos(np.deg2rad(35)) ** 2
+    surface = on_plate(*leaning(distance), 2)
     yield (
-        "radar equation, Lambertian plate at 35 degrees, exact",
-        Case(
-            lambda: scene_of(reader(SENDS), sender(SENDS), plate(centre, towards, half, 0.7)),
-            lambda: by_radar_equation(section, distance),
-        ),
+        "plate",
+        by_radar_equation(section, distance),
+        of_surface(SENDS, SENDS, *surface, ALBEDO),
     )
-    radius = 0.03
+    points, normals, areas = on_ball((0.0, 0.0, distance), TARGET)
+    section = 8 / 3 * np.pi * TARGET**2 * ALBEDO
+    yield (
+        "sphere",
+        by_radar_equation(section, distance),
+        of_surface(SENDS, SENDS, points, normals, areas, ALBEDO),
+    )
+
+
+def radar() -> Iterator[tuple[str, Case]]:
+    """Lambertian targets 2 m away."""
     ball = {
         "type": "sphere",
-        "center": [0.0, 0.0, distance / MILLIMETRE],
-        "radius": radius / MILLIMETRE,
-        "bsdf": white(reflectance),
+        "center": [0.0, 0.0, 2.0 / MILLIMETRE],
+        "radius": TARGET / MILLIMETRE,
+        "bsdf": white(ALBEDO),
     }
-    yield (
-        "radar equation, Lambertian sphere, exact",
-        Case(
-            lambda: scene_of(reader(SENDS), sender(SENDS), ball),
-            lambda: by_radar_equation(8 / 3 * np.pi * radius**2 * reflectance, distance),
-        ),
-    )
+    things = (("plate", plate(*leaning(2.0), ALBEDO)), ("sphere", ball))
+    for (name, thing), (_, _, power) in zip(things, targets(2.0), strict=True):
+        yield (
+            f"radar, Lambertian {name}, exact",
+            Case(
+                lambda x=thing: scene_of(reader(SENDS), sender(SENDS), x),
+                lambda p=power: p,
+            ),
+        )
 
 
 def cases() -> dict[str, Case]:
