@@ -178,3 +178,163 @@ whole = pw.coupling(focused, receiver, facing(FOCUS), LAMBDA)
 print(f"sum over elements {summed:.7f}, whole {whole:.7f}")
 assert abs(summed - whole) < 2e-6
 assert abs(abs(whole) ** 2 - 0.392) < 0.001
+
+# %%
+# A corridor with a rough wall
+# ----------------------------
+# Now a scene. Transmitter and receiver, squares of 3 mm at 94 GHz, face each other along a corridor
+# of 6 m; one of its walls, 1 m aside, is rough and scatters half of what meets it in all directions
+# alike. A ``wigner_receiver`` is a sensor with a film of one pixel that reads watts.
+# ``received_power`` adds what comes straight, by the coupling of above.
+
+LENGTH, ASIDE, HALF_HEIGHT, ALBEDO = 6.0, 1.0, 1.2, 0.5
+patch = pw.shapes.square(3e-3)
+transform = mi.ScalarTransform4f
+looks_back = transform().translate([0, 0, LENGTH]).rotate([0, 1, 0], 180)
+rough = {
+    "type": "diffuse",
+    "reflectance": {"type": "spectrum", "value": ALBEDO},
+}
+
+
+def received(emitter_pose, receiver_pose, source, samples, **things):
+    """The received power in a scene of these things, of 1 W."""
+    return polywigner.mitsuba.received_power(
+        mi.load_dict(
+            {
+                "type": "scene",
+                "integrator": {"type": "path", "max_depth": 2},  # one reflection
+                "transmitter": polywigner.mitsuba.aperture(
+                    source, WAVELENGTH, to_world=emitter_pose, power=1.0, estimator="exact"
+                ),
+                "receiver": polywigner.mitsuba.receiver(source, WAVELENGTH, to_world=receiver_pose),
+                **things,
+            }
+        ),
+        spp=samples,
+    )
+
+
+wall = {
+    "type": "rectangle",
+    "to_world": transform()
+    .translate([-ASIDE, 0, LENGTH / 2])
+    .rotate([0, 1, 0], 90)
+    .scale([LENGTH / 2, HALF_HEIGHT, 1]),
+    "bsdf": rough,
+}
+corridor = received(transform(), looks_back, patch, 1 << 18, wall=wall)
+print(corridor)
+
+# %%
+# The second route for the wall is an integral over it. A patch of the wall that sends the radiance
+# L towards the receiver adds :math:`\lambda^2 \cos\theta\, L\, |U_r|^2/N_r` per area, with
+# :math:`U_r` the field that the receiver would send there, and
+# :math:`L = (\varrho/\pi)\,E` follows from the irradiance E of the wall:
+
+nodes, weights = np.polynomial.legendre.leggauss(150)
+z, y = np.meshgrid(LENGTH / 2 * (1 + nodes), HALF_HEIGHT * nodes)
+area = LENGTH / 2 * HALF_HEIGHT * np.outer(weights, weights)
+
+
+def arriving(along):
+    """|U|^2/N on the wall, and the cosines to the wall's normal and to the source's."""
+    points = np.stack([np.full_like(along, -ASIDE), y, along], axis=-1)
+    distance = np.linalg.norm(points, axis=-1)
+    power = pw.irradiance(patch, points, WAVELENGTH, "rayleigh-sommerfeld-1") / patch.area
+    return power, ASIDE / distance, along / distance
+
+
+there, cosine, at_source = arriving(z)
+back, towards, _ = arriving(LENGTH - z)
+radiance = ALBEDO / np.pi * there * cosine / at_source
+by_wall = WAVELENGTH**2 * np.sum(area * radiance * towards * back)
+straight = abs(pw.coupling(patch, patch, facing(LENGTH), WAVELENGTH)) ** 2
+print(f"straight {decibels(straight):.2f} dB; wall {decibels(by_wall):.2f} dB by the integral,")
+print(f"{decibels(corridor.scattered):.2f} dB by rays, {corridor.standard_error:.1e} W of error")
+assert abs(decibels(corridor.direct / straight)) < 1e-3
+assert abs(corridor.scattered - by_wall) < 4 * corridor.standard_error
+assert corridor.standard_error < 0.01 * by_wall
+
+# %%
+# Somebody stands in the middle of the corridor: a plate of 0.2 m, black. The straight path is gone,
+# and with it all but the wall's share, 18 dB less.
+
+plate = {
+    "type": "rectangle",
+    "to_world": transform().translate([0, 0, LENGTH / 2]).scale(0.1),
+    "bsdf": {"type": "twosided", "material": rough | {"reflectance": 0.0}},
+}
+blocked = received(transform(), looks_back, patch, 1 << 18, wall=wall, plate=plate)
+print(f"with the plate: {blocked.dbm:.1f} dBm of 30 dBm, without: {corridor.dbm:.1f} dBm")
+assert blocked.direct == 0
+assert 0.9 < blocked.scattered / by_wall < 1.02
+
+# %%
+# There and back again
+# --------------------
+# The square of 10 mm, 0.3 m above a floor, sends and receives. Each place of the floor counts with
+# the fourth power of the field: once for the way there and once for the way back.
+
+HEIGHT, HALF = 0.3, 3.0
+floor = {
+    "type": "rectangle",
+    "to_world": transform().translate([0, 0, HEIGHT]).rotate([1, 0, 0], 180).scale(HALF),
+    "bsdf": rough,
+}
+echo = received(transform(), transform(), square, 1 << 18, floor=floor)
+
+nodes, weights = np.polynomial.legendre.leggauss(200)
+angle = np.arctan(HALF / HEIGHT) * nodes  # places that are dense below the square
+across = HEIGHT * np.tan(angle)
+width = np.arctan(HALF / HEIGHT) * weights * HEIGHT / np.cos(angle) ** 2
+x, y = np.meshgrid(across, across)
+points = np.stack([x, y, np.full_like(x, HEIGHT)], axis=-1)
+power = pw.irradiance(square, points, WAVELENGTH, "rayleigh-sommerfeld-1") / square.area
+cosine = HEIGHT / np.linalg.norm(points, axis=-1)
+by_floor = WAVELENGTH**2 * ALBEDO / np.pi * np.sum(np.outer(width, width) * cosine * power**2)
+print(
+    f"by rays {echo.power:.3e} W, {echo.standard_error:.1e} W of error; integral {by_floor:.3e} W"
+)
+assert echo.direct == 0
+assert abs(echo.power - by_floor) < 4 * echo.standard_error
+assert echo.standard_error < 0.01 * by_floor
+
+# %%
+# Where does it come from? A film of many pixels sorts the same power by direction. Its axes are
+# direction cosines of the receiver's own frame.
+
+scene = mi.load_dict(
+    {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 2},
+        "transmitter": polywigner.mitsuba.aperture(
+            square, WAVELENGTH, power=1.0, estimator="exact", visible=False
+        ),
+        "receiver": polywigner.mitsuba.receiver(square, WAVELENGTH, film=(96, 96)),
+        "floor": floor,
+    }
+)
+arrivals = polywigner.mitsuba.render(scene, spp=64)[..., 0]
+print(f"sum over the pixels: {arrivals.sum():.3e} W")
+figure, axes = plt.subplots(figsize=(5, 4.2), layout="constrained")
+picture = axes.imshow(
+    decibels(np.maximum(arrivals / arrivals.max(), 1e-9)),
+    "inferno",
+    extent=(-1, 1, -1, 1),
+    vmin=-80,
+)
+axes.set(xlabel="direction cosine along x", ylabel="along y", title="Echo of a floor 0.3 m away")
+figure.colorbar(picture, label="received power per pixel (dB rel. to the peak)")
+assert abs(arrivals.sum() / by_floor - 1) < 0.01
+
+# %%
+# Exercises
+# ---------
+# 1. Tilt the receiver of the corridor towards the wall. At which angle does the wall bring most?
+# 2. Make the wall of metal, ``{"type": "conductor", "material": "none"}``. What comes by the mirror
+#    image, and what does the table say of it?
+# 3. Where, between the array of above and its focus, would you put a receiver of 0.3 m? Does the
+#    array's focus still help there?
+# 4. Fill the corridor with fog (a ``homogeneous`` medium and ``volpath``). How much of the power
+#    arrives from fog alone?
