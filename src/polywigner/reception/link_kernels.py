@@ -28,7 +28,13 @@ _IK = 2j * math.pi
 
 
 def link_kernel(
-    shares: Shares, cosine: Floats, sine: Floats, distance: Floats, nr: Floats, mr: Floats, nm: Floats
+    shares: Shares,
+    cosine: Floats,
+    sine: Floats,
+    distance: Floats,
+    nr: Floats,
+    mr: Floats,
+    nm: Floats,
 ) -> tuple[Floats, Floats]:
     """Real and imaginary part of K (...), from exp(ikR), R, n.r, m.r and n.m.
 
