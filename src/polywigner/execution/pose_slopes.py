@@ -44,7 +44,7 @@ def hosted_poses(
     """
     import drjit as dr
 
-    kind = common_float([(name, poses)], Parameters(*fields))  # for their types alone
+    kind = common_float([(name, poses)], Parameters(fields[0], fields[1]))  # for their types
     if is_drjit(poses) and (not is_tensor(poses) or tuple(poses.shape)[-2:] != (4, 4)):
         raise ArgumentError(
             f"expected {name} as a tensor (..., 4, 4), got {type(poses).__name__} of shape "

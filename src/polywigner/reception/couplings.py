@@ -160,10 +160,9 @@ def _found(
 
     (n, 12) in the poses, (n, 2 k) in the fields of both sources, real and imaginary.
     """
-    if (wanted[0] and method not in SHARES) or (any(wanted) and method == "wigner"):
-        names = SHARES if wanted[0] else [*SHARES, "fraunhofer"]
+    if any(wanted) and method not in SHARES:
         raise ArgumentError(
-            f'expected one of {", ".join(names)} with derivatives, got "{method}"; pass '
+            f'expected one of {", ".join(SHARES)} with derivatives, got "{method}"; pass '
             "drjit.detach(...) of what needs none"
         )
     sources = tuple(source.source for source in traced)
@@ -193,7 +192,9 @@ def _found(
     for own in (0, 1):
         if wanted[1 + own]:
             call = partial(_found, wavelength=wavelength, method=method, tolerance=tolerance)
-            found_slopes[1 + own] = _of_fields(call, traced, own, flat, values)
+            found_slopes[1 + own] = _of_fields(
+                call, traced, own, flat, values.astype(np.complex128)
+            )
     return values.reshape(shape), errors.reshape(shape), found_slopes
 
 
@@ -287,8 +288,8 @@ def _checked_source(source: Any) -> Differentiable:
     checked_source(traced.source)
     if traced.vertices is not None:
         raise ArgumentError(
-            "expected sources without derivatives in vertices, got one with; a coupling has them in "
-            "weights, amplitudes and to_transmitter"
+            "expected sources without derivatives in vertices, got one with; a coupling has "
+            "them in weights, amplitudes and to_transmitter"
         )
     return traced
 
