@@ -406,12 +406,11 @@ def replaced(source: Any, numbers: np.ndarray) -> Any:
 
 
 @pytest.mark.llvm
-@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "kirchhoff"])
-def test_derivatives_in_weights_and_amplitudes_are_differences(method: str) -> None:
+def test_derivatives_in_weights_and_amplitudes_are_differences() -> None:
     import drjit as dr
     from drjit.llvm.ad import Complex2f64, Float64, TensorXf64
 
-    places = np.array([pose(5e-3, -2e-3, 34e-3, 0.3, 0.7), pose(-3e-3, 0, 0.5, -0.2)])
+    places = np.array([pose(5e-3, -2e-3, 64e-3, 0.3, 0.7), pose(-3e-3, 0, 0.5, -0.2)])
     start = [CLUSTER.weights, WAVES.illumination.amplitudes]
     rng = np.random.default_rng(1)
     change = [rng.normal(size=(len(own), 2)) @ [1, 1j] for own in start]
@@ -421,7 +420,7 @@ def test_derivatives_in_weights_and_amplitudes_are_differences(method: str) -> N
             replaced(source, own + t * other)
             for source, own, other in zip((CLUSTER, WAVES), start, change, strict=True)
         )
-        return pw.coupling(*pair, places, WAVELENGTH, method, 1e-10)
+        return pw.coupling(*pair, places, WAVELENGTH, "kirchhoff", 1e-10)
 
     step = 1e-2
     expected = (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
@@ -431,7 +430,7 @@ def test_derivatives_in_weights_and_amplitudes_are_differences(method: str) -> N
             pw.differentiable(CLUSTER, weights=numbers[0]),
             pw.differentiable(WAVES, amplitudes=numbers[1]),
         )
-        return pw.coupling(*pair, places, WAVELENGTH, method, 1e-9)
+        return pw.coupling(*pair, places, WAVELENGTH, "kirchhoff", 1e-9)
 
     def numbers_with_gradients() -> list[Any]:
         numbers = [Complex2f64(Float64(own.real), Float64(own.imag)) for own in start]

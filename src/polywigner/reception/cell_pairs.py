@@ -233,10 +233,9 @@ class Links:
             places, weights = cells.nodes(cell, float(rate), order, self.extra)
             middle, half = _middle(cells, cell), (cells.high[cell] - cells.low[cell]) / 2
             relative = places - middle
-            basis = _basis(relative / half, order)
             for start in range(0, len(places), step):
                 part = slice(start, start + step)
-                first, second = (own[part] for own in basis)
+                first, second = _basis(relative[part] / half, order)
                 size = 1 + len(mine) * first.size // _BLOCK
                 for some in np.array_split(mine, min(len(mine), size)):
                     field = exp_turns(waves[some] @ relative[part].T) * weights[part]
