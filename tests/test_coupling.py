@@ -389,14 +389,10 @@ def test_vertices_have_no_derivatives_in_a_coupling() -> None:
 # Elements that overlap, of which one weighs nothing and one has a field of its own.
 CLUSTER = pw.Array(
     [pw.shapes.square(3e-3).moved((2e-3 * k, 1e-3 * k)) for k in range(3)]
-    + [
-        L_SHAPE.moved((4e-3, -9e-3)).with_illumination(
-            pw.Illumination([1, 0.4j], [(80, 20), (0, 9)])
-        )
-    ],
+    + [pw.shapes.square(3e-3).with_illumination(pw.Illumination([1, 0.4j], [(80, 20), (0, 9)]))],
     [1, 0.3 - 0.8j, 0, 1j],
 )
-WAVES = L_SHAPE.with_illumination(pw.Illumination([1, 0.5j], [(60, 0), (-30, 40)]))
+WAVES = PAIR.with_illumination(pw.Illumination([1, 0.5j], [(60, 0), (-30, 40)]))
 
 
 def replaced(source: Any, numbers: np.ndarray) -> Any:

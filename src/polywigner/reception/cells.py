@@ -27,7 +27,7 @@ Complex = NDArray[np.complex128]
 
 # What rounding of a cut leaves of a polygon, as a fraction of the cell's area.
 _SLIVER = 1e-14
-# Sides of at least this fraction of the longest are halved with it: of boxes that are longer one way
+# Sides of at least this fraction of the longest are halved with it: in a box that is longer one way
 # the nodes along the other are too many.
 _SQUARE = 0.7
 # Nodes for a cycle of a wave, as a fraction of those of rays: 2.5, where Gauss needs pi/2. With 4
