@@ -1,4 +1,4 @@
-"""A source in cells: boxes of its plane, halved where a link needs it, with nodes in each.
+"""A source in cells: boxes of its plane, cut where a link needs it, with nodes in each.
 
 Lengths are in wavelengths, relative to the centre of the source's bounds.
 """

@@ -22,17 +22,15 @@ from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
-from polywigner.propagation.field_slopes import parts_of
 from polywigner.propagation.places import checked_method, checked_wavelength, warn_of_missed
 from polywigner.radiometry.directions import checked_source
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of
 from polywigner.reception.link_sums import link_slopes_of, link_sums
-from polywigner.reception.norms import overlaps_of_parts, root_of_norm
+from polywigner.reception.norms import root_of_norm, slopes_of_fields
 from polywigner.reception.overlaps import overlap
 from polywigner.reception.poses import check_facing, checked_poses
 from polywigner.transforms import Differentiable
-from polywigner.transforms.traced_sources import fields_of
 
 __all__ = ["LinkMethod", "coupling"]
 
@@ -59,8 +57,8 @@ _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 @takes_frequency
 def coupling(
-    transmitter: Aperture | Array,
-    receiver: Aperture | Array,
+    transmitter: Aperture | Array | Differentiable,
+    receiver: Aperture | Array | Differentiable,
     to_transmitter: ArrayLike | DrJitArray,
     wavelength: float,
     method: LinkMethod = "rayleigh-sommerfeld-1",
@@ -84,7 +82,8 @@ def coupling(
     Parameters
     ----------
     transmitter, receiver : Apertures, or Arrays of apertures in the plane z = 0, with any
-        illuminations. Each radiates along the +z of its own frame.
+        illuminations. Each radiates along the +z of its own frame. Or :func:`differentiable` ones
+        with weights or amplitudes, for a tensor with derivatives in them (docs/links.md, (RX6)).
     to_transmitter : (..., 4, 4) rigid poses, in m, that map the receiver's frame into the
         transmitter's; or a Dr.Jit tensor of them, for a tensor with derivatives in the pose
         (closed forms; of rigid motions: a pose is taken as the nearest rigid one).
@@ -101,7 +100,8 @@ def coupling(
     Returns
     -------
     (...) complex; of "wigner" float, |b|^2. With ``return_error`` a pair of that and (...) of
-    floats. For Dr.Jit poses a tensor (..., 2), real and imaginary part last ("wigner": (...)).
+    floats. For Dr.Jit poses, or differentiable sources, a tensor (..., 2), real and imaginary part
+    last ("wigner": (...)).
 
     Warns
     -----
@@ -109,9 +109,9 @@ def coupling(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or range, sources with derivatives in their own
-    numbers (:func:`differentiable`), planes that are not parallel with "wigner", and links of more
-    than some minutes' work. GeometryError for poses that are not rigid, for sources of which a part
+    ArgumentError for arguments of the wrong type or range, sources with derivatives in vertices,
+    derivatives of "fraunhofer" and "wigner", planes that are not parallel with "wigner", and links
+    of more than some minutes' work. GeometryError for poses that are not rigid, for sources of which a part
     lies behind the plane of the other, or in it, and for an Array with elements outside its plane.
     IlluminationError for a source that cancels itself.
 
@@ -196,30 +196,6 @@ def _found(
                 call, traced, own, flat, values.astype(np.complex128)
             )
     return values.reshape(shape), errors.reshape(shape), found_slopes
-
-
-def _of_fields(
-    find: Any, traced: tuple[Differentiable, ...], own: int, poses: Floats, values: Complex
-) -> Complex:
-    """Derivatives (n, 2 k) in the weights of one source's elements, or of its waves.
-
-    b is linear in them, but for the norm: db = sum_k (b_k dw_k - b Re(g_k* dw_k))/sqrt(N), with the
-    coupling b_k of part k alone, and g_k its overlap with all of the source.
-    """
-    source = traced[own].source
-    parts = list(parts_of(source, traced[own].amplitudes is not None))
-    whole = root_of_norm(source)
-    found = np.empty((2, len(parts), len(values)), np.complex128)
-    for k, part in enumerate(parts):
-        pair = list(traced)
-        pair[own] = Differentiable(part)
-        alone, _, _ = find(tuple(pair), to_transmitter=poses, wanted=(False,) * 3)
-        found[0, k] = alone * (root_of_norm(part) / whole)
-    found[1] = 1j * found[0]
-    norms = overlaps_of_parts(parts, fields_of(traced[own])) / whole**2
-    found[0] -= norms.real[:, None] * values
-    found[1] -= norms.imag[:, None] * values
-    return found.reshape(-1, len(values)).T
 
 
 def _near(

@@ -1,10 +1,11 @@
-"""The power int |u|^2 of a source, and its derivatives in weights of elements or of waves."""
+"""The power int |u|^2 of a source; derivatives of a coupling in weights of elements or of waves."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import shapely
@@ -13,9 +14,11 @@ from numpy.typing import NDArray
 from polywigner.errors import IlluminationError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.transforms import lag_marginal
+from polywigner.propagation.field_slopes import parts_of
+from polywigner.transforms import Differentiable, lag_marginal
+from polywigner.transforms.traced_sources import fields_of
 
-__all__ = ["overlaps_of_parts", "root_of_norm"]
+__all__ = ["root_of_norm", "slopes_of_fields"]
 
 Complex = NDArray[np.complex128]
 
@@ -44,7 +47,35 @@ def root_of_norm(source: Aperture | Array) -> float:
     return math.sqrt(norm)
 
 
-def overlaps_of_parts(parts: Sequence[Aperture], weights: Complex) -> Complex:
+def slopes_of_fields(
+    find: Callable[..., Any],
+    traced: tuple[Differentiable, ...],
+    own: int,
+    poses: NDArray[np.float64],
+    values: Complex,
+) -> Complex:
+    """Derivatives (n, 2 k) of couplings (n,) in weights of elements, or of waves, (RX6).
+
+    In the real parts of all weights of the source ``own``, then in the imaginary ones.
+    ``find(pair of sources, to_transmitter=, wanted=)`` has the couplings of others.
+    """
+    source = traced[own].source
+    parts = list(parts_of(source, traced[own].amplitudes is not None))
+    whole = root_of_norm(source)
+    found = np.empty((2, len(parts), len(values)), np.complex128)
+    for k, part in enumerate(parts):
+        pair = list(traced)
+        pair[own] = Differentiable(part)
+        alone, _, _ = find(tuple(pair), to_transmitter=poses, wanted=(False,) * 3)
+        found[0, k] = alone * (root_of_norm(part) / whole)
+    found[1] = 1j * found[0]
+    overlaps = _overlaps(parts, fields_of(traced[own])) / whole**2
+    for place, part_of in enumerate((overlaps.real, overlaps.imag)):
+        found[place] -= part_of[:, None] * values
+    return found.reshape(-1, len(values)).T
+
+
+def _overlaps(parts: Sequence[Aperture], weights: Complex) -> Complex:
     """int u_k* u dx of each part u_k with u, the sum of all with their weights, (k,).
 
     With weights that change by dw, int |u|^2 changes by 2 Re sum_k overlap_k* dw_k.
