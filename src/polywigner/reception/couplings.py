@@ -111,8 +111,9 @@ def coupling(
     ------
     ArgumentError for arguments of the wrong type or range, sources with derivatives in vertices,
     derivatives of "fraunhofer" and "wigner", planes that are not parallel with "wigner", and links
-    of more than some minutes' work. GeometryError for poses that are not rigid, for sources of which a part
-    lies behind the plane of the other, or in it, and for an Array with elements outside its plane.
+    of more than some minutes' work. GeometryError for poses that are not rigid, for sources of
+    which a part lies behind the plane of the other, or in it, and for an Array with elements
+    outside its plane.
     IlluminationError for a source that cancels itself.
 
     Source: J. H. Richmond, "A reaction theorem and its application to antenna impedance
@@ -192,7 +193,7 @@ def _found(
     for own in (0, 1):
         if wanted[1 + own]:
             call = partial(_found, wavelength=wavelength, method=method, tolerance=tolerance)
-            found_slopes[1 + own] = _of_fields(
+            found_slopes[1 + own] = slopes_of_fields(
                 call, traced, own, flat, values.astype(np.complex128)
             )
     return values.reshape(shape), errors.reshape(shape), found_slopes
