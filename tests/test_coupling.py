@@ -456,6 +456,26 @@ def test_derivatives_in_weights_and_amplitudes_are_differences() -> None:
 
 
 @pytest.mark.llvm
+def test_couplings_of_differentiable_sources_have_the_kind_of_their_weights() -> None:
+    import drjit as dr
+    from drjit.llvm.ad import Float, TensorXf, TensorXf64
+
+    array, place = pw.Array([SQUARE, SQUARE.moved((12e-3, 0))], [1, 2]), pose(0, 0, 50e-3)
+    weights = Float(1, 2)
+    dr.enable_grad(weights)
+    source = pw.differentiable(array, weights=weights)
+    poses = np.broadcast_to(place, (2, 3, 4, 4))
+    found = pw.coupling(SQUARE, source, poses, WAVELENGTH)
+    assert isinstance(found, TensorXf)
+    assert found.shape == (2, 3, 2)
+    assert pw.coupling(SQUARE, source, poses[:0], WAVELENGTH).shape == (0, 3, 2)
+    with pytest.raises(ArgumentError, match="one backend and precision"):
+        pw.coupling(SQUARE, source, TensorXf64(place), WAVELENGTH)
+    with pytest.raises(ArgumentError, match='with derivatives, got "fraunhofer"'):
+        pw.coupling(SQUARE, source, place, WAVELENGTH, "fraunhofer")
+
+
+@pytest.mark.llvm
 def test_the_best_weights_are_the_conjugate_couplings_of_the_elements() -> None:
     # of elements of one power that do not overlap: nothing is left to gain there
     import drjit as dr

@@ -72,7 +72,7 @@ def slopes_of_fields(
     overlaps = _overlaps(parts, fields_of(traced[own])) / whole**2
     for place, part_of in enumerate((overlaps.real, overlaps.imag)):
         found[place] -= part_of[:, None] * values
-    return found.reshape(-1, len(values)).T
+    return found.reshape(2 * len(parts), len(values)).T
 
 
 def _overlaps(parts: Sequence[Aperture], weights: Complex) -> Complex:
