@@ -19,8 +19,9 @@ import pytest
 import polywigner as pw
 from polywigner.errors import FileFormatError, PolywignerError, SceneError
 from polywigner.geometry.exact import orientations, turn
-from polywigner.geometry.formats import outlines
-from polywigner.geometry.formats.outlines import check_crossings, nested
+from polywigner.geometry.formats import work
+from polywigner.geometry.formats.outlines import nested
+from polywigner.geometry.formats.work import Work
 from polywigner.geometry.rings import without_slight_bends
 
 MIB = 2**20
@@ -74,17 +75,17 @@ def test_edges_near_each_other_are_counted_before_they_are_compared(
     angles = np.pi * np.arange(2000) / 1000
     radii = np.where(np.arange(2000) % 2, 1e-3, 1.0)
     star = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    check_crossings([star])
-    monkeypatch.setattr(outlines, "MOST_NEAR_EDGES", 100_000)
+    Work().check_edges([star])
+    monkeypatch.setattr(work, "MOST_NEAR_EDGES", 100_000)
     with pytest.raises(FileFormatError, match="100000 pairs of edges near each other"):
-        check_crossings([star])
+        Work().check_edges([star])
 
 
 def test_few_sparse_edges_before_many_dense_ones_take_little_memory() -> None:
     sparse = np.column_stack([np.arange(2000.0) + 10, np.arange(2000) % 2 + 10.0])
     heap = np.random.default_rng(1).random((3000, 2))
     with memory_below(5 * SOME_MEMORY), pytest.raises(FileFormatError, match="cross in at most"):
-        check_crossings([np.concatenate([sparse, heap])])
+        Work().check_edges([np.concatenate([sparse, heap])])
 
 
 def _squares(count: int) -> list[np.ndarray]:

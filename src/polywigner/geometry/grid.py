@@ -61,13 +61,16 @@ def restored(geometry: BaseGeometry, originals: Ring, reach: float) -> BaseGeome
 
 def straightened(geometry: BaseGeometry, reach: float) -> BaseGeometry:
     """Drop vertices within `reach` of the line between the kept ones, if that stays valid."""
-    polygons = []
-    for polygon in polygons_in(geometry):
-        outer, *holes = (without_slight_bends(ring, reach) for ring in rings_of_polygon(polygon))
-        polygons.append(shapely.Polygon(outer, holes))
+    parts = [
+        [without_slight_bends(ring, reach) for ring in rings_of_polygon(polygon)]
+        for polygon in polygons_in(geometry)
+    ]
+    left = sum(len(ring) + 1 for rings in parts for ring in rings)
+    if left >= shapely.get_num_coordinates(geometry):
+        return geometry
+    polygons = [shapely.Polygon(outer, holes) for outer, *holes in parts]
     simple = polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
-    fewer = shapely.get_num_coordinates(simple) < shapely.get_num_coordinates(geometry)
-    return simple if fewer and shapely.is_valid(simple) else geometry
+    return simple if shapely.is_valid(simple) else geometry
 
 
 def _is_hairline(region: BaseGeometry, width: float) -> bool:
