@@ -6,7 +6,8 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.formats import gerber_process
 from polywigner.geometry.formats.content import text_of
 from polywigner.geometry.formats.drawing import Drawing, required
-from polywigner.geometry.formats.gerber_shapes import Shapes, composed
+from polywigner.geometry.formats.gerber_layers import composed
+from polywigner.geometry.formats.gerber_shapes import Shapes
 from polywigner.geometry.formats.gerber_statements import checked_statements
 from polywigner.geometry.formats.limits import LARGEST_GERBER, MOST_CURVES
 from polywigner.geometry.formats.processes import in_process

@@ -6,8 +6,7 @@ Apertures and objects are told as ``gerber_process`` writes them, in the unit of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from itertools import groupby
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,62 +15,15 @@ from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.curves import Arc, Curve, flattened
-from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_COMBINED, check_vertices
+from polywigner.geometry.formats.gerber_layers import Layers, composed
+from polywigner.geometry.formats.limits import LARGEST_NUMBER, check_vertices
 from polywigner.geometry.formats.outlines import filled
 from polywigner.geometry.formats.work import Work
-from polywigner.geometry.grid import combined_on_grid, polygons_in, union_on_grid
 
-__all__ = ["Shapes", "composed"]
+__all__ = ["Shapes"]
 
 # By which the two radii of an arc may differ, whose ends and centre are whole numbers.
 _RADII = 1e-3
-
-Layers = list[tuple[bool, BaseGeometry]]
-"""Shapes one upon the other, each dark (adds) or clear (cuts)."""
-
-
-def composed(layers: Iterable[tuple[bool, BaseGeometry]], work: Work) -> BaseGeometry:
-    """What is left when dark shapes add and clear ones cut, in their order.
-
-    `work` is that of the file.     Raises FileFormatError where that takes too long.
-    """
-    copper = np.array([], dtype=object)
-    left = MOST_COMBINED
-    for dark, run in groupby(layers, key=lambda layer: layer[0]):
-        shapes = [shape for _, shape in run if not shape.is_empty]
-        if not shapes:
-            continue
-        if len(shapes) > 1:
-            work.check_edges(_outlines(shapes))
-            shapes = [union_on_grid(shapes)]
-        # The polygons apart from these shapes stay as they are.
-        near = shapely.intersects(copper, shapely.box(*shapely.total_bounds(shapes)))
-        if near.any():
-            found = _combined(dark, copper[near], shapes[0], left, work)
-            left -= int(shapely.get_num_coordinates(copper[near]).sum())
-        else:
-            found = shapes[0] if dark else shapely.MultiPolygon()
-        copper = np.concatenate([copper[~near], np.array(polygons_in(found), dtype=object)])
-    return copper[0] if len(copper) == 1 else shapely.MultiPolygon(list(copper))
-
-
-def _combined(
-    dark: bool, polygons: Any, shape: BaseGeometry, left: int, work: Work
-) -> BaseGeometry:
-    if shapely.get_num_coordinates([*polygons, shape]).sum() > left:
-        raise FileFormatError(
-            f"expected dark and clear shapes of at most {MOST_COMBINED} vertices together, each "
-            "counted for every change of polarity around it, got more; export a smaller part"
-        )
-    work.check_edges(_outlines([*polygons, shape]))
-    if dark:
-        return union_on_grid([*polygons, shape])
-    return combined_on_grid(shapely.difference, shapely.MultiPolygon(list(polygons)), shape)
-
-
-def _outlines(shapes: Sequence[BaseGeometry]) -> list[Any]:
-    polygons = shapely.get_parts(np.array(shapes, dtype=object))
-    return [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygons)]
 
 
 def _circle(centre: Any, radius: float) -> Arc:
