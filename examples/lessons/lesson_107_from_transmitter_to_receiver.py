@@ -321,6 +321,7 @@ figure, axes = plt.subplots(figsize=(5, 4.2), layout="constrained")
 picture = axes.imshow(
     decibels(np.maximum(arrivals / arrivals.max(), 1e-9)),
     "inferno",
+    origin="lower",
     extent=(-1, 1, -1, 1),
     vmin=-80,
 )

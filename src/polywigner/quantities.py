@@ -21,8 +21,10 @@ __all__ = [
     "parse_decibels",
     "parse_frequency",
     "parse_length",
+    "parse_noise_figure",
     "parse_point",
     "parse_power",
+    "parse_temperature",
     "parse_unit",
     "wavelength_of",
 ]
@@ -45,6 +47,7 @@ _SPELLING = {unit.lower(): unit for unit in _FREQUENCIES}
 _DEGREE = Fraction(math.pi) / 180
 _ANGLES = {"deg": _DEGREE, "°": _DEGREE, "rad": Fraction(1), "mrad": Fraction(1, 1000)}
 _DECIBELS = {"dB": Fraction(1)}
+_TEMPERATURES = {"K": Fraction(1), "mK": Fraction(1, 1000)}
 _POWERS = {
     "W": Fraction(1), "mW": Fraction(1, 10**3), "uW": Fraction(1, 10**6),
     "µW": Fraction(1, 10**6), "μW": Fraction(1, 10**6), "kW": Fraction(10**3),
@@ -158,6 +161,24 @@ def parse_angle(text: str | float) -> float:
 def parse_decibels(text: str | float) -> float:
     """A level in decibels; a bare number is in decibels."""
     return _parse(text, _DECIBELS, "level", "25 dB")
+
+
+def parse_noise_figure(text: str | float) -> float:
+    """A noise figure in decibels, zero or more; a bare number is in decibels."""
+    level = _parse(text, _DECIBELS, "noise figure", "3 dB")
+    if not level >= 0:
+        raise QuantityError(
+            f"expected a noise figure of 0 dB or more, got {_shown(text)}; no receiver takes noise "
+            "away"
+        )
+    return level
+
+
+def parse_temperature(text: str | float) -> float:
+    """A temperature in kelvins, above zero; a bare number is in kelvins."""
+    example = "290 K"
+    value = _parse(text, _TEMPERATURES, "temperature", example)
+    return _positive(value, text, "temperature", example)
 
 
 def parse_power(text: str | float) -> float:

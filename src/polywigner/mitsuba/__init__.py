@@ -1,11 +1,13 @@
 """Coherent apertures as light sources in Mitsuba 3.
 
 Importing this module chooses the LLVM library for Dr.Jit (before Dr.Jit is loaded, because it can
-be chosen only then) and makes the shape ``wigner`` known to every Mitsuba variant. It never sets a
-variant.
+be chosen only then) and makes the shape ``wigner`` and the sensor ``wigner_receiver`` known
+to every Mitsuba variant. It never sets a variant.
 
-- ``parameters``: what the shape accepts; ``sources``: apertures handed over from memory
+- ``parameters``: what the shape accepts; ``given``: one by one; ``sources``: from memory
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
+- ``receiver``: the sensor, with its ``receiver_parameters`` and ``receiver_entry``
+- ``plugins``: both made known to Mitsuba
 - ``exact``: exact irradiances in its place, for points that a source lights
 - ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``shadows``
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
@@ -16,6 +18,9 @@ from polywigner.toolchain import llvm
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
+from polywigner.mitsuba.plugins import register  # noqa: E402
+from polywigner.mitsuba.receiver import receiving  # noqa: E402
+from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
     aperture,
@@ -24,7 +29,6 @@ from polywigner.mitsuba.scenes import (  # noqa: E402
     load_scene,
     translate_error,
 )
-from polywigner.mitsuba.shape import register  # noqa: E402
 from polywigner.mitsuba.sources import register_source  # noqa: E402
 
 register()
@@ -35,6 +39,8 @@ __all__ = [
     "choose_variant",
     "has_wigner_emitter",
     "load_scene",
+    "receiver",
+    "receiving",
     "register_source",
     "render",
     "translate_error",

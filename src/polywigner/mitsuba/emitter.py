@@ -25,17 +25,16 @@ import mitsuba as mi
 import numpy as np
 
 from polywigner.errors import SceneError
-from polywigner.execution import Traced, kernel_with_derivatives, ops_for
-from polywigner.kernels import kernel_for
-from polywigner.mitsuba.emitter_sampling import sampled_emitter_class
+from polywigner.mitsuba.emitter_sampling import sampled_emitter_class, spectrum
 from polywigner.mitsuba.exact import FIXED, ExactField
-from polywigner.mitsuba.obliquity import depends_on_wavelength, emission_factor, emissions
-from polywigner.mitsuba.parameters import EmitterSpec, check_range, rigid_pose
-from polywigner.mitsuba.placement import check_place, cover, matrix_of, move
+from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.obliquity import depends_on_wavelength
+from polywigner.mitsuba.parameters import EmitterSpec, check_range
+from polywigner.mitsuba.placement import Frame, check_place, cover, matrix_of, move
+from polywigner.mitsuba.radiance import WignerSum
 from polywigner.mitsuba.radiator import radiator_of
 from polywigner.mitsuba.sampling import cells_with_field, positions_of
 from polywigner.mitsuba.traced import TracedSource
-from polywigner.transforms import fourier
 
 __all__ = ["emitter_class"]
 
@@ -66,7 +65,6 @@ def emitter_class(variant: str) -> Any:
             self.power = _adjustable(m, spec.power)
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             self._unit = spec.scene_unit
-            self._ops = ops_for(m.Float)
             self._set_source(spec, spec.wavelength)
             self._take_over()
 
@@ -82,7 +80,7 @@ def emitter_class(variant: str) -> Any:
             self._positions = positions_of(m, radiator, spec.sampling, self._unit)
             self._source = radiator.centred
             self._is_dispersive = depends_on_wavelength(self._source, spec.obliquity)
-            self._terms = self._terms_at(wavelength)
+            self._sum = self._sum_at(wavelength)
             self._traced = TracedSource(m, radiator)
             self._exact: Any = None
             self._cells: Any = None
@@ -93,18 +91,8 @@ def emitter_class(variant: str) -> Any:
         def _exact_at(self, wavelength: float) -> ExactField:
             return ExactField(m, self._source, wavelength, self.spec.obliquity)
 
-        def _terms_at(self, wavelength: float) -> list[tuple[Any, Any, Any]]:
-            """(kernel, its constants, forms of h) of what adds up to the radiance.
-
-            Keeps (source, forms) as well, for the integral over positions.
-            """
-            terms = []
-            self._fields = emissions(self._source, wavelength, self.spec.obliquity)
-            for source, forms in self._fields:
-                kernel = kernel_for("wigner", source)
-                kernel = kernel.in_one_frame or kernel  # with derivatives
-                terms.append((kernel, kernel.tables(source, self._ops.double), forms))
-            return terms
+        def _sum_at(self, wavelength: float) -> WignerSum:
+            return WignerSum(m, self._source, wavelength, self.spec.obliquity, self._unit)
 
         # ---- what a user may change ----------------------------------------------------------
 
@@ -147,7 +135,7 @@ def emitter_class(variant: str) -> Any:
             if "vertices" in keys or "weights" in keys:
                 self._reshape(shape)
             if "wavelength" in keys and self._is_dispersive:
-                self._terms = self._terms_at(_single(self.wavelength, "wavelength"))
+                self._sum = self._sum_at(_single(self.wavelength, "wavelength"))
             if "wavelength" in keys and self._exact is not None:
                 self._exact = self._exact_at(_single(self.wavelength, "wavelength"))
             self._take_over()
@@ -185,13 +173,7 @@ def emitter_class(variant: str) -> Any:
             # Opaque: as literals, every new value would compile the render kernel again.
             if jit:
                 dr.make_opaque(self.wavelength, self.power)
-            matrix = self.to_world.matrix
-            columns = [m.Vector3f(*(matrix[row, col] for row in range(3))) for col in range(4)]
-            self._axes = columns[:3]
-            cx, cy = self._centre.tolist()
-            self._origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
-            if jit:
-                dr.make_opaque(self._axes, self._origin)
+            self._frame = Frame(m, self.to_world, self._centre)
 
         # ---- the radiance --------------------------------------------------------------------
 
@@ -201,15 +183,8 @@ def emitter_class(variant: str) -> Any:
             Positions are in scene units, as everything that Mitsuba sees.
             """
             inverse = 1.0 / _value(self.wavelength, jit)
-            front = direction.z > 0.0
-            cosine = dr.select(front, direction.z, 1.0)
-            place = (x.x * self._unit, x.y * self._unit)
-            frequency = (direction.x * inverse, direction.y * inverse)
-            density = 0.0
-            for kernel, tables, coefficients in self._terms:
-                wigner = self._wigner(kernel, tables, (*place, *frequency))
-                density = density + wigner * emission_factor(coefficients, cosine)
-            return dr.select(front, self._scale(inverse) * density, 0.0)
+            own = self._traced.wigner if self._follows() else None
+            return self._scale(inverse) * self._sum.at(x, direction, inverse, own)
 
         def _irradiance(self, point: Any) -> Any:
             """|U|^2 at a point in front, in the frame and in scene units, in W/m^2."""
@@ -218,36 +193,16 @@ def emitter_class(variant: str) -> Any:
             found = self._exact.intensity(point, self._unit)
             return found * (_value(self.power, jit) / self.spec.radiator.energy)
 
-        def _wigner(self, kernel: Any, tables: Any, point: Any) -> Any:
-            if not jit:
-                return kernel(self._ops, tables, *point)[0]
-            if self._follows():
-                return self._traced.wigner(self._ops, *point)
-            return kernel_with_derivatives(kernel, self._ops, tables, point, Traced())[0]
-
         def _intensity(self, direction: Any) -> Any:
-            """The integral of L over positions, |F|^2 in the place of W: radiance times area."""
+            """The integral of L over positions: radiance times area."""
             inverse = 1.0 / _value(self.wavelength, jit)
-            front = direction.z > 0.0
-            cosine = dr.select(front, direction.z, 1.0)
-            frequency = m.Vector2f(direction.x * inverse, direction.y * inverse)
-            total = 0.0
-            for source, coefficients in self._fields:
-                square = self._square(source, frequency)
-                total = total + square * emission_factor(coefficients, cosine)
+            own = self._traced.intensity if self._follows() else None
             in_scene = self._scale(inverse) / self._unit**2
-            return dr.select(front, in_scene * total, 0.0)
-
-        def _square(self, source: Any, frequency: Any) -> Any:
-            """|F|^2."""
-            if self._follows():
-                return self._traced.intensity(self._ops, frequency.x, frequency.y)
-            amplitude = fourier(source, frequency if jit else [frequency.x, frequency.y])
-            return amplitude.real * amplitude.real + amplitude.imag * amplitude.imag
+            return in_scene * self._sum.integral(direction, inverse, own)
 
         def _follows(self) -> bool:
             """Whether derivatives in vertices or weights are asked of the radiance."""
-            return jit and self._traced.is_followed() and len(self._terms) == 1
+            return jit and self._traced.is_followed() and self._sum.is_single
 
         def _scale(self, inverse: Any) -> Any:
             energy = self.spec.radiator.energy
@@ -256,8 +211,8 @@ def emitter_class(variant: str) -> Any:
             return _value(self.power, jit) * (inverse * inverse / energy)
 
         def eval(self, si: Any, active: Any = True) -> Any:
-            direction = self._to_frame(si.to_world(si.wi))
-            return self._spectrum(self._radiance(si.uv, direction), active)
+            direction = self._frame.to_own(si.to_world(si.wi))
+            return spectrum(m, self._radiance(si.uv, direction), active)
 
         def bbox(self) -> Any:
             return self.get_shape().bbox()

@@ -8,18 +8,23 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-__all__ = ["sampled_emitter_class"]
+__all__ = ["sampled_emitter_class", "spectrum"]
 
 # Stands for a density without bound; its square, and products with radiances, fit into float32.
 _OVERWHELMING = 1e12
+
+
+def spectrum(m: Any, value: Any, active: Any) -> Any:
+    """A value of one narrow band: the same in every channel or at every sampled wavelength."""
+    return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
 
 
 @cache
 def sampled_emitter_class(variant: str) -> Any:
     """The base of the emitter's class for one variant, which has no radiance yet.
 
-    What it is built on has ``_positions`` to draw from, ``_shifts``, the frame's ``_axes`` and
-    ``_origin``, ``_radiance`` and ``_intensity``; with the estimator ``exact``, else None,
+    What it is built on has ``_positions`` to draw from, ``_shifts``, its ``_frame``, ``_radiance``
+    and ``_intensity``; with the estimator ``exact``, else None,
     ``_cells`` in proportion to |u|^2, and ``_irradiance``.
     """
     m = getattr(mi, variant)
@@ -30,17 +35,6 @@ def sampled_emitter_class(variant: str) -> Any:
     class SampledEmitter(base):
         """Not a plugin of its own."""
 
-        def _spectrum(self, value: Any, active: Any) -> Any:
-            # One narrow band: the same value in every channel or at every sampled wavelength.
-            return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
-
-        def _to_frame(self, v: Any) -> Any:
-            return m.Vector3f(*(dr.dot(axis, v) for axis in self._axes))
-
-        def _to_scene(self, v: Any) -> Any:
-            ex, ey, ez = self._axes
-            return ex * v.x + ey * v.y + ez * v.z
-
         # ---- sampling for receivers ----------------------------------------------------------
 
         def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
@@ -48,21 +42,21 @@ def sampled_emitter_class(variant: str) -> Any:
             direction, distance = self._seen_from(it, x)
             ds = m.DirectionSample3f()
             self._place(ds, x, it.time)
-            ds.d = -self._to_scene(direction)
+            ds.d = -self._frame.to_scene(direction)
             ds.dist = distance
             ds.pdf = self._density(direction.z, distance, per_area)
             ds.emitter = m.EmitterPtr(self) if jit else self
-            return ds, self._spectrum(self._weight(it, x, per_area), active)
+            return ds, spectrum(m, self._weight(it, x, per_area), active)
 
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
-            cosine = -dr.dot(ds.d, self._axes[2])
+            cosine = -dr.dot(ds.d, self._frame.axes[2])
             return self._density(cosine, ds.dist, self._density_at(ds.uv))
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             direction, distance = self._seen_from(it, ds.uv)
             per_area = self._density_at(ds.uv)
             density = self._density(direction.z, distance, per_area)
-            return self._spectrum(self._weight(it, ds.uv, per_area) * density, active)
+            return spectrum(m, self._weight(it, ds.uv, per_area) * density, active)
 
         def _drawn(self, sample: Any) -> tuple[Any, Any]:
             """A position and its density, None where there is exact light."""
@@ -94,7 +88,7 @@ def sampled_emitter_class(variant: str) -> Any:
 
         def _seen_exactly(self, it: Any, cosine: Any) -> Any:
             """|U|^2 at the point ``it`` over the cosine at the source, that of a parallel floor."""
-            place = self._to_frame(it.p - self._origin)
+            place = self._frame.to_own(it.p - self._frame.origin)
             front = cosine > 0.0
             found = self._irradiance(m.Point3f(place.x, place.y, dr.select(front, place.z, 1.0)))
             return dr.select(front, found / dr.select(front, cosine, 1.0), 0.0)
@@ -124,22 +118,21 @@ def sampled_emitter_class(variant: str) -> Any:
 
             1 where there is no surface (fog has no normal), or only one of the two is in front.
             """
-            normal = self._to_frame(it.n)
+            normal = self._frame.to_own(it.n)
             own, other = dr.dot(normal, self._seen_from(it, x)[0]), dr.dot(normal, middle)
             same_side = own * other > 0.0
             return dr.select(same_side, other / dr.select(same_side, own, 1.0), 1.0)
 
         def _seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
             """Unit vector, in the frame, from x to the point ``it``; and the distance."""
-            r = self._to_frame(it.p - self._origin) - m.Vector3f(x.x, x.y, 0.0)
+            r = self._frame.to_own(it.p - self._frame.origin) - m.Vector3f(x.x, x.y, 0.0)
             distance = dr.norm(r)
             return r / distance, distance
 
         def _place(self, sample: Any, x: Any, time: Any) -> None:
             """Fill in what all samples of the position x have in common."""
-            ex, ey, ez = self._axes
-            sample.p = self._origin + ex * x.x + ey * x.y
-            sample.n = m.Normal3f(ez)
+            sample.p = self._frame.point(x)
+            sample.n = m.Normal3f(self._frame.axes[2])
             sample.uv = x
             sample.time = m.Float(time)
             sample.delta = m.Bool(False)
@@ -165,14 +158,14 @@ def sampled_emitter_class(variant: str) -> Any:
             wavelengths, density = _optical_wavelengths(m, sample1)
             si = m.SurfaceInteraction3f(ps, wavelengths)
             si.time = time
-            weight = self._spectrum(self._radiance(ps.uv, direction) * share * dr.pi, active)
-            return si.spawn_ray(self._to_scene(direction)), weight * density
+            weight = spectrum(m, self._radiance(ps.uv, direction) * share * dr.pi, active)
+            return si.spawn_ray(self._frame.to_scene(direction)), weight * density
 
         def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
             """For the particle tracer alone, which passes the direction in scene coordinates."""
             wavelengths, density = _optical_wavelengths(m, sample)
-            radiance = self._radiance(si.uv, self._to_frame(si.wi))
-            return wavelengths, self._spectrum(radiance, active) * density
+            radiance = self._radiance(si.uv, self._frame.to_own(si.wi))
+            return wavelengths, spectrum(m, radiance, active) * density
 
     return SampledEmitter
 

@@ -12,11 +12,49 @@ import numpy.typing as npt
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, triangulate
 
-__all__ = ["PLACE_ERROR", "check_place", "cover", "hide", "matrix_of", "move", "world_positions"]
+__all__ = [
+    "PLACE_ERROR",
+    "Frame",
+    "check_place",
+    "cover",
+    "hide",
+    "matrix_of",
+    "move",
+    "world_positions",
+]
 
 # The pose is held in single precision: its rotation and translation round by 6e-8 of the largest
 # coordinate each, the positions once more.
 PLACE_ERROR = 5e-7
+
+
+class Frame:
+    """A rigid frame of one variant's arrays, its origin in the middle of a source."""
+
+    def __init__(self, m: Any, to_world: Any, centre: npt.NDArray[np.float64]) -> None:
+        matrix = to_world.matrix
+        columns = [m.Vector3f(*(matrix[row, col] for row in range(3))) for col in range(4)]
+        cx, cy = centre.tolist()
+        self._m = m
+        self.axes = columns[:3]
+        self.origin = m.Point3f(columns[0] * cx + columns[1] * cy + columns[3])
+        # as literals, every new pose would compile the render kernel again
+        if dr.is_jit_v(m.Float):
+            dr.make_opaque(self.axes, self.origin)
+
+    def to_own(self, v: Any) -> Any:
+        """A vector of the scene in this frame."""
+        return self._m.Vector3f(*(dr.dot(axis, v) for axis in self.axes))
+
+    def to_scene(self, v: Any) -> Any:
+        """A vector of this frame in the scene."""
+        ex, ey, ez = self.axes
+        return ex * v.x + ey * v.y + ez * v.z
+
+    def point(self, x: Any) -> Any:
+        """The point of the scene at a position in the plane."""
+        ex, ey, _ = self.axes
+        return self.origin + ex * x.x + ey * x.y
 
 
 def world_positions(

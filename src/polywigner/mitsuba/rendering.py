@@ -16,7 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.mitsuba.films import coarse, cropped, fineness, refined
+from polywigner.mitsuba.fog import is_fog_near
 from polywigner.mitsuba.logs import silent
+from polywigner.mitsuba.receiver import receiving
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 from polywigner.mitsuba.shadows import looks_through, may_shadow
 
@@ -77,6 +80,23 @@ def render(
     source = _seed(seed)
     method = _integrator(scene, integrator)
     _warn_of_limits(scene, method)
+    _warn_of_fog(scene, camera)
+    factor = fineness(camera, total)
+    with receiving(scene), refined(camera, factor):
+        spp = math.ceil(total / factor**2)
+        image = _in_parts(scene, camera, method, spp, source, progress)
+    return _finite(coarse(image, factor).astype(np.float32))
+
+
+def _in_parts(
+    scene: Any,
+    camera: Any,
+    integrator: Any,
+    total: int,
+    seed: Callable[[int], int],
+    progress: Callable[[int, int], None] | None,
+) -> npt.NDArray[np.float64]:
+    """The image, from strips and passes."""
     strips = _strips(camera, total)
     # Counted, not listed: a large film with many samples has millions of passes.
     passes = _number_of_passes(camera, total, strips[0][1])
@@ -87,13 +107,13 @@ def render(
             # Of almost equal length, rather than a last one that is short and badly stratified.
             samples = total // passes + (index < total % passes)
             own = number * passes + index
-            with _cropped(camera, top, rows), _without_complaints():
-                part = _part(scene, camera, method, samples, source(own))
+            with cropped(camera, top, rows), _without_complaints():
+                part = _part(scene, camera, integrator, samples, seed(own))
             image = image + samples / total * part
             if progress is not None:
                 progress(own + 1, len(strips) * passes)
         images.append(image)
-    return _finite(np.concatenate(images).astype(np.float32))
+    return np.concatenate(images)
 
 
 def default_integrator(scene: Any) -> str:
@@ -198,20 +218,6 @@ def _number_of_passes(camera: Any, total: int, rows: int) -> int:
 
 
 @contextmanager
-def _cropped(camera: Any, top: int, rows: int) -> Iterator[None]:
-    """A narrower crop window, put back afterwards."""
-    size, offset = camera.film().crop_size(), camera.film().crop_offset()
-    if rows == size[1]:
-        yield
-        return
-    _set_crop(camera, (size[0], rows), (offset[0], offset[1] + top))
-    try:
-        yield
-    finally:
-        _set_crop(camera, size, offset)
-
-
-@contextmanager
 def _without_complaints() -> Iterator[None]:
     """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
     if dr.is_jit_v(mi.Float):
@@ -219,13 +225,6 @@ def _without_complaints() -> Iterator[None]:
         return
     with silent():
         yield
-
-
-def _set_crop(camera: Any, size: Any, offset: Any) -> None:
-    parameters = mi.traverse(camera)
-    parameters["film.crop_size"] = size
-    parameters["film.crop_offset"] = offset
-    parameters.update()
 
 
 def _integrator(scene: Any, integrator: Any) -> Any:
@@ -262,6 +261,17 @@ def _warn_of_limits(scene: Any, integrator: Any) -> None:
         warnings.warn(
             "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases the "
             "image: set its rr_depth above its max_depth, or use 'path'",
+            RuntimeWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_fog(scene: Any, camera: Any) -> None:
+    if is_fog_near(scene, camera):
+        warnings.warn(
+            'fog reaches into the near zone of a receiver with the estimator "exact", which weighs '
+            "what it scatters by the surface behind it: what is scattered within 2 D^2/wavelength "
+            'is not right; use the estimator "wigner"',
             RuntimeWarning,
             stacklevel=3,
         )

@@ -27,6 +27,7 @@ __all__ = [
     "SAMPLINGS",
     "Cells",
     "Positions",
+    "Tabulated",
     "cells_of",
     "cells_with_field",
     "check_sampling",
@@ -132,7 +133,7 @@ def positions_of(m: Any, radiator: Radiator, sampling: str, unit: float) -> Posi
         shapely.points(places), radiator.support.polygons, float(np.hypot(*steps))
     )
     density = density / density[near].mean() + _EVERYWHERE * near
-    return _Tabulated(m, density, low / unit, (high - low) / unit)
+    return Tabulated(m, density, low / unit, (high - low) / unit)
 
 
 class Positions:
@@ -152,7 +153,7 @@ class Positions:
         return self._density
 
 
-class _Tabulated(Positions):
+class Tabulated(Positions):
     """A density known on the points of a grid, rows along y, and bilinear between them."""
 
     def __init__(self, m: Any, values: npt.NDArray[np.float64], low: Any, size: Any) -> None:

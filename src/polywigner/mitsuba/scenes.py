@@ -17,17 +17,14 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
+from polywigner.mitsuba.given import rigid_pose
 from polywigner.mitsuba.obliquity import OBLIQUITIES
-from polywigner.mitsuba.parameters import (
-    check_flag,
-    check_range,
-    check_sampling_weight,
-    rigid_pose,
-)
+from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
+from polywigner.mitsuba.plugins import original_error, register
 from polywigner.mitsuba.radiator import emitted_power, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.scene_files import check_scene_file
-from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested, original_error, register
+from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
 from polywigner.toolchain import llvm

@@ -19,42 +19,21 @@ one. What Mitsuba's integrators make of that:
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from collections.abc import Iterable
-from functools import partial
 from typing import Any
 
 import mitsuba as mi
 
-from polywigner.errors import PolywignerError, SceneError
+from polywigner.errors import SceneError
 from polywigner.geometry import triangulate
 from polywigner.mitsuba.emitter import emitter_class
 from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
 from polywigner.mitsuba.placement import cover, hide
+from polywigner.mitsuba.plugins import add_plugin
 
-__all__ = ["PLUGIN_NAME", "check_nested", "original_error", "register"]
+__all__ = ["PLUGIN_NAME", "check_nested"]
 
 PLUGIN_NAME = "wigner"
-
-# Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
-# themselves wait here until the scene's loader asks for them; loaders may run in parallel.
-_recent_errors: deque[PolywignerError] = deque(maxlen=8)
-_registered: set[str] = set()
-_lock = threading.Lock()
-
-
-def register() -> None:
-    """Make the shape known to every Mitsuba variant, those chosen later included."""
-    mi.detail.add_variant_callback(_on_variant_change)
-    if mi.variant() is not None:
-        _on_variant_change(None, mi.variant())
-
-
-def original_error(error: BaseException) -> PolywignerError | None:
-    """The package's own error behind one that Mitsuba raised while loading, if there is one."""
-    text = str(error)
-    return next((own for own in reversed(_recent_errors) if str(own) in text), None)
 
 
 def check_nested(names: Iterable[str], visible: bool) -> None:
@@ -66,22 +45,9 @@ def check_nested(names: Iterable[str], visible: bool) -> None:
         )
 
 
-def _on_variant_change(_old: str | None, new: str) -> None:
-    # Mitsuba looks a plugin's kind up under scalar_rgb whatever the variant. Unknown there, two
-    # equal shapes would count as one shared object and fail to load.
-    for variant in ("scalar_rgb", new):
-        getattr(mi, variant).register_shape(PLUGIN_NAME, partial(_build, variant))
-
-
 def _build(variant: str, props: Any) -> Any:
     """The mesh for the parameters of one ``wigner`` element."""
-    try:
-        spec = read_parameters(props)
-        return _mesh(variant, props, spec)
-    except PolywignerError as error:
-        _recent_errors.append(error)
-        # Mitsuba puts the traceback before the message, where frames of this package are no help.
-        raise error.with_traceback(None) from None
+    return _mesh(variant, props, read_parameters(props))
 
 
 def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
@@ -108,3 +74,6 @@ def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
     if not spec.visible:
         hide(mesh)
     return mesh
+
+
+add_plugin("shape", PLUGIN_NAME, _build)

@@ -1,0 +1,172 @@
+"""What a receiver must read of a diffuse scene, by quadrature; for tests and benchmarks.
+
+A surface element dA at y with the reflectance rho, lit by |U_t|^2 of the transmitter's exact field,
+sends rho/pi E towards the receiver, which by reciprocity reads
+
+    P = (lambda^2/N_r) int rho/pi E |U_r|^2 cos(y -> receiver) dA,
+    E = |U_t|^2 cos(y -> source)/cos(theta),
+
+theta the angle at which light leaves the source; cosines are means over its squares. Fog scatters
+|U_t|^2/cos(theta) in every direction alike. U_t and U_r are :func:`polywigner.irradiance` with the
+method ``rayleigh-sommerfeld-1``; lengths in metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import polywigner as pw
+from polywigner.quantities import wavelength_of
+
+__all__ = ["WAVELENGTH", "End", "grid", "of_ball", "of_fog", "of_surface", "share_of_furnace"]
+
+WAVELENGTH = wavelength_of(94e9)
+METHOD = "rayleigh-sommerfeld-1"
+_BLOCK = 1 << 16
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class End:
+    """A square source and its pose (4, 4): a transmitter or a receiver."""
+
+    side: float
+    pose: Any
+
+    @property
+    def source(self) -> pw.Aperture:
+        """Centred at its origin, of unit field: its power in W is its area in m^2."""
+        return pw.shapes.square(self.side)
+
+    def irradiance(self, points: Array, method: str = METHOD) -> Array:
+        """|U|^2 at points (..., 3) of the scene; zero behind."""
+        own = (points.reshape(-1, 3) - self.pose[:3, 3]) @ self.pose[:3, :3]
+        front = own[:, 2] > 0
+        values = np.zeros(len(own))
+        seen = own[front]
+        values[front] = np.concatenate(
+            [
+                pw.irradiance(self.source, seen[k : k + _BLOCK], WAVELENGTH, method=method)
+                for k in range(0, len(seen), _BLOCK)
+            ]
+        )
+        return values.reshape(points.shape[:-1])
+
+    def places(self) -> tuple[Array, Array]:
+        """Gauss points (9, 3) on it in the scene, and weights that add up to 1."""
+        nodes, weights = np.polynomial.legendre.leggauss(3)
+        a, b = (axis.ravel() for axis in np.meshgrid(nodes, nodes))
+        flat = self.side / 2 * np.stack([a, b, 0 * a], axis=-1)
+        return flat @ self.pose[:3, :3].T + self.pose[:3, 3], np.outer(weights, weights).ravel() / 4
+
+    def mean(self, points: Array, of: Any) -> Array:
+        """Over its places, of a function of unit vectors to points, and of the place."""
+        total = np.zeros(points.shape[:-1])
+        for place, weight in zip(*self.places(), strict=True):
+            away = points - place
+            total += weight * of(away / np.linalg.norm(away, axis=-1)[..., None], place)
+        return total
+
+    def cosine(self, direction: Array) -> Array:
+        """To its normal, above zero."""
+        return np.asarray(np.maximum(direction @ self.pose[:3, 2], 1e-9))
+
+
+def of_surface(
+    transmitter: End,
+    receiver: End,
+    points: Array,
+    normals: Array,
+    areas: Array,
+    reflectance: float = 1.0,
+    passes: Any = None,
+) -> float:
+    """Power of a diffuse surface; ``passes(place, points)``: the share that is not held up."""
+
+    def factor(end: End, leaves: bool) -> Array:
+        def of(direction: Array, place: Array) -> Array:
+            cosine = np.maximum(-(direction * normals).sum(axis=-1), 0.0)
+            share = 1.0 if passes is None else passes(place, points)
+            return np.asarray(share * cosine / (end.cosine(direction) if leaves else 1.0))
+
+        return end.mean(points, of) * end.irradiance(points)
+
+    sent = reflectance / np.pi * factor(transmitter, True)
+    taken = WAVELENGTH**2 / receiver.source.area * factor(receiver, False)
+    return float((areas * sent * taken).sum())
+
+
+def of_fog(
+    transmitter: End,
+    receiver: End,
+    points: Array,
+    volumes: Array,
+    scattering: float,
+    passes: Any,
+) -> float:
+    """Power of light that fog has scattered once, in all directions alike; 1/m."""
+
+    def factor(end: End, leaves: bool) -> Array:
+        def of(direction: Array, place: Array) -> Array:
+            return np.asarray(passes(place, points) / (end.cosine(direction) if leaves else 1.0))
+
+        return end.mean(points, of) * end.irradiance(points)
+
+    sent = scattering / (4 * np.pi) * factor(transmitter, True)
+    taken = WAVELENGTH**2 / receiver.source.area * factor(receiver, False)
+    return float((volumes * sent * taken).sum())
+
+
+def _hemisphere(count: int) -> tuple[Array, Array]:
+    """Unit vectors (n, n, 3) with z > 0, and their solid angles."""
+    t, w = np.polynomial.legendre.leggauss(count)
+    alpha, psi = np.meshgrid(t, t * np.pi / 2, indexing="ij")
+    rho = np.sqrt(1 - alpha**2)
+    directions = np.stack([alpha, rho * np.sin(psi), rho * np.cos(psi)], axis=-1)
+    return directions, np.outer(w, w * np.pi / 2)
+
+
+def of_ball(receiver: End, obliquity: str, radius: float) -> float:
+    """Power of a ball of radiance 1 around a receiver at the origin, by its exact near field."""
+    directions, solid_angles = _hemisphere(160)
+    points = radius * directions
+
+    def of(direction: Array, place: Array) -> Array:
+        return np.asarray((direction * directions).sum(axis=-1))
+
+    seen = receiver.mean(points, of) * receiver.irradiance(points, obliquity)
+    total = (solid_angles * radius**2 * seen).sum()
+    return float(WAVELENGTH**2 / receiver.source.area * total)
+
+
+def share_of_furnace(source: pw.Aperture, obliquity: str) -> float:
+    """Power of a radiance 1 from everywhere over wavelength^2, by the hemisphere integral of g."""
+    directions, solid_angles = _hemisphere(200)
+    cosine = directions[..., 2]
+    nu = directions[..., :2] / WAVELENGTH
+    g = {
+        "rayleigh-sommerfeld-1": cosine**2,
+        "kirchhoff": ((1 + cosine) / 2) ** 2,
+        "rayleigh-sommerfeld-2": np.ones_like(cosine),
+    }[obliquity]
+    pattern = np.abs(pw.fourier(source, nu)) ** 2 * g
+    return float((solid_angles * pattern).sum() / (WAVELENGTH**2 * source.area))
+
+
+def grid(low: Any, high: Any, panels: Any) -> tuple[Array, Array]:
+    """Points (n, m, 2) of a rectangle and their weights: Gauss's rule in panels of 8 points."""
+    t, w = np.polynomial.legendre.leggauss(8)
+    axes = []
+    for a, b, count in zip(low, high, panels, strict=True):
+        edges = np.linspace(a, b, count + 1)
+        middles, halves = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
+        axes.append(
+            ((middles[:, None] + halves[:, None] * t).ravel(), (halves[:, None] * w).ravel())
+        )
+    (x, wx), (y, wy) = axes
+    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1), np.outer(wx, wy)

@@ -1,0 +1,58 @@
+"""The plugins made known to Mitsuba, and the errors that they raise while a scene is loaded."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import mitsuba as mi
+
+from polywigner.errors import PolywignerError
+
+__all__ = ["add_plugin", "original_error", "register"]
+
+# Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
+# themselves wait here until the scene's loader asks for them; loaders may run in parallel.
+_recent_errors: deque[PolywignerError] = deque(maxlen=8)
+_plugins: dict[tuple[str, str], Callable[[str, Any], Any]] = {}
+
+
+def add_plugin(kind: str, name: str, build: Callable[[str, Any], Any]) -> None:
+    """A plugin for :func:`register`: ``build(variant, properties)`` makes one.
+
+    ``kind``: such as "shape", whose function in Mitsuba is ``register_shape``.
+    """
+    _plugins[kind, name] = build
+
+
+def register() -> None:
+    """Make the plugins known to every Mitsuba variant, those chosen later included."""
+    mi.detail.add_variant_callback(_on_variant_change)
+    if mi.variant() is not None:
+        _on_variant_change(None, mi.variant())
+
+
+def original_error(error: BaseException) -> PolywignerError | None:
+    """The package's own error behind one that Mitsuba raised while loading, if there is one."""
+    text = str(error)
+    return next((own for own in reversed(_recent_errors) if str(own) in text), None)
+
+
+def _on_variant_change(_old: str | None, new: str) -> None:
+    # Mitsuba looks a plugin's kind up under scalar_rgb whatever the variant. Unknown there, two
+    # equal shapes would count as one shared object and fail to load.
+    for variant in ("scalar_rgb", new):
+        for (kind, name), build in _plugins.items():
+            register_one = getattr(getattr(mi, variant), f"register_{kind}")
+            register_one(name, partial(_built, build, variant))
+
+
+def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> Any:
+    try:
+        return build(variant, props)
+    except PolywignerError as error:
+        _recent_errors.append(error)
+        # Mitsuba puts the traceback before the message, where frames of this package are no help.
+        raise error.with_traceback(None) from None

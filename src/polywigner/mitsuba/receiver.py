@@ -1,0 +1,228 @@
+"""The ``wigner_receiver`` sensor: the power that a coherent aperture receives of a scene.
+
+A radiance L that arrives at the receiver's plane adds, in the receiver's own frame and with
+N = int |u|^2 of the field that it would send,
+
+    P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
+
+and, of the same power by reciprocity, from points y of surfaces at the distance r from x,
+
+    P = (lambda^2/N) int r^2 |U(y)|^2 L ds, the mean over x by |u|^2           (estimator ``exact``)
+
+with U the field that the receiver would send to y. Rays that meet nothing weigh by the far
+pattern: that of a point far out. docs/receivers.md has the limits.
+
+Rays start at positions relative to the middle of the source: see module `emitter`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from polywigner.errors import SceneError
+from polywigner.mitsuba.emitter_sampling import spectrum
+from polywigner.mitsuba.exact import ExactField
+from polywigner.mitsuba.first_surface import distance_to_surface
+from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.placement import Frame, matrix_of
+from polywigner.mitsuba.plugins import add_plugin
+from polywigner.mitsuba.radiance import WignerSum
+from polywigner.mitsuba.receiver_parameters import ReceiverSpec, read_receiver
+from polywigner.mitsuba.receiver_sampling import direction_of, directions_of, in_pixel
+from polywigner.mitsuba.sampling import cells_with_field, positions_of
+
+__all__ = ["RECEIVER_NAME", "is_receiver", "receiver_class", "receiving"]
+
+RECEIVER_NAME = "wigner_receiver"
+
+# To a point that stands for a direction: reaches squared over wavelengths, or reaches.
+_FAR = 1e4
+
+
+@cache
+def receiver_class(variant: str) -> Any:
+    """The sensor's class for one Mitsuba variant; the same class on every call."""
+    m = getattr(mi, variant)
+    jit = dr.is_jit_v(m.Float)
+
+    base: Any = m.Sensor
+
+    class WignerReceiver(base):
+        """Reads watts; docs/receivers.md."""
+
+        is_wigner_receiver = True
+
+        def __init__(self, spec: ReceiverSpec, props: Any) -> None:
+            super().__init__(props)
+            self.m_needs_sample_3 = True
+            self.spec = spec
+            self.scene: Any = None  # while it is rendered, see `receiving`
+            self.fineness = 1  # pixels of the film for one of the map, see module `films`
+            self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
+            self._place()
+            radiator, unit = spec.radiator, spec.scene_unit
+            source = radiator.centred
+            self._directions = directions_of(m, source, spec.wavelength, spec.obliquity)
+            self._inverse = self._adjustable(1.0 / spec.wavelength)
+            if spec.estimator == "exact":
+                self._exact = ExactField(m, source, spec.wavelength, spec.obliquity)
+                self._cells = cells_with_field(m, source, unit)
+                reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
+                far = _FAR * reach * max(reach / spec.wavelength, 1.0)
+                self._far = self._adjustable(far / unit)
+                scale = spec.wavelength**2 * unit**2 / radiator.energy
+            else:
+                self._sum = WignerSum(m, source, spec.wavelength, spec.obliquity, unit)
+                self._positions = positions_of(m, radiator, spec.sampling, unit)
+                scale = unit**2 / radiator.energy
+            self._scale = self._adjustable(scale)
+
+        def _adjustable(self, value: float) -> Any:
+            # opaque: as a literal, every new value would compile the render kernel again
+            return dr.opaque(m.Float, value) if jit else value
+
+        def _place(self) -> None:
+            pose = self.spec.pose
+            self._frame = Frame(m, self.to_world, self.spec.radiator.centre / self.spec.scene_unit)
+            # rays start a little in front, as Mitsuba's do: the receiver may stand on a surface
+            largest = float(np.abs(pose[:3, 3]).max())
+            self._lift = self._adjustable((1.0 + largest) * float(m.math.RayEpsilon))
+
+        # ---- what a user may change ----------------------------------------------------------
+
+        def traverse(self, callback: Any) -> None:
+            """Film and sampler, as all sensors have them, and ``to_world`` (rigid)."""
+            super().traverse(callback)
+            callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
+
+        def parameters_changed(self, keys: list[str]) -> None:
+            """Take over a new pose."""
+            super().parameters_changed(keys)
+            if "to_world" in keys:
+                self.spec = replace(self.spec, pose=rigid_pose(matrix_of(self.to_world)))
+                self._place()
+
+        # ---- rays ----------------------------------------------------------------------------
+
+        def sample_ray_differential(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> Any:
+            angles, solid_angle = self._looks(sample2)
+            direction = direction_of(m, angles)
+            ray = m.RayDifferential3f()
+            ray.time = time
+            ray.d = self._frame.to_scene(direction)
+            ray.maxt = m.Float(float(np.finfo(np.float32).max))
+            if self.spec.estimator == "exact":
+                x = self._cells.sample(sample3)
+                ray.o = self._start(x)
+                weight = self._exact_weight(ray, x, direction, active)
+            else:
+                x, per_area = self._positions.sample(sample3)
+                ray.o = self._start(x)
+                weight = self._signed_weight(x, direction) / per_area
+            zero = dr.zeros(m.SurfaceInteraction3f)
+            ray.wavelengths, share = self.sample_wavelengths(zero, sample1, active)
+            return ray, share * spectrum(m, weight * solid_angle, active)
+
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> Any:
+            ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
+            return m.Ray3f(ray), weight
+
+        def _looks(self, sample: Any) -> tuple[Any, Any]:
+            """Angles of a direction for a place on the film, and the solid angle it stands for.
+
+            One pixel looks where the far pattern is, the pixels of a map each in its directions.
+            """
+            film = self.film()
+            fine = self.fineness
+            width, height = (int(n) // fine for n in film.size())
+            if width * height == 1:
+                angles, density = self._directions.sample(sample)
+                return angles, 1.0 / density
+            corner, size = film.crop_offset(), film.crop_size()
+            place = m.Point2f(
+                (sample.x * int(size[0]) + int(corner[0])) / fine,
+                (sample.y * int(size[1]) + int(corner[1])) / fine,
+            )
+            return in_pixel(m, place, (width, height))
+
+        def _start(self, x: Any) -> Any:
+            return self._frame.point(x) + self._frame.axes[2] * self._lift
+
+        def _signed_weight(self, x: Any, direction: Any) -> Any:
+            """g W/N, of positions in scene units; g = h cos^2."""
+            value = self._sum.at(x, direction, self._inverse, None)
+            return self._scale * value * (direction.z * direction.z)
+
+        def _exact_weight(self, ray: Any, x: Any, direction: Any, active: Any) -> Any:
+            """lambda^2 r^2 |U|^2/N of the point that the ray meets, or of one far out."""
+            if self.scene is None:
+                raise SceneError(
+                    'expected the scene of the wigner_receiver for its estimator "exact", got none '
+                    "from Mitsuba; render with polywigner.mitsuba.render, or within `with "
+                    'polywigner.mitsuba.receiving(scene)`, or use the estimator "wigner"'
+                )
+            distance = distance_to_surface(m, self.scene, ray, self._lift, self._far, active)
+            along = direction * distance
+            point = m.Point3f(x.x + along.x, x.y + along.y, self._lift + along.z)
+            found = self._exact.intensity(point, self.spec.scene_unit)
+            return self._scale * (distance * distance) * found
+
+        def bbox(self) -> Any:
+            # scalar variants have one kind
+            box = getattr(m, "ScalarBoundingBox3f", m.BoundingBox3f)
+            return box(self.spec.pose[:3, 3].tolist())
+
+        def to_string(self) -> str:
+            spec = self.spec
+            return (
+                f"WignerReceiver[\n  wavelength = {spec.wavelength},\n"
+                f"  estimator = {spec.estimator},\n  obliquity = {spec.obliquity},\n"
+                f"  source = {spec.source!r},\n  film = {self.film()}\n]"
+            )
+
+    return WignerReceiver
+
+
+def is_receiver(sensor: Any) -> bool:
+    """Whether a sensor is a ``wigner_receiver``."""
+    return getattr(type(sensor), "is_wigner_receiver", False)
+
+
+@contextmanager
+def receiving(scene: Any) -> Iterator[None]:
+    """Within, the receivers of a scene know what is in it, for their estimator ``exact``.
+
+    :func:`polywigner.mitsuba.render` does it by itself; for ``mi.render`` and other renderers.
+    Mitsuba tells cameras written in Python nothing of their scene, and one that held it would keep
+    it alive for ever.
+    """
+    with ExitStack() as stack:
+        for sensor in filter(is_receiver, scene.sensors()):
+            stack.callback(setattr, sensor, "scene", sensor.scene)
+            sensor.scene = scene
+        yield
+
+
+def _build(variant: str, props: Any) -> Any:
+    """The sensor for the parameters of one ``wigner_receiver`` element."""
+    spec = read_receiver(props)
+    inner = mi.Properties(RECEIVER_NAME)
+    inner.set_id(props.id())
+    for name, value in dict(props.objects()).items():
+        inner[name] = value
+    return receiver_class(variant)(spec, inner)
+
+
+add_plugin("sensor", RECEIVER_NAME, _build)

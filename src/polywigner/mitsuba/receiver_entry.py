@@ -1,0 +1,136 @@
+"""A receiver as an entry of a scene's dictionary."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping
+from typing import Any
+
+import mitsuba as mi
+import numpy.typing as npt
+
+from polywigner.errors import ArgumentError, SceneError
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.frequency import takes_frequency
+from polywigner.illumination import Array
+from polywigner.mitsuba.exact import check_estimator
+from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.obliquity import OBLIQUITIES
+from polywigner.mitsuba.parameters import check_range
+from polywigner.mitsuba.radiator import radiator_of
+from polywigner.mitsuba.receiver import RECEIVER_NAME
+from polywigner.mitsuba.receiver_parameters import RECEIVER_ESTIMATORS
+from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
+from polywigner.mitsuba.sources import register_source
+from polywigner.quantities import (
+    parse_frequency,
+    parse_length,
+    parse_noise_figure,
+    parse_temperature,
+)
+
+__all__ = ["receiver"]
+
+
+@takes_frequency
+def receiver(
+    source: Aperture | Array | npt.ArrayLike,
+    wavelength: float,
+    to_world: Any = None,
+    obliquity: str = OBLIQUITIES[0],
+    estimator: str = RECEIVER_ESTIMATORS[0],
+    film: tuple[int, int] | Mapping[str, Any] | None = None,
+    bandwidth: float | None = None,
+    temperature: float | None = None,
+    noise_figure: float | None = None,
+    scene_unit: float = 1.0,
+    sampling: str = SAMPLINGS[0],
+) -> dict[str, Any]:
+    """A coherent aperture or array that receives, as an entry of a dictionary for ``mi.load_dict``.
+
+    Parameters
+    ----------
+    source: what it would radiate with, see :func:`polywigner.mitsuba.aperture`.
+    wavelength: metres.
+    to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the receiver lies in the plane
+        z = 0 of its own frame and looks to +z. Default: none.
+    obliquity: the diffraction integral that it would send by, and so receives by.
+    estimator: ``exact``: rays weigh by the exact irradiance that the receiver would give to the
+        surface they meet, never negative. ``wigner``: by its signed radiance; docs/receivers.md.
+    film: None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
+        the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
+        Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
+    bandwidth, temperature, noise_figure: of the noise of the receiver: Hz, K and dB, or texts such
+        as "1 GHz", "290 K" and "3 dB".
+    scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
+    sampling: density of positions with the estimator ``wigner``, see
+        :func:`polywigner.mitsuba.aperture`.
+
+    The entry holds a key, see :func:`register_source`: load it in the process that made it. Render
+    it with :func:`polywigner.mitsuba.render`, which hands the scene over to the estimator
+    ``exact``.
+
+    Raises
+    ------
+    ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
+    """
+    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
+        source = Aperture(source)
+    radiator = radiator_of(source, obliquity)
+    length, unit = parse_length(wavelength), parse_length(scene_unit)
+    check_estimator(estimator, radiator.source, length, obliquity, False, False)
+    check_range(radiator, length, 1.0, unit)
+    entry: dict[str, Any] = {
+        "type": RECEIVER_NAME,
+        "source": register_source(radiator.source),
+        "wavelength": length,
+        "obliquity": obliquity,
+        "estimator": estimator,
+        "sampling": check_sampling(sampling),
+        "scene_unit": unit,
+        "film": _film(film),
+        "sampler": {"type": "multijitter"},
+    }
+    if bandwidth is not None:
+        entry["bandwidth"] = parse_frequency(bandwidth)
+    if temperature is not None:
+        entry["temperature"] = parse_temperature(temperature)
+    if noise_figure is not None:
+        entry["noise_figure"] = parse_noise_figure(noise_figure)
+    if to_world is not None:
+        pose = rigid_pose(getattr(to_world, "matrix", to_world))
+        entry["to_world"] = mi.scalar_rgb.ScalarTransform4f(pose)
+    return entry
+
+
+def _film(film: Any) -> dict[str, Any]:
+    """The entry of a film: as it is, or of so many pixels."""
+    if isinstance(film, Mapping):
+        if not isinstance(film.get("type"), str):
+            raise SceneError(
+                f"expected the film as a dictionary with its type, got {film!r}; give one such as "
+                '{"type": "hdrfilm", "rfilter": {"type": "box"}}, or numbers of pixels'
+            )
+        return dict(film)
+    width, height = _pixels((1, 1) if film is None else film)
+    return {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "pixel_format": "luminance",
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
+    }
+
+
+def _pixels(film: Any) -> tuple[int, int]:
+    try:
+        width, height = map(operator.index, film)
+    except (TypeError, ValueError):
+        width, height = 0, 0
+    if width < 1 or height < 1:
+        raise ArgumentError(
+            f"expected a film of (columns, rows), whole numbers from 1, got {film!r}; give a pair, "
+            "or None for one pixel"
+        )
+    return width, height

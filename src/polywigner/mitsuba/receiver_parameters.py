@@ -1,0 +1,125 @@
+"""The parameters of the ``wigner_receiver`` sensor, read from a scene and checked.
+
+Their meaning is the table in ``docs/receivers.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import SceneError
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.mitsuba.exact import check_estimator
+from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
+from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
+from polywigner.mitsuba.parameters import check_range
+from polywigner.mitsuba.radiator import Radiator, radiator_of
+from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
+from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
+
+__all__ = ["RECEIVER_ESTIMATORS", "RECEIVER_PARAMETERS", "ReceiverSpec", "read_receiver"]
+
+RECEIVER_ESTIMATORS = ("exact", "wigner")
+
+RECEIVER_PARAMETERS = (
+    *SOURCE_PARAMETERS,
+    "obliquity",
+    "estimator",
+    "sampling",
+    "scene_unit",
+    "bandwidth",
+    "temperature",
+    "noise_figure",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ReceiverSpec:
+    """All that a ``wigner_receiver`` needs, in SI units."""
+
+    radiator: Radiator
+    """Of the field that the receiver would send."""
+    wavelength: float
+    pose: npt.NDArray[np.float64]
+    """(4, 4), read-only; the translation in scene units."""
+    scene_unit: float = 1.0
+    """Metres."""
+    obliquity: str = OBLIQUITIES[0]
+    estimator: str = RECEIVER_ESTIMATORS[0]
+    sampling: str = SAMPLINGS[0]
+    """Of positions, with the estimator ``wigner``."""
+    bandwidth: float | None = None
+    """Hz."""
+    temperature: float | None = None
+    """K, of the noise at the input."""
+    noise_figure: float | None = None
+    """dB."""
+
+    @property
+    def source(self) -> Aperture | Array:
+        """The source that the scene asked for."""
+        return self.radiator.source
+
+
+def read_receiver(props: Any) -> ReceiverSpec:
+    """The checked parameters of a ``wigner_receiver`` from Mitsuba's ``Properties``.
+
+    Raises
+    ------
+    SceneError for an unknown, missing, doubled or unusable parameter, or a sensor without a film;
+    the errors of :func:`polywigner.read_aperture` and :func:`polywigner.read_source` for a file,
+    and those of tapers, steering and layouts for their texts.
+    """
+    given = Given.of(props, "wigner_receiver sensor")
+    given.check_names(RECEIVER_PARAMETERS)
+    _check_film(given.values)
+    obliquity = check_obliquity(given.text("obliquity", OBLIQUITIES[0]))
+    wavelength = given.wavelength()
+    scene_unit = given.scene_unit()
+    radiator = radiator_of(given.source(wavelength), obliquity)
+    # of power 1 W: a received power is that of the scene
+    check_range(radiator, wavelength, 1.0, scene_unit)
+    estimator = given.text("estimator", RECEIVER_ESTIMATORS[0])
+    check_estimator(estimator, radiator.source, wavelength, obliquity, False, False)
+    return ReceiverSpec(
+        radiator=radiator,
+        wavelength=wavelength,
+        pose=given.pose(),
+        scene_unit=scene_unit,
+        obliquity=obliquity,
+        estimator=estimator,
+        sampling=check_sampling(given.text("sampling", SAMPLINGS[0])),
+        bandwidth=given.optional("bandwidth", parse_frequency),
+        temperature=given.optional("temperature", parse_temperature),
+        noise_figure=given.optional("noise_figure", parse_noise_figure),
+    )
+
+
+def _check_film(values: dict[str, Any]) -> None:
+    """SceneError without a film, in whose place Mitsuba takes one of 768 x 576 pixels.
+
+    And for a film whose pixels share samples, which adds to a pixel what came from elsewhere.
+    """
+    films = [value for value in values.values() if isinstance(value, mi.Object) and _is_film(value)]
+    if not films:
+        raise SceneError(
+            "expected a film in the wigner_receiver sensor, got none; give it one of 1 x 1 pixel, "
+            'which reads the received power: <film type="hdrfilm"> with width 1, height 1 and '
+            '<rfilter type="box"/>'
+        )
+    name = films[0].rfilter().class_name()
+    if name != "BoxFilter":
+        raise SceneError(
+            f"expected a film with a box filter in the wigner_receiver sensor, got {name}; give "
+            'the film <rfilter type="box"/>: other filters share samples among pixels'
+        )
+
+
+def _is_film(value: Any) -> bool:
+    return hasattr(value, "rfilter") and hasattr(value, "crop_size")

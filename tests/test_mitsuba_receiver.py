@@ -1,0 +1,251 @@
+"""Powers that ``wigner_receiver`` reads of scenes, against quadrature and the radar equation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import MILLIMETRE, MONO, SQUARE, WAVELENGTH, pose, use
+
+pytestmark = pytest.mark.drjit
+
+# Of the mean of this many renders; a mean is 5 of its standard errors off once in some thousand
+# times (Student, 7 degrees of freedom), and the seeds are fixed.
+RENDERS, ERRORS = 8, 5.0
+# |U|^2 is good to 1e-4 of its peak.
+EXACT = 3e-4
+# What fog at 1.6 to 2.4 times 2 D^2/wavelength does not know of the near field (measured: 0.5 %).
+FOG = 0.01
+# The ends are in each other's far zone of the target by 1 m only.
+EXCHANGE = 5e-3
+# Of sums of float32 over pixels and samples.
+ROUNDING = 1e-5
+
+RING = pw.shapes.ring(0.006, 0.004, n=12)
+HORN = pw.shapes.rectangle(12e-3, 8e-3).with_illumination(pw.cosine_taper(12e-3))
+SITES = 0.6 * WAVELENGTH * (np.argwhere(np.ones((4, 4))) - 1.5)
+STEERED = pw.phased_array(
+    pw.shapes.square(0.5 * WAVELENGTH), SITES, np.exp(2j * np.pi * SITES @ [0.3, 0.2] / WAVELENGTH)
+)
+SOURCES = {"square": SQUARE, "ring": RING, "horn": HORN, "steered array": STEERED}
+SKY = {"type": "constant", "radiance": {"type": "spectrum", "value": 1.0}}
+OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
+
+
+def read(scene: dict[str, Any], samples: int) -> tuple[float, float]:
+    """The mean power of some renders, and its standard error."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+
+    loaded = mi.load_dict(scene)
+    spp = samples // RENDERS
+    values = [pwm.render(loaded, spp=spp, seed=k).sum() for k in range(RENDERS)]
+    return float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(RENDERS))
+
+
+def furnace(source: Any, **more: Any) -> dict[str, Any]:
+    """A receiver under a sky of radiance 1."""
+    import polywigner.mitsuba as pwm
+
+    receiver = pwm.receiver(source, WAVELENGTH, scene_unit=MILLIMETRE, **more)
+    return {"type": "scene", "integrator": {"type": "path"}, "receiver": receiver, "sky": SKY}
+
+
+def expected_of_sky(source: Any, obliquity: str) -> float:
+    energy = float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+    return WAVELENGTH**2 * pw.radiated_power(source, WAVELENGTH, obliquity=obliquity) / energy
+
+
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+@pytest.mark.parametrize("obliquity", OBLIQUITIES)
+@pytest.mark.parametrize("variant", [MONO])
+def test_a_radiance_from_everywhere_reads_the_share_that_radiates(
+    variant: str, obliquity: str, estimator: str
+) -> None:
+    use(variant)
+    power, error = read(furnace(SQUARE, obliquity=obliquity, estimator=estimator), 1 << 17)
+    expected = expected_of_sky(SQUARE, obliquity)
+    assert abs(power - expected) < ERRORS * error + EXACT * expected
+    assert error < 0.02 * expected
+
+
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+@pytest.mark.parametrize("name", ["ring", "horn", "steered array"])
+@pytest.mark.parametrize("variant", [MONO])
+def test_sources_with_holes_fields_and_elements_receive_what_they_radiate(
+    variant: str, name: str, estimator: str
+) -> None:
+    use(variant)
+    power, error = read(furnace(SOURCES[name], estimator=estimator), 1 << 17)
+    expected = expected_of_sky(SOURCES[name], OBLIQUITIES[0])
+    assert abs(power - expected) < ERRORS * error + EXACT * expected
+    assert error < 0.02 * expected
+
+
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+@pytest.mark.parametrize("variant", ["scalar_rgb", "scalar_mono_polarized"])
+def test_scalar_variants_read_the_same(variant: str, estimator: str) -> None:
+    mi = use("scalar_rgb")
+    if variant not in mi.variants():
+        variant = "scalar_rgb"
+    use(variant)
+    power, error = read(furnace(SQUARE, estimator=estimator), 1 << 9)
+    expected = expected_of_sky(SQUARE, OBLIQUITIES[0])
+    assert abs(power - expected) < ERRORS * error + EXACT * expected
+    assert error < 0.2 * expected
+
+
+@pytest.mark.parametrize(
+    ("name", "samples", "model"),
+    [
+        ("floor, monostatic, exact", 1 << 15, EXACT),
+        pytest.param("floor, monostatic, wigner", 1 << 16, EXACT, marks=pytest.mark.slow),
+        pytest.param("floor, bistatic, exact", 1 << 15, EXACT, marks=pytest.mark.slow),
+        ("floor, tilted receiver, exact", 1 << 15, EXACT),
+        ("floor, tilted receiver, wigner", 1 << 16, EXACT),
+        ("floor, monostatic, 20 mm away, exact", 1 << 16, EXACT),
+        pytest.param("floor, two transmitters, exact", 1 << 16, EXACT, marks=pytest.mark.slow),
+        ("floor, behind a half-plane, exact", 1 << 16, EXACT),
+        ("floor, through fog, exact", 1 << 16, EXACT),
+        pytest.param("floor, through fog, wigner", 1 << 16, EXACT, marks=pytest.mark.slow),
+        ("fog, scattered once, exact", 1 << 16, FOG),
+        pytest.param("fog, scattered once, wigner", 1 << 17, EXACT, marks=pytest.mark.slow),
+        ("furnace, sphere of 20 mm, rayleigh-sommerfeld-1, exact", 1 << 16, EXACT),
+        ("radar, Lambertian plate, exact", 1 << 18, EXACT),
+        ("radar, Lambertian sphere, exact", 1 << 18, EXACT),
+    ],
+)
+@pytest.mark.parametrize("variant", [MONO])
+def test_scenes_read_what_quadrature_finds(
+    variant: str, name: str, samples: int, model: float
+) -> None:
+    """The scenes of benchmarks/receive_scene.py."""
+    use(variant)
+    import receive_scene
+
+    case = receive_scene.cases()[name]
+    power, error = read(case.scene(), samples)
+    expected = case.power()
+    assert abs(power - expected) < ERRORS * error + model * expected
+    assert error < 0.03 * expected
+
+
+def test_the_reference_is_the_radar_equation_far_away() -> None:
+    """Cross sections 4 rho A cos^2 of a Lambertian plate and 8/3 pi a^2 rho of a sphere."""
+    use("scalar_rgb")
+    import receive_scene
+
+    for _, expected, power in receive_scene.targets(300.0):
+        assert abs(power / expected - 1) < 3 * receive_scene.TARGET / 300.0
+
+
+@pytest.mark.parametrize("variant", [MONO])
+def test_transmitter_and_receiver_can_be_exchanged(variant: str) -> None:
+    """Each with 1 W, both with the target on their axes."""
+    use(variant)
+    import receive_scene
+
+    cases = receive_scene.cases()
+    (one, error), (other, other_error) = (
+        read(cases[f"plate, exchange: {way}, exact"].scene(), 1 << 18) for way in ("there", "back")
+    )
+    one, error, other, other_error = one / 1e-4, error / 1e-4, other / 49e-6, other_error / 49e-6
+    assert abs(one - other) < ERRORS * np.hypot(error, other_error) + EXCHANGE * one
+    assert error < 0.03 * one
+
+
+@pytest.mark.parametrize("variant", [MONO])
+def test_powers_of_two_transmitters_add(variant: str) -> None:
+    use(variant)
+    import receive_scene as rs
+
+    ends = [rs.SENDS, rs.End(0.008, rs.pose((-0.15, 0.0, 0.0), (-0.15, 0.0, 1.0)))]
+    lights = [rs.sender(end) for end in ends]
+    parts = [[lights[0]], [lights[1]], lights]
+    (one, a), (other, b), (both, c) = (
+        read(rs.scene_of(rs.reader(rs.BESIDE), rs.plate(*rs.FLOOR), *own), 1 << 16) for own in parts
+    )
+    assert abs(one + other - both) < ERRORS * np.sqrt(a * a + b * b + c * c)
+    assert min(one, other) > 0.05 * both
+
+
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+@pytest.mark.parametrize("variant", [MONO])
+def test_a_map_of_directions_adds_up_to_the_power(variant: str, estimator: str) -> None:
+    use(variant)
+    total, error = read(furnace(STEERED, estimator=estimator), 1 << 16)
+    mapped, map_error = read(furnace(STEERED, estimator=estimator, film=(6, 5)), 1 << 12)
+    assert abs(total - mapped) < ERRORS * np.hypot(error, map_error) + EXACT * total
+    assert np.hypot(error, map_error) < 0.05 * total
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", MONO])
+def test_columns_of_a_map_run_along_x_and_rows_along_y(variant: str) -> None:
+    """Light from a small sphere in the direction (0.6, -0.4) of a receiver that is turned."""
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    turned = pose((1.0, 2.0, 3.0), about_x=0.7)
+    direction = np.array([0.6, -0.4, np.sqrt(1 - 0.6**2 - 0.4**2)])
+    centre = turned[:3, :3] @ (200 * direction) + turned[:3, 3]
+    lamp = {"type": "area", "radiance": {"type": "spectrum", "value": 1.0}}
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path"},
+            "receiver": pwm.receiver(
+                SQUARE, WAVELENGTH, turned, estimator="wigner", film=(10, 10), scene_unit=MILLIMETRE
+            ),
+            "lamp": {"type": "sphere", "center": centre.tolist(), "radius": 30.0, "emitter": lamp},
+        }
+    )
+    image = pwm.render(scene, spp=16)[..., 0]
+    # alpha = 0.6 is the border of columns 7 and 8, beta = -0.4 that of rows 2 and 3
+    assert np.abs(image[2:4, 7:9]).min() > 0
+    image[2:4, 7:9] = 0
+    assert not image.any()
+
+
+@pytest.mark.parametrize("variant", [MONO])
+def test_null_surfaces_are_not_the_first(variant: str) -> None:
+    """Two veils 10 mm away, where the field is another: the sky behind weighs as without them."""
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    transform = mi.ScalarTransform4f().translate([0, 0, 10]).scale(1e5)
+    veil = {"type": "rectangle", "to_world": transform, "bsdf": {"type": "null"}}
+    bare = {**furnace(SQUARE, film=(8, 8)), "integrator": {"type": "volpath", "max_depth": 6}}
+    veiled = {**bare, "veil": veil, "other": veil}
+    one, other = (pwm.render(mi.load_dict(scene), spp=64, seed=1) for scene in (bare, veiled))
+    assert np.allclose(one, other, rtol=1e-3, atol=1e-4 * one.max())
+    assert one.sum() > 0
+
+
+@pytest.mark.parametrize("variant", [MONO])
+def test_equal_samples_read_equal_powers_however_often(variant: str) -> None:
+    """A pixel takes 2^18 samples: added up in float32, they would be off by a thousandth."""
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    scene = mi.load_dict(furnace(SQUARE, estimator="wigner"))
+    powers = {float(pwm.render(scene, spp=1 << 18, seed=3)[0, 0, 0]) for _ in range(2)}
+    assert len(powers) == 1
+    assert tuple(scene.sensors()[0].film().size()) == (1, 1)
+
+
+@pytest.mark.parametrize("variant", [MONO])
+def test_large_numbers_of_samples_are_not_rounded_away(variant: str) -> None:
+    """Each sample of a patch that receives nearly alike from everywhere weighs nearly the same."""
+    mi = use(variant)
+    import polywigner.mitsuba as pwm
+
+    speck = pw.shapes.square(1e-3 * WAVELENGTH)
+    name = "rayleigh-sommerfeld-2"
+    scene = mi.load_dict(furnace(speck, obliquity=name, estimator="exact"))
+    found = float(pwm.render(scene, spp=1 << 20)[0, 0, 0])
+    expected = expected_of_sky(speck, name)
+    assert abs(found / expected - 1) < EXACT
