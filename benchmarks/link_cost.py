@@ -53,16 +53,17 @@ def brute_force(side: float, to_transmitter: np.ndarray, count: int) -> complex:
     plane = np.stack([x, y, np.zeros_like(x), np.ones_like(x)])
     there = (to_transmitter @ plane)[:3]
     normal = to_transmitter[:3, 2].reshape(3, 1, 1)
-    total = 0j
+    total = np.zeros(2)
     step = max(1, BLOCK // len(x))
     for start in range(0, len(x), step):
         some = slice(start, start + step)
         r = there[:, None, :] - plane[:3, some, None]
         distance = np.sqrt((r * r).sum(axis=0))
-        wave = np.exp(2j * np.pi * distance)
-        kernel = link_kernel(SHARES[METHOD], wave, r, distance, normal)
-        total += shares[some] @ (kernel @ shares)
-    return complex(total)
+        phase, away = 2 * np.pi * distance, (normal * r).sum(axis=0)
+        cosine, sine = np.cos(phase), np.sin(phase)
+        kernel = link_kernel(SHARES[METHOD], cosine, sine, distance, r[2], away, normal[2])
+        total += [shares[some] @ (part @ shares) for part in kernel]
+    return complex(*total)
 
 
 def doubled(side: float, to_transmitter: np.ndarray) -> complex:

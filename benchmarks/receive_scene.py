@@ -80,7 +80,7 @@ def sender(end: End) -> dict[str, Any]:
 
 def reader(end: End, estimator: str = "exact", **more: Any) -> dict[str, Any]:
     """The entry of a receiver of one pixel."""
-    entry = pwm.receiver(
+    return pwm.receiver(
         end.source,
         WAVELENGTH,
         to_world=in_scene(end.pose),
@@ -88,7 +88,6 @@ def reader(end: End, estimator: str = "exact", **more: Any) -> dict[str, Any]:
         estimator=estimator,
         **more,
     )
-    return {**entry, "sampler": {"type": "multijitter"}}
 
 
 def white(value: float = 1.0) -> dict[str, Any]:

@@ -378,12 +378,119 @@ def test_tilted_planes_have_no_overlap_along_rays() -> None:
 
 
 @pytest.mark.llvm
-def test_a_differentiable_source_is_refused() -> None:
+def test_vertices_have_no_derivatives_in_a_coupling() -> None:
     from drjit.llvm.ad import Array2f64
 
     source = pw.differentiable(vertices=Array2f64(np.ascontiguousarray(SQUARE.rings[0].T)))
-    with pytest.raises(ArgumentError, match=r"pass its \.source"):
+    with pytest.raises(ArgumentError, match="without derivatives in vertices"):
         pw.coupling(source, SQUARE, pose(0, 0, 0.1), WAVELENGTH)
+
+
+# Elements that overlap, of which one weighs nothing and one has a field of its own.
+CLUSTER = pw.Array(
+    [pw.shapes.square(3e-3).moved((2e-3 * k, 1e-3 * k)) for k in range(3)]
+    + [pw.shapes.square(3e-3).with_illumination(pw.Illumination([1, 0.4j], [(80, 20), (0, 9)]))],
+    [1, 0.3 - 0.8j, 0, 1j],
+)
+WAVES = PAIR.with_illumination(pw.Illumination([1, 0.5j], [(60, 0), (-30, 40)]))
+
+
+def replaced(source: Any, numbers: np.ndarray) -> Any:
+    if isinstance(source, pw.Array):
+        return pw.Array(source.elements, numbers)
+    return source.with_illumination(pw.Illumination(numbers, source.illumination.frequencies))
+
+
+@pytest.mark.llvm
+def test_derivatives_in_weights_and_amplitudes_are_differences() -> None:
+    import drjit as dr
+    from drjit.llvm.ad import Complex2f64, Float64, TensorXf64
+
+    places = np.array([pose(5e-3, -2e-3, 64e-3, 0.3, 0.7), pose(-3e-3, 0, 0.5, -0.2)])
+    start = [CLUSTER.weights, WAVES.illumination.amplitudes]
+    rng = np.random.default_rng(1)
+    change = [rng.normal(size=(len(own), 2)) @ [1, 1j] for own in start]
+
+    def value(t: float) -> Any:
+        pair = (
+            replaced(source, own + t * other)
+            for source, own, other in zip((CLUSTER, WAVES), start, change, strict=True)
+        )
+        return pw.coupling(*pair, places, WAVELENGTH, "kirchhoff", 1e-10)
+
+    step = 1e-2
+    expected = (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
+
+    def traced(numbers: list[Any]) -> Any:
+        pair = (
+            pw.differentiable(CLUSTER, weights=numbers[0]),
+            pw.differentiable(WAVES, amplitudes=numbers[1]),
+        )
+        return pw.coupling(*pair, places, WAVELENGTH, "kirchhoff", 1e-9)
+
+    def numbers_with_gradients() -> list[Any]:
+        numbers = [Complex2f64(Float64(own.real), Float64(own.imag)) for own in start]
+        dr.enable_grad(numbers)
+        return numbers
+
+    numbers = numbers_with_gradients()
+    found = traced(numbers)
+    assert isinstance(found, TensorXf64)
+    assert np.allclose(found.numpy() @ [1, 1j], value(0.0), rtol=2e-9)
+    for own, other in zip(numbers, change, strict=True):
+        dr.set_grad(own, Complex2f64(Float64(other.real), Float64(other.imag)))
+    dr.enqueue(dr.ADMode.Forward, numbers)
+    dr.traverse(dr.ADMode.Forward)
+    forward = np.array(dr.grad(found).numpy()) @ [1, 1j]
+    assert (np.abs(forward - expected) < DIFFERENCES * np.abs(expected)).all()
+    numbers = numbers_with_gradients()
+    found = traced(numbers)
+    dr.backward(dr.sum(found.array * found.array))  # |b|^2 of both
+    reverse = sum(
+        float(np.dot(np.array(part), along))
+        for own, other in zip(numbers, change, strict=True)
+        for part, along in zip(dr.grad(own), (other.real, other.imag), strict=True)
+    )
+    power = 2 * (value(0.0).conj() * expected).real.sum()
+    assert reverse == pytest.approx(power, rel=DIFFERENCES)
+
+
+@pytest.mark.llvm
+def test_couplings_of_differentiable_sources_have_the_kind_of_their_weights() -> None:
+    import drjit as dr
+    from drjit.llvm.ad import Float, TensorXf, TensorXf64
+
+    array, place = pw.Array([SQUARE, SQUARE.moved((12e-3, 0))], [1, 2]), pose(0, 0, 50e-3)
+    weights = Float(1, 2)
+    dr.enable_grad(weights)
+    source = pw.differentiable(array, weights=weights)
+    poses = np.broadcast_to(place, (2, 3, 4, 4))
+    found = pw.coupling(SQUARE, source, poses, WAVELENGTH)
+    assert isinstance(found, TensorXf)
+    assert found.shape == (2, 3, 2)
+    assert pw.coupling(SQUARE, source, poses[:0], WAVELENGTH).shape == (0, 3, 2)
+    with pytest.raises(ArgumentError, match="one backend and precision"):
+        pw.coupling(SQUARE, source, TensorXf64(place), WAVELENGTH)
+    with pytest.raises(ArgumentError, match='with derivatives, got "fraunhofer"'):
+        pw.coupling(SQUARE, source, place, WAVELENGTH, "fraunhofer")
+
+
+@pytest.mark.llvm
+def test_the_best_weights_are_the_conjugate_couplings_of_the_elements() -> None:
+    # of elements of one power that do not overlap: nothing is left to gain there
+    import drjit as dr
+    from drjit.llvm.ad import Complex2f64, Float64
+
+    array = pw.phased_array(pw.shapes.square(2e-3), pw.arrays.grid_positions(3, 1, 3e-3, 1))
+    place = pose(4e-3, 0, 20e-3)
+    alone = np.array([pw.coupling(e, SQUARE, place, WAVELENGTH) for e in array.elements_in_plane])
+    weights = Complex2f64(Float64(alone.real), Float64(-alone.imag))
+    dr.enable_grad(weights)
+    found = pw.coupling(pw.differentiable(array, weights=weights), SQUARE, place, WAVELENGTH)
+    dr.backward(dr.sum(found.array * found.array))
+    best = float(np.sum(np.abs(alone) ** 2))
+    assert float(dr.sum(found.array * found.array)[0]) == pytest.approx(best, rel=1e-5)
+    assert np.abs(np.array(dr.grad(weights))).max() < 1e-5 * math.sqrt(best)
 
 
 def test_in_a_null_errors_count_relative_to_the_largest_coupling() -> None:

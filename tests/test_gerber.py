@@ -189,7 +189,7 @@ REFUSED = {
     "clear alone": ("%LPC*%" + PATCH, "copper"),
     "nothing": ("", "copper"),
     "after the end": ("M02*" + PATCH, "nothing after M02"),
-    "no statement": ("Hello*" + PATCH, "'Hello'"),
+    "no statement": ("Hello*" + PATCH, "5 characters of text"),
 }  # fmt: skip
 
 

@@ -15,18 +15,31 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 import polywigner as pw
 from polywigner.errors import FileFormatError, PolywignerError, SceneError
-from polywigner.geometry.exact import orientations, turn
-from polywigner.geometry.formats import outlines
-from polywigner.geometry.formats.outlines import check_crossings, nested
+from polywigner.geometry.exact import (
+    area_and_error,
+    estimated_area,
+    orientations,
+    signed_area,
+    turn,
+)
+from polywigner.geometry.formats import gerber_layers, work
+from polywigner.geometry.formats.gerber_layers import composed
+from polywigner.geometry.formats.outlines import nested
+from polywigner.geometry.formats.work import Work
+from polywigner.geometry.grid import groups_apart, union_on_grid
 from polywigner.geometry.rings import without_slight_bends
 
 MIB = 2**20
 
 # What reading a file of some hundred kB may take at most, where a limit stops it.
 SOME_MEMORY = 80 * MIB
+
+# Of areas near 100: some hundred vertices, each rounded to a grid of 1e-12.
+AREA_ROUNDING = 1e-9
 
 
 @contextmanager
@@ -74,17 +87,87 @@ def test_edges_near_each_other_are_counted_before_they_are_compared(
     angles = np.pi * np.arange(2000) / 1000
     radii = np.where(np.arange(2000) % 2, 1e-3, 1.0)
     star = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
-    check_crossings([star])
-    monkeypatch.setattr(outlines, "MOST_NEAR_EDGES", 100_000)
+    Work().check_edges([star])
+    monkeypatch.setattr(work, "MOST_NEAR_EDGES", 100_000)
     with pytest.raises(FileFormatError, match="100000 pairs of edges near each other"):
-        check_crossings([star])
+        Work().check_edges([star])
 
 
 def test_few_sparse_edges_before_many_dense_ones_take_little_memory() -> None:
     sparse = np.column_stack([np.arange(2000.0) + 10, np.arange(2000) % 2 + 10.0])
     heap = np.random.default_rng(1).random((3000, 2))
     with memory_below(5 * SOME_MEMORY), pytest.raises(FileFormatError, match="cross in at most"):
-        check_crossings([np.concatenate([sparse, heap])])
+        Work().check_edges([np.concatenate([sparse, heap])])
+
+
+def _star(count: int) -> list[complex]:
+    """A ring that all of its edges but neighbours cross; `count` odd."""
+    return [np.exp(1j * np.pi * (count - 1) / count * k) for k in range(count)]
+
+
+def test_crossings_are_counted_for_all_shapes_of_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Five stars of 434 crossings, none of which is too much alone."""
+    monkeypatch.setattr(work, "MOST_CROSSINGS", 1000)
+    pytest.importorskip("defusedxml")
+    ring = " ".join(f"{p.real:.6f},{p.imag:.6f}" for p in _star(31))
+    stars = [f'<polygon points="{ring}" transform="translate({3 * k})"/>' for k in range(5)]
+    refusal(tmp_path / "a.svg", f"<svg>{''.join(stars)}</svg>", "at most 1000 places")
+
+
+def test_stars_of_gerber_regions_count_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(work, "MOST_CROSSINGS", 1000)
+    pytest.importorskip("gerbonara")
+    regions = ""
+    for k in range(5):
+        points = [(round(1e6 * (p.real + 3 * k)), round(1e6 * p.imag)) for p in _star(31)]
+        first, *others = (f"X{x}Y{y}" for x, y in [*points, points[0]])
+        regions += f"G36*{first}D02*{''.join(f'{at}D01*' for at in others)}G37*"
+    text = f"%FSLAX36Y36*%%MOMM*%G01*{regions}M02*"
+    refusal(tmp_path / "a.gbr", text, "at most 1000 places")
+
+
+def test_the_sign_of_an_area_and_whether_it_is_zero_are_exact() -> None:
+    """Slivers far from the origin, whose areas floating point rounds away, and spans of discs."""
+    dice = np.random.default_rng(4)
+    for _ in range(200):
+        ring = dice.random((3, 2)) * 2.0 ** dice.integers(-40, 40) + dice.choice([0.0, 1e6])
+        ring[2] = ring[0] + (ring[1] - ring[0]) * dice.random()
+        exact = signed_area(ring)
+        area, error = area_and_error(ring)
+        assert abs(area - exact) <= error
+        assert np.sign(estimated_area(ring)) == np.sign(exact)
+
+
+def test_vertices_of_groups_that_lie_apart_are_not_counted_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Shapes that touch are joined together, so their vertices count; a lattice of them is free."""
+    monkeypatch.setattr(gerber_layers, "_QUICK", 30)
+    monkeypatch.setattr(gerber_layers, "MOST_COMBINED", 100)
+    apart = [(True, shapely.box(3 * k, 2 * (k % 7), 3 * k + 1, 2 * (k % 7) + 1)) for k in range(99)]
+    assert composed(apart, work.Work()).area == 99
+    chain = [(True, shapely.box(k, 0, k + 2, 1)) for k in range(30)]
+    with pytest.raises(FileFormatError, match="at most 100 vertices"):
+        composed(chain, work.Work())
+
+
+def test_groups_are_apart_along_x_or_y_by_more_than_the_gap() -> None:
+    lattice = [shapely.box(3 * i, 3 * j, 3 * i + 2, 3 * j + 2) for i in range(9) for j in range(9)]
+    bridge = [shapely.box(1, 1, 4, 2)]
+    groups = groups_apart([*lattice, *bridge], 0.0)
+    assert sorted(map(len, groups)) == [1] * 79 + [3]
+    assert sorted(np.concatenate(groups).tolist()) == list(range(82))
+    assert len(groups_apart(lattice, 1.5)) == 1
+
+
+def test_a_union_of_groups_is_that_of_all() -> None:
+    discs = [shapely.Point(k % 9 * 1.7, k // 9 * 2.5).buffer(1) for k in range(45)]
+    assert abs(union_on_grid(discs).area - shapely.union_all(discs).area) < AREA_ROUNDING
+    assert len(union_on_grid(discs).geoms) == 5
 
 
 def _squares(count: int) -> list[np.ndarray]:
@@ -147,6 +230,12 @@ SECRETS = {
     "entity.svg": "<svg>&hunter2hash;</svg>",
     "secret.gbr": "hunter2hash",
     "statement.gbr": "hunter2hash*",
+    "word.gbr": "HUNTER2hash=1*",
+    "begun.gbr": "%FSLAX36Y36*%\n%MOMM*%\nPASSWORD=hunter2hash*\nM02*\n",
+    "ended.gbr": "%FSLAX36Y36*%\n%MOMM*%\nM02*\nHUNTER2*\n",
+    "extended.gbr": "%FSLAX36Y36*%\n%PWhunter2hash*%\nM02*\n",
+    "macro.gbr": "%MOMM*%\n%AMhunter2*swordfish*%\nM02*\n",
+    "include.gbr": "%IFhunter2hash*%\nM02*\n",
     "secret.dxf": "hunter2hash\nhunter2hash\n",
     "secret.ply": "ply\nhunter2hash\n",
     "secret.obj": "v hunter2hash 1 2\nf 1 1 1\n",

@@ -75,6 +75,12 @@ def _star(count: int) -> list[tuple[float, float]]:
     ]
 
 
+def _tangle(count: int) -> str:
+    """A ring that all of its edges but neighbours cross; `count` odd."""
+    turns = (math.pi * (count - 1) / count * k for k in range(count))
+    return " ".join(f"{math.cos(t):.6f},{math.sin(t):.6f}" for t in turns)
+
+
 def _wave(count: int) -> list[tuple[float, float]]:
     """A simple outline: a disc with a fine ripple."""
     return [
@@ -228,6 +234,13 @@ def _gerber_changes(count: int) -> str:
     return "".join(lines)
 
 
+def _gerber_arcs(count: int) -> str:
+    """Half circles in rows, apart from each other."""
+    places = ((3_000_000 * (k % 100), 3_000_000 * (k // 100)) for k in range(count))
+    arcs = (f"X{x}Y{y}D02*\nG03X{x}Y{y + 2_000_000}I0J1000000D01*\n" for x, y in places)
+    return "%ADD10C,0.1*%\nD10*\nG75*\n" + "".join(arcs)
+
+
 def _ply(vertices: int, faces: int, body: bytes, kind: str = "ascii") -> bytes:
     return (
         f"ply\nformat {kind} 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\n"
@@ -311,6 +324,11 @@ KINDS = {
     "svg nested squares, each a shape": Kind("a.svg", lambda: svg(
         "".join(f'<path fill-rule="evenodd" d="{squares((k, k + .5))}"/>'
                 for k in range(1, 4_990)))),
+    "svg circles": Kind("a.svg", lambda: svg("".join(
+        f'<circle cx="{3 * (k % 99)}" cy="{3 * (k // 99)}" r="1"/>' for k in range(9_900))),
+        is_read=True),
+    "svg stars": Kind("a.svg", lambda: svg("".join(
+        f'<polygon points="{_tangle(199)}" transform="translate({3 * k})"/>' for k in range(99)))),
     "svg tiny squares": Kind("a.svg", lambda: svg(f'<path d="{_crosses(50_000)}"/>')),
     "svg collinear rectangles": Kind("a.svg", lambda: svg(
         '<path d="' + "".join(f"M{k} 0H{20_000 + k}V1H{k}Z" for k in range(9_900)) + '"/>')),
@@ -345,6 +363,8 @@ KINDS = {
         "".join(_circle(0, 0, k + 1) for k in range(9_900)))),
     "dxf circles": Kind("a.dxf", lambda: dxf(
         "".join(_circle(3 * k, 0, 1) for k in range(100_000)))),
+    "dxf circles within limits": Kind("a.dxf", lambda: dxf(
+        "".join(_circle(3 * (k % 99), 3 * (k // 99), 1) for k in range(9_900))), is_read=True),
     "dxf splines": Kind("a.dxf", lambda: dxf(_spline(2_000, 10) * 50)),
     "dxf blocks that double": Kind("a.dxf", lambda: dxf(_insert("b15"), _block("b0", _TRIANGLE)
         + "".join(_block(f"b{k + 1}", _insert(f"b{k}") * 8) for k in range(15)))),
@@ -367,6 +387,10 @@ KINDS = {
         f"X{2000000 * (k % 400)}Y{2000000 * (k // 400)}D03*\n" for k in range(150_000)))),
     "gerber strokes": Kind("a.gbr", lambda: gerber("%ADD10C,1*%\nD10*\nX0Y0D02*\n" + "".join(
         f"X{1000000 * (k % 400)}Y{1000000 * (k // 400)}D01*\n" for k in range(150_000)))),
+    "gerber arcs": Kind("a.gbr", lambda: gerber(_gerber_arcs(9_000))),
+    "gerber arcs, fewer": Kind("a.gbr", lambda: gerber(_gerber_arcs(4_600)), is_read=True),
+    "gerber flashes within limits": Kind("a.gbr", lambda: gerber("%ADD10C,1*%\nD10*\n" + "".join(
+        f"X{2000000 * (k % 99)}Y{2000000 * (k // 99)}D03*\n" for k in range(9_801))), is_read=True),
     "gerber changes of polarity": Kind("a.gbr", lambda: gerber(_gerber_changes(3_600))),
     "ply cut short": Kind("a.ply", _truncated_ply, "body"),
     "ply values": Kind("a.ply", lambda: _ply(

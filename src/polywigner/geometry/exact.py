@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Ring",
+    "area_and_error",
     "cross_products",
+    "estimated_area",
     "orientations",
     "shoelace",
     "signed_area",
@@ -29,6 +31,7 @@ Ring = NDArray[np.float64]
 
 # (3 + 16 u) u with u = 2^-53 bounds the rounding error of the cross product below in units of
 # |product 1| + |product 2| (Shewchuk 1997, "ccwerrboundA").
+_UNDERFLOW = float(np.finfo(float).tiny)
 _CROSS_ERROR = (3.0 + 16.0 * 2.0**-53) * 2.0**-53
 
 
@@ -96,6 +99,27 @@ def shoelace(rings: Iterable[Ring]) -> Fraction:
 def signed_area(ring: Ring) -> float:
     """Signed area of one ring, rounded once."""
     return float(shoelace([ring]))
+
+
+def area_and_error(ring: Ring) -> tuple[float, float]:
+    """Signed area of one ring in floating point, and a bound on its rounding error.
+
+    Tens of times as fast as :func:`signed_area`; for coordinates up to 1e150.
+    """
+    x, y = (ring - ring[0]).T
+    first, second = x[:-1] * y[1:], x[1:] * y[:-1]
+    twice = float((first - second).sum())
+    # u for each difference, two to a product, u for the product, its difference, and each sum: all
+    # of at most the sum of the products' sizes, doubled here; and what underflows.
+    share = (len(ring) + 8) * 2.0**-53
+    error = share * float((np.abs(first) + np.abs(second)).sum()) + len(ring) * _UNDERFLOW
+    return twice / 2, error
+
+
+def estimated_area(ring: Ring) -> float:
+    """Signed area of one ring, with the exact sign; for large rings less exact than rounding."""
+    area, error = area_and_error(ring)
+    return area if abs(area) > error else signed_area(ring)
 
 
 def total_area(rings: Iterable[Ring]) -> float:

@@ -21,6 +21,7 @@ from polywigner.geometry.rings import (
     Part,
     clean_ring,
     extent,
+    hull_spans_area,
     oriented,
     part_of_polygon,
     polygon_of_part,
@@ -51,8 +52,8 @@ def _place(reason: str) -> str:
 def part_of_ring(vertices: object, name: str = "the ring") -> Part:
     """A simple ring as a part without holes; a self-crossing one raises with the place."""
     ring = clean_ring(vertices, name)
-    hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring)))
-    if not spans_area(hull):
+    spans = spans_area(ring)
+    if not spans and not hull_spans_area(ring):
         raise GeometryError(f"expected {name} to enclose an area, got vertices on one line")
     reason = shapely.is_valid_reason(shapely.Polygon(ring))
     if reason != "Valid Geometry":
@@ -61,7 +62,7 @@ def part_of_ring(vertices: object, name: str = "the ring") -> Part:
             f"expected a simple outline, got {name} that {what}{_place(reason)}; "
             'split it with Aperture.from_ring(ring, winding="nonzero") or winding="evenodd"'
         )
-    if not spans_area(ring):
+    if not spans:
         raise GeometryError(f"expected {name} to enclose an area, got one of zero area")
     return _straightened((oriented(ring, True),))
 

@@ -32,10 +32,10 @@ from polywigner.geometry.formats.geojson import rings_of_geojson
 from polywigner.geometry.formats.gerber import read_gerber
 from polywigner.geometry.formats.layers import checked_layers, checked_union
 from polywigner.geometry.formats.meshes import MESH_SUFFIXES, read_mesh
-from polywigner.geometry.formats.outlines import check_polygons
 from polywigner.geometry.formats.simple_text import rings_of_csv, rings_of_wkt
 from polywigner.geometry.formats.svg import read_svg
 from polywigner.geometry.formats.svg_values import PIXEL
+from polywigner.geometry.formats.work import check_polygons
 from polywigner.geometry.parts import merge_parts, part_of_rings, union_parts
 from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.quantities import parse_unit

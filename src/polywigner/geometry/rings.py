@@ -9,14 +9,23 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.exact import Ring, cross_products, orientations, signed_area
+from polywigner.geometry.exact import (
+    Ring,
+    area_and_error,
+    cross_products,
+    estimated_area,
+    orientations,
+    signed_area,
+)
 
 __all__ = [
     "LARGEST_COORDINATE",
     "SMALLEST_EXTENT",
     "Part",
     "clean_ring",
+    "different_vertices",
     "extent",
+    "hull_spans_area",
     "oriented",
     "part_of_polygon",
     "polygon_of_part",
@@ -115,6 +124,15 @@ def without_slight_bends(ring: Ring, reach: float) -> Ring:
     return ring[keep]
 
 
+def different_vertices(ring: Ring) -> int:
+    """How many different vertices a ring has; 3 for more than three."""
+    for count in range(3):
+        if not len(ring):
+            return count
+        ring = ring[(ring != ring[0]).any(axis=1)]
+    return 3
+
+
 def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
     """Check one ring and return it as float64 without repeats and straight vertices.
 
@@ -134,7 +152,7 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
             f"got {np.abs(ring).max():g}; choose a larger unit"
         )
     ring = ring + 0.0  # turns -0.0 into 0.0, so that content compares
-    count = len(np.unique(ring, axis=0)) if len(ring) else 0
+    count = different_vertices(ring)
     if count < 3:
         raise GeometryError(f"expected at least 3 different vertices in {name}, got {count}")
     size = extent(ring)
@@ -149,12 +167,20 @@ def clean_ring(vertices: Any, name: str = "a ring") -> Ring:
 def spans_area(ring: Ring) -> bool:
     """Whether the ring's area is more than rounding of its coordinates could make it."""
     zero = _ZERO_AREA * extent(ring) * float(np.abs(ring).max())
-    return abs(signed_area(ring)) > zero
+    area, error = area_and_error(ring)
+    if abs(abs(area) - zero) <= error:
+        area = signed_area(ring)
+    return abs(area) > zero
+
+
+def hull_spans_area(ring: Ring) -> bool:
+    """Whether the vertices are apart from one line; the areas of a figure of eight cancel."""
+    return spans_area(shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(ring))))
 
 
 def oriented(ring: Ring, counter_clockwise: bool) -> Ring:
     """The ring, reversed if it does not run the way asked for."""
-    return ring if (signed_area(ring) > 0) == counter_clockwise else ring[::-1]
+    return ring if (estimated_area(ring) > 0) == counter_clockwise else ring[::-1]
 
 
 def polygon_of_part(part: Part) -> shapely.Polygon:

@@ -59,7 +59,7 @@ def receiver(
         surface they meet, never negative. ``wigner``: by its signed radiance; docs/receivers.md.
     film: None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
         the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
-        Or the entry of a film, with a box filter.
+        Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
     bandwidth, temperature, noise_figure: of the noise of the receiver: Hz, K and dB, or texts such
         as "1 GHz", "290 K" and "3 dB".
     scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
@@ -89,6 +89,7 @@ def receiver(
         "sampling": check_sampling(sampling),
         "scene_unit": unit,
         "film": _film(film),
+        "sampler": {"type": "multijitter"},
     }
     if bandwidth is not None:
         entry["bandwidth"] = parse_frequency(bandwidth)

@@ -40,8 +40,8 @@ def directions_of(m: Any, source: Aperture | Array, wavelength: float, obliquity
     low, high = np.reshape(source.bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     # powers of two: as a literal, every new size would compile the render kernel again
-    wanted = 2 ** np.ceil(np.log2(lobes * [2.0, math.pi])).astype(int)
-    counts = np.clip(wanted, _FEWEST, _MOST)
+    wanted = 2.0 ** np.ceil(np.log2(lobes * [2.0, math.pi]))
+    counts = np.clip(wanted, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((wanted / counts).max()), 1, _MOST_WITHIN))
     pattern = _mean_pattern(source, wavelength, obliquity, counts, within)
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))

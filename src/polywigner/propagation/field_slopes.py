@@ -33,7 +33,7 @@ from polywigner.propagation.panels import (
     starts,
 )
 
-__all__ = ["FieldSlopes"]
+__all__ = ["FieldSlopes", "parts_of"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -155,17 +155,10 @@ class FieldSlopes:
 
     def of_fields(self, points: Floats) -> Complex:
         """The fields of single elements or waves, (n, k)."""
-        columns = [self._field(radiator_of(part), points) for part in self._parts()]
+        columns = [
+            self._field(radiator_of(part), points) for part in parts_of(self.source, self.by_waves)
+        ]
         return np.stack(columns, axis=1)
-
-    def _parts(self) -> Iterator[Aperture]:
-        if not self.by_waves:
-            yield from self.source.elements_in_plane
-            return
-        (aperture,) = self.source.elements_in_plane
-        assert aperture.illumination is not None
-        for kappa in aperture.illumination.frequencies:
-            yield aperture.with_illumination(Illumination([1.0], kappa[None]))
 
     def _field(self, radiator: Radiator, points: Floats, method: str | None = None) -> Complex:
         name = method or self.method
@@ -291,6 +284,17 @@ class FieldSlopes:
                 pieces.share,
                 pieces.step / length,
             )
+
+
+def parts_of(source: Aperture | Array, by_waves: bool) -> Iterator[Aperture]:
+    """The elements of a source, or the waves of an aperture, each with the amplitude 1."""
+    if not by_waves:
+        yield from source.elements_in_plane
+        return
+    (aperture,) = source.elements_in_plane
+    assert aperture.illumination is not None
+    for kappa in aperture.illumination.frequencies:
+        yield aperture.with_illumination(Illumination([1.0], kappa[None]))
 
 
 def _next_vertices(element: Aperture) -> NDArray[np.intp]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,10 @@ Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
-# Values of the kernel, or of waves at nodes, at a time: their arrays stay in the cache.
-_BLOCK = 1 << 15
+# Values of the kernel, or of fields at nodes, at a time: their arrays stay in the cache.
+_BLOCK = 1 << 14
+# Terms of a product of matrices at a time: of more BLAS starts threads, which such sizes delay.
+_PRODUCT = 1 << 18
 # Moments at a time: 64 MiB.
 _MOMENTS = 1 << 21
 # Steps in which the rates of waves are rounded up, so that poses share their nodes.
@@ -61,6 +62,48 @@ class Pairs:
     @property
     def _columns(self) -> tuple[Indices, Indices, Indices]:
         return self.pose, self.transmitter, self.receiver
+
+
+class _Sight:
+    """How nodes x (n, i, 2) and y (n, j, 3) of two cells see each other, arrays (n, i, j).
+
+    From the centres of their sources, which are ``offset`` (n, 3) apart. ``normal`` (n, 3): the
+    receiver's. Heights above either plane are the same for all places in the other's.
+    """
+
+    def __init__(self, x: Floats, y: Floats, offset: Floats, normal: Floats) -> None:
+        self._x, self._y, self._offset = x, y, offset
+        whole = np.sqrt((offset * offset).sum(axis=1))[:, None, None]
+        ones = np.ones((*x.shape[:2], 1)), np.ones((len(y), 1, y.shape[1]))
+        # |offset + y - x|^2 - |offset|^2 = (|x|^2 - 2 offset.x) + (|y|^2 + 2 offset.y) - 2 x.y
+        of_x = (x * x).sum(axis=2) - 2 * (x @ offset[:, :2, None])[..., 0]
+        of_y = (y * y).sum(axis=2) + 2 * (y @ offset[:, :, None])[..., 0]
+        left = np.concatenate([-2 * x, of_x[..., None], ones[0]], axis=2)
+        right = np.concatenate([np.swapaxes(y[..., :2], 1, 2), ones[1], of_y[:, None]], axis=1)
+        longer = left @ right
+        self.distance = longer + whole * whole
+        np.sqrt(self.distance, out=self.distance)
+        longer /= self.distance + whole
+        longer *= 2 * np.pi
+        self.wave = np.cos(longer), np.sin(longer)
+        """exp(ik(R - |offset|))."""
+        self.rise = (offset[:, None, 2] + y[..., 2])[:, None, :]
+        """n.r, (n, 1, j)."""
+        away = (offset * normal).sum(axis=1)[:, None] - (x @ normal[:, :2, None])[..., 0]
+        self.away = away[..., None]
+        """m.r, (n, i, 1)."""
+        self.lean = normal[:, 2, None, None]
+        """n.m, (n, 1, 1)."""
+
+    @property
+    def r(self) -> list[Floats]:
+        """The components of r, (n, i, j) or (n, 1, j)."""
+        found = [
+            (self._offset[:, axis, None] + self._y[..., axis])[:, None, :]
+            - self._x[..., axis, None]
+            for axis in range(2)
+        ]
+        return [*found, self.rise]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +145,13 @@ class Links:
         The size is about the sum of the moduli of all terms.
         """
         found, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
-        for mine, here, there, geometry in self._blocks(pairs, order):
-            kernel = link_kernel(self.shares, *geometry)
-            found[mine] += _contracted(here, kernel, there)
-            largest = np.abs(kernel[:, :: order + 1, :: order + 1]).max(axis=(1, 2))
+        for mine, here, there, sight in self._blocks(pairs, order):
+            real, imag = link_kernel(
+                self.shares, *sight.wave, sight.distance, sight.rise, sight.away, sight.lean
+            )
+            found[mine] += _contracted(here, real, imag, there)
+            some = np.s_[:, :: order + 1, :: order + 1]
+            largest = np.hypot(real[some], imag[some]).max(axis=(1, 2))
             size[mine] += largest * np.abs(here).sum(axis=1) * np.abs(there).sum(axis=1)
         return found, size
 
@@ -115,23 +161,24 @@ class Links:
         Its last column counts in wavelengths.
         """
         found = np.zeros((len(pairs), 3, 4), np.complex128)
-        for mine, here, there, geometry in self._blocks(pairs, order):
+        for mine, here, there, sight in self._blocks(pairs, order):
             place, _ = self._points(self.receiver, pairs.receiver[mine], order)
             place = place + self.receiver.centre / self.receiver.wavelength
-            of_place, of_normal = link_slopes(self.shares, *geometry)
+            wave = sight.wave[0] + 1j * sight.wave[1]
+            r = np.stack([np.broadcast_to(part, wave.shape) for part in sight.r])
+            normal = self.rotation[pairs.pose[mine]][:, :, 2].T[:, :, None, None]
+            of_place, of_normal = link_slopes(self.shares, wave, r, sight.distance, normal)
             arms = [there * place[..., 0], there * place[..., 1], there, there]
             for row in range(3):
                 for column, right in enumerate(arms):
                     values = of_normal[row] if column == 2 else of_place[row]
-                    found[mine, row, column] += _contracted(here, values, right)
+                    found[mine, row, column] += _contracted(here, values.real, values.imag, right)
         return found
 
-    def _blocks(
-        self, pairs: Pairs, order: int
-    ) -> Iterator[tuple[slice, Complex, Complex, tuple[Any, ...]]]:
+    def _blocks(self, pairs: Pairs, order: int) -> Iterator[tuple[slice, Complex, Complex, _Sight]]:
         """Blocks of pairs, and of the transmitter's nodes, with their moments.
 
-        And the arguments of the kernel between these nodes and all of the receiver's.
+        And the geometry between these nodes and all of the receiver's.
         """
         count = order * order
         most = max(1, _MOMENTS // count)
@@ -148,30 +195,23 @@ class Links:
                 mine = slice(start, min(start + step, len(part)))
                 some = part.where(np.arange(mine.start, mine.stop))
                 own = slice(begin + mine.start, begin + mine.stop)
+                x, y, from_x, from_y = self._places(some, order)
+                left = here[mine] * exp_turns((from_x @ towards[mine, :2, None])[..., 0])
+                right = there[mine] * exp_turns(-(from_y @ towards[mine, :, None])[..., 0])
+                offset, normal = self.offset[some.pose], self.rotation[some.pose][:, :, 2]
                 for first in range(0, count, rows):
                     row = slice(first, first + rows)
-                    geometry = self._geometry(some, towards[mine], order, row)
-                    yield own, here[mine, row], there[mine], geometry
+                    yield own, left[:, row], right, _Sight(x[:, row], y, offset, normal)
 
-    def _geometry(self, pairs: Pairs, towards: Floats, order: int, row: slice) -> tuple[Any, ...]:
-        """exp(ikR) without the waves of the moments, r, R and the receiver's normal."""
-        x, from_x = (p[:, row] for p in self._points(self.transmitter, pairs.transmitter, order))
+    def _places(self, pairs: Pairs, order: int) -> tuple[Floats, Floats, Floats, Floats]:
+        """Nodes of both cells in axes of the transmitter, from the centres of their sources.
+
+        (n, q^2, 2) and (n, q^2, 3); then the same from the middles of the cells.
+        """
+        x, from_x = self._points(self.transmitter, pairs.transmitter, order)
+        turned = np.swapaxes(self.rotation[pairs.pose][:, :, :2], 1, 2)
         y, from_y = self._points(self.receiver, pairs.receiver, order)
-        turned = self.rotation[pairs.pose]
-        columns = turned[:, :, :2]
-        y, from_y = (np.einsum("nij,nkj->ink", columns, places) for places in (y, from_y))
-        beside = np.repeat(y[:, :, None, :], x.shape[1], axis=2)
-        beside[:2] -= np.moveaxis(x, -1, 0)[..., None]
-        offset = self.offset[pairs.pose].T[:, :, None, None]
-        r = offset + beside
-        distance = np.sqrt((r * r).sum(axis=0))
-        whole = np.sqrt((offset * offset).sum(axis=0))
-        excess = ((2 * offset + beside) * beside).sum(axis=0) / (distance + whole)
-        excess -= np.einsum("ni,ink->nk", towards, from_y)[:, None, :]
-        excess += np.einsum("ni,nki->nk", towards[:, :2], from_x)[:, :, None]
-        wave = exp_turns(excess)
-        normal = turned[:, :, 2].T[:, :, None, None]
-        return wave, r, distance, normal
+        return x, y @ turned, from_x, from_y @ turned
 
     @staticmethod
     def _points(cells: Cells, own: Indices, order: int) -> tuple[Floats, Floats]:
@@ -187,20 +227,22 @@ class Links:
         """
         fastest = float(np.linalg.norm(waves, axis=1).max(initial=0.0))
         rate = np.ceil(fastest / _RATE_STEP) * _RATE_STEP
-        found = np.zeros((len(own), order * order), np.complex128)
-        by_cell = np.argsort(own, kind="stable")
-        step = max(1, _BLOCK // (order * order))
-        for cell, mine in _groups(own, by_cell):
+        found = np.zeros((len(own), order, order), np.complex128)
+        step = max(1, _PRODUCT // (2 * order * order))
+        for cell, mine in _groups(own, np.argsort(own, kind="stable")):
             places, weights = cells.nodes(cell, float(rate), order, self.extra)
             middle, half = _middle(cells, cell), (cells.high[cell] - cells.low[cell]) / 2
+            relative = places - middle
             for start in range(0, len(places), step):
                 part = slice(start, start + step)
-                relative = places[part] - middle
-                basis = weights[part, None] * _basis(relative / half, order)
-                for some in np.array_split(mine, -(-len(mine) * len(relative) // _BLOCK)):
-                    turns = waves[some, :1] * relative[:, 0] + waves[some, 1:] * relative[:, 1]
-                    found[some] += np.einsum("pn,nk->pk", exp_turns(turns), basis)
-        return found
+                first, second = _basis(relative[part] / half, order)
+                size = 1 + len(mine) * first.size // _BLOCK
+                for some in np.array_split(mine, min(len(mine), size)):
+                    field = exp_turns(waves[some] @ relative[part].T) * weights[part]
+                    # pairs of real numbers, since a product of a real and a complex matrix is none
+                    terms = (field[:, :, None] * second).view(np.float64)
+                    found[some] += (first.T @ terms).view(np.complex128)
+        return found.reshape(len(own), order * order)
 
 
 def exp_turns(turns: Floats) -> Complex:
@@ -211,9 +253,12 @@ def exp_turns(turns: Floats) -> Complex:
     return found
 
 
-def _contracted(left: Complex, kernel: Complex, right: Complex) -> Complex:
-    """sum_ij left_i kernel_ij right_j of each pair; not by BLAS, whose threads such sizes delay."""
-    result: Complex = (left * np.einsum("nij,nj->ni", kernel, right)).sum(axis=1)
+def _contracted(left: Complex, real: Floats, imag: Floats, right: Complex) -> Complex:
+    """sum_ij left_i kernel_ij right_j of each pair."""
+    columns = np.stack([right.real, right.imag], axis=2)
+    of_real, of_imag = real @ columns, imag @ columns
+    inner = of_real[..., 0] - of_imag[..., 1] + 1j * (of_real[..., 1] + of_imag[..., 0])
+    result: Complex = (left * inner).sum(axis=1)
     return result
 
 
@@ -242,7 +287,9 @@ def _rule(order: int) -> tuple[Floats, Floats]:
 
 
 def _basis(places: Floats, order: int) -> Floats:
-    """Polynomials that are 1 at one node and 0 at all others, at places (n, 2), (n, q^2)."""
-    values = np.polynomial.legendre.legvander(places, order - 1) @ _rule(order)[1]
-    result: Floats = (values[:, 0, :, None] * values[:, 1, None, :]).reshape(len(places), -1)
+    """Polynomials that are 1 at one node and 0 at all others, of x and y of places (n, 2).
+
+    Arrays (n, q) of both.
+    """
+    result: Floats = np.polynomial.legendre.legvander(places.T, order - 1) @ _rule(order)[1]
     return result

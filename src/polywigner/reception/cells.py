@@ -1,4 +1,4 @@
-"""A source in cells: boxes of its plane, halved where a link needs it, with nodes in each.
+"""A source in cells: boxes of its plane, cut where a link needs it, with nodes in each.
 
 Lengths are in wavelengths, relative to the centre of the source's bounds.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise, product
 
 import numpy as np
 import shapely
@@ -26,6 +27,9 @@ Complex = NDArray[np.complex128]
 
 # What rounding of a cut leaves of a polygon, as a fraction of the cell's area.
 _SLIVER = 1e-14
+# Sides of at least this fraction of the longest are halved with it: in a box that is longer one way
+# the nodes along the other are too many.
+_SQUARE = 0.7
 # Nodes for a cycle of a wave, as a fraction of those of rays: 2.5, where Gauss needs pi/2. With 4
 # nodes more, moments of triangles err by 1e-11 of the area.
 _SHARE = 0.7
@@ -34,7 +38,7 @@ _MOST_KEPT = 256
 
 
 class Cells:
-    """A binary tree of boxes around what is in them; cell 0 is all of the source."""
+    """A tree of boxes around what is in them; cell 0 is all of the source."""
 
     def __init__(self, source: Aperture | Array, wavelength: float) -> None:
         xmin, ymin, xmax, ymax = source.bounds
@@ -59,7 +63,10 @@ class Cells:
         self._add(whole, np.arange(len(whole)))
 
     def halved(self, cells: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Numbers of the halves of cells (n,), and for each half the place of its cell in (n,)."""
+        """Numbers of what cells (n,) are cut into, and for each the place of its cell in (n,).
+
+        Halves, or quarters of those that are about as wide as long.
+        """
         different, place = np.unique(cells, return_inverse=True)
         halves = [self._halves(int(cell)) for cell in different]
         counts = np.array([len(pair) for pair in halves], dtype=np.intp)[place]
@@ -107,14 +114,16 @@ class Cells:
 
     def _halves(self, cell: int) -> list[int]:
         if cell not in self._children:
-            low, high = self.low[cell].copy(), self.high[cell].copy()
-            axis = int(np.argmax(high - low))
-            middle = low[axis] / 2 + high[axis] / 2
+            low, high = self.low[cell], self.high[cell]
+            middle = low / 2 + high / 2
+            is_long = high - low > _SQUARE * (high - low).max()
+            stops = [
+                [low[axis], middle[axis], high[axis]] if is_long[axis] else [low[axis], high[axis]]
+                for axis in range(2)
+            ]
             self._children[cell] = []
-            for side in (low, high):
-                box = [low.copy(), high.copy()]
-                box[0 if side is high else 1][axis] = middle
-                outline = np.concatenate(box).reshape(2, 2) * self.wavelength + self.centre
+            for x, y in product(*map(pairwise, stops)):
+                outline = np.transpose([x, y]) * self.wavelength + self.centre
                 self._cut(cell, shapely.box(*outline.ravel()))
         return self._children[cell]
 

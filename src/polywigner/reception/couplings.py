@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import DrJitArray
@@ -26,9 +27,10 @@ from polywigner.radiometry.directions import checked_source
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of
 from polywigner.reception.link_sums import link_slopes_of, link_sums
+from polywigner.reception.norms import root_of_norm, slopes_of_fields
 from polywigner.reception.overlaps import overlap
 from polywigner.reception.poses import check_facing, checked_poses
-from polywigner.transforms import Differentiable, lag_marginal
+from polywigner.transforms import Differentiable
 
 __all__ = ["LinkMethod", "coupling"]
 
@@ -47,16 +49,16 @@ _LEAST = 1e-12
 _FLOOR = 1e-3
 # Poses at a time: their pairs of cells are raised together.
 _BLOCK = 64
-# int |u|^2 of a source that cancels itself, relative to that of its parts.
-_DARK = 1e-12
+# Error of values that are closed forms, relative to them.
+_ROUNDING = 1e-12
 # Nodes along a side of a cell for 1e-6, and more for each digit.
 _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 
 @takes_frequency
 def coupling(
-    transmitter: Aperture | Array,
-    receiver: Aperture | Array,
+    transmitter: Aperture | Array | Differentiable,
+    receiver: Aperture | Array | Differentiable,
     to_transmitter: ArrayLike | DrJitArray,
     wavelength: float,
     method: LinkMethod = "rayleigh-sommerfeld-1",
@@ -80,7 +82,8 @@ def coupling(
     Parameters
     ----------
     transmitter, receiver : Apertures, or Arrays of apertures in the plane z = 0, with any
-        illuminations. Each radiates along the +z of its own frame.
+        illuminations. Each radiates along the +z of its own frame. Or :func:`differentiable` ones
+        with weights or amplitudes, for a tensor with derivatives in them (docs/links.md, (RX6)).
     to_transmitter : (..., 4, 4) rigid poses, in m, that map the receiver's frame into the
         transmitter's; or a Dr.Jit tensor of them, for a tensor with derivatives in the pose
         (closed forms; of rigid motions: a pose is taken as the nearest rigid one).
@@ -97,7 +100,8 @@ def coupling(
     Returns
     -------
     (...) complex; of "wigner" float, |b|^2. With ``return_error`` a pair of that and (...) of
-    floats. For Dr.Jit poses a tensor (..., 2), real and imaginary part last ("wigner": (...)).
+    floats. For Dr.Jit poses, or differentiable sources, a tensor (..., 2), real and imaginary part
+    last ("wigner": (...)).
 
     Warns
     -----
@@ -105,10 +109,11 @@ def coupling(
 
     Raises
     ------
-    ArgumentError for arguments of the wrong type or range, sources with derivatives in their own
-    numbers (:func:`differentiable`), planes that are not parallel with "wigner", and links of more
-    than some minutes' work. GeometryError for poses that are not rigid, for sources of which a part
-    lies behind the plane of the other, or in it, and for an Array with elements outside its plane.
+    ArgumentError for arguments of the wrong type or range, sources with derivatives in vertices,
+    derivatives of "fraunhofer" and "wigner", planes that are not parallel with "wigner", and links
+    of more than some minutes' work. GeometryError for poses that are not rigid, for sources of
+    which a part lies behind the plane of the other, or in it, and for an Array with elements
+    outside its plane.
     IlluminationError for a source that cancels itself.
 
     Source: J. H. Richmond, "A reaction theorem and its application to antenna impedance
@@ -125,36 +130,43 @@ def coupling(
     np.float64(-30.077568)
     """
     name = checked_method(method, get_args(LinkMethod))
-    pair = tuple(_checked_source(source) for source in (transmitter, receiver))
+    traced = tuple(_checked_source(source) for source in (transmitter, receiver))
     length, allowed = checked_wavelength(wavelength), _checked_tolerance(tolerance)
-    find = partial(_found, pair, length, name, allowed)
-    if execution.is_drjit(to_transmitter):
+    find = partial(_found, traced, length, name, allowed)
+    fields = [source.weights or source.amplitudes for source in traced]
+    if execution.is_drjit(to_transmitter) or any(fields):
         if return_error:
-            raise ArgumentError("expected no return_error with Dr.Jit poses; pass NumPy's")
+            raise ArgumentError(
+                "expected no return_error with Dr.Jit arrays; pass NumPy's, and plain sources"
+            )
 
-        def compute(poses: Floats, wanted: bool) -> tuple[NDArray[Any], Complex | None]:
+        def compute(poses: Any, wanted: Sequence[bool]) -> tuple[NDArray[Any], list[Any]]:
             values, _, slopes = find(poses, wanted)
             return values, slopes
 
-        return execution.hosted_poses(compute, "to_transmitter", to_transmitter)
-    values, errors, _ = find(to_transmitter, False)
+        return execution.hosted_poses(compute, "to_transmitter", to_transmitter, fields)
+    values, errors, _ = find(to_transmitter, (False,) * 3)
     return (values[()], errors[()]) if return_error else values[()]
 
 
 def _found(
-    sources: tuple[Any, ...],
+    traced: tuple[Differentiable, ...],
     wavelength: float,
     method: str,
     tolerance: float,
     to_transmitter: Any,
-    with_slopes: bool,
-) -> tuple[NDArray[Any], Floats, Complex | None]:
-    """Couplings (...), their errors and, if wanted, derivatives (..., 3, 4) in the poses."""
-    if with_slopes and method not in SHARES:
+    wanted: Sequence[bool],
+) -> tuple[NDArray[Any], Floats, list[Complex | None]]:
+    """Couplings (...), their errors and, where wanted, derivatives.
+
+    (n, 12) in the poses, (n, 2 k) in the fields of both sources, real and imaginary.
+    """
+    if any(wanted) and method not in SHARES:
         raise ArgumentError(
             f'expected one of {", ".join(SHARES)} with derivatives, got "{method}"; pass '
-            "drjit.detach(to_transmitter)"
+            "drjit.detach(...) of what needs none"
         )
+    sources = tuple(source.source for source in traced)
     poses = checked_poses(to_transmitter)
     shape = poses.shape[:-2]
     flat = poses.reshape(-1, 4, 4)
@@ -165,20 +177,26 @@ def _found(
     else:
         values, errors = np.zeros(len(flat), np.complex128), np.zeros(len(flat))
         limits = np.full(len(flat), np.inf)
-    slopes = np.zeros((len(flat), 3, 4), np.complex128) if with_slopes else None
+    slopes = np.zeros((len(flat), 12), np.complex128) if wanted[0] else None
     for start in range(0, 0 if method == "wigner" else len(flat), _BLOCK):
         some = slice(start, start + _BLOCK)
         if method == "fraunhofer":
             values[some] = _far(sources, cells, flat[some], wavelength)
-            errors[some] = _DARK * np.abs(values[some])
+            errors[some] = _ROUNDING * np.abs(values[some])
             continue
-        found = _near(sources, cells, flat[some], wavelength, method, tolerance, with_slopes)
+        found = _near(sources, cells, flat[some], wavelength, method, tolerance, wanted[0])
         values[some], errors[some], limits[some] = found[:3]
         if slopes is not None:
-            slopes[some] = found[3]
+            slopes[some] = found[3].reshape(-1, 12)
     warn_of_missed(errors, limits, "couplings", stacklevel=5)
-    whole = None if slopes is None else slopes.reshape(*shape, 3, 4)
-    return values.reshape(shape), errors.reshape(shape), whole
+    found_slopes = [slopes, None, None]
+    for own in (0, 1):
+        if wanted[1 + own]:
+            call = partial(_found, wavelength=wavelength, method=method, tolerance=tolerance)
+            found_slopes[1 + own] = slopes_of_fields(
+                call, traced, own, flat, values.astype(np.complex128)
+            )
+    return values.reshape(shape), errors.reshape(shape), found_slopes
 
 
 def _near(
@@ -195,7 +213,7 @@ def _near(
     extra = _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(tolerance) - 6)
     rotation = poses[:, :3, :3]
     links = Links(cells[0], cells[1], rotation, offset / wavelength, SHARES[method], extra)
-    norm = math.prod(_root_of_norm(source) / wavelength for source in sources)
+    norm = math.prod(root_of_norm(source) / wavelength for source in sources)
     largest = _largest(sources, wavelength, offset)
     sums = link_sums(links, tolerance, norm * _FLOOR * largest)
     turn = np.exp(2j * np.pi * _turns(offset, wavelength)) / norm
@@ -216,7 +234,7 @@ def _far(sources: tuple[Any, ...], cells: list[Cells], poses: Floats, wavelength
     for source, own, directions in zip(sources, cells, (towards, back), strict=True):
         centred = moved_source(source, -own.centre)
         pattern = far_field(centred, directions, wavelength, "rayleigh-sommerfeld-1")
-        result *= pattern / _root_of_norm(source)
+        result *= pattern / root_of_norm(source)
     return result
 
 
@@ -242,31 +260,15 @@ def _largest(sources: tuple[Any, ...], wavelength: float, offset: Floats) -> Flo
     return result
 
 
-@lru_cache(maxsize=16)
-def _root_of_norm(source: Aperture | Array) -> float:
-    """sqrt(int |u|^2), in m times the unit of the field."""
-    norm = float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))
-    weights = [1.0] if isinstance(source, Aperture) else np.abs(source.weights).tolist()
-    parts = 0.0
-    for weight, element in zip(weights, source.elements_in_plane, strict=True):
-        field = element.illumination
-        peak = 1.0 if field is None else float(np.abs(field.amplitudes).max())
-        parts += (weight * peak) ** 2 * element.area
-    if not norm > _DARK * parts:
-        raise IlluminationError(
-            f"expected a source with a field on it, got one whose elements cancel, int |u|^2 = "
-            f"{norm:.3g}"
-        )
-    return math.sqrt(norm)
-
-
-def _checked_source(source: Any) -> Aperture | Array:
-    if isinstance(source, Differentiable):
+def _checked_source(source: Any) -> Differentiable:
+    traced = source if isinstance(source, Differentiable) else Differentiable(source)
+    checked_source(traced.source)
+    if traced.vertices is not None:
         raise ArgumentError(
-            "expected sources without derivatives in their own numbers, got a differentiable one; "
-            "a coupling has derivatives in to_transmitter only: pass its .source"
+            "expected sources without derivatives in vertices, got one with; a coupling has "
+            "them in weights, amplitudes and to_transmitter"
         )
-    return checked_source(source)
+    return traced
 
 
 def _checked_tolerance(tolerance: Any) -> float:

@@ -27,24 +27,47 @@ Complex = NDArray[np.complex128]
 _IK = 2j * math.pi
 
 
-def link_kernel(shares: Shares, wave: Complex, r: Floats, distance: Floats, m: Floats) -> Complex:
-    """K (...) from r (3, ...) and its length; ``wave``: exp(ikR), m (3, ...) the receiver's normal.
+def link_kernel(
+    shares: Shares,
+    cosine: Floats,
+    sine: Floats,
+    distance: Floats,
+    nr: Floats,
+    mr: Floats,
+    nm: Floats,
+) -> tuple[Floats, Floats]:
+    """Real and imaginary part of K (...), from exp(ikR), R, n.r, m.r and n.m.
 
-    r is from the transmitter, in whose frame its normal is (0, 0, 1).
+    The latter three may be constant along axes; r is from the transmitter.
     """
-    # 1/(kR) is real, and so are all factors of its powers: real and imaginary part on their own
+    # 1/(kR) is real, and so are all factors of its powers: real and imaginary part on their own;
+    # in place, since fresh memory costs more than the sums
     a, b = shares
     inverse = 1.0 / distance
-    near = inverse / (2 * math.pi)
-    away = m[0] * r[0] + m[1] * r[1] + m[2] * r[2]
-    both = (a * a) * r[2] * away * (inverse * inverse)
-    mixed = (a * b) * (r[2] - away) * inverse
-    total = np.empty(distance.shape, np.complex128)
-    total.real = b * b + mixed - both + near * near * (3 * both - (a * a) * m[2])
-    total.imag = near * (mixed - 3 * both + (a * a) * m[2])
-    total *= wave
-    total *= -1j * inverse
-    return total
+    near = inverse * (0.5 / math.pi)
+    both = inverse * ((a * a) * nr)
+    both *= inverse
+    both *= mr
+    imag = -3.0 * both
+    imag += (a * a) * nm
+    imag *= near
+    real = imag * near
+    real += both
+    np.subtract(b * b, real, out=real)
+    if a * b:
+        mixed = inverse * ((a * b) * (nr - mr))
+        real += mixed
+        mixed *= near
+        imag += mixed
+    # times -i exp(ikR)/R
+    real *= inverse
+    imag *= inverse
+    first = real * sine
+    first += np.multiply(imag, cosine, out=near)
+    imag *= sine
+    real *= cosine
+    imag -= real
+    return first, imag
 
 
 def link_slopes(

@@ -1,4 +1,4 @@
-"""Links to a tolerance: pairs of cells whose interpolation is raised, or which are halved."""
+"""Links to a tolerance: pairs of cells whose interpolation is raised, or which are cut."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
 # Orders of interpolation that are tried; the difference between two of them tells the error of the
-# lower one. A pair that needs more is halved, which makes it dearer up to then: of 20 wavelengths
-# at a distance of 20 one pair of order 44 has 4e6 values, its parts of order 11 had 9e7.
+# lower one. A pair that needs more is cut, which makes it dearer up to then: of 10 wavelengths at
+# a distance of 10 one pair of order 22 has 2e5 values, its parts of order 18 have twice as many.
 _ORDERS = np.array([2, 3, 4, 5, 6, 8, 10, 12, 15, 18, 22, 26, 32, 38, 46, 56])
-# Pairs are halved before they are tried where the phase across them is of more radians, ...
-_MOST_TURN = 100.0
+# Pairs are cut before they are tried where the phase across them is of more radians, ...
+_MOST_TURN = 70.0
 # ... or where both cells together are so many times larger than their distance.
 _MOST_RATIO = 4.0
 # Orders for each radian of it below which rules tell nothing: less than half of one, that of Gauss.

@@ -46,9 +46,9 @@ def differentiable(
     """A source of which some numbers are Dr.Jit arrays, to differentiate with respect to them.
 
     `fourier`, `wigner` and `ambiguity`, and of apertures `amplitude` and `irradiance`, take it in
-    place of the source; they return Dr.Jit arrays, which ``dr.backward`` and ``dr.forward``
-    differentiate in closed form (docs/gradients). The source itself has the other numbers, and how
-    vertices form rings.
+    place of the source, `coupling` with weights or amplitudes; they return Dr.Jit arrays, which
+    ``dr.backward`` and ``dr.forward`` differentiate in closed form (docs/gradients). The source
+    itself has the other numbers, and how vertices form rings.
 
     Parameters
     ----------

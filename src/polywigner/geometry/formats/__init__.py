@@ -7,5 +7,6 @@
 - ``gds``, ``gds_process``: polygons of GDSII, read in a process of its own
 - ``layers``: those of a drawing that are asked for
 - ``curves``: curves flattened to a tolerance; ``outlines``: rings to polygons with holes
+- ``work``: pairs of edges and outlines counted, before GEOS compares them
 - ``meshes``: STL, PLY and OBJ
 """

@@ -20,6 +20,7 @@ from polywigner.geometry.formats.limits import (
 )
 from polywigner.geometry.formats.outlines import filled
 from polywigner.geometry.formats.processes import in_process
+from polywigner.geometry.formats.work import Work
 
 __all__ = ["read_gds"]
 
@@ -65,7 +66,8 @@ def read_gds(path: Path, content: bytes, layers: Sequence[str] = ()) -> Drawing:
     if not 0 < metres < LARGEST_NUMBER or not all((abs(r) < LARGEST_NUMBER).all() for r in rings):
         raise FileFormatError("expected finite coordinates and a unit above zero, got others")
     # Holes of a polygon are cuts that lead to them: the rule opens them.
-    polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero")]
+    work = Work()
+    polygons = [polygon for ring in rings for polygon in filled([ring], "nonzero", work)]
     if not polygons:
         raise FileFormatError("expected polygons that enclose an area, got none that do")
     return Drawing(polygons, metres, overlap_remedy(rings, found["layers"]))

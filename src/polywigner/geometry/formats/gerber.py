@@ -6,10 +6,12 @@ from polywigner.errors import FileFormatError
 from polywigner.geometry.formats import gerber_process
 from polywigner.geometry.formats.content import text_of
 from polywigner.geometry.formats.drawing import Drawing, required
-from polywigner.geometry.formats.gerber_shapes import Shapes, composed
+from polywigner.geometry.formats.gerber_layers import composed
+from polywigner.geometry.formats.gerber_shapes import Shapes
 from polywigner.geometry.formats.gerber_statements import checked_statements
 from polywigner.geometry.formats.limits import LARGEST_GERBER, MOST_CURVES
 from polywigner.geometry.formats.processes import in_process
+from polywigner.geometry.formats.work import Work
 from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
@@ -34,8 +36,9 @@ def read_gerber(content: bytes, tolerance: float | None) -> Drawing:
     asked = {"text": text, "most": MOST_CURVES}
     found = in_process(gerber_process, asked, "Gerber", "gerbonara", _REMEDIES)
     metres = _METRES.get(unit, 1e-3)
-    shapes = Shapes(found["apertures"], None if tolerance is None else tolerance / metres)
-    copper = composed([layer for told in found["objects"] for layer in shapes.of(told)])
+    work = Work()
+    shapes = Shapes(found["apertures"], None if tolerance is None else tolerance / metres, work)
+    copper = composed([layer for told in found["objects"] for layer in shapes.of(told)], work)
     polygons = [rings_of_polygon(polygon) for polygon in polygons_in(copper)]
     if not polygons:
         raise FileFormatError(

@@ -6,8 +6,7 @@ Apertures and objects are told as ``gerber_process`` writes them, in the unit of
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from itertools import groupby
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,59 +15,15 @@ from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.curves import Arc, Curve, flattened
-from polywigner.geometry.formats.limits import LARGEST_NUMBER, MOST_COMBINED, check_vertices
-from polywigner.geometry.formats.outlines import check_crossings, filled
-from polywigner.geometry.grid import combined_on_grid, polygons_in, union_on_grid
+from polywigner.geometry.formats.gerber_layers import Layers, composed
+from polywigner.geometry.formats.limits import LARGEST_NUMBER, check_vertices
+from polywigner.geometry.formats.outlines import filled
+from polywigner.geometry.formats.work import Work
 
-__all__ = ["Shapes", "composed"]
+__all__ = ["Shapes"]
 
 # By which the two radii of an arc may differ, whose ends and centre are whole numbers.
 _RADII = 1e-3
-
-Layers = list[tuple[bool, BaseGeometry]]
-"""Shapes one upon the other, each dark (adds) or clear (cuts)."""
-
-
-def composed(layers: Iterable[tuple[bool, BaseGeometry]]) -> BaseGeometry:
-    """What is left when dark shapes add and clear ones cut, in their order.
-
-    Raises FileFormatError where that takes too long.
-    """
-    copper = np.array([], dtype=object)
-    left = MOST_COMBINED
-    for dark, run in groupby(layers, key=lambda layer: layer[0]):
-        shapes = [shape for _, shape in run if not shape.is_empty]
-        if not shapes:
-            continue
-        if len(shapes) > 1:
-            check_crossings(_outlines(shapes))
-            shapes = [union_on_grid(shapes)]
-        # The polygons apart from these shapes stay as they are.
-        near = shapely.intersects(copper, shapely.box(*shapely.total_bounds(shapes)))
-        if near.any():
-            found = _combined(dark, copper[near], shapes[0], left)
-            left -= int(shapely.get_num_coordinates(copper[near]).sum())
-        else:
-            found = shapes[0] if dark else shapely.MultiPolygon()
-        copper = np.concatenate([copper[~near], np.array(polygons_in(found), dtype=object)])
-    return copper[0] if len(copper) == 1 else shapely.MultiPolygon(list(copper))
-
-
-def _combined(dark: bool, polygons: Any, shape: BaseGeometry, left: int) -> BaseGeometry:
-    if shapely.get_num_coordinates([*polygons, shape]).sum() > left:
-        raise FileFormatError(
-            f"expected dark and clear shapes of at most {MOST_COMBINED} vertices together, each "
-            "counted for every change of polarity around it, got more; export a smaller part"
-        )
-    check_crossings(_outlines([*polygons, shape]))
-    if dark:
-        return union_on_grid([*polygons, shape])
-    return combined_on_grid(shapely.difference, shapely.MultiPolygon(list(polygons)), shape)
-
-
-def _outlines(shapes: Sequence[BaseGeometry]) -> list[Any]:
-    polygons = shapely.get_parts(np.array(shapes, dtype=object))
-    return [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygons)]
 
 
 def _circle(centre: Any, radius: float) -> Arc:
@@ -146,9 +101,12 @@ def _between(start: Any, end: Any, told: Sequence[Any]) -> Arc:
 class Shapes:
     """Polygons of objects; curves stay within `tolerance` (in the file's unit, or None)."""
 
-    def __init__(self, apertures: Sequence[Sequence[Any]], tolerance: float | None) -> None:
+    def __init__(
+        self, apertures: Sequence[Sequence[Any]], tolerance: float | None, work: Work
+    ) -> None:
         self._apertures = apertures
         self._tolerance = tolerance
+        self._work = work
         self._flashes: dict[int, BaseGeometry] = {}
         self._vertices = 0
 
@@ -160,6 +118,13 @@ class Shapes:
         check_vertices(self._vertices)
         return [(dark, shape) for shape in shapes]
 
+    def _annulus(self, outer: Arc, inner: Arc) -> BaseGeometry:
+        around, within = flattened([[outer], [inner]], self._tolerance)
+        found = shapely.Polygon(around, [within])
+        if shapely.is_valid(found):
+            return found
+        return composed([(True, self._wound(around)), (False, self._wound(within))], self._work)
+
     def _convex(self, outline: Sequence[Curve]) -> BaseGeometry:
         """The polygon of an outline that is convex, quicker than by winding."""
         ring = flattened([outline], self._tolerance)[0]
@@ -170,7 +135,7 @@ class Shapes:
         return self._wound(flattened([outline], self._tolerance)[0])
 
     def _wound(self, ring: Any) -> BaseGeometry:
-        polygons = [shapely.Polygon(p[0], p[1:]) for p in filled([ring], "nonzero")]
+        polygons = [shapely.Polygon(p[0], p[1:]) for p in filled([ring], "nonzero", self._work)]
         return polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
 
     def _region(self, points: Sequence[Any], arcs: Sequence[Any]) -> list[BaseGeometry]:
@@ -190,7 +155,7 @@ class Shapes:
         if number not in self._flashes:
             kind, *values = self._apertures[number]
             layers = self._macro(*values) if kind == "macro" else self._standard(kind, values)
-            self._flashes[number] = composed(layers)
+            self._flashes[number] = composed(layers, self._work)
         place = np.array([x, y])
         return [shapely.transform(self._flashes[number], lambda points: points + place)]
 
@@ -265,10 +230,7 @@ class Shapes:
         outer = _arc(path.centre, radius + half, path.start, path.sweep)
         inner = _arc(path.centre, max(radius - half, 0), path.start + path.sweep, -path.sweep)
         if path.is_closed:
-            rings = [(True, self._polygon([outer]))]
-            if radius > half:
-                rings.append((False, self._polygon([inner])))
-            return [composed(rings)]
+            return [self._annulus(outer, inner) if radius > half else self._convex([outer])]
         corners = [outer.at(np.array([path.start + path.sweep])), inner.at(np.array([inner.start])),
                    inner.at(np.array([path.start])), outer.at(np.array([path.start]))]  # fmt: skip
         sector: list[Curve] = [

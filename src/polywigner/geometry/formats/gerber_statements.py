@@ -12,12 +12,13 @@ from dataclasses import dataclass, field
 
 from polywigner.errors import FileFormatError
 from polywigner.geometry.formats.limits import check_number
+from polywigner.geometry.formats.quoting import token
 
 __all__ = ["checked_statements"]
 
 _PIECE = re.compile(r"\s*(?:(G0?4[^*]*)\*|%([^%]*)%|([^%*]*)\*)")
-# What statements are made of; any other text is none of Gerber, and messages do not quote it.
-_PLAIN = re.compile(r"%?[A-Z]{1,2}[\w.,*+$=()/-]*+%?|[\d$][\w.,*+$=()/-]*+", re.ASCII)
+# A word of codes and numbers, which messages quote; of any other text they tell the length.
+_PLAIN = re.compile(r"(?:[GDMXYIJ][-+.\d]{1,12}){1,6}", re.ASCII)
 _NUMBER = r"[+-]?\d+"
 _LENGTH = r"\+?(?:\d+\.?\d*|\.\d+)"
 _NAME = r"[A-Za-z_.$][\w.$-]*"
@@ -127,8 +128,8 @@ def _statements(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def _shown(statement: str) -> str:
-    words = statement.strip()[:40]
-    return repr(words) if _PLAIN.fullmatch(words) else "other text"
+    words = statement.strip()
+    return repr(words) if _PLAIN.fullmatch(words) else token(words)
 
 
 def _unknown(statement: str) -> FileFormatError:
@@ -232,7 +233,7 @@ def _macro(state: _State, words: str) -> str:
         plain = _MACRO_BLOCK.fullmatch(block)
         if not plain or (plain["code"] and int(plain["code"]) not in _MACRO_CODES):
             raise FileFormatError(
-                f"expected a macro {found['name'][:40]!r} of circles, outlines, polygons and lines "
+                "expected macros of circles, outlines, polygons and lines "
                 f"(codes 1, 4, 5, 20, 21), got {_shown(block)}; export it as a region"
             )
         blocks.append(block)

@@ -87,7 +87,7 @@ MOST_VERTICES = 1_000_000
 """Vertices of one aperture; a valid ring of that many takes about 10 s."""
 
 MOST_RINGS = 10_000
-"""Outlines of one aperture; so many rectangles take about 8 s."""
+"""Outlines of one aperture; so many rectangles take about 6 s."""
 
 MOST_CROSSINGS = 20_000
 """Places where outlines cross: twice as many faces, some 0.1 ms each."""
@@ -125,7 +125,7 @@ MOST_NESTED_BLOCKS = 16
 """DXF blocks inserted in blocks."""
 
 MOST_COMBINED = 400_000
-"""Vertices that all unions and cuts of a Gerber file handle together, about 10 s of work."""
+"""Vertices that the large unions and all cuts of a Gerber file handle together, some 10 s."""
 
 # Bodies.
 

@@ -21,6 +21,7 @@ from polywigner.geometry.formats.outlines import filled
 from polywigner.geometry.formats.svg_document import Document, parsed
 from polywigner.geometry.formats.svg_shapes import view_box
 from polywigner.geometry.formats.svg_values import PIXEL, physical_length
+from polywigner.geometry.formats.work import Work
 
 __all__ = ["read_svg"]
 
@@ -54,11 +55,11 @@ def read_svg(
         )
     subpaths = [subpath for shape in shapes for subpath in shape.subpaths]
     outlines = flattened(subpaths, None if tolerance is None else tolerance / metres)
-    rings = iter(outlines)
+    rings, work = iter(outlines), Work()
     polygons = [
         polygon
         for shape in shapes
-        for polygon in filled([next(rings) for _ in shape.subpaths], shape.rule)
+        for polygon in filled([next(rings) for _ in shape.subpaths], shape.rule, work)
     ]
     if not polygons:
         raise FileFormatError("expected shapes that enclose an area, got none that do")

@@ -13,7 +13,7 @@ from polywigner.geometry import (
     Aperture,
     Slits,
 )
-from polywigner.geometry.formats.outlines import check_polygons
+from polywigner.geometry.formats.work import check_polygons
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import Part, oriented, polygon_of_part
 from polywigner.illumination.files.values import (
