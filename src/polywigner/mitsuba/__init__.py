@@ -8,6 +8,8 @@ to every Mitsuba variant. It never sets a variant.
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
 - ``receiver``: the sensor, with its ``receiver_parameters`` and ``receiver_entry``
 - ``plugins``: both made known to Mitsuba
+- ``received_power``: what receivers get; ``direct_light`` by ``links``, ``mirrors`` and
+  ``visibility``; ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
 - ``exact``: exact irradiances in its place, for points that a source lights
 - ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``shadows``
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
