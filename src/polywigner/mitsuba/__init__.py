@@ -7,7 +7,8 @@ variant.
 - ``parameters``: what the shape accepts; ``sources``: apertures handed over from memory
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
 - ``exact``: exact irradiances in its place, for points that a source lights
-- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``shadows``
+- ``scenes``: loading scenes and choosing variants; ``rendering``: their images; ``shadows``
+- ``parts``: those of a picture, and ``scene_renders``: scene files on this machine or a cluster
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """
 
@@ -17,6 +18,7 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
+from polywigner.mitsuba.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
     aperture,
     choose_variant,
@@ -37,5 +39,6 @@ __all__ = [
     "load_scene",
     "register_source",
     "render",
+    "render_file",
     "translate_error",
 ]
