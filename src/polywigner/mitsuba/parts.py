@@ -75,10 +75,10 @@ def cut_of(camera: Any, samples: int) -> Cut:
     if camera.class_name() not in _CAMERAS:
         count = 1
     elif is_compiled:
-        count = math.ceil(samples * width * height / _WAVEFRONT)
+        count = math.ceil(height / max(1, _WAVEFRONT // (samples * width)))
     else:
-        count = min(_SCALAR_STRIPS, height // _SCALAR_ROWS)
-    rows = math.ceil(height / max(1, min(count, height)))
+        count = max(1, min(_SCALAR_STRIPS, height // _SCALAR_ROWS))
+    rows = math.ceil(height / count)
     longest = max(1, _WAVEFRONT // (width * rows)) if is_compiled else samples
     passes = math.ceil(samples / longest)
     sets = max(1, min(passes, _STORED // (width * height)))

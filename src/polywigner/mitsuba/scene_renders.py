@@ -6,7 +6,7 @@ import importlib.metadata
 import os
 import platform
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -32,7 +32,7 @@ from polywigner.propagation.stores_layout import Layout, source_settings, told_s
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.labelled import LabelledArray
 
-__all__ = ["SceneFile", "remove_store", "render_file"]
+__all__ = ["Parts", "SceneFile", "remove_store", "render_file"]
 
 _VARIABLE = "radiance"
 
@@ -129,7 +129,7 @@ class SceneFile:
             bar = progress_bar("rendering", exposure.cut.steps, show=progress)
             with kernel_threads(threads), bar as advance:
                 return exposure.picture(advance)
-        parts = _Parts(self, _digests(self), _sources(self), integrator, sensor, exposure)
+        parts = Parts(self, integrator, sensor, exposure)
         found = write_dataset(
             store,
             parts.layout(),
@@ -144,20 +144,18 @@ class SceneFile:
             return reduce(np.add, sets).astype(np.float32)
 
 
-class _Parts:
+class Parts:
     """The block function of a store of parts; loads the scene anew where it is sent to."""
 
     def __init__(
         self,
         file: SceneFile,
-        digests: Mapping[str, str],
-        sources: Sequence[Any],
         integrator: str | None,
         sensor: int,
         exposure: Exposure,
     ) -> None:
         self.file = replace(file, path=file.path.absolute(), parameters=dict(file.parameters))
-        self.digests, self.sources = digests, sources
+        self.digests, self.sources = _digests(file), _sources(file)
         self.integrator, self.sensor = integrator, sensor
         self.cut, self.seed = exposure.cut, exposure.seed
         self.mitsuba = _version()
@@ -169,7 +167,14 @@ class _Parts:
     def __call__(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
         if self.exposure is None:
             self.exposure = self._loaded()
-        return self.exposure.image(origin[1] // self.cut.rows, origin[0])[None]
+        image = self.exposure.image(origin[1] // self.cut.rows, origin[0])
+        # Mitsuba answers Ctrl-C itself, by giving back what it has.
+        if self.exposure.integrator.should_stop():
+            raise StoreError(
+                "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
+                "the integrator has cut short; start the same run again, without a timeout"
+            )
+        return image[None]
 
     def _loaded(self) -> Exposure:
         """On a worker: what the caller has as well, which has told of the integrator's limits."""
