@@ -68,8 +68,9 @@ def render_file(
     threads: on this machine, or of each worker; None: all cores, or what each worker has.
     progress: whether to draw a bar; None: on a terminal.
 
-    Where and in how many runs the parts are rendered makes no difference to the picture, on
-    processors of one type: it is that of :func:`render`, bit by bit.
+    Where and in how many runs the parts are rendered makes no difference to the picture: it is that
+    of :func:`render`, bit by bit with one thread a process, else but for the last digits
+    (docs/plugin.md).
 
     Raises
     ------
