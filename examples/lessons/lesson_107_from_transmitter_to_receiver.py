@@ -322,7 +322,6 @@ picture = axes.imshow(
     decibels(np.maximum(arrivals / arrivals.max(), 1e-9)),
     "inferno",
     origin="lower",
-    origin="lower",
     extent=(-1, 1, -1, 1),
     vmin=-80,
 )

@@ -9,7 +9,8 @@ to every Mitsuba variant. It never sets a variant.
 - ``receiver``: the sensor, with its ``receiver_parameters`` and ``receiver_entry``
 - ``plugins``: both made known to Mitsuba
 - ``exact``: exact irradiances in its place, for points that a source lights
-- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``shadows``
+- ``scenes``: loading scenes and choosing variants; ``rendering``: their images; ``shadows``
+- ``parts``: those of a picture, and ``scene_renders``: scene files on this machine or a cluster
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """
 
@@ -22,6 +23,7 @@ from polywigner.mitsuba.plugins import register  # noqa: E402
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
 from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
+from polywigner.mitsuba.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
     aperture,
     choose_variant,
@@ -43,5 +45,6 @@ __all__ = [
     "receiving",
     "register_source",
     "render",
+    "render_file",
     "translate_error",
 ]
