@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import resource
+import shutil
 import signal
 import socketserver
 import sys
@@ -117,6 +118,20 @@ def test_what_a_killed_run_left_half_written_is_swept(tmp_path: Path) -> None:
         write_dataset(store, LAYOUT, Beam(), SETTINGS)
     assert not partial.exists()
     assert hashes(store) == whole
+
+
+def test_a_chunk_that_comes_after_its_store_was_removed_does_not_bring_it_back(
+    tmp_path: Path,
+) -> None:
+    store = tmp_path / "beam.zarr"
+
+    def removes(origin: tuple[int, ...], shape: tuple[int, ...]) -> np.ndarray:
+        shutil.rmtree(store, ignore_errors=True)
+        return Beam()(origin, shape)
+
+    with pytest.raises(StoreError, match="got none any more"):
+        write_dataset(store, LAYOUT, removes, SETTINGS, exclusive=False, threads=1)
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_was_killed_while_it_made_the_store_is_swept(tmp_path: Path) -> None:

@@ -21,9 +21,11 @@ from polywigner.cli.options import (
     Order,
     Out,
     Precision,
+    Scheduler,
     SourceFile,
     Steering,
     Taper,
+    Threads,
     Tolerance,
     Union,
     Unit,
@@ -240,11 +242,8 @@ def volume(
     chunks: Annotated[
         str | None, typer.Option(help="Samples of a chunk, such as '32 x 32 x 32'.")
     ] = None,
-    threads: Annotated[int | None, typer.Option(help="Of this machine (default: all).")] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(help="Address of a dask.distributed scheduler, such as tcp://host:8786."),
-    ] = None,
+    threads: Threads = None,
+    scheduler: Scheduler = None,
     engine: EngineName = "auto",
     precision: Precision = None,
     surfaces: Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out
+from polywigner.cli.options import DbFloor, Out, Scheduler, Threads
 
 __all__ = ["receive", "render"]
 
@@ -36,17 +36,28 @@ def render(
         str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    resumable: Annotated[
+        bool,
+        typer.Option(
+            "--resumable",
+            help="Keep finished parts in NAME.parts.zarr until the picture is done, so that the "
+            "same command goes on after an end before its time (extra: volume).",
+        ),
+    ] = False,
+    threads: Threads = None,
+    scheduler: Scheduler = None,
     db_floor: DbFloor = -40.0,
     out: Out = None,
 ) -> None:
     """Render a Mitsuba scene lit by a coherent aperture.
 
-    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json.
+    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json. With
+    --scheduler, the workers of a cluster share the parts of the picture, and the run is resumable.
     """
-    from polywigner.cli.render import run_render
+    from polywigner.cli.render import RenderSettings, run_render
 
-    run_render(
-        scene,
+    settings = RenderSettings(
+        scene=scene,
         spp=spp,
         error_db=error_db,
         variant=variant,
@@ -54,8 +65,11 @@ def render(
         sampler=sampler,
         seed=seed,
         floor_db=db_floor,
-        out=out,
+        resumable=resumable,
+        threads=threads,
+        scheduler=scheduler,
     )
+    run_render(settings, out)
 
 
 def receive(

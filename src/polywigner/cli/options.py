@@ -21,9 +21,11 @@ __all__ = [
     "Order",
     "Out",
     "Precision",
+    "Scheduler",
     "SourceFile",
     "Steering",
     "Taper",
+    "Threads",
     "Tolerance",
     "Union",
     "Unit",
@@ -106,6 +108,13 @@ Formats = Annotated[
     typer.Option(
         "--format", help="Of the values: nc, zarr, vti; several times for several of them."
     ),
+]
+Threads = Annotated[
+    int | None, typer.Option(help="Of this machine (default: all), or of each worker.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(help="Address of a dask.distributed scheduler, such as tcp://host:8786."),
 ]
 
 

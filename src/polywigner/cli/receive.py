@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.cli.scenes import check_is_file, check_is_no_aperture, progress_bar, versions_of
+from polywigner.cli.scenes import check_is_file, check_is_no_aperture, counted_bar, versions_of
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
@@ -90,7 +90,7 @@ def run_receive(
     with to_list() as messages:
         loaded = load_scene(scene, chosen, None, **defined)
         receivers_of(loaded)
-        with progress_bar() as progress:
+        with counted_bar("receiving") as progress:
             found = received_powers(
                 loaded,
                 spp,

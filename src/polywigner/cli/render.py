@@ -10,16 +10,23 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import (
+    check_writable,
+    missing_folders,
+    output_stem,
+    say_made,
+    targets,
+    writing,
+)
 from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.scenes import check_is_file, check_is_no_aperture, progress_bar, versions_of
+from polywigner.cli.scenes import check_is_file, check_is_no_aperture, versions_of
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["run_render"]
+__all__ = ["RenderSettings", "run_render"]
 
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
 _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
@@ -41,54 +48,67 @@ class RenderSettings:
     sampler: str | None
     seed: int
     floor_db: float
+    resumable: bool
+    threads: int | None
+    scheduler: str | None
 
 
-def run_render(
-    scene: str,
-    *,
-    spp: int | None,
-    error_db: float | None,
-    variant: str | None,
-    integrator: str | None,
-    sampler: str | None,
-    seed: int,
-    floor_db: float,
-    out: str | None,
-) -> None:
+def run_render(settings: RenderSettings, out: str | None) -> None:
     """Render a Mitsuba XML scene, write NAME.exr, NAME.png and NAME.json, print their paths.
+
+    With a scheduler, or if it is to be resumable, NAME.parts.zarr holds what is done until then.
 
     Raises
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
-    settings = RenderSettings(scene, spp, error_db, variant, integrator, sampler, seed, floor_db)
     _check(settings)
-    files = targets(output_stem(out, Path(scene).stem), (".exr", ".png", ".json"))
+    scene, seed = settings.scene, settings.seed
+    stem = output_stem(out, Path(scene).stem)
+    files = targets(stem, (".exr", ".png", ".json"))
     check_writable(files)
+    store = (
+        targets(stem, (".parts.zarr",))[0]
+        if settings.resumable or settings.scheduler is not None
+        else None
+    )
+    new = missing_folders(files)
     check_is_no_aperture(scene)
 
     from polywigner.figures import draw_scene, picture_peak
     from polywigner.figures.levels import check_floor
-    from polywigner.mitsuba import choose_variant, load_scene, render
+    from polywigner.mitsuba import choose_variant
     from polywigner.mitsuba.images import write_exr
     from polywigner.mitsuba.logs import to_list
     from polywigner.mitsuba.rendering import check_spp, default_spp
+    from polywigner.mitsuba.scene_renders import SceneFile, remove_store
+    from polywigner.propagation.stores_files import require_stores
 
-    check_floor(floor_db)
-    if spp is not None:
-        check_spp(spp)
+    if store is not None:
+        require_stores(settings.scheduler)
+    check_floor(settings.floor_db)
+    if settings.spp is not None:
+        check_spp(settings.spp)
     start = time.perf_counter()
-    chosen = choose_variant(variant)
+    chosen = choose_variant(settings.variant)
     with to_list() as messages:
-        loaded = load_scene(scene, chosen, sampler)
+        file = SceneFile(Path(scene), chosen, settings.sampler)
+        loaded = file.load()
         _check_scene(loaded, scene)
-        samples = spp or default_spp(loaded)
-        if error_db is not None:
-            used = sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
-            samples = check_spp(_enough(loaded, error_db, used))
+        samples = settings.spp or default_spp(loaded)
+        if settings.error_db is not None:
+            used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
+            samples = check_spp(_enough(loaded, settings.error_db, used))
         ready = time.perf_counter()
-        with progress_bar() as progress:
-            image = render(loaded, integrator, samples, seed, progress=progress)
+        image = file.render(
+            loaded,
+            settings.integrator,
+            samples,
+            seed,
+            store=store,
+            scheduler=settings.scheduler,
+            threads=settings.threads,
+        )
         done = time.perf_counter()
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
@@ -101,11 +121,14 @@ def run_render(
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     _warn_of_darkness(radiance)
     title = _title(loaded, scene, chosen, samples)
-    figure = draw_scene(radiance, reference, floor_db, title=title)
+    figure = draw_scene(radiance, reference, settings.floor_db, title=title)
     with writing(files) as (exr, png, text):
         write_exr(exr, image)
         figure.savefig(png, format="png")
         text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    if store is not None:
+        remove_store(store)
+        say_made(new)
     for path in files:
         print(path)
 
@@ -121,6 +144,8 @@ def _check(settings: RenderSettings) -> None:
         raise ArgumentError(f"expected --error-db above zero, got {settings.error_db:g}")
     if settings.seed < 0:
         raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
+    if settings.threads is not None and settings.threads < 1:
+        raise ArgumentError(f"expected --threads of at least 1, got {settings.threads}")
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import platform
 import shlex
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from polywigner.cli.output import check_text
 from polywigner.errors import SceneError
 
-__all__ = ["check_is_file", "check_is_no_aperture", "progress_bar", "versions_of"]
+__all__ = ["check_is_file", "check_is_no_aperture", "counted_bar", "versions_of"]
 
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 
@@ -38,32 +37,22 @@ def check_is_no_aperture(scene: str) -> None:
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[int, int], None]]:
-    """A function to call after each part: moves a bar on a terminal, does nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+def counted_bar(title: str) -> Iterator[Callable[[int, int], None]]:
+    """A function to call after each part with the numbers of parts done, and of all of them.
 
-    columns = (
-        TextColumn("rendering"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    From the first one on there is a bar on a terminal, and nothing elsewhere.
+    """
+    from polywigner.radiometry.progress import progress_bar
+
+    with ExitStack() as stack:
+        bars: list[Callable[..., None]] = []
+
+        def tell(done: int, total: int) -> None:
+            if not bars:
+                bars.append(stack.enter_context(progress_bar(title, total)))
+            bars[0]()
+
+        yield tell
 
 
 def versions_of(variant: str) -> dict[str, str | None]:

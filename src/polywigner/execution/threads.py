@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
@@ -37,7 +38,8 @@ def kernel_threads(count: int | None = None) -> Iterator[None]:
     the waiting happens where Dr.Jit cannot be used.
     """
     with _POOL:
-        if count is None or not llvm.prepare().usable:
+        # scalar variants of Mitsuba, which has loaded it then, run on that pool without LLVM too
+        if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
             yield
             return
         import drjit

@@ -11,7 +11,8 @@ to every Mitsuba variant. It never sets a variant.
 - ``received_power``: what receivers get; ``direct_light`` by ``links``, ``mirrors`` and
   ``visibility``; ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
 - ``exact``: exact irradiances in its place, for points that a source lights
-- ``scenes``: loading scenes and choosing variants; ``rendering``: images in passes; ``shadows``
+- ``scenes``: loading scenes and choosing variants; ``rendering``: their images; ``shadows``
+- ``parts``: those of a picture, and ``scene_renders``: scene files on this machine or a cluster
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """
 
@@ -26,6 +27,7 @@ from polywigner.mitsuba.received_power import received_power, received_powers  #
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
 from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
+from polywigner.mitsuba.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
     aperture,
     choose_variant,
@@ -52,5 +54,6 @@ __all__ = [
     "receiving",
     "register_source",
     "render",
+    "render_file",
     "translate_error",
 ]

@@ -54,14 +54,15 @@ def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
 
 
 @contextmanager
-def cropped(camera: Any, top: int, rows: int) -> Iterator[None]:
+def cropped(camera: Any, top: int, rows: int, columns: int | None = None) -> Iterator[None]:
     """A narrower crop window, put back afterwards."""
     film = camera.film()
     size, offset = film.crop_size(), film.crop_offset()
-    if rows == size[1]:
+    wanted = (size[0] if columns is None else columns, rows)
+    if wanted == (size[0], size[1]):
         yield
         return
-    _set(camera, film.size(), (size[0], rows), (offset[0], offset[1] + top))
+    _set(camera, film.size(), wanted, (offset[0], offset[1] + top))
     try:
         yield
     finally:

@@ -14,25 +14,24 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError
 from polywigner.execution import kernel_threads
 
-__all__ = ["write_exr"]
+__all__ = ["threads_for_openexr", "write_exr"]
 
 
 @contextmanager
-def _two_threads() -> Iterator[None]:
+def threads_for_openexr() -> Iterator[None]:
     """Within, Dr.Jit's pool has a thread beside the caller's.
 
-    Mitsuba's OpenEXR hands work to the pool and waits without doing any: on one processor, or with
-    ``drjit.set_thread_count(1)``, it would wait for ever.
+    Mitsuba's OpenEXR, which reads textures too, hands work to the pool and waits without doing any:
+    on one processor, or with ``drjit.set_thread_count(1)``, it would wait for ever.
     """
-    with kernel_threads():
-        before = dr.thread_count()
+    before = dr.thread_count()
+    if before < 2:
+        dr.set_thread_count(2)
+    try:
+        yield
+    finally:
         if before < 2:
-            dr.set_thread_count(2)
-        try:
-            yield
-        finally:
-            if before < 2:
-                dr.set_thread_count(before)
+            dr.set_thread_count(before)
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:
@@ -52,7 +51,7 @@ def write_exr(path: Path, image: npt.ArrayLike) -> None:
     bitmap = mi.Bitmap(np.ascontiguousarray(image, dtype=np.float32))
     # Through memory: writing to a file itself, Mitsuba does not notice that a disk is full.
     stream = mi.MemoryStream()
-    with _two_threads():
+    with kernel_threads(), threads_for_openexr():
         bitmap.write(stream, mi.Bitmap.FileFormat.OpenEXR)
     try:
         path.write_bytes(stream.raw_buffer())

@@ -2,45 +2,30 @@
 
 from __future__ import annotations
 
-import math
 import operator
 import re
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from itertools import count
 from typing import Any
 
-import drjit as dr
 import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.mitsuba.films import coarse, cropped, fineness, refined
 from polywigner.mitsuba.fog import is_fog_near
-from polywigner.mitsuba.logs import silent
-from polywigner.mitsuba.receiver import receiving
+from polywigner.mitsuba.parts import Exposure, cut_of
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 from polywigner.mitsuba.shadows import looks_through, may_shadow
 
-__all__ = ["check_seed", "check_spp", "default_integrator", "default_spp", "render"]
+__all__ = ["check_seed", "check_spp", "default_integrator", "default_spp", "exposed", "render"]
 
 # Noise falls with the root of the number: nobody waits for more.
 _LARGEST_SPP = 2**30
 
-# Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
-_WAVEFRONT = 2**24
-
-# The scalar variants keep nothing; they are cut only so that progress can be told. Their threads
-# share out squares of 32 pixels.
-_SCALAR_STRIPS = 20
-_SCALAR_ROWS = 32
-
 _NEVER = 2**30
 """A depth for Russian roulette that no path reaches."""
-
-_CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
-"""Sensors whose film can be rendered in parts."""
 
 
 def render(
@@ -75,45 +60,33 @@ def render(
     there or a negative seed; SceneError for a scene without sensor or pixels, an unknown
     integrator, one that cannot render this scene, or radiance that is not finite.
     """
+    exposure = exposed(scene, integrator, spp, seed, sensor)
+    if progress is None:
+        return exposure.picture(lambda: None)
+    done, steps = count(1), exposure.cut.steps
+    return exposure.picture(lambda: progress(next(done), steps))
+
+
+def exposed(
+    scene: Any,
+    integrator: Any = None,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    warn: bool = True,
+) -> Exposure:
+    """What :func:`render` takes, checked; raises what it does, but for radiance.
+
+    ``warn``: of an integrator's known limits.
+    """
     camera = _camera(scene, sensor)
     total = check_spp(camera.sampler().sample_count() if spp is None else spp)
-    source = _seed(seed)
+    entropy = check_seed(seed)
     method = _integrator(scene, integrator)
-    _warn_of_limits(scene, method)
-    _warn_of_fog(scene, camera)
-    factor = fineness(camera, total)
-    with receiving(scene), refined(camera, factor):
-        spp = math.ceil(total / factor**2)
-        image = _in_parts(scene, camera, method, spp, source, progress)
-    return _finite(coarse(image, factor).astype(np.float32))
-
-
-def _in_parts(
-    scene: Any,
-    camera: Any,
-    integrator: Any,
-    total: int,
-    seed: Callable[[int], int],
-    progress: Callable[[int, int], None] | None,
-) -> npt.NDArray[np.float64]:
-    """The image, from strips and passes."""
-    strips = _strips(camera, total)
-    # Counted, not listed: a large film with many samples has millions of passes.
-    passes = _number_of_passes(camera, total, strips[0][1])
-    images = []
-    for number, (top, rows) in enumerate(strips):
-        image: npt.NDArray[np.float64] | float = 0.0
-        for index in range(passes):
-            # Of almost equal length, rather than a last one that is short and badly stratified.
-            samples = total // passes + (index < total % passes)
-            own = number * passes + index
-            with cropped(camera, top, rows), _without_complaints():
-                part = _part(scene, camera, integrator, samples, seed(own))
-            image = image + samples / total * part
-            if progress is not None:
-                progress(own + 1, len(strips) * passes)
-        images.append(image)
-    return np.concatenate(images)
+    if warn:
+        _warn_of_limits(scene, method)
+        _warn_of_fog(scene, camera)
+    return Exposure(scene, camera, method, cut_of(camera, total), entropy)
 
 
 def default_integrator(scene: Any) -> str:
@@ -167,70 +140,11 @@ def check_seed(seed: int) -> int:
     return entropy
 
 
-def _seed(seed: int) -> Callable[[int], int]:
-    """The seed of each part by its number."""
-    entropy = check_seed(seed)
-    return lambda part: int(np.random.SeedSequence(entropy, spawn_key=(part,)).generate_state(1)[0])
-
-
 def _integer(name: str, value: Any) -> int:
     try:
         return operator.index(value)
     except TypeError:
         raise ArgumentError(f"expected a whole number as {name}, got {value!r}") from None
-
-
-def _finite(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
-    if bad:
-        raise SceneError(
-            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels that are "
-            "not; check frequency, power and radiances of the scene, and their units"
-        )
-    return image
-
-
-def _strips(camera: Any, total: int) -> list[tuple[int, int]]:
-    """First row, from the top of the crop window, and number of rows of each strip."""
-    width, height = camera.film().crop_size()
-    if camera.class_name() not in _CAMERAS:
-        return [(0, height)]
-    if dr.is_jit_v(mi.Float):
-        count = math.ceil(total * width * height / _WAVEFRONT)
-    else:
-        count = min(_SCALAR_STRIPS, height // _SCALAR_ROWS)
-    rows = math.ceil(height / max(1, min(count, height)))
-    return [(top, min(rows, height - top)) for top in range(0, height, rows)]
-
-
-def _part(scene: Any, camera: Any, integrator: Any, spp: int, seed: int) -> npt.NDArray[np.float64]:
-    """An image that Mitsuba renders in one go."""
-    try:
-        image = mi.render(scene, sensor=camera, integrator=integrator, spp=spp, seed=seed)
-        return np.array(image, dtype=np.float64)
-    except RuntimeError as error:
-        # Dr.Jit says only that something failed; what failed is the cause.
-        cause = error.__cause__ or error
-        raise SceneError(
-            f"expected a scene that {integrator.class_name()} can render: {cause}"
-        ) from error
-
-
-def _number_of_passes(camera: Any, total: int, rows: int) -> int:
-    """Into how many passes the samples of a strip of so many rows have to be cut."""
-    width, _ = camera.film().crop_size()
-    longest = max(1, _WAVEFRONT // (width * rows)) if dr.is_jit_v(mi.Float) else total
-    return math.ceil(total / longest)
-
-
-@contextmanager
-def _without_complaints() -> Iterator[None]:
-    """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
-    if dr.is_jit_v(mi.Float):
-        yield
-        return
-    with silent():
-        yield
 
 
 def _integrator(scene: Any, integrator: Any) -> Any:
@@ -261,14 +175,14 @@ def _warn_of_limits(scene: Any, integrator: Any) -> None:
             "lose it at the last bounce, and find it with noise before; use 'volpath', or "
             "visible=False for a source that nobody looks at",
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     if integrator.class_name() == "ParticleTracerIntegrator" and _plays_roulette(integrator):
         warnings.warn(
             "Russian roulette in 'ptracer' ends the paths of negative radiance, which biases the "
             "image: set its rr_depth above its max_depth, or use 'path'",
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -279,7 +193,7 @@ def _warn_of_fog(scene: Any, camera: Any) -> None:
             "what it scatters by the surface behind it: what is scattered within 2 D^2/wavelength "
             'is not right; use the estimator "wigner"',
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

@@ -18,12 +18,13 @@ from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.images import threads_for_openexr
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
 from polywigner.mitsuba.plugins import original_error, register
 from polywigner.mitsuba.radiator import emitted_power, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
-from polywigner.mitsuba.scene_files import check_scene_file
+from polywigner.mitsuba.scene_files import check_scene_file, resolving
 from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_power
@@ -195,17 +196,12 @@ def load_scene(
     if variant is not None or mi.variant() is None:
         mi.set_variant(choose_variant(variant))
     register()
-    outer = mi.file_resolver()
-    inner = mi.FileResolver(outer)
-    inner.prepend(str(file.resolve().parent))
-    mi.set_file_resolver(inner)
     try:
-        check_scene_file(file, parameters, lambda name: Path(str(inner.resolve(name))))
-        scene = _instantiate(file, sampler, parameters)
+        with resolving(file) as resolve, threads_for_openexr():
+            check_scene_file(file, parameters, resolve)
+            scene = _instantiate(file, sampler, parameters)
     except (RuntimeError, ValueError) as error:
         raise translate_error(error) from None
-    finally:
-        mi.set_file_resolver(outer)
     if not isinstance(scene, mi.Scene):
         raise SceneError(f"expected a <scene> in {file}, got something else; wrap it in <scene>")
     return scene

@@ -28,7 +28,7 @@ from polywigner.propagation.stores_checks import (
     sweep,
 )
 from polywigner.propagation.stores_disk import one_run
-from polywigner.propagation.stores_files import create, recent_zarr, required
+from polywigner.propagation.stores_files import create, require_stores, required
 from polywigner.propagation.stores_layout import Index, Layout, fingerprint_of, told_settings
 from polywigner.propagation.stores_running import connected, on_cluster, on_this_machine
 from polywigner.propagation.stores_writer import Block, ChunkWriter
@@ -83,15 +83,14 @@ def write_dataset(
     """
     if threads is not None:
         threads = checked_count(threads, "threads", 1)
-    recent_zarr()
-    for module in ("xarray", "dask"):
-        required(module)
+    require_stores(scheduler)
     folder = checked_path(path)
     fingerprint, whole = fingerprint_of(layout, settings)
     is_new = not os.path.lexists(folder)
     if not is_new:
         _check_same_run(folder, fingerprint, whole)
-    writer = ChunkWriter(str(folder), fingerprint, layout, block, exclusive, threads)
+    # workers may have been started elsewhere
+    writer = ChunkWriter(str(folder.absolute()), fingerprint, layout, block, exclusive, threads)
     with ExitStack() as stack:
         if not is_new:
             stack.enter_context(one_run(folder))

@@ -30,6 +30,7 @@ __all__ = [
     "checksum_of",
     "create",
     "recent_zarr",
+    "require_stores",
     "required",
 ]
 
@@ -49,7 +50,7 @@ def required(name: str) -> Any:
         return importlib.import_module(name)
     except ImportError as error:
         raise MissingExtraError(
-            f"expected {name} to be installed, which large tables and volumes are stored with, "
+            f"expected {name} to be installed, which large results are stored and shared out with, "
             f"got none ({error}); run {install_command('volume')}"
         ) from error
 
@@ -63,6 +64,13 @@ def recent_zarr() -> Any:
             "run `pip install --upgrade zarr`"
         )
     return zarr
+
+
+def require_stores(scheduler: str | None = None) -> None:
+    """Raise MissingExtraError without all that stores, or a scheduler beside them, take."""
+    recent_zarr()
+    for module in ("xarray", "dask", *(() if scheduler is None else ("distributed",))):
+        required(module)
 
 
 def create(path: Path, layout: Layout, fingerprint: str, settings: dict[str, Any]) -> None:

@@ -16,12 +16,17 @@ from polywigner import execution
 from polywigner.errors import ArgumentError, StoreError
 from polywigner.propagation.stores_checks import chunk_bytes, chunk_file, open_array, recorded
 from polywigner.propagation.stores_disk import to_disk
+from polywigner.propagation.stores_files import METADATA
 from polywigner.propagation.stores_layout import Index, Layout, versions
 
 __all__ = ["Block", "ChunkWriter"]
 
 Block = Callable[[Index, Index], NDArray[Any]]
-"""(origin, shape), in samples -> the values there."""
+"""(origin, shape), in samples -> the values there.
+
+One that has a method ``check`` raises there, on every worker and before any chunk is begun, what
+keeps it from computing: files that are not there, for one.
+"""
 
 
 @cache
@@ -59,6 +64,8 @@ class ChunkWriter:
     def check(self) -> None:
         """Raises StoreError where this process does not see the store of this run."""
         _checked_array(self.path, self.layout.name, self.fingerprint)
+        if hasattr(self.block, "check"):
+            self.block.check()
 
     def __call__(self, index: Index) -> None:
         array = _checked_array(self.path, self.layout.name, self.fingerprint)
@@ -73,6 +80,8 @@ class ChunkWriter:
                 f"{values.shape} of {values.dtype}"
             )
         where = tuple(slice(o, o + n) for o, n in zip(origin, shape, strict=True))
+        if not (Path(self.path) / METADATA).is_file():  # writing would make its folders again
+            raise StoreError(f"expected the store {self.path}, got none any more; start again")
         try:
             array[where] = values
             self._keep(file)

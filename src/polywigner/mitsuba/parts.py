@@ -1,0 +1,173 @@
+"""A picture cut into parts that know nothing of each other: strips of rows, and sets of passes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import SceneError
+from polywigner.mitsuba.films import coarse, cropped, fineness, refined
+from polywigner.mitsuba.logs import silent
+from polywigner.mitsuba.receiver import receiving
+
+__all__ = ["Cut", "Exposure", "cut_of"]
+
+# Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
+_WAVEFRONT = 2**24
+
+# The scalar variants keep nothing; they are cut only so that progress can be told. Their threads
+# share out squares of 32 pixels.
+_SCALAR_STRIPS = 20
+_SCALAR_ROWS = 32
+
+# Pixels of all sets together: half a gigabyte of each channel, where they are stored.
+_STORED = 2**26
+
+_CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
+"""Sensors whose film can be rendered in parts."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """How a film is cut into strips of whole rows, and the samples of each into passes.
+
+    It depends on scene, variant and samples alone, so that a picture is the same whoever renders
+    its parts.
+    """
+
+    width: int
+    height: int
+    rows: int
+    """Of a strip; the last one may have fewer."""
+    samples: int
+    """Of a pixel."""
+    passes: int
+    """Of each strip."""
+    sets: int
+    """Of passes: a part is one strip with one set of its passes."""
+
+    @property
+    def strips(self) -> int:
+        return math.ceil(self.height / self.rows)
+
+    @property
+    def steps(self) -> int:
+        """Passes of all strips together: what progress is told in."""
+        return self.strips * self.passes
+
+    def passes_of(self, number: int) -> range:
+        """The passes of a set. They are counted, not listed: there may be millions."""
+        ends = [k * self.passes // self.sets for k in (number, number + 1)]
+        return range(*ends)
+
+
+def cut_of(camera: Any, samples: int) -> Cut:
+    """The parts of a sensor's film, from the top of its crop window."""
+    width, height = camera.film().crop_size()
+    is_compiled = dr.is_jit_v(mi.Float)
+    if camera.class_name() not in _CAMERAS:
+        count = 1
+    elif is_compiled:
+        count = math.ceil(height / max(1, _WAVEFRONT // (samples * width)))
+    else:
+        count = max(1, min(_SCALAR_STRIPS, height // _SCALAR_ROWS))
+    rows = math.ceil(height / count)
+    longest = max(1, _WAVEFRONT // (width * rows)) if is_compiled else samples
+    passes = math.ceil(samples / longest)
+    sets = max(1, min(passes, _STORED // (width * height)))
+    return Cut(width, height, rows, samples, passes, sets)
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """All that decides the values of a picture."""
+
+    scene: Any
+    camera: Any
+    integrator: Any
+    cut: Cut
+    seed: int
+
+    def image(
+        self, strip: int, number: int, done: Callable[[], None] = lambda: None
+    ) -> npt.NDArray[np.float64]:
+        """One set of a strip's passes, weighted so that the sum of all sets is the radiance.
+
+        ``done`` is called after each pass. Raises SceneError for values that are not finite.
+        """
+        cut = self.cut
+        top = strip * cut.rows
+        rows = min(cut.rows, cut.height - top)
+        image: npt.NDArray[np.float64] | float = 0.0
+        for index in cut.passes_of(number):
+            # Of almost equal length, rather than a last one that is short and badly stratified.
+            samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
+            seed = self._seed(strip * cut.passes + index)
+            with cropped(self.camera, top, rows), _without_complaints():
+                rendered = _rendered(self, samples, seed)
+            image = image + samples / cut.samples * rendered
+            done()
+        return _finite(np.asarray(image))
+
+    def picture(self, done: Callable[[], None]) -> npt.NDArray[np.float32]:
+        """All parts, one after the other: (height, width, channels)."""
+        strips = []
+        for strip in range(self.cut.strips):
+            sets = (self.image(strip, number, done) for number in range(self.cut.sets))
+            strips.append(reduce(np.add, sets))
+        return np.concatenate(strips).astype(np.float32)
+
+    def channels(self) -> int:
+        """How many the image has: told by one pixel, since integrators add to those of the film."""
+        one = 1 if self.camera.class_name() in _CAMERAS else self.cut.height
+        with cropped(self.camera, 0, one, one), _without_complaints():
+            return int(_rendered(self, 1, 0).shape[-1])
+
+    def _seed(self, part: int) -> int:
+        return int(np.random.SeedSequence(self.seed, spawn_key=(part,)).generate_state(1)[0])
+
+
+def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:
+    """An image that Mitsuba renders in one go."""
+    scene, camera, integrator = exposure.scene, exposure.camera, exposure.integrator
+    factor = fineness(camera, spp)
+    finer = math.ceil(spp / factor**2)
+    try:
+        with receiving(scene), refined(camera, factor):
+            image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
+            return coarse(np.array(image, dtype=np.float64), factor)
+    except RuntimeError as error:
+        # Dr.Jit says only that something failed; what failed is the cause.
+        cause = error.__cause__ or error
+        raise SceneError(
+            f"expected a scene that {integrator.class_name()} can render: {cause}"
+        ) from error
+
+
+def _finite(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    bad = int(np.count_nonzero(~np.isfinite(image).all(axis=-1)))
+    if bad:
+        raise SceneError(
+            f"expected radiance that is finite, got {bad} of {image[..., 0].size} pixels that are "
+            "not; check frequency, power and radiances of the scene, and their units"
+        )
+    return image
+
+
+@contextmanager
+def _without_complaints() -> Iterator[None]:
+    """The scalar variants log each negative sample that a film takes, and draw a progress bar."""
+    if dr.is_jit_v(mi.Float):
+        yield
+        return
+    with silent():
+        yield

@@ -1,0 +1,257 @@
+"""Scene files rendered in this process, part by part into a store, or by a cluster's workers."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.execution import kernel_threads
+from polywigner.geometry.arguments import checked_count
+from polywigner.mitsuba.parts import Exposure
+from polywigner.mitsuba.rendering import exposed
+from polywigner.mitsuba.scene_files import digest_of_file, digests_of
+from polywigner.mitsuba.scenes import choose_variant, load_scene
+from polywigner.mitsuba.sources import is_key, register_source, registered_source
+from polywigner.propagation.stores import write_dataset
+from polywigner.propagation.stores_disk import one_run
+from polywigner.propagation.stores_files import require_stores
+from polywigner.propagation.stores_layout import Layout, source_settings, told_settings
+from polywigner.radiometry.progress import progress_bar
+from polywigner.transforms.labelled import LabelledArray
+
+__all__ = ["Parts", "SceneFile", "remove_store", "render_file"]
+
+_VARIABLE = "radiance"
+
+
+def render_file(
+    path: str | Path,
+    integrator: str | None = None,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    *,
+    variant: str | None = None,
+    sampler: str | None = None,
+    parameters: Mapping[str, Any] | None = None,
+    store: str | Path | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> npt.NDArray[np.float32]:
+    """The image of a scene file: what :func:`load_scene` and :func:`render` make of it.
+
+    Parameters
+    ----------
+    path: Mitsuba XML; with a scheduler, its workers see it, and the files it names, at this path.
+    integrator: name of a plugin; default: as of :func:`render`.
+    spp, seed, sensor: as of :func:`render`.
+    variant, sampler, parameters: as of :func:`load_scene`.
+    store: folder that keeps the parts of the picture that are done, a zarr store. A run that ended
+        before its time is taken up by calling again: only what is missing or damaged is rendered.
+        It stays when the picture is done. Needs the extra ``volume``.
+    scheduler: address of a dask.distributed scheduler whose workers render the parts, with a store
+        that all of them see; None renders on this machine.
+    threads: on this machine, or of each worker; None: all cores, or what each worker has.
+    progress: whether to draw a bar; None: on a terminal.
+
+    Where and in how many runs the parts are rendered makes no difference to the picture: it is that
+    of :func:`render`, bit by bit with one thread a process, else but for the last digits
+    (docs/plugin.md).
+
+    Raises
+    ------
+    What :func:`load_scene` and :func:`render` do; ArgumentError for a scheduler without a store;
+    StoreError for a place that cannot be written to or has another picture's parts, and for workers
+    that have other files or versions; EngineError for a scheduler that does not answer;
+    MissingExtraError without the extra ``volume`` where there is a store.
+    """
+    if scheduler is not None and store is None:
+        raise ArgumentError("expected a store with a scheduler, got none; say where to keep parts")
+    if store is not None:
+        require_stores(scheduler)
+    file = SceneFile(Path(path), choose_variant(variant or mi.variant()), sampler, parameters or {})
+    return file.render(
+        file.load(),
+        integrator,
+        spp,
+        seed,
+        sensor,
+        store=store,
+        scheduler=scheduler,
+        threads=threads,
+        progress=progress,
+    )
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """What a scene is loaded from, here or by a worker."""
+
+    path: Path
+    variant: str
+    sampler: str | None = None
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    def load(self) -> Any:
+        return load_scene(self.path, self.variant, self.sampler, **self.parameters)
+
+    def render(
+        self,
+        scene: Any,
+        integrator: str | None = None,
+        spp: int | None = None,
+        seed: int = 0,
+        sensor: int = 0,
+        *,
+        store: str | Path | None = None,
+        scheduler: str | None = None,
+        threads: int | None = None,
+        progress: bool | None = None,
+    ) -> npt.NDArray[np.float32]:
+        """The image of the scene that was loaded from here; see :func:`render_file`."""
+        if threads is not None:
+            threads = checked_count(threads, "threads", 1)
+        exposure = exposed(scene, integrator, spp, seed, sensor)
+        if store is None:
+            bar = progress_bar("rendering", exposure.cut.steps, show=progress)
+            with kernel_threads(threads), bar as advance:
+                return exposure.picture(advance)
+        parts = Parts(self, integrator, sensor, exposure)
+        found = write_dataset(
+            store,
+            parts.layout(),
+            parts,
+            parts.settings(),
+            scheduler=scheduler,
+            threads=threads,
+            progress=progress,
+        )
+        with found:  # set by set, as `Exposure.picture` adds them up
+            sets = (found[_VARIABLE][number].values for number in range(exposure.cut.sets))
+            return reduce(np.add, sets).astype(np.float32)
+
+
+class Parts:
+    """The block function of a store of parts; loads the scene anew where it is sent to."""
+
+    def __init__(
+        self,
+        file: SceneFile,
+        integrator: str | None,
+        sensor: int,
+        exposure: Exposure,
+    ) -> None:
+        self.file = replace(file, path=file.path.absolute(), parameters=dict(file.parameters))
+        self.digests, self.sources = _digests(file), _sources(file)
+        self.integrator, self.sensor = integrator, sensor
+        self.cut, self.seed = exposure.cut, exposure.seed
+        self.mitsuba = _version()
+        self.exposure: Exposure | None = exposure
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "exposure": None}
+
+    def __call__(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+        if self.exposure is None:
+            self.exposure = self._loaded()
+        image = self.exposure.image(origin[1] // self.cut.rows, origin[0])
+        # Mitsuba answers Ctrl-C itself, by giving back what it has.
+        if self.exposure.integrator.should_stop():
+            raise StoreError(
+                "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
+                "the integrator has cut short; start the same run again, without a timeout"
+            )
+        return image[None]
+
+    def _loaded(self) -> Exposure:
+        """On a worker: what the caller has as well, which has told of the integrator's limits."""
+        choose_variant(self.file.variant)
+        for source in self.sources:
+            register_source(source)
+        scene = self.file.load()
+        made = exposed(scene, self.integrator, self.cut.samples, self.seed, self.sensor, warn=False)
+        return replace(made, cut=self.cut)
+
+    def check(self) -> None:
+        """Raises StoreError where this process has another Mitsuba, or other files."""
+        where = platform.node()
+        if _version() != self.mitsuba:
+            raise StoreError(
+                f"expected mitsuba {self.mitsuba} on every worker, got {_version()} on {where}; "
+                "install the same everywhere"
+            )
+        for path, digest in self.digests.items():
+            found = digest_of_file(Path(path)) if Path(path).is_file() else None
+            if found != digest:
+                raise StoreError(
+                    f"expected every worker to see the scene's file {path}, got "
+                    f"{'none' if found is None else 'another one'} on {where}; put the scene's "
+                    "folder on a file system that all workers share"
+                )
+
+    def layout(self) -> Layout:
+        """(set of passes, row, column, channel); a chunk is a part of the picture."""
+        assert self.exposure is not None
+        cut, channels = self.cut, self.exposure.channels()
+        shape = {"pass": cut.sets, "row": cut.height, "column": cut.width, "channel": channels}
+        coords = {name: LabelledArray(np.arange(n), (name,)) for name, n in shape.items()}
+        chunks = (1, cut.rows, cut.width, channels)
+        return Layout(_VARIABLE, "float64", coords, chunks, {"units": "W m-2 sr-1"})
+
+    def settings(self) -> dict[str, Any]:
+        """All that the values depend on."""
+        assert self.exposure is not None
+        folder = self.file.path.resolve().parent
+        named = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
+        specs = [e.spec for e in self.exposure.scene.emitters() if hasattr(e, "spec")]
+        told = [told_settings(source_settings(spec.radiator.source)) for spec in specs]
+        return {
+            "mitsuba": self.mitsuba,
+            "variant": self.file.variant,
+            "integrator": self.integrator,
+            "sampler": self.file.sampler,
+            "spp": self.cut.samples,
+            "passes": self.cut.passes,
+            "seed": self.seed,
+            "sensor": self.sensor,
+            "parameters": {name: str(value) for name, value in self.file.parameters.items()},
+            **{f"file {name}": digest for name, digest in named.items()},
+            **{f"source {k}": source["source_sha256"] for k, source in enumerate(told)},
+        }
+
+
+def _digests(file: SceneFile) -> dict[str, str]:
+    try:
+        return digests_of(file.path, file.parameters)
+    except OSError as error:
+        raise SceneError(f"expected to read the files of {file.path}, got: {error}") from error
+
+
+def _sources(file: SceneFile) -> list[Any]:
+    """Sources in this process's memory whose keys the parameters hold."""
+    texts = [value for value in file.parameters.values() if isinstance(value, str)]
+    return [registered_source(text) for text in texts if is_key(text)]
+
+
+def _version() -> str:
+    return importlib.metadata.version("mitsuba")
+
+
+def remove_store(path: str | Path) -> None:
+    """Remove a store of parts whose picture is done, unless another run goes on with it."""
+    with suppress(StoreError), one_run(Path(path)):
+        shutil.rmtree(path, ignore_errors=True)
