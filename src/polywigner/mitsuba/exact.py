@@ -26,6 +26,7 @@ from polywigner.illumination.direction_cosines import times_direction_cosine
 from polywigner.illumination.obliquities import SHARES, warn_of_slopes
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.distances import distance_of
+from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
@@ -117,7 +118,12 @@ class ExactField:
         self._middle = [self._adjustable(c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = self._adjustable(1 / wavelength)
         self._elements: list[tuple[float, ...]] = []
-        if len(radiator.elements) == 1:
+        self._points = equivalent_sources(
+            source, radiator, wavelength, self._share, len(self._tables.edges)
+        )
+        if self._points is not None:
+            self._half = [self._adjustable(half) for half in self._points.half]
+        elif len(radiator.elements) == 1:
             self._set_elements(radiator.elements[0], wavelength)
 
     def _set_elements(self, element: Any, wavelength: float) -> None:
@@ -155,17 +161,26 @@ class ExactField:
         x, y = x - self._middle[0], y - self._middle[1]
         if not self._jit:
             x, y, z = (np.array([value]) for value in (x, y, z))
-        inner = self._inner(x, y, z)
-        if not self._elements:
-            real, imag = self._near(*inner)
-        elif self._jit:
-            real, imag = dr.if_stmt(
-                inner, inner[6] > self._farthest, self._far, self._near, mode="symbolic"
-            )
+        if self._points is not None:
+            real, imag = self._either(self._is_away, self._from_points, x, y, z)
+        elif self._elements:
+            real, imag = self._either(self._is_far, self._far, x, y, z)
         else:
-            real, imag = (self._far if inner[6][0] > self._farthest else self._near)(*inner)
+            real, imag = self._near(x, y, z)
         found = real * real + imag * imag
         return found if self._jit else float(found[0])
+
+    def _either(self, condition: Any, away: Any, *point: Any) -> tuple[Any, Any]:
+        """The field by ``away`` where that will do, else by the edges."""
+        holds = condition(*point)
+        if self._jit:
+            return dr.if_stmt(point, holds, away, self._near, mode="symbolic")
+        return (away if holds[0] else self._near)(*point)
+
+    def _near(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """The integrals along the edges."""
+        real, imag, _ = integrals.edge_sum(self._ops, self._tables, *self._inner(x, y, z))
+        return real, imag
 
     def _inner(self, x: Any, y: Any, z: Any) -> Any:
         """Coordinates and distance from the centre in two floats each; no turns; accuracy."""
@@ -181,13 +196,23 @@ class ExactField:
         zero = m.Float(0.0)
         return (x, zero, y, zero, z, zero, *halves, zero, m.Float(_DIGITS))
 
-    def _near(self, *inner: Any) -> tuple[Any, Any]:
-        real, imag, _ = integrals.edge_sum(self._ops, self._tables, *inner)
-        return real, imag
+    def _is_away(self, x: Any, y: Any, z: Any) -> Any:
+        """Whether a point is so far from the bounds that equivalent sources will do."""
+        half_x, half_y = self._half
+        return (z > AWAY) | (abs(x) > half_x + AWAY) | (abs(y) > half_y + AWAY)
 
-    def _far(self, *inner: Any) -> tuple[Any, Any]:
+    def _is_far(self, x: Any, y: Any, z: Any) -> Any:
+        """Whether a point is in the far zone of every element."""
+        return x * x + y * y + z * z > self._farthest * self._farthest
+
+    def _from_points(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """The sum over equivalent sources."""
+        assert self._points is not None
+        return self._points.field(self._ops, self._half, x, y, z)
+
+    def _far(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
         """The sum over elements, each in its own far zone."""
-        x, y, z, distance = (inner[k] for k in (0, 2, 4, 6))
+        distance = self._ops.sqrt(x * x + y * y + z * z)
         term = partial(self._element, x, y, z, distance)
         real, imag = self._ops.sum_over(self._elements, term, 2, like=x, unroll=False)
         return real, imag
