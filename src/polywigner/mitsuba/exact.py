@@ -1,8 +1,9 @@
 """The exact field of a source, traced into a render kernel: the estimator ``exact``. Source: (B3).
 
 The boundary integrals are those of :func:`polywigner.amplitude` in single precision, one loop over
-pieces of edges with as many nodes as piece and point need. Where every element of an array of equal
-ones, or an aperture as a whole, is in its own far zone, it is a sum over elements instead: the far
+pieces of edges with as many nodes as piece and point need. From three wavelengths on it is a sum
+over equivalent points instead, if these are few (B8). If not, and every element of an array of
+equal ones, or an aperture as a whole, is in its own far zone, it is a sum over elements: the far
 field of each (RP1), with the exact phase and direction of each.
 
 Lengths are in wavelengths, relative to the middle of the source.
@@ -51,10 +52,11 @@ _DIGITS = math.log(3e4)
 # Panels as long as twice the distance are cheapest. Nearer, the rules are graded.
 _LONGEST = 12.0
 # At the distance r, waves from an element of half-diagonal a have phases of about k a^2/(6 r) that
-# its far field leaves out. They add to |U|^2 by their square if a half turn leaves the element as
-# it is, for its far field is real then: 3e-5 at 200 a^2, in wavelengths; to first order otherwise.
+# its far field leaves out. Of one element that a half turn leaves as it is they add to |U|^2 by
+# their square, for its far field is real: 3e-5 at 200 a^2, in wavelengths; to first order
+# otherwise, as in steered arrays: 4e-4 at 200 a^2. Small ones are off by some (a/r)^2.
 _FAR = {True: 200.0, False: 2000.0}
-_AWAY = 20.0
+_FAR_OF_SMALL = 200.0
 # Imaginary part of a far field, over the content, that is rounding.
 _REAL = 1e-9
 
@@ -138,7 +140,8 @@ class ExactField:
             map(tuple, np.stack([*places.T, weights.real, weights.imag], axis=1).tolist())
         )
         reach = math.dist(*corners) / (2 * wavelength)
-        far = max(_FAR[_is_symmetric(own, wavelength)] * reach * reach, _AWAY * reach)
+        is_real = len(weights) == 1 and _is_symmetric(own, wavelength)
+        far = max(_FAR[is_real] * reach * reach, _FAR_OF_SMALL * reach)
         farthest = far + float(np.hypot(*places.T).max())
         self._farthest = self._adjustable(farthest)
         self._fields = []
