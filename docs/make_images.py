@@ -40,10 +40,15 @@ VOLUME = {
     "--box": "-36 mm to 36 mm, -36 mm to 36 mm, 2 mm to 120 mm",
     "--shape": "97 x 97 x 119",
 }
+# As the pages of the examples have it.
+FLOOR = dict.fromkeys(("phased_array_77ghz", "focused_array", "te10_horn"), ("--db-floor", "-30"))
 COMMANDS = {
     "two_chevrons_volume": ["volume", str(CHEVRONS), *chain.from_iterable(VOLUME.items())],
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
-    **{path.parent.name: ["render", str(path)] for path in sorted(EXAMPLES.glob("*/scene.xml"))},
+    **{
+        path.parent.name: ["render", str(path), *FLOOR.get(path.parent.name, ())]
+        for path in sorted(EXAMPLES.glob("*/scene.xml"))
+    },
 }
 README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
 README_WIDTH = 560
