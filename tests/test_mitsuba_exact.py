@@ -134,7 +134,10 @@ def test_equivalent_sources_have_the_far_field_of_the_source() -> None:
     weights = table[:, 1:].reshape(len(table), len(along), 2)[..., 0]
     angle = np.linspace(0, 2 * np.pi, 60)
     sine = np.linspace(0, 1, 60)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    waves = [np.exp(-2j * np.pi * np.outer(s, x)) for s, x in zip(sine.T, (table[:, 0], along))]
+    waves = [
+        np.exp(-2j * np.pi * np.outer(s, x))
+        for s, x in zip(sine.T, (table[:, 0], along), strict=True)
+    ]
     seen = np.abs(np.einsum("ni,ij,nj->n", waves[0], weights, waves[1])) ** 2
     exact = np.abs(pw.fourier(L_SHAPE, sine / WAVELENGTH) / WAVELENGTH**2 / 2) ** 2
     assert np.abs(seen - exact).max() < ERROR / 5 * exact.max()
