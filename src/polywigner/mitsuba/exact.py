@@ -2,9 +2,9 @@
 
 The boundary integrals are those of :func:`polywigner.amplitude` in single precision, one loop over
 pieces of edges with as many nodes as piece and point need. From three wavelengths on it is a sum
-over equivalent points instead, if these are few (B8). If not, and every element of an array of
-equal ones, or an aperture as a whole, is in its own far zone, it is a sum over elements: the far
-field of each (RP1), with the exact phase and direction of each.
+over equivalent points instead, if these are few (B8). Where an aperture is in its far zone, or
+every element of a large array in its own, it is the far field (RP1), or a sum over elements of far
+fields with the exact phase and direction of each.
 
 Lengths are in wavelengths, relative to the middle of the source.
 """
@@ -125,7 +125,9 @@ class ExactField:
         )
         if self._points is not None:
             self._half = [self._adjustable(half) for half in self._points.half]
-        elif len(radiator.elements) == 1:
+        # of one aperture the far field is less work than its points, of an array more
+        alone = len(radiator.elements) == 1 and len(radiator.elements[0].weights) == 1
+        if alone or (self._points is None and len(radiator.elements) == 1):
             self._set_elements(radiator.elements[0], wavelength)
 
     def _set_elements(self, element: Any, wavelength: float) -> None:
@@ -164,21 +166,25 @@ class ExactField:
         x, y = x - self._middle[0], y - self._middle[1]
         if not self._jit:
             x, y, z = (np.array([value]) for value in (x, y, z))
-        if self._points is not None:
-            real, imag = self._either(self._is_away, self._from_points, x, y, z)
-        elif self._elements:
-            real, imag = self._either(self._is_far, self._far, x, y, z)
+        if self._elements:
+            real, imag = self._either(self._is_far, self._far, self._closer, x, y, z)
         else:
-            real, imag = self._near(x, y, z)
+            real, imag = self._closer(x, y, z)
         found = real * real + imag * imag
         return found if self._jit else float(found[0])
 
-    def _either(self, condition: Any, away: Any, *point: Any) -> tuple[Any, Any]:
-        """The field by ``away`` where that will do, else by the edges."""
+    def _closer(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """The field where elements are not in their far zones."""
+        if self._points is None:
+            return self._near(x, y, z)
+        return self._either(self._is_away, self._from_points, self._near, x, y, z)
+
+    def _either(self, condition: Any, away: Any, otherwise: Any, *point: Any) -> tuple[Any, Any]:
+        """The field by ``away`` where that will do."""
         holds = condition(*point)
         if self._jit:
-            return dr.if_stmt(point, holds, away, self._near, mode="symbolic")
-        return (away if holds[0] else self._near)(*point)
+            return dr.if_stmt(point, holds, away, otherwise, mode="symbolic")
+        return (away if holds[0] else otherwise)(*point)
 
     def _near(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
         """The integrals along the edges."""
