@@ -2,10 +2,15 @@
 
 A white floor below a source at 94 GHz, `direct`, `multijitter` samples, seen over 1.2 heights to
 either side in 256 x 256 pixels, box filter. Of each way: CPU seconds of a render whose kernel is
-compiled, the best of three, and the mean of |picture - truth| over the peak of the truth in dB.
-The truth is |U|^2, the mean over Gauss points in each pixel. So samples of Wigner rays also show
-what rays miss near the source: in the last column is their error against their own mean, from a
-render of many samples, which is noise alone.
+compiled, the better of two; and three errors, each the mean over the picture, over the peak of the
+truth, in dB. "all": against the truth, means of |U|^2 over pixels by Gauss points. "noise": of two
+pictures against each other, which leaves out what rays miss near the source. "light": against a
+picture by exact light of the same places in each pixel, which leaves out that values in a pixel
+differ; of exact light itself at the middles of pixels.
+
+Last, how many times less CPU time exact light takes than this way to that much noise, on the line
+through its two numbers of samples. "as exact 4", "as exact 64": to the error of all with so many
+samples. "same light": to the error of exact light, by one sample of it.
 
     python benchmarks/render_exact.py [--size 256] [--only square]
 """
@@ -25,6 +30,7 @@ import polywigner.mitsuba as pwm  # before Mitsuba: it chooses the LLVM library
 # isort: split
 import mitsuba as mi
 
+from polywigner.mitsuba.exact import ExactField
 from polywigner.quantities import wavelength_of
 
 WAVELENGTH = wavelength_of(94e9)
@@ -32,26 +38,35 @@ SPREAD = 1.2  # half of the picture's width over the height
 MILLIMETRE = 1e-3
 METHOD = "rayleigh-sommerfeld-1"
 HEIGHTS = (0.05, 0.3)
-WAYS = (("wigner", 64), ("wigner", 1024), ("exact", 64), ("exact", 4))
-CONVERGED = 1 << 11
+VARIED = "wigner + control variate"
+EXACT = (1, 4, 64)
+SIGNED = (64, 256)
 _BLOCK = 1 << 16
+# In dB: two pictures differ by more than each does from its mean.
+_TWO = 5 * np.log10(2)
 
 
 def sources() -> dict[str, pw.Aperture | pw.Array]:
-    """The sources, each of some 10 mm, and an array of 8 x 8 small squares."""
+    """The sources, each of some 10 mm, and arrays of 8 x 8 and 12 x 16 small squares."""
     corners = [[-5, -5], [5, -5], [5, -1], [-1, -1], [-1, 5], [-5, 5]]
-    sites = 0.6 * WAVELENGTH * (np.argwhere(np.ones((8, 8))) - 3.5)
+    element = pw.shapes.square(0.5 * WAVELENGTH)
+    arrays = {
+        f"{m} x {n} squares": pw.phased_array(
+            element, pw.arrays.grid_positions(m, n, 0.6 * WAVELENGTH), np.ones(m * n)
+        )
+        for m, n in ((8, 8), (12, 16))
+    }
     horn = pw.shapes.rectangle(12e-3, 8e-3)
     return {
         "square": pw.shapes.square(0.01),
         "L": pw.Aperture(MILLIMETRE * np.array(corners)),
         "two chevrons": pw.shapes.chevron_pair(0.01, 0.01, 0.004),
         "horn, TE10": horn.with_illumination(pw.cosine_taper(12e-3)),
-        "8 x 8 squares": pw.phased_array(pw.shapes.square(0.5 * WAVELENGTH), sites, np.ones(64)),
+        **arrays,
     }
 
 
-def floor_scene(source: Any, height: float, size: int, estimator: str) -> Any:
+def floor_scene(source: Any, height: float, size: int, way: str) -> Any:
     """The floor from its upper side, in millimetres."""
     transform = mi.ScalarTransform4f
     z = height / MILLIMETRE
@@ -76,7 +91,13 @@ def floor_scene(source: Any, height: float, size: int, estimator: str) -> Any:
                 "to_world": floor,
                 "bsdf": {"type": "diffuse", "reflectance": white},
             },
-            "source": pwm.aperture(source, WAVELENGTH, scene_unit=MILLIMETRE, estimator=estimator),
+            "source": pwm.aperture(
+                source,
+                WAVELENGTH,
+                scene_unit=MILLIMETRE,
+                estimator="exact" if way == "exact" else "wigner",
+                control_variate=way == VARIED,
+            ),
         }
     )
 
@@ -108,30 +129,68 @@ def truth(source: Any, height: float, size: int) -> npt.NDArray[np.float64]:
     return np.einsum("iajb,a,b->ij", grid, weights / 2, weights / 2)
 
 
-def decibels(found: Any, expected: Any) -> float:
-    """Mean error over the peak."""
-    return float(10 * np.log10(np.abs(found - expected).mean() / expected.max()))
+def decibels(found: Any, expected: Any, peak: float | None = None) -> float:
+    """Mean error over the peak, by default that of what is expected."""
+    highest = expected.max() if peak is None else peak
+    return float(10 * np.log10(np.abs(found - expected).mean() / highest))
+
+
+def timed(scene: Any, spp: int) -> tuple[float, list[npt.NDArray[np.float64]]]:
+    """CPU seconds, the better of two, and the pictures of two seeds."""
+    rendered(scene, 1, 0)  # compiles
+    times, images = [], []
+    for seed in (1, 2):
+        start = time.process_time()
+        images.append(rendered(scene, spp, seed))
+        times.append(time.process_time() - start)
+    return min(times), images
+
+
+def error_of_light(source: Any, height: float, size: int) -> float:
+    """Of exact light at the middles of pixels, in dB."""
+    pitch = 2 * SPREAD * height / size
+    axis = (np.arange(size) + 0.5) * pitch - SPREAD * height
+    points = np.stack(np.broadcast_arrays(axis[None, :], axis[:, None], height), axis=-1)
+    points = points.reshape(-1, 3).astype(np.float32)
+    field = ExactField(mi, source, WAVELENGTH, METHOD)
+    found = np.array(field.intensity(mi.Point3f(*points.T), 1.0), dtype=float)
+    truth = pw.irradiance(source, points, WAVELENGTH, method=METHOD, precision="single")
+    return decibels(found, truth)
 
 
 def measure(name: str, source: Any, height: float, size: int) -> None:
     """Print the rows of one source and height."""
     expected = truth(source, height, size)
-    noisy = floor_scene(source, height, size, "wigner")
-    rays = np.mean([rendered(noisy, CONVERGED // 8, 100 + k) for k in range(8)], axis=0)
-    for estimator, spp in WAYS:
-        scene = floor_scene(source, height, size, estimator)
-        rendered(scene, spp, 0)  # compiles
-        times = []
-        for seed in (1, 2, 3):
-            start = time.process_time()
-            image = rendered(scene, spp, seed)
-            times.append(time.process_time() - start)
-        own = f"{decibels(image, rays):.1f}" if estimator == "wigner" else ""
+    peak = expected.max()
+    exact_scene = floor_scene(source, height, size, "exact")
+    exact = {spp: timed(exact_scene, spp) for spp in EXACT}
+
+    def row(way: str, spp: int, run: Any, light: float, *times: float) -> None:
+        seconds, images = run
+        whole = np.mean([decibels(image, expected) for image in images])
+        noise = decibels(*images, peak=peak) - _TWO
+        cells = [f"{t:.2g}" for t in times] or [""] * 3
         print(
-            f"| {name} | {1e3 * height:.0f} mm | {estimator} {spp} | {min(times):.2f} s | "
-            f"{decibels(image, expected):.1f} | {own} |",
+            f"| {name} | {1e3 * height:.0f} mm | {way} {spp} | {seconds:.2f} s | {whole:.1f} | "
+            f"{noise:.1f} | {light:.1f} | {' | '.join(cells)} |",
             flush=True,
         )
+
+    own = error_of_light(source, height, size)
+    goals = [(spp, decibels(exact[spp][1][0], expected)) for spp in (4, 64)] + [(1, own)]
+    for way in ("wigner", VARIED):
+        few, many = (timed(floor_scene(source, height, size, way), spp) for spp in SIGNED)
+        light = decibels(few[1][0], exact[SIGNED[0]][1][0], peak=peak)
+        noises = [decibels(*run[1], peak=peak) - _TWO for run in (few, many)]
+        slope = np.log(many[0] / few[0]) / (noises[1] - noises[0])
+        times = [
+            many[0] * np.exp(slope * (goal - noises[1])) / exact[spp][0] for spp, goal in goals
+        ]
+        row(way, SIGNED[0], few, light)
+        # of so many samples their places do not matter
+        row(way, SIGNED[1], many, decibels(many[1][0], expected), *times)
+    for spp in EXACT:
+        row("exact", spp, exact[spp], own)
 
 
 def main() -> None:
@@ -142,7 +201,8 @@ def main() -> None:
     options = parser.parse_args()
     mi.set_variant(pwm.choose_variant())
     mi.set_log_level(mi.LogLevel.Error)
-    print("| source | height | samples | CPU | error, dB | noise, dB |\n|" + "---|" * 6)
+    heads = "source | height | samples | CPU | all, dB | noise | light"
+    print(f"| {heads} | as exact 4 | as exact 64 | same light |\n|" + "---|" * 10)
     for name, source in sources().items():
         if options.only in (None, name):
             for height in HEIGHTS:

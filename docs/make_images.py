@@ -40,11 +40,16 @@ VOLUME = {
     "--box": "-36 mm to 36 mm, -36 mm to 36 mm, 2 mm to 120 mm",
     "--shape": "97 x 97 x 119",
 }
+# As the pages of the examples have it.
+FLOOR = dict.fromkeys(("phased_array_77ghz", "focused_array", "te10_horn"), ("--db-floor", "-30"))
 COMMANDS = {
     "two_chevrons_volume": ["volume", str(CHEVRONS), *chain.from_iterable(VOLUME.items())],
     "two_chevrons_transforms": ["transform", str(CHEVRONS), "--frequency", "94 GHz"],
     "link_77ghz": ["receive", str(EXAMPLES / "link_77ghz" / "link.xml")],
-    **{path.parent.name: ["render", str(path)] for path in sorted(EXAMPLES.glob("*/scene.xml"))},
+    **{
+        path.parent.name: ["render", str(path), *FLOOR.get(path.parent.name, ())]
+        for path in sorted(EXAMPLES.glob("*/scene.xml"))
+    },
 }
 README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
 README_WIDTH = 560
@@ -56,7 +61,7 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-        scripts = ["first_picture", "projections", "tapers", "inverse_design"]
+        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
@@ -66,6 +71,8 @@ def main(names: list[str]) -> None:
                 made = tapers(Path(folder))
             elif name == "inverse_design":
                 made = inverse_design(Path(folder))
+            elif name == "estimators":
+                made = estimators(Path(folder))
             elif name in near:
                 made = near_field(Path(folder)) / f"{name.removeprefix('near_field_')}.png"
             elif name in paper:
@@ -87,6 +94,73 @@ def first_picture(folder: Path) -> Path:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script)], cwd=folder, env=environment, check=True)
     return folder / "wigner.png"
+
+
+def estimators(folder: Path) -> Path:
+    """A floor 60 mm below a square, shaded by a plate and a post, as both estimators have it."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+    from polywigner.figures import level_db
+
+    mi.set_variant(pwm.choose_variant())
+    samples = {"wigner": 1024, "exact": 64}
+    seen = {
+        name: pwm.render(mi.load_dict(shaded_floor(name)), spp=spp)[::-1, ::-1, 0].astype(float)
+        for name, spp in samples.items()
+    }
+    size = seen["exact"].shape[0]
+    millimetres = (np.arange(size) + 0.5) * 160 / size - 80
+    peak = seen["exact"].max()
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
+    for panel, (name, picture) in zip(axes, seen.items(), strict=False):
+        shown = panel.imshow(
+            level_db(picture, peak, -40), "inferno", vmin=-40, vmax=0, origin="lower",
+            extent=[-80, 80, -80, 80],
+        )  # fmt: skip
+        panel.set(title=f'"{name}", {samples[name]} samples', xlabel="x (mm)", ylabel="y (mm)")
+    figure.colorbar(shown, ax=axes[:2], label="dB below the peak")
+    row = size // 2 + 3
+    for name, picture in seen.items():
+        axes[2].plot(millimetres, picture[row] / peak, label=f'"{name}"', lw=1.2)
+    axes[2].set(title="along y = 2 mm", xlabel="x (mm)", ylabel="radiance over the peak")
+    axes[2].set_ylim(-0.05, 0.12)
+    axes[2].axhline(0, color="0.6", lw=0.6)
+    axes[2].grid(alpha=0.3)
+    axes[2].legend()
+    figure.savefig(folder / "estimators.png", dpi=110)
+    return folder / "estimators.png"
+
+
+def shaded_floor(estimator: str) -> dict:
+    """In millimetres, seen from above; the plate stands at x > 8 mm, the post at x = -20 mm."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+
+    move = mi.ScalarTransform4f()
+    down = move.translate([0, 0, 60]).rotate([1, 0, 0], 180)
+    film = {"type": "hdrfilm", "width": 240, "height": 240, "rfilter": {"type": "box"}}
+    plate = move.translate([18, 0, 30]).scale([10, 100, 1])
+    return {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": 2},
+        "source": pwm.aperture(
+            pw.shapes.square(10e-3), frequency=94e9, scene_unit=1e-3, to_world=down,
+            estimator=estimator,
+        ),
+        "floor": {"type": "rectangle", "to_world": move.scale(100)},
+        "plate": {"type": "rectangle", "to_world": plate},
+        "post": {"type": "cylinder", "p0": [-20, 20, 0], "p1": [-20, 20, 30], "radius": 3},
+        "camera": {
+            "type": "orthographic",
+            # below plate and post, which would hide their shadows
+            "to_world": move.look_at([0, 0, 1], [0, 0, 0], [0, 1, 0]).scale([-80, 80, 1]),
+            "near_clip": 0.1,
+            "film": film,
+            "sampler": {"type": "multijitter"},
+        },
+    }  # fmt: skip
 
 
 def inverse_design(folder: Path) -> Path:

@@ -36,6 +36,12 @@ PATCH = pw.shapes.square(0.5 * WAVELENGTH)
 SITES = 0.6 * WAVELENGTH * (np.argwhere(np.ones((4, 4))) - 1.5)
 FOCUS = np.exp(-2j * np.pi * np.hypot(np.linalg.norm(SITES, axis=1), 0.02) / WAVELENGTH)
 FOCUSED = pw.phased_array(PATCH, SITES, FOCUS)
+LARGER = pw.arrays.grid_positions(12, 9, 0.6 * WAVELENGTH)
+BEAM = (0.4, 0.1)
+OBLIQUE = pw.arrays.steering_weights(LARGER, BEAM, WAVELENGTH)
+SPARSE = pw.phased_array(
+    PATCH, 60 * WAVELENGTH * np.array([[0, 0], [1, 0.2], [0.3, 1]]), [1, 1j, -0.5]
+)
 DIFFERENT = pw.Array([PATCH, pw.shapes.square(0.01).moved((0.012, 0.001))], [1, 0.5j])
 SOURCES = {
     "L": L_SHAPE,
@@ -44,6 +50,9 @@ SOURCES = {
     "horn": HORN,
     "steered": STEERED,
     "focused array": FOCUSED,
+    "steered array": pw.phased_array(PATCH, LARGER, OBLIQUE),
+    "sparse array": SPARSE,
+    "square of a tenth": pw.shapes.square(0.1 * WAVELENGTH),
     "different elements": DIFFERENT,
 }
 
@@ -75,15 +84,17 @@ def received(mi: Any, emitter: Any, points: np.ndarray, frame: np.ndarray, seed:
 
 
 def floor_points(height: float, count: int = 200) -> np.ndarray:
-    """On a floor, within two heights of the axis, and on the axis (m)."""
+    """On a floor, within two heights of the axis, on the axis, and in the beam of OBLIQUE (m)."""
     wide = 2 * max(height, 0.01)
     points = np.random.default_rng(4).uniform(-wide, wide, (count, 3))
     points[0, :2] = 0.0
+    points[1, :2] = height * np.array(BEAM) / np.sqrt(1 - np.sum(np.square(BEAM)))
     points[:, 2] = height
     return points
 
 
-HEIGHTS = (0.2 * WAVELENGTH, 2 * WAVELENGTH, 0.05, 0.3, 5.0)
+# Nearer than equivalent sources reach, and from just where they begin.
+HEIGHTS = (0.2 * WAVELENGTH, 2 * WAVELENGTH, 3.01 * WAVELENGTH, 0.05, 0.3, 5.0)
 
 
 METHODS = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
@@ -106,6 +117,30 @@ def test_a_parallel_floor_receives_the_exact_irradiance_near_and_far(
     exact = pw.irradiance(source, single, WAVELENGTH, method=method)
     seen, exact = (v.reshape(len(HEIGHTS), -1) for v in (seen, exact))
     assert (np.abs(seen - exact).max(axis=1) < ERROR * exact.max(axis=1)).all()
+
+
+def test_equivalent_sources_have_the_far_field_of_the_source() -> None:
+    from polywigner.illumination.obliquities import SHARES
+    from polywigner.mitsuba.equivalent_sources import equivalent_sources
+    from polywigner.propagation.panels import radiator_of
+
+    radiator = radiator_of(L_SHAPE)
+    found = equivalent_sources(L_SHAPE, radiator, WAVELENGTH, SHARES["kirchhoff"], 1000)
+    assert found is not None
+    assert found.is_real
+    table = np.array(found.lines)
+    along = np.array(found.along) * found.half[0 if found.is_swapped else 1]
+    assert not found.is_swapped
+    weights = table[:, 1:].reshape(len(table), len(along), 2)[..., 0]
+    angle = np.linspace(0, 2 * np.pi, 60)
+    sine = np.linspace(0, 1, 60)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    waves = [
+        np.exp(-2j * np.pi * np.outer(s, x))
+        for s, x in zip(sine.T, (table[:, 0], along), strict=True)
+    ]
+    seen = np.abs(np.einsum("ni,ij,nj->n", waves[0], weights, waves[1])) ** 2
+    exact = np.abs(pw.fourier(L_SHAPE, sine / WAVELENGTH) / WAVELENGTH**2 / 2) ** 2
+    assert np.abs(seen - exact).max() < ERROR / 5 * exact.max()
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO, RGB, SPECTRAL])

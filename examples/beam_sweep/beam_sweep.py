@@ -30,9 +30,7 @@ LEVELS, GREYS = 48, 12
 
 def frame(azimuth: float, size: tuple[int, int], spp: int) -> np.ndarray:
     """Radiance (height, width) with the beam `azimuth` degrees to the right."""
-    scene = polywigner.mitsuba.load_scene(
-        SCENE, steering=f"{azimuth:.3f} deg, 180 deg", antithetic="true"
-    )
+    scene = polywigner.mitsuba.load_scene(SCENE, steering=f"{azimuth:.3f} deg, 180 deg")
     parameters = mi.traverse(scene.sensors()[0])
     parameters["film.size"] = size
     parameters.update()
@@ -77,7 +75,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", default="beam_sweep.gif", help="animated GIF")
     parser.add_argument("--frames", type=int, default=13, help="from left to right")
-    parser.add_argument("--spp", type=int, default=144)
+    parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--width", type=int, default=320)
     options = parser.parse_args()
     mi.set_variant(polywigner.mitsuba.choose_variant())

@@ -163,15 +163,22 @@ def _check_scene(scene: Any, name: str) -> None:
 
 
 def _enough(scene: Any, error_db: float, sampler: str) -> int:
-    """Samples per pixel for an error at 20 dB below the peak, of the source that needs most."""
+    """Samples per pixel for an error at 20 dB below the peak, of the source that needs most.
+
+    Exact light has no error that samples lower: the scene's own number then.
+    """
     import polywigner as pw
+    from polywigner.mitsuba.rendering import default_spp
 
     specs = [emitter.spec for emitter in scene.emitters() if hasattr(emitter, "spec")]
+    noisy = [spec for spec in specs if spec.estimator != "exact"]
+    if not noisy:
+        return int(default_spp(scene))
     independent = max(
         pw.suggest_sampling(
             spec.radiator.source, spec.wavelength, "render", error_db=error_db
         ).samples
-        for spec in specs
+        for spec in noisy
     )
     return math.ceil(independent / _GAINS.get(sampler, 1))
 

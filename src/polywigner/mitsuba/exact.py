@@ -1,9 +1,10 @@
 """The exact field of a source, traced into a render kernel: the estimator ``exact``. Source: (B3).
 
 The boundary integrals are those of :func:`polywigner.amplitude` in single precision, one loop over
-pieces of edges with as many nodes as piece and point need. Where every element of an array of equal
-ones, or an aperture as a whole, is in its own far zone, it is a sum over elements instead: the far
-field of each (RP1), with the exact phase and direction of each.
+pieces of edges with as many nodes as piece and point need. From three wavelengths on it is a sum
+over equivalent points instead, if these are few (B8). Where an aperture is in its far zone, or
+every element of a large array in its own, it is the far field (RP1), or a sum over elements of far
+fields with the exact phase and direction of each.
 
 Lengths are in wavelengths, relative to the middle of the source.
 """
@@ -26,6 +27,7 @@ from polywigner.illumination.direction_cosines import times_direction_cosine
 from polywigner.illumination.obliquities import SHARES, warn_of_slopes
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.distances import distance_of
+from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
@@ -50,10 +52,11 @@ _DIGITS = math.log(3e4)
 # Panels as long as twice the distance are cheapest. Nearer, the rules are graded.
 _LONGEST = 12.0
 # At the distance r, waves from an element of half-diagonal a have phases of about k a^2/(6 r) that
-# its far field leaves out. They add to |U|^2 by their square if a half turn leaves the element as
-# it is, for its far field is real then: 3e-5 at 200 a^2, in wavelengths; to first order otherwise.
+# its far field leaves out. Of one element that a half turn leaves as it is they add to |U|^2 by
+# their square, for its far field is real: 3e-5 at 200 a^2, in wavelengths; to first order
+# otherwise, as in steered arrays: 4e-4 at 200 a^2. Small ones are off by some (a/r)^2.
 _FAR = {True: 200.0, False: 2000.0}
-_AWAY = 20.0
+_FAR_OF_SMALL = 200.0
 # Imaginary part of a far field, over the content, that is rounding.
 _REAL = 1e-9
 
@@ -117,7 +120,14 @@ class ExactField:
         self._middle = [self._adjustable(c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = self._adjustable(1 / wavelength)
         self._elements: list[tuple[float, ...]] = []
-        if len(radiator.elements) == 1:
+        self._points = equivalent_sources(
+            source, radiator, wavelength, self._share, len(self._tables.edges)
+        )
+        if self._points is not None:
+            self._half = [self._adjustable(half) for half in self._points.half]
+        # of one aperture the far field is less work than its points, of an array more
+        alone = len(radiator.elements) == 1 and len(radiator.elements[0].weights) == 1
+        if alone or (self._points is None and len(radiator.elements) == 1):
             self._set_elements(radiator.elements[0], wavelength)
 
     def _set_elements(self, element: Any, wavelength: float) -> None:
@@ -132,7 +142,8 @@ class ExactField:
             map(tuple, np.stack([*places.T, weights.real, weights.imag], axis=1).tolist())
         )
         reach = math.dist(*corners) / (2 * wavelength)
-        far = max(_FAR[_is_symmetric(own, wavelength)] * reach * reach, _AWAY * reach)
+        is_real = len(weights) == 1 and _is_symmetric(own, wavelength)
+        far = max(_FAR[is_real] * reach * reach, _FAR_OF_SMALL * reach)
         farthest = far + float(np.hypot(*places.T).max())
         self._farthest = self._adjustable(farthest)
         self._fields = []
@@ -155,17 +166,30 @@ class ExactField:
         x, y = x - self._middle[0], y - self._middle[1]
         if not self._jit:
             x, y, z = (np.array([value]) for value in (x, y, z))
-        inner = self._inner(x, y, z)
-        if not self._elements:
-            real, imag = self._near(*inner)
-        elif self._jit:
-            real, imag = dr.if_stmt(
-                inner, inner[6] > self._farthest, self._far, self._near, mode="symbolic"
-            )
+        if self._elements:
+            real, imag = self._either(self._is_far, self._far, self._closer, x, y, z)
         else:
-            real, imag = (self._far if inner[6][0] > self._farthest else self._near)(*inner)
+            real, imag = self._closer(x, y, z)
         found = real * real + imag * imag
         return found if self._jit else float(found[0])
+
+    def _closer(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """The field where elements are not in their far zones."""
+        if self._points is None:
+            return self._near(x, y, z)
+        return self._either(self._is_away, self._from_points, self._near, x, y, z)
+
+    def _either(self, condition: Any, away: Any, otherwise: Any, *point: Any) -> tuple[Any, Any]:
+        """The field by ``away`` where that will do."""
+        holds = condition(*point)
+        if self._jit:
+            return dr.if_stmt(point, holds, away, otherwise, mode="symbolic")
+        return (away if holds[0] else otherwise)(*point)
+
+    def _near(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """The integrals along the edges."""
+        real, imag, _ = integrals.edge_sum(self._ops, self._tables, *self._inner(x, y, z))
+        return real, imag
 
     def _inner(self, x: Any, y: Any, z: Any) -> Any:
         """Coordinates and distance from the centre in two floats each; no turns; accuracy."""
@@ -181,13 +205,23 @@ class ExactField:
         zero = m.Float(0.0)
         return (x, zero, y, zero, z, zero, *halves, zero, m.Float(_DIGITS))
 
-    def _near(self, *inner: Any) -> tuple[Any, Any]:
-        real, imag, _ = integrals.edge_sum(self._ops, self._tables, *inner)
-        return real, imag
+    def _is_away(self, x: Any, y: Any, z: Any) -> Any:
+        """Whether a point is so far from the bounds that equivalent sources will do."""
+        half_x, half_y = self._half
+        return (z > AWAY) | (abs(x) > half_x + AWAY) | (abs(y) > half_y + AWAY)
 
-    def _far(self, *inner: Any) -> tuple[Any, Any]:
+    def _is_far(self, x: Any, y: Any, z: Any) -> Any:
+        """Whether a point is in the far zone of every element."""
+        return x * x + y * y + z * z > self._farthest * self._farthest
+
+    def _from_points(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
+        """The sum over equivalent sources."""
+        assert self._points is not None
+        return self._points.field(self._ops, self._half, x, y, z)
+
+    def _far(self, x: Any, y: Any, z: Any) -> tuple[Any, Any]:
         """The sum over elements, each in its own far zone."""
-        x, y, z, distance = (inner[k] for k in (0, 2, 4, 6))
+        distance = self._ops.sqrt(x * x + y * y + z * z)
         term = partial(self._element, x, y, z, distance)
         real, imag = self._ops.sum_over(self._elements, term, 2, like=x, unroll=False)
         return real, imag

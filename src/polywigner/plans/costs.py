@@ -22,6 +22,7 @@ class Cost:
 
 _REGRET = "default_regret.py"
 _CUTS = "wigner_cost.py"
+_RENDER = "render_exact.py"
 
 COSTS: dict[str, Cost] = {
     # NumPy
@@ -57,6 +58,8 @@ COSTS: dict[str, Cost] = {
     "source as data": Cost(1e-3, "call whose outline comes as data", "outlines_as_data.py"),
     "cut as data": Cost(4e-9, "sample, edge and side, where they are data", "outlines_as_data.py"),
     "term as data": Cost(20e-9, "sample and edge of F, where it is data", "outlines_as_data.py"),
+    "point that radiates": Cost(1.2e-9, "sample and equivalent source of a grid", _RENDER),
+    "panel of an edge": Cost(40e-9, "sample and panel of a boundary integral", _RENDER),
     "compiled term": Cost(9e-9, "sample and term of a plain sum", _REGRET),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
@@ -126,6 +129,8 @@ LIMITS: dict[str, float] = {
     "most samples with derivatives as data": 1 << 15,
     # A term of the Fourier transform takes some 20 ms to compile (fourier_cost.py).
     "most terms as code": 12,
+    # Waves of points compile in some 5 ms each, and run twice as fast as a loop (render_exact.py).
+    "most points as code": 64,
     # Terms that are whole transforms: half a second to compile.
     "most cuts of a sum as code": 256,
     # Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a

@@ -5,12 +5,16 @@ No `Request` is counted there: a kernel is traced before anybody knows how often
 
 from __future__ import annotations
 
-from polywigner.plans.costs import LIMITS
+import math
+from collections.abc import Sequence
+
+from polywigner.plans.costs import COSTS, LIMITS
 
 __all__ = [
     "exposes_numbers",
     "launch_for",
     "shifts_samples",
+    "sums_over_points",
     "unrolls_cuts",
     "unrolls_steps",
     "unrolls_terms",
@@ -42,6 +46,16 @@ def launch_for(samples: int, *, changes: bool, sortable: bool, recordable: bool)
 def unrolls_terms(terms: int) -> bool:
     """Whether a sum of so many short terms is code, and not a loop over a table."""
     return terms <= LIMITS["most terms as code"]
+
+
+def sums_over_points(counts: Sequence[int], panels: int) -> bool:
+    """Whether a sum over a grid of points that radiate takes less time than over panels of edges.
+
+    The points of its shorter side are code.
+    """
+    seconds = math.prod(counts) * COSTS["point that radiates"].seconds
+    is_short = min(counts) <= LIMITS["most points as code"]
+    return is_short and seconds <= panels * COSTS["panel of an edge"].seconds
 
 
 def unrolls_cuts(cuts: int) -> bool:
