@@ -185,7 +185,8 @@ def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene: Path
     import polywigner as pw
     import polywigner.mitsuba as pwm
     from polywigner.mitsuba.rendering import exposed
-    from polywigner.mitsuba.scene_renders import Parts, SceneFile
+    from polywigner.mitsuba.scene_renders import Parts
+    from polywigner.mitsuba.sent_scenes import SceneFile
 
     scene.write_text(scene.read_text().replace("square.wkt", "$key"))
     key = pwm.register_source(pw.shapes.square(3e-3))
@@ -200,7 +201,7 @@ def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene: Path
     scene.write_text(scene.read_text() + "<!-- of another machine -->")
     with pytest.raises(StoreError, match=r"see the scene's file .*scene\.xml, got another one on"):
         copy.check()
-    copy.mitsuba = "3.0.0"
+    copy.sent.mitsuba = "3.0.0"
     with pytest.raises(StoreError, match=r"mitsuba 3\.0\.0 on every worker"):
         copy.check()
 

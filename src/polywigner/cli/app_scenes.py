@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.options import DbFloor, Out, Scheduler, Threads
+from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Threads
 
 __all__ = ["receive", "render"]
 
@@ -36,14 +36,7 @@ def render(
         str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
-    resumable: Annotated[
-        bool,
-        typer.Option(
-            "--resumable",
-            help="Keep finished parts in NAME.parts.zarr until the picture is done, so that the "
-            "same command goes on after an end before its time (extra: volume).",
-        ),
-    ] = False,
+    resumable: Resumable = False,
     threads: Threads = None,
     scheduler: Scheduler = None,
     db_floor: DbFloor = -40.0,
@@ -106,13 +99,17 @@ def receive(
         list[str] | None,
         typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
     ] = None,
+    resumable: Resumable = False,
+    threads: Threads = None,
+    scheduler: Scheduler = None,
     db_floor: DbFloor = -40.0,
     out: Out = None,
 ) -> None:
     """Say what power the receivers of a scene get, straight, by mirrors and scattered.
 
     Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
-    NAME.png.
+    NAME.png. With --scheduler, the workers of a cluster share the batches of samples, and the run
+    is resumable.
     """
     from polywigner.cli.receive import run_receive
 
@@ -128,5 +125,8 @@ def receive(
         noise_figure=noise_figure,
         define=define or [],
         floor_db=db_floor,
+        resumable=resumable,
+        threads=threads,
+        scheduler=scheduler,
         out=out,
     )

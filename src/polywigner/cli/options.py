@@ -21,6 +21,7 @@ __all__ = [
     "Order",
     "Out",
     "Precision",
+    "Resumable",
     "Scheduler",
     "SourceFile",
     "Steering",
@@ -111,6 +112,14 @@ Formats = Annotated[
 ]
 Threads = Annotated[
     int | None, typer.Option(help="Of this machine (default: all), or of each worker.")
+]
+Resumable = Annotated[
+    bool,
+    typer.Option(
+        "--resumable",
+        help="Keep finished parts in NAME.parts.zarr until the result is done, so that the "
+        "same command goes on after an end before its time (extra: volume).",
+    ),
 ]
 Scheduler = Annotated[
     str | None,

@@ -9,7 +9,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from polywigner.cli.output import check_writable, output_stem, targets, writing
+from polywigner.cli.output import (
+    check_writable,
+    missing_folders,
+    output_stem,
+    say_made,
+    targets,
+    writing,
+)
 from polywigner.cli.scenes import check_is_file, check_is_no_aperture, counted_bar, versions_of
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
@@ -36,6 +43,9 @@ class ReceiveSettings:
     noise_figure: str | None
     defined: dict[str, str]
     floor_db: float
+    resumable: bool
+    threads: int | None
+    scheduler: str | None
 
 
 def run_receive(
@@ -51,6 +61,9 @@ def run_receive(
     noise_figure: str | None,
     define: list[str],
     floor_db: float,
+    resumable: bool,
+    threads: int | None,
+    scheduler: str | None,
     out: str | None,
 ) -> None:
     """Print a table for each receiver, write NAME.json and NAME.png, print their paths.
@@ -62,43 +75,58 @@ def run_receive(
     defined = dict(_definition(text) for text in define)
     settings = ReceiveSettings(
         scene, spp, seed, variant, reflections, accuracy, bandwidth, temperature, noise_figure,
-        defined, floor_db,
+        defined, floor_db, resumable, threads, scheduler,
     )  # fmt: skip
     check_is_file(scene)
     if spp is not None and spp < 1:
         raise ArgumentError(f"expected --spp of at least 1, got {spp}")
     if seed < 0:
         raise ArgumentError(f"expected --seed of zero or more, got {seed}")
+    if threads is not None and threads < 1:
+        raise ArgumentError(f"expected --threads of at least 1, got {threads}")
     noise = {
         "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
         "temperature": None if temperature is None else parse_temperature(temperature),
         "noise_figure": None if noise_figure is None else parse_noise_figure(noise_figure),
     }
-    files = targets(output_stem(out, Path(scene).stem + "_received"), (".json", ".png"))
+    stem = output_stem(out, Path(scene).stem + "_received")
+    files = targets(stem, (".json", ".png"))
     check_writable(files)
+    store = None
+    if resumable or scheduler is not None:
+        (store,) = targets(stem, (".parts.zarr",))
+    new = missing_folders(files)
     check_is_no_aperture(scene)
 
     from polywigner.figures.levels import check_floor
-    from polywigner.mitsuba import choose_variant, load_scene
+    from polywigner.mitsuba import choose_variant
     from polywigner.mitsuba.arrival_map import arrival_map
     from polywigner.mitsuba.logs import to_list
-    from polywigner.mitsuba.received_power import received_powers, receivers_of
+    from polywigner.mitsuba.received_power import receivers_of
+    from polywigner.mitsuba.receiving_arguments import asked_of
+    from polywigner.mitsuba.scene_receptions import receive_parts
+    from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
+    from polywigner.propagation.stores_files import require_stores
 
+    if store is not None:
+        require_stores(scheduler)
     check_floor(floor_db)
     start = time.perf_counter()
     chosen = choose_variant(variant)
     with to_list() as messages:
-        loaded = load_scene(scene, chosen, None, **defined)
+        file = SceneFile(Path(scene), chosen, None, defined)
+        loaded = file.load()
         receivers_of(loaded)
+        asked = asked_of(spp, seed, None, reflections, accuracy, *noise.values())
         with counted_bar("receiving") as progress:
-            found = received_powers(
+            found = receive_parts(
+                file,
                 loaded,
-                spp,
-                seed,
-                reflections=reflections,
-                tolerance=accuracy,
+                asked,
+                store=store,
+                scheduler=scheduler,
+                threads=threads,
                 progress=progress,
-                **noise,
             )
         maps = [arrival_map(loaded, number, seed) for number in range(len(found))]
     for message in messages:
@@ -114,6 +142,9 @@ def run_receive(
     with writing(files) as (text, png):
         text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         figure.savefig(png, format="png")
+    if store is not None:
+        remove_store(store)
+        say_made(new)
     print("\n\n".join(map(str, found)))
     for path in files:
         print(path)

@@ -81,7 +81,8 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     from polywigner.mitsuba.images import write_exr
     from polywigner.mitsuba.logs import to_list
     from polywigner.mitsuba.rendering import check_spp, default_spp
-    from polywigner.mitsuba.scene_renders import SceneFile, remove_store
+    from polywigner.mitsuba.scene_renders import render_parts
+    from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
     from polywigner.propagation.stores_files import require_stores
 
     if store is not None:
@@ -100,7 +101,8 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
             used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
             samples = check_spp(_enough(loaded, settings.error_db, used))
         ready = time.perf_counter()
-        image = file.render(
+        image = render_parts(
+            file,
             loaded,
             settings.integrator,
             samples,

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from functools import partial
+from itertools import count
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in, ways_of
@@ -21,12 +23,20 @@ from polywigner.mitsuba.received import OTHER_LIGHTS, Contribution, ReceivedPowe
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.receiving_arguments import Asked, asked_of
 from polywigner.mitsuba.rendering import default_spp
-from polywigner.mitsuba.scattered import BATCHES, batches_of, scattered_batches
+from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, shares_of
 from polywigner.mitsuba.unseen import unseen, wigner_emitters
 
-__all__ = ["received_power", "received_powers", "receivers_of"]
+__all__ = [
+    "Scattered",
+    "received",
+    "received_power",
+    "received_powers",
+    "receivers_of",
+    "scattered_here",
+]
 
 Progress = Callable[[int, int], None]
+Scattered = Callable[[list[Scattering]], Any]
 
 
 def received_power(
@@ -81,7 +91,8 @@ def received_power(
     asked = asked_of(
         spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
     )
-    return _received(scene, [_chosen(receivers_of(scene), receiver)], asked, progress)[0]
+    number = _chosen(receivers_of(scene), receiver)
+    return received(scene, [number], asked, partial(scattered_here, scene, progress))[0]
 
 
 def received_powers(
@@ -101,7 +112,8 @@ def received_powers(
     asked = asked_of(
         spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
     )
-    return _received(scene, list(range(len(receivers_of(scene)))), asked, progress)
+    numbers = list(range(len(receivers_of(scene))))
+    return received(scene, numbers, asked, partial(scattered_here, scene, progress))
 
 
 def receivers_of(scene: Any) -> list[tuple[int, Any]]:
@@ -137,9 +149,12 @@ def _chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
     )
 
 
-def _received(
-    scene: Any, numbers: list[int], asked: Asked, progress: Progress | None
-) -> list[ReceivedPower]:
+def received(scene: Any, numbers: list[int], asked: Asked, scattered: Scattered) -> list[Any]:
+    """The :class:`ReceivedPower` of receivers by their numbers; see :func:`received_power`.
+
+    ``scattered``: (how to sample for each receiver) -> W found (receivers, batches, lights), called
+    while the scene's sources are unseen.
+    """
     if not scene.emitters():
         raise SceneError("expected a scene with light, got one without emitters; add one")
     receivers = [receivers_of(scene)[number] for number in numbers]
@@ -149,43 +164,68 @@ def _received(
     for place, noise in zip(places, noises, strict=True):
         for emitter in emitters:
             check_match(emitter, place, noise["bandwidth"])
-    results = []
     with unseen(scene):
-        for number, (index, _) in enumerate(receivers):
-            told = _part_of(progress, number, len(receivers))
-            found = _one(scene, index, places[number], emitters, asked, told)
-            results.append(replace(found, **noises[number]))
-    return results
+        lit = [_direct(scene, place, emitters, asked) for place in places]
+        plans = [_scattering(scene, index, asked) for index, _ in receivers]
+        found = scattered(plans)
+        each = zip(places, noises, lit, plans, found, strict=True)
+        return [_result(scene, emitters, *one) for one in each]
 
 
-def _one(
-    scene: Any,
-    index: int,
-    receiver: PlacedSource,
-    emitters: list[PlacedSource],
-    asked: Asked,
-    progress: Progress | None,
-) -> ReceivedPower:
-    """The power of one receiver, without its noise, in a scene whose sources are unseen."""
-    spp = default_spp(scene, index) if asked.spp is None else asked.spp
+def _scattering(scene: Any, sensor: int, asked: Asked) -> Scattering:
+    spp = default_spp(scene, sensor) if asked.spp is None else asked.spp
+    return Scattering(sensor, asked.integrator, spp, asked.seed)
+
+
+def scattered_here(
+    scene: Any, progress: Progress | None, plans: list[Scattering]
+) -> NDArray[np.float64]:
+    """W (receivers, batches, lights): what all batches find, one after the other."""
+    done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
+
+    def tell() -> None:
+        if progress is not None:
+            progress(next(done), total)
+
+    return np.array([[p.batch(scene, k, tell) for k in range(BATCHES)] for p in plans])
+
+
+def _direct(
+    scene: Any, receiver: PlacedSource, emitters: list[PlacedSource], asked: Asked
+) -> tuple[list[DirectLight], list[str]]:
+    """Light that comes straight or by mirrors from each emitter; and what is left out of it."""
     mirrors, notes = mirrors_in(scene, receiver.scene_unit, asked.reflections)
     ways = ways_of(mirrors, asked.reflections)
     links = [direct_light(scene, e, receiver, ways, asked.tolerance) for e in emitters]
-    found, others = scattered_batches(scene, index, asked.integrator, spp, asked.seed, progress)
+    return links, [note for link in links for note in link.notes] + notes
+
+
+def _result(
+    scene: Any,
+    emitters: list[PlacedSource],
+    receiver: PlacedSource,
+    noise: dict[str, Any],
+    direct: tuple[list[DirectLight], list[str]],
+    plan: Scattering,
+    found: Any,
+) -> ReceivedPower:
+    links, notes = direct
+    of_sources, others = shares_of(scene, found)
     parts = [
         _contribution(emitter.name, batches, link)
-        for emitter, batches, link in zip(emitters, found, links, strict=True)
+        for emitter, batches, link in zip(emitters, of_sources, links, strict=True)
     ]
-    if len(scene.emitters()) > len(emitters):
+    if len(lights_of(scene)) > len(emitters):
         parts.append(_contribution(OTHER_LIGHTS, others, DirectLight()))
     return ReceivedPower(
         receiver=receiver.name,
         wavelength=receiver.wavelength,
         contributions=tuple(parts),
-        standard_error=_standard_error(others + found.sum(axis=0)),
-        samples=BATCHES * batches_of(spp),
-        seed=asked.seed,
-        notes=tuple([note for link in links for note in link.notes] + notes),
+        standard_error=_standard_error(others + of_sources.sum(axis=0)),
+        samples=BATCHES * batches_of(plan.spp),
+        seed=plan.seed,
+        notes=tuple(notes),
+        **noise,
     )
 
 
@@ -202,10 +242,3 @@ def _contribution(name: str, batches: Any, link: DirectLight) -> Contribution:
 def _standard_error(batches: Any) -> float:
     """Of the mean of equal batches."""
     return float(np.std(batches, ddof=1) / math.sqrt(len(batches)))
-
-
-def _part_of(progress: Progress | None, number: int, count: int) -> Progress | None:
-    """Progress of one of several receivers, whose renders are as many."""
-    if progress is None:
-        return None
-    return lambda done, total: progress(number * total + done, count * total)

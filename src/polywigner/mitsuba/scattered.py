@@ -8,15 +8,17 @@ lights, less the render by the other lights alone, is what that source gives, sa
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.mitsuba.rendering import check_seed, check_spp, render
+from polywigner.mitsuba.rendering import check_spp, exposed
+from polywigner.mitsuba.sent_scenes import check_is_whole
 from polywigner.mitsuba.unseen import lit_by, wigner_emitters
 
-__all__ = ["BATCHES", "batches_of", "scattered_batches"]
+__all__ = ["BATCHES", "Scattering", "batches_of", "lights_of", "shares_of"]
 
 Floats = NDArray[np.float64]
 
@@ -29,35 +31,52 @@ def batches_of(spp: int) -> int:
     return -(-check_spp(spp) // BATCHES)
 
 
-def scattered_batches(
-    scene: Any,
-    sensor: int,
-    integrator: Any,
-    spp: int,
-    seed: int,
-    progress: Callable[[int, int], None] | None = None,
-) -> tuple[Floats, Floats]:
-    """W that each batch finds: (emitters, 16) of each coherent source, and (16,) of other lights.
+@dataclass(frozen=True)
+class Scattering:
+    """How what is scattered to one receiver is sampled, in a scene whose sources are unseen."""
 
-    Of a scene whose sources are unseen (:func:`unseen`). ``spp``: samples in all, a multiple of 16
-    or rounded up. ``progress``: called with the numbers of renders done and in all.
-    """
-    check_seed(seed)
-    sources = wigner_emitters(scene)
-    has_others = len(sources) < len(scene.emitters())
-    lights = ([None] if has_others else []) + sources
-    found = np.zeros((len(lights), BATCHES))
-    samples = batches_of(spp)
-    for batch in range(BATCHES):
-        own = int(np.random.SeedSequence(seed, spawn_key=(batch,)).generate_state(1)[0])
-        for number, light in enumerate(lights):
+    sensor: int
+    integrator: Any
+    spp: int
+    """Samples of all batches, as asked."""
+    seed: int
+
+    def batch(
+        self, scene: Any, number: int, done: Callable[[], None] = lambda: None
+    ) -> NDArray[np.float64]:
+        """W that one batch finds of each of :func:`lights_of`; ``done`` is called after each.
+
+        Raises what :func:`polywigner.mitsuba.render` does.
+        """
+        sources = wigner_emitters(scene)
+        own = int(np.random.SeedSequence(self.seed, spawn_key=(number,)).generate_state(1)[0])
+        found = []
+        for light in lights_of(scene):
             with lit_by(sources, light):
-                found[number, batch] = _watts(render(scene, integrator, samples, own, sensor))
-            if progress is not None:
-                progress(batch * len(lights) + number + 1, BATCHES * len(lights))
-    if not has_others:
-        return found, np.zeros(BATCHES)
-    return found[1:] - found[0], found[0]
+                exposure = exposed(scene, self.integrator, batches_of(self.spp), own, self.sensor)
+                found.append(_watts(exposure.picture(lambda: None)))
+                check_is_whole(exposure.integrator)
+            done()
+        return np.array(found)
+
+
+def lights_of(scene: Any) -> list[Any]:
+    """What shines in turns: None, all but the coherent sources, where there are such; each source.
+
+    Other lights shine all the time.
+    """
+    sources = wigner_emitters(scene)
+    return ([None] if len(sources) < len(scene.emitters()) else []) + sources
+
+
+def shares_of(scene: Any, found: NDArray[np.float64]) -> tuple[Floats, Floats]:
+    """W of each coherent source (emitters, batches), and of other lights (batches,).
+
+    ``found`` : of all batches (batches, lights).
+    """
+    if len(lights_of(scene)) == len(wigner_emitters(scene)):
+        return found.T, np.zeros(len(found))
+    return (found[:, 1:] - found[:, :1]).T, found[:, 0]
 
 
 def _watts(image: NDArray[Any]) -> float:

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import os
-import platform
-import shutil
 from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -17,22 +12,20 @@ import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.errors import ArgumentError, SceneError, StoreError
+from polywigner.errors import ArgumentError
 from polywigner.execution import kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.mitsuba.parts import Exposure
 from polywigner.mitsuba.rendering import exposed
-from polywigner.mitsuba.scene_files import digest_of_file, digests_of
-from polywigner.mitsuba.scenes import choose_variant, load_scene
-from polywigner.mitsuba.sources import is_key, register_source, registered_source
+from polywigner.mitsuba.scenes import choose_variant
+from polywigner.mitsuba.sent_scenes import SceneFile, SentScene, check_is_whole
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_disk import one_run
 from polywigner.propagation.stores_files import require_stores
-from polywigner.propagation.stores_layout import Layout, source_settings, told_settings
+from polywigner.propagation.stores_layout import Layout
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.labelled import LabelledArray
 
-__all__ = ["Parts", "SceneFile", "remove_store", "render_file"]
+__all__ = ["Parts", "render_file", "render_parts"]
 
 _VARIABLE = "radiance"
 
@@ -84,7 +77,8 @@ def render_file(
     if store is not None:
         require_stores(scheduler)
     file = SceneFile(Path(path), choose_variant(variant or mi.variant()), sampler, parameters or {})
-    return file.render(
+    return render_parts(
+        file,
         file.load(),
         integrator,
         spp,
@@ -97,52 +91,40 @@ def render_file(
     )
 
 
-@dataclass(frozen=True)
-class SceneFile:
-    """What a scene is loaded from, here or by a worker."""
-
-    path: Path
-    variant: str
-    sampler: str | None = None
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-
-    def load(self) -> Any:
-        return load_scene(self.path, self.variant, self.sampler, **self.parameters)
-
-    def render(
-        self,
-        scene: Any,
-        integrator: str | None = None,
-        spp: int | None = None,
-        seed: int = 0,
-        sensor: int = 0,
-        *,
-        store: str | Path | None = None,
-        scheduler: str | None = None,
-        threads: int | None = None,
-        progress: bool | None = None,
-    ) -> npt.NDArray[np.float32]:
-        """The image of the scene that was loaded from here; see :func:`render_file`."""
-        if threads is not None:
-            threads = checked_count(threads, "threads", 1)
-        exposure = exposed(scene, integrator, spp, seed, sensor)
-        if store is None:
-            bar = progress_bar("rendering", exposure.cut.steps, show=progress)
-            with kernel_threads(threads), bar as advance:
-                return exposure.picture(advance)
-        parts = Parts(self, integrator, sensor, exposure)
-        found = write_dataset(
-            store,
-            parts.layout(),
-            parts,
-            parts.settings(),
-            scheduler=scheduler,
-            threads=threads,
-            progress=progress,
-        )
-        with found:  # set by set, as `Exposure.picture` adds them up
-            sets = (found[_VARIABLE][number].values for number in range(exposure.cut.sets))
-            return reduce(np.add, sets).astype(np.float32)
+def render_parts(
+    file: SceneFile,
+    scene: Any,
+    integrator: str | None = None,
+    spp: int | None = None,
+    seed: int = 0,
+    sensor: int = 0,
+    *,
+    store: str | Path | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: bool | None = None,
+) -> npt.NDArray[np.float32]:
+    """The image of the scene that was loaded from a file; see :func:`render_file`."""
+    if threads is not None:
+        threads = checked_count(threads, "threads", 1)
+    exposure = exposed(scene, integrator, spp, seed, sensor)
+    if store is None:
+        bar = progress_bar("rendering", exposure.cut.steps, show=progress)
+        with kernel_threads(threads), bar as advance:
+            return exposure.picture(advance)
+    parts = Parts(file, integrator, sensor, exposure)
+    found = write_dataset(
+        store,
+        parts.layout(),
+        parts,
+        parts.settings(),
+        scheduler=scheduler,
+        threads=threads,
+        progress=progress,
+    )
+    with found:  # set by set, as `Exposure.picture` adds them up
+        sets = (found[_VARIABLE][number].values for number in range(exposure.cut.sets))
+        return reduce(np.add, sets).astype(np.float32)
 
 
 class Parts:
@@ -155,11 +137,9 @@ class Parts:
         sensor: int,
         exposure: Exposure,
     ) -> None:
-        self.file = replace(file, path=file.path.absolute(), parameters=dict(file.parameters))
-        self.digests, self.sources = _digests(file), _sources(file)
+        self.sent = SentScene(file)
         self.integrator, self.sensor = integrator, sensor
         self.cut, self.seed = exposure.cut, exposure.seed
-        self.mitsuba = _version()
         self.exposure: Exposure | None = exposure
 
     def __getstate__(self) -> dict[str, Any]:
@@ -169,39 +149,18 @@ class Parts:
         if self.exposure is None:
             self.exposure = self._loaded()
         image = self.exposure.image(origin[1] // self.cut.rows, origin[0])
-        # Mitsuba answers Ctrl-C itself, by giving back what it has.
-        if self.exposure.integrator.should_stop():
-            raise StoreError(
-                "expected a part that is rendered to its end, got one that Ctrl-C or a timeout of "
-                "the integrator has cut short; start the same run again, without a timeout"
-            )
+        check_is_whole(self.exposure.integrator)
         return image[None]
 
     def _loaded(self) -> Exposure:
         """On a worker: what the caller has as well, which has told of the integrator's limits."""
-        choose_variant(self.file.variant)
-        for source in self.sources:
-            register_source(source)
-        scene = self.file.load()
+        scene = self.sent.load()
         made = exposed(scene, self.integrator, self.cut.samples, self.seed, self.sensor, warn=False)
         return replace(made, cut=self.cut)
 
     def check(self) -> None:
         """Raises StoreError where this process has another Mitsuba, or other files."""
-        where = platform.node()
-        if _version() != self.mitsuba:
-            raise StoreError(
-                f"expected mitsuba {self.mitsuba} on every worker, got {_version()} on {where}; "
-                "install the same everywhere"
-            )
-        for path, digest in self.digests.items():
-            found = digest_of_file(Path(path)) if Path(path).is_file() else None
-            if found != digest:
-                raise StoreError(
-                    f"expected every worker to see the scene's file {path}, got "
-                    f"{'none' if found is None else 'another one'} on {where}; put the scene's "
-                    "folder on a file system that all workers share"
-                )
+        self.sent.check()
 
     def layout(self) -> Layout:
         """(set of passes, row, column, channel); a chunk is a part of the picture."""
@@ -215,43 +174,11 @@ class Parts:
     def settings(self) -> dict[str, Any]:
         """All that the values depend on."""
         assert self.exposure is not None
-        folder = self.file.path.resolve().parent
-        named = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
-        specs = [e.spec for e in self.exposure.scene.emitters() if hasattr(e, "spec")]
-        told = [told_settings(source_settings(spec.radiator.source)) for spec in specs]
         return {
-            "mitsuba": self.mitsuba,
-            "variant": self.file.variant,
+            **self.sent.settings(self.exposure.scene),
             "integrator": self.integrator,
-            "sampler": self.file.sampler,
             "spp": self.cut.samples,
             "passes": self.cut.passes,
             "seed": self.seed,
             "sensor": self.sensor,
-            "parameters": {name: str(value) for name, value in self.file.parameters.items()},
-            **{f"file {name}": digest for name, digest in named.items()},
-            **{f"source {k}": source["source_sha256"] for k, source in enumerate(told)},
         }
-
-
-def _digests(file: SceneFile) -> dict[str, str]:
-    try:
-        return digests_of(file.path, file.parameters)
-    except OSError as error:
-        raise SceneError(f"expected to read the files of {file.path}, got: {error}") from error
-
-
-def _sources(file: SceneFile) -> list[Any]:
-    """Sources in this process's memory whose keys the parameters hold."""
-    texts = [value for value in file.parameters.values() if isinstance(value, str)]
-    return [registered_source(text) for text in texts if is_key(text)]
-
-
-def _version() -> str:
-    return importlib.metadata.version("mitsuba")
-
-
-def remove_store(path: str | Path) -> None:
-    """Remove a store of parts whose picture is done, unless another run goes on with it."""
-    with suppress(StoreError), one_run(Path(path)):
-        shutil.rmtree(path, ignore_errors=True)
