@@ -12,8 +12,8 @@ to every Mitsuba variant. It never sets a variant.
   ``visibility``; ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
 - ``exact``: exact irradiances in its place, for points that a source lights
 - ``scenes``: loading scenes and choosing variants; ``rendering``: their images; ``shadows``
-- ``parts``: those of a picture; ``scene_renders``, ``scene_receptions``: scene files on this machine
-  or a cluster, whose workers have ``sent_scenes``
+- ``parts``: those of a picture; ``scene_renders``, ``scene_receptions``: scene files on this
+  machine or a cluster, whose workers have ``sent_scenes``
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say
 """
 
