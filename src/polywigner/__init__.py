@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         radiant_intensity,
     )
     from polywigner.reception import coupling
+    from polywigner.scattering import rcs
     from polywigner.transforms import (
         ambiguity,
         array_factor,
@@ -142,6 +143,7 @@ _HOMES = {
     "verify_store": "polywigner.propagation",
     "volume": "polywigner.propagation",
     "coupling": "polywigner.reception",
+    "rcs": "polywigner.scattering",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -205,6 +207,7 @@ __all__ = [
     "radiant_intensity",
     "radiated_power",
     "radiation_pattern",
+    "rcs",
     "read_aperture",
     "read_polyhedron",
     "read_source",
