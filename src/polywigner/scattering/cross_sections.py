@@ -161,7 +161,8 @@ def _lit(
     order = np.argsort(owner.ravel(), kind="stable")
     ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(ways)))
     last, lit = None, None
-    for way, rows in zip(ways, np.split(order, ends), strict=True):
+    groups = np.split(order, ends) if len(ways) else []
+    for way, rows in zip(ways, groups, strict=True):
         if lit is None or (way[:3] != last).any():  # ways of one transmitter follow each other
             last, lit = way[:3], seen_along(facets, way[:3])
         seen = lit

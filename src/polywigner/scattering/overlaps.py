@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -29,15 +30,33 @@ class Projected:
     size: float
     """Of the whole body."""
 
+    @cached_property
+    def sides(self) -> Floats:
+        """(n, 2, 2) from the first corner to the others."""
+        return np.asarray(self.points[:, 1:] - self.points[:, :1])
+
+    @cached_property
+    def area(self) -> Floats:
+        """(n,) twice the area."""
+        first, second = self.sides[:, 0], self.sides[:, 1]
+        return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+
+    @property
+    def has_width(self) -> NDArray[np.bool_]:
+        """(n,) whether they are more than lines, after rounding."""
+        longest = np.linalg.norm(self.sides, axis=2).max(axis=1)
+        return np.asarray(self.area > NOTHING * self.size * longest)
+
     @property
     def slopes(self) -> Floats:
         """Change of depth with the place (n, 2)."""
-        ahead = self.points[:, 1:] - self.points[:, :1]
         rise = self.depth[:, 1:] - self.depth[:, :1]
-        area = ahead[:, 0, 0] * ahead[:, 1, 1] - ahead[:, 0, 1] * ahead[:, 1, 0]
-        across = rise[:, 0] * ahead[:, 1, 1] - rise[:, 1] * ahead[:, 0, 1]
-        along = rise[:, 1] * ahead[:, 0, 0] - rise[:, 0] * ahead[:, 1, 0]
-        return np.asarray(np.stack([across, along], axis=1) / area[:, None])
+        across = rise[:, 0] * self.sides[:, 1, 1] - rise[:, 1] * self.sides[:, 0, 1]
+        along = rise[:, 1] * self.sides[:, 0, 0] - rise[:, 0] * self.sides[:, 1, 0]
+        return np.asarray(np.stack([across, along], axis=1) / self.area[:, None])
+
+    def taken(self, rows: NDArray[np.bool_]) -> Projected:
+        return Projected(self.points[rows], self.depth[rows], self.size)
 
 
 def occluders(
@@ -83,22 +102,28 @@ def _nearer_parts(
     level = (NOTHING * seen.size * steep)[:, None]
     coincide = (np.abs(ahead) <= level).all(axis=1)
     ahead[coincide] = np.where(before < hidden, 1.0, -1.0)[coincide, None]
-    stands = (ahead > np.where(coincide[:, None], 0.0, level)).any(axis=1)
+    ahead[(np.abs(ahead) <= level) & ~coincide[:, None]] = 0.0
+    stands = (ahead > 0).any(axis=1)
     hidden, before, ahead = hidden[stands], before[stands], ahead[stands]
-    return hidden, _cut(seen.points[before], ahead)
+    parts = _cut(seen.points[before], ahead)
+    flat = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    return hidden[flat], parts[flat]
 
 
 def _cut(points: Floats, ahead: Floats) -> NDArray[np.object_]:
     """The parts of triangles (n, 3, 2) where a linear function, given at the corners, is positive.
 
-    It is so at one corner at least (Sutherland and Hodgman 1974).
+    It is so at one corner at least (Sutherland and Hodgman 1974). Parts without area may be lines.
     """
     following, there = np.roll(points, -1, axis=1), np.roll(ahead, -1, axis=1)
     crosses = (ahead > 0) != (there > 0)
-    share = ahead / np.where(crosses, ahead - there, 1.0)
-    between = points + share[..., None] * (following - points)
+    share = (ahead / np.where(crosses, ahead - there, 1.0))[..., None]
+    between = np.where(share == 1, following, points + share * (following - points))
     candidates = np.stack([points, between], axis=2).reshape(-1, 6, 2)
     kept = np.stack([ahead > 0, crosses], axis=2).reshape(-1, 6)
     owner = np.repeat(np.arange(len(points)), kept.sum(axis=1))
     rings = shapely.linearrings(candidates[kept], indices=owner)
-    return np.asarray(shapely.polygons(rings), dtype=object)
+    parts = np.asarray(shapely.polygons(rings), dtype=object)
+    bent = ~shapely.is_valid(parts)  # by rounding: they are convex
+    parts[bent] = shapely.convex_hull(parts[bent])
+    return parts

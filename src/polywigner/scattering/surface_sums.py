@@ -26,12 +26,15 @@ _BLOCK = 1 << 14
 
 @dataclass(frozen=True)
 class Pieces:
-    """Triangles (n,): a corner and the vectors to the others (n, 3), and normal times twice area."""
+    """Triangles (n,), as (n, 3) each."""
 
     corner: Floats
     first: Floats
+    """From the corner to the next one."""
     second: Floats
+    """From the corner to the last one."""
     vector: Floats
+    """The normal on the lit side, times twice the area."""
 
     def taken(self, rows: NDArray[np.intp] | slice) -> Pieces:
         return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
@@ -41,13 +44,13 @@ class Pieces:
 
 
 def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
-    """N(nu) (m, 3) at (m, 3), of triangles (n,) that each count with a sign, 0 where they are dark.
+    """N(nu) (m, 3) at (m, 3), of triangles (n,) that count with a sign each, 0 where they are dark.
 
     ``signs``: those (i, j) of some nu and some triangles; None: all 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
-    columns = min(len(pieces), _BLOCK)
-    rows = max(1, _BLOCK // max(columns, 1))
+    columns = max(1, min(len(pieces), _BLOCK))
+    rows = _BLOCK // columns
     for start in range(0, len(nu), rows):
         some = slice(start, start + rows)
         for begin in range(0, len(pieces), columns):

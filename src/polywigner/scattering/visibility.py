@@ -8,7 +8,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.geometry.grid import grid_size
 from polywigner.scattering.facets import Facets
 from polywigner.scattering.overlaps import NOTHING, Projected, occluders
 from polywigner.scattering.surface_sums import Pieces
@@ -20,8 +19,6 @@ Shapes = NDArray[np.object_]
 
 # Cosine below which a face is seen edge-on and counts as dark.
 _EDGE_ON = 1e-12
-# In the coordinates of a triangle, 1 along two of its sides.
-_GRID_OF_TRIANGLE = 2.0**-44
 _TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
 
 
@@ -56,23 +53,23 @@ def seen_along(facets: Facets, direction: Floats) -> Seen:
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
     projected = _projected(facets, rows, signs[rows], direction)
+    wide = projected.has_width  # what has none shadows nothing, and is too thin to be cut
+    rows, projected = rows[wide], projected.taken(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
     hidden, before = occluders(projected, polygons)
     if not len(hidden):
         return Seen(signs, parts)
     order = np.argsort(hidden, kind="stable")
     touched, numbers = np.unique(hidden[order], return_inverse=True)
-    grid = grid_size(projected.points.reshape(-1, 2))
     groups = shapely.geometrycollections(before[order], indices=numbers)
     # along an axis of length one: the union of each group
-    shadows = shapely.union_all(np.asarray(groups)[:, None], grid_size=grid, axis=1)
-    left = shapely.difference(polygons[touched], shadows, grid_size=grid)
-    whole = shapely.area(polygons[touched])
-    lost = whole - shapely.area(left)
-    is_cut = lost > NOTHING * facets.size * shapely.length(polygons[touched])
+    shadows = shapely.union_all(np.asarray(groups)[:, None], axis=1)
+    left = shapely.difference(polygons[touched], shadows)
+    areas, least = shapely.area(left), NOTHING * facets.size * shapely.length(polygons[touched])
+    signs[rows[touched[areas <= least]]] = 0
+    is_cut = (areas > least) & (shapely.area(polygons[touched]) - areas > least)
     owners = rows[touched[is_cut]]
     parts[owners] = _in_triangles(left[is_cut], projected, touched[is_cut], signs[owners])
-    signs[owners[shapely.is_empty(parts[owners])]] = 0
     return Seen(signs, parts)
 
 
@@ -110,7 +107,7 @@ def less_hidden(lit: Seen, seen: Seen, facets: Facets, direction: Floats) -> See
     (cut,) = np.nonzero(turned & (seen.signs != 0) & ~np.equal(seen.parts, None))
     one = parts[cut]
     one[np.equal(one, None)] = _TRIANGLE
-    parts[cut] = shapely.intersection(one, seen.parts[cut], grid_size=_GRID_OF_TRIANGLE)
+    parts[cut] = shapely.intersection(one, seen.parts[cut])
     return Seen(signs, parts)
 
 
