@@ -15,6 +15,7 @@ from polywigner.geometry import Polyhedron
 __all__ = ["is_convex"]
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 # Sine of the angle by which faces in one plane may bend the wrong way after rounding. A dent this
 # shallow shadows no more than this fraction of a body.
@@ -47,9 +48,7 @@ def is_convex(body: Polyhedron) -> bool:
     return bool((depth > 0).all()) and _is_met_once(body, centre)
 
 
-def _normals(
-    points: Floats, begin: NDArray[np.intp], end: NDArray[np.intp], owner: Floats, count: int
-) -> Floats:
+def _normals(points: Floats, begin: Indices, end: Indices, owner: Indices, count: int) -> Floats:
     """Unit normals (count, 3), NaN where a face has no area."""
     origin = points[begin[np.searchsorted(owner, np.arange(count))]][owner]
     crosses = np.cross(points[begin] - origin, points[end] - origin)
@@ -58,9 +57,7 @@ def _normals(
         return np.asarray(sums / np.linalg.norm(sums, axis=1, keepdims=True))
 
 
-def _neighbours(
-    begin: NDArray[np.intp], end: NDArray[np.intp], count: int
-) -> tuple[NDArray[np.intp] | None, NDArray[np.intp] | None]:
+def _neighbours(begin: Indices, end: Indices, count: int) -> tuple[Indices | None, Indices | None]:
     """Numbers of edges, and of those that run the other way; None where bodies share an edge."""
     keys, reverse = begin * count + end, end * count + begin
     order, other = np.argsort(keys), np.argsort(reverse)

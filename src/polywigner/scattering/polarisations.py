@@ -77,12 +77,12 @@ def checked_polarisations(
         )
         return receiver.astype(np.complex128), transmitter.astype(np.complex128)
     try:
-        receiver, transmitter = (np.array(p, np.complex128) for p in polarisation)
+        given, sent = (np.array(p, np.complex128) for p in polarisation)
     except (TypeError, ValueError):
         raise ArgumentError(f"{expected}, got {polarisation!r}") from None
     return (
-        _across("the receiver's polarisation", receiver, to_radar),
-        _across("the transmitter's polarisation", transmitter, to_transmitter),
+        _across("the receiver's polarisation", given, to_radar),
+        _across("the transmitter's polarisation", sent, to_transmitter),
     )
 
 

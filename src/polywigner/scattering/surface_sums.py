@@ -64,9 +64,9 @@ def _block(pieces: Pieces, signs: NDArray[np.int8] | None, nu: Floats) -> Comple
     if signs is None:
         values = _transforms(*(nu @ part.T for part in _vectors(pieces)))
     elif len(nu) == 1:
-        (lit,) = np.nonzero(signs[0])
-        pieces = pieces.taken(lit)
-        values = _transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, lit]
+        (rows,) = np.nonzero(signs[0])
+        pieces = pieces.taken(rows)
+        values = _transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, rows]
     else:
         lit = np.nonzero(signs)
         values = np.zeros(signs.shape, np.complex128)

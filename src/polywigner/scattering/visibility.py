@@ -104,17 +104,17 @@ def less_hidden(lit: Seen, seen: Seen, facets: Facets, direction: Floats) -> See
     signs, parts = lit.signs.copy(), lit.parts.copy()
     turned = (signs != 0) & (signs == facing(facets, direction))
     signs[turned & (seen.signs == 0)] = 0
-    (cut,) = np.nonzero(turned & (seen.signs != 0) & ~np.equal(seen.parts, None))
+    (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
     one = parts[cut]
-    one[np.equal(one, None)] = _TRIANGLE
+    one[shapely.is_missing(one)] = _TRIANGLE
     parts[cut] = shapely.intersection(one, seen.parts[cut])
     return Seen(signs, parts)
 
 
 def lit_pieces(facets: Facets, seen: Seen) -> Pieces:
     """What is seen, as triangles: whole ones, and fans of the boundaries of parts."""
-    (whole,) = np.nonzero((seen.signs != 0) & np.equal(seen.parts, None))
-    (cut,) = np.nonzero((seen.signs != 0) & ~np.equal(seen.parts, None))
+    (whole,) = np.nonzero((seen.signs != 0) & shapely.is_missing(seen.parts))
+    (cut,) = np.nonzero((seen.signs != 0) & ~shapely.is_missing(seen.parts))
     owner, begin, end = _edges(seen.parts[cut])
     owner = cut[owner]
     first, second = facets.first[owner], facets.second[owner]
