@@ -163,7 +163,8 @@ def test_the_reversed_path_of_a_plate_exchanges_electric_and_magnetic_vectors() 
     ],
 )
 def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
-    for t in DIRECTIONS:
+    # walls seen edge-on among them, whose shadows have edges in common with others
+    for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(45, 90), towards(0, 0)):
         area = shadow_of(body, t)
         found = pw.rcs(body, -t, 0.3, t, "vv")
         assert math.sqrt(found) == pytest.approx(plate(area, 0.3), rel=1e-9)
@@ -223,6 +224,25 @@ def test_a_body_in_two_halves_that_touch_is_the_body(t: Any) -> None:
     np.testing.assert_allclose(
         found, np.sqrt(pw.rcs(L_BODY, DIRECTIONS, 0.3, t)), rtol=0, atol=ROUNDING * plate(9, 0.3)
     )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_plates_at_random_are_lit_where_their_union_is(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    plates = []
+    for _ in range(20):
+        axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        pose = np.eye(4)
+        # half of the sets stand on a lattice, and touch, coincide and meet at right angles
+        pose[:3, :3] = np.eye(3)[random.permutation(3)] if seed % 2 else axes
+        pose[:3, 0] *= np.linalg.det(pose[:3, :3])
+        pose[:3, 3] = random.integers(-2, 3, 3) / 2 if seed % 2 else random.uniform(-1, 1, 3)
+        plates.append(pw.Aperture([(0, 0), (1, 0), (1, 1), (0.5, 1)]).placed(pose))
+    t = towards(*random.choice([30, 45, 60, 90], 2)) if seed % 2 else towards(40, 70)
+    found = pw.rcs(plates, -t, 0.3, t, "vv")
+    assert math.sqrt(found) == pytest.approx(plate(shadow_of(plates, t), 0.3), rel=1e-9)
+    for s in (t, towards(45, 45), towards(90, 90)):
+        assert np.isfinite(pw.rcs(plates, s, 0.3, t))
 
 
 def test_a_plate_right_behind_another_is_dark() -> None:
@@ -293,6 +313,29 @@ def test_a_body_below_a_wavelength_is_warned_of() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         pw.rcs(sphere(3), (0.0, 0.0, 1.0), 0.5)  # fine facets that join
+
+
+def test_a_pattern_is_a_table_of_sections() -> None:
+    azimuth, elevation = np.radians([-30.0, 0.0, 100.0]), np.radians([-90.0, 0.0, 40.0, 90.0])
+    found = pw.rcs_pattern(L_BODY, 0.3, azimuth, elevation, polarisation="hh")
+    assert found["rcs"].dims == ("azimuth", "elevation")
+    for i, j in np.ndindex(3, 4):
+        s = towards(90 - math.degrees(elevation[j]), math.degrees(azimuth[i]))
+        expected = math.sqrt(pw.rcs(L_BODY, s, 0.3))
+        value = math.sqrt(found["rcs"].values[i, j])
+        assert value == pytest.approx(expected, abs=ROUNDING * plate(9, 0.3))
+    assert found.attrs["largest_rcs"] == found["rcs"].values.max()
+    fixed = pw.rcs_pattern(BOX, 0.3, azimuth, 0.0, to_transmitter=(1.0, 0.0, 0.0))
+    assert fixed["rcs"].values[1, 0] == pytest.approx(pw.rcs(BOX, (1.0, 0.0, 0.0), 0.3))
+
+
+def test_angles_of_a_pattern_are_checked() -> None:
+    with pytest.raises(ArgumentError, match="elevation as angles"):
+        pw.rcs_pattern(BOX, 0.3, 0.0, 2.0)
+    with pytest.raises(ArgumentError, match="one unit vector"):
+        pw.rcs_pattern(BOX, 0.3, 0.0, 0.0, to_transmitter=np.eye(3))
+    with pytest.raises(ArgumentError, match="expected polarisation"):
+        pw.rcs_pattern(BOX, 0.3, 0.0, 0.0, polarisation="circular")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

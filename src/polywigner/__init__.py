@@ -72,7 +72,7 @@ if TYPE_CHECKING:
         radiant_intensity,
     )
     from polywigner.reception import coupling
-    from polywigner.scattering import rcs
+    from polywigner.scattering import rcs, rcs_pattern
     from polywigner.transforms import (
         ambiguity,
         array_factor,
@@ -144,6 +144,7 @@ _HOMES = {
     "volume": "polywigner.propagation",
     "coupling": "polywigner.reception",
     "rcs": "polywigner.scattering",
+    "rcs_pattern": "polywigner.scattering",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -208,6 +209,7 @@ __all__ = [
     "radiated_power",
     "radiation_pattern",
     "rcs",
+    "rcs_pattern",
     "read_aperture",
     "read_polyhedron",
     "read_source",

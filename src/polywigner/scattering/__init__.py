@@ -4,6 +4,7 @@
 module                what is in it
 ====================  =========================================================================
 ``cross_sections``    the radar cross section by physical optics
+``patterns``          the same over azimuth and elevation
 ``facets``            bodies and plates as triangles, and whether they can shadow themselves
 ``convexity``         whether a surface bounds a convex body
 ``visibility``        the parts of triangles that are seen from far away
@@ -14,5 +15,6 @@ module                what is in it
 """
 
 from polywigner.scattering.cross_sections import rcs
+from polywigner.scattering.patterns import rcs_pattern
 
-__all__ = ["rcs"]
+__all__ = ["rcs", "rcs_pattern"]

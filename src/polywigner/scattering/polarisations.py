@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,13 +12,22 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import shape_of
 from polywigner.geometry.numbers import real_numbers
 
-__all__ = ["Polarisation", "checked_polarisations", "checked_unit_vectors", "checked_wavelengths"]
+__all__ = [
+    "Channel",
+    "Polarisation",
+    "checked_channel",
+    "checked_polarisations",
+    "checked_unit_vectors",
+    "checked_wavelengths",
+]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 Channel = Literal["vv", "hh", "vh", "hv"]
 Polarisation = Channel | Sequence[ArrayLike]
+
+_EXPECTED = "expected polarisation as None, or one of 'vv', 'hh', 'vh', 'hv' (receiver first)"
 
 # As in illumination.directions: vectors that passed through single precision pass.
 _UNIT = 1e-6
@@ -57,6 +66,13 @@ def checked_wavelengths(wavelength: Any) -> Floats:
     return array
 
 
+def checked_channel(polarisation: Any) -> Channel:
+    """The name of a channel; ArgumentError for anything else."""
+    if not isinstance(polarisation, str) or polarisation not in get_args(Channel):
+        raise ArgumentError(f"{_EXPECTED}, got {polarisation!r}")
+    return cast(Channel, polarisation)
+
+
 def checked_polarisations(
     polarisation: Polarisation, to_radar: Floats, to_transmitter: Floats
 ) -> tuple[Complex, Complex]:
@@ -64,22 +80,20 @@ def checked_polarisations(
 
     Raises ArgumentError for anything but names of channels and such vectors.
     """
-    expected = (
-        "expected polarisation as None, as one of 'vv', 'hh', 'vh', 'hv' (receiver first), or as a "
-        "pair of vectors (receiver, transmitter)"
-    )
     if isinstance(polarisation, str):
-        if polarisation not in get_args(Channel):
-            raise ArgumentError(f"{expected}, got {polarisation!r}")
         receiver, transmitter = (
             _spherical(towards)[letter]
-            for letter, towards in zip(polarisation, (to_radar, to_transmitter), strict=True)
+            for letter, towards in zip(
+                checked_channel(polarisation), (to_radar, to_transmitter), strict=True
+            )
         )
         return receiver.astype(np.complex128), transmitter.astype(np.complex128)
     try:
         given, sent = (np.array(p, np.complex128) for p in polarisation)
     except (TypeError, ValueError):
-        raise ArgumentError(f"{expected}, got {polarisation!r}") from None
+        raise ArgumentError(
+            f"{_EXPECTED}, or a pair of vectors (receiver, transmitter), got {polarisation!r}"
+        ) from None
     return (
         _across("the receiver's polarisation", given, to_radar),
         _across("the transmitter's polarisation", sent, to_transmitter),

@@ -92,7 +92,10 @@ def _in_triangles(
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     places, owner = shapely.get_coordinates(shapes, return_index=True)
     inside = np.einsum("nij,nj->ni", inverse[owner], places - points[owner, 0])
-    return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
+    moved = np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
+    bent = ~shapely.is_valid(moved)  # spikes that rounding has turned inside out
+    moved[bent] = shapely.make_valid(moved[bent])
+    return moved
 
 
 def less_hidden(lit: Seen, seen: Seen, facets: Facets, direction: Floats) -> Seen:
@@ -140,10 +143,16 @@ def _edges(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
     """
     single, owner = shapely.get_parts(shapes, return_index=True)
     single, inner = shapely.get_parts(single, return_index=True)  # polygons in collections
-    owner = owner[inner]
     flat = shapely.get_type_id(single) == shapely.GeometryType.POLYGON
-    polygons, owner = shapely.orient_polygons(single[flat]), owner[flat]
+    polygons, owner = single[flat], owner[inner][flat]
     rings, of_polygon = shapely.get_rings(polygons, return_index=True)
+    is_hole = of_polygon == np.concatenate([[-1], of_polygon[:-1]])
     points, of_ring = shapely.get_coordinates(rings, return_index=True)
     within = of_ring[1:] == of_ring[:-1]
-    return owner[of_polygon[of_ring[1:][within]]], points[:-1][within], points[1:][within]
+    of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
+    # By area: shapely looks at one corner, which after rounding may be that of a spike.
+    crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
+    turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
+    swapped = turned[of_edge][:, None]
+    begin, end = np.where(swapped, end, begin), np.where(swapped, begin, end)
+    return owner[of_polygon[of_edge]], begin, end
