@@ -160,11 +160,12 @@ def test_the_reversed_path_of_a_plate_exchanges_electric_and_magnetic_vectors() 
         L_BODY,
         HOLED,
         [pw.shapes.square(2.0), pw.shapes.square(1.5).placed(at(0.4, 0.2, 1.0)), BOX],
+        [BOX, pw.shapes.square(4.0).placed(at(2.0, 1.0, 0.5))],  # the plate lies on the box
     ],
 )
 def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
     # walls seen edge-on among them, whose shadows have edges in common with others
-    for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(45, 90), towards(0, 0)):
+    for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(60, 45), towards(0, 0)):
         area = shadow_of(body, t)
         found = pw.rcs(body, -t, 0.3, t, "vv")
         assert math.sqrt(found) == pytest.approx(plate(area, 0.3), rel=1e-9)

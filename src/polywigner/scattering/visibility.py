@@ -92,10 +92,15 @@ def _in_triangles(
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     places, owner = shapely.get_coordinates(shapes, return_index=True)
     inside = np.einsum("nij,nj->ni", inverse[owner], places - points[owner, 0])
-    moved = np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
-    bent = ~shapely.is_valid(moved)  # spikes that rounding has turned inside out
-    moved[bent] = shapely.make_valid(moved[bent])
-    return moved
+    return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
+
+
+def _mended(shapes: Shapes) -> Shapes:
+    """Shapes of which rounding has turned no spikes inside out, nor moved holes over the edge."""
+    bent = ~shapely.is_valid(shapes)
+    mended = shapes.copy()
+    mended[bent] = shapely.make_valid(shapes[bent], method="structure", keep_collapsed=False)
+    return mended
 
 
 def less_hidden(lit: Seen, seen: Seen, facets: Facets, direction: Floats) -> Seen:
@@ -110,7 +115,7 @@ def less_hidden(lit: Seen, seen: Seen, facets: Facets, direction: Floats) -> See
     (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
     one = parts[cut]
     one[shapely.is_missing(one)] = _TRIANGLE
-    parts[cut] = shapely.intersection(one, seen.parts[cut])
+    parts[cut] = shapely.intersection(_mended(one), _mended(seen.parts[cut]))
     return Seen(signs, parts)
 
 
