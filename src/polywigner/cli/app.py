@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.app_fields import pattern, propagate, volume
+from polywigner.cli.app_fields import pattern, propagate, rcs, volume
 from polywigner.cli.options import (
     AllowOutside,
     Array,
@@ -161,6 +161,7 @@ def transform(
 
 
 app.command()(pattern)
+app.command()(rcs)
 app.command()(propagate)
 app.command()(volume)
 
