@@ -134,6 +134,25 @@ def test_the_total_is_the_mean_over_incident_polarisations() -> None:
     np.testing.assert_allclose(pw.rcs(L_BODY, *both), sum(channels) / 2, rtol=1e-12)
 
 
+def test_channels_name_the_receiver_first() -> None:
+    polar, azimuth = (math.radians(a) for a in (55, 130))
+    v = (
+        math.cos(polar) * math.cos(azimuth),
+        math.cos(polar) * math.sin(azimuth),
+        -math.sin(polar),
+    )
+    h = (-math.sin(azimuth), math.cos(azimuth), 0.0)
+    s, t, horizontal = DIRECTIONS[1], towards(70, 0), (0.0, 1.0, 0.0)
+    for name, q in (("vh", v), ("hh", h)):
+        expected = pw.rcs(L_BODY, s, 0.3, t, (q, horizontal))
+        assert pw.rcs(L_BODY, s, 0.3, t, name) == pytest.approx(expected, rel=1e-9)
+    assert pw.rcs(L_BODY, s, 0.3, t, "vh") != pytest.approx(pw.rcs(L_BODY, s, 0.3, t, "hv"))
+    above = towards(0, 0), 0.3, t, "vv"  # v is x there
+    assert pw.rcs(L_BODY, *above) == pytest.approx(
+        pw.rcs(L_BODY, *above[:3], ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0))), rel=1e-9
+    )
+
+
 def test_circular_waves_return_turned_the_other_way_from_a_plate() -> None:
     right = np.array([1.0, 1j, 0.0]) / math.sqrt(2)
     left = right.conj()
