@@ -214,6 +214,7 @@ def shadow_of(body: Any, t: np.ndarray) -> float:
         (towards(50, 35), None),
         (towards(75, 80), None),
         (towards(60, 70), towards(70, 15)),
+        (towards(60, 120), towards(70, 60)),  # lit, and hidden from the receiver in part
         (towards(40, 200), towards(65, 60)),
     ],
 )
