@@ -59,13 +59,13 @@ def facet_by_facet(body: pw.Polyhedron, s: np.ndarray, wavelength: float) -> np.
 
 
 def fastest(*calls: Callable[[], Any]) -> list[float]:
-    """Least seconds of each, in turns."""
+    """Least seconds of each, in turns; of the process, since others may have the cores as well."""
     times = [np.inf] * len(calls)
     for _ in range(ROUNDS):
         for k, call in enumerate(calls):
-            start = time.perf_counter()
+            start = time.process_time()
             call()
-            times[k] = min(times[k], time.perf_counter() - start)
+            times[k] = min(times[k], time.process_time() - start)
     return times
 
 
