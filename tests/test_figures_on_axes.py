@@ -48,6 +48,7 @@ SEVERAL: dict[str, Callable[..., Any]] = {
     "pattern": lambda **how: figures.draw_pattern(
         pw.radiation_pattern(SQUARE, WAVELENGTH, *ANGLES), **how
     ),
+    "rcs": lambda **how: figures.draw_rcs(pw.rcs_pattern(SQUARE, WAVELENGTH, *ANGLES[::-1]), **how),
     "projections": lambda **how: figures.draw_projections(pw.projections(SQUARE, samples=9), **how),
     "transforms": lambda **how: figures.draw_transforms(_slices(), -30.0, **how),
 }

@@ -72,6 +72,7 @@ if TYPE_CHECKING:
         radiant_intensity,
     )
     from polywigner.reception import coupling
+    from polywigner.scattering import rcs, rcs_pattern
     from polywigner.transforms import (
         ambiguity,
         array_factor,
@@ -142,6 +143,8 @@ _HOMES = {
     "verify_store": "polywigner.propagation",
     "volume": "polywigner.propagation",
     "coupling": "polywigner.reception",
+    "rcs": "polywigner.scattering",
+    "rcs_pattern": "polywigner.scattering",
     "ambiguity": "polywigner.transforms",
     "array_factor": "polywigner.transforms",
     "autocorrelation": "polywigner.transforms",
@@ -205,6 +208,8 @@ __all__ = [
     "radiant_intensity",
     "radiated_power",
     "radiation_pattern",
+    "rcs",
+    "rcs_pattern",
     "read_aperture",
     "read_polyhedron",
     "read_source",

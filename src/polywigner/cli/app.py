@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.app_fields import pattern, propagate, volume
+from polywigner.cli.app_fields import pattern, propagate, rcs, volume
 from polywigner.cli.app_scenes import receive, render
 from polywigner.cli.options import (
     AllowOutside,
@@ -118,6 +118,7 @@ def transform(
 
 
 app.command()(pattern)
+app.command()(rcs)
 app.command()(propagate)
 app.command()(volume)
 

@@ -35,7 +35,7 @@ from polywigner.cli.options import (
 )
 from polywigner.cli.reading import Reading
 
-__all__ = ["pattern", "propagate", "volume"]
+__all__ = ["pattern", "propagate", "rcs", "volume"]
 
 
 def _verify(context: typer.Context, store: str | None) -> None:
@@ -112,6 +112,57 @@ def pattern(
         wavelength=wavelength,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
         feeding=feeding_of(taper, array, window, steering, focus),
+        floor_db=db_floor,
+        formats=formats or [],
+        out=out,
+    )
+
+
+def rcs(
+    body: Annotated[
+        str,
+        typer.Argument(
+            help="Mesh of a body: STL, PLY or OBJ; or an aperture file, whose outline is a plate "
+            "in the plane z = 0."
+        ),
+    ],
+    frequency: Frequency = None,
+    wavelength: Wavelength = None,
+    polarisation: Annotated[
+        str | None,
+        typer.Option(help="vv, hh, vh or hv, receiver first (default: all that returns)."),
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option(help="Of the angles, such as '2 deg' (default: the finest in a minute)."),
+    ] = None,
+    unit: Unit = None,
+    tolerance: Tolerance = None,
+    layer: Layer = None,
+    union: Union = False,
+    db_floor: DbFloor = -40.0,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format", help="Of the values: csv (default), json, nc; several times for several."
+        ),
+    ] = None,
+    out: Out = None,
+) -> None:
+    """Compute the radar cross section of a metal body or plate, by physical optics.
+
+    Prints the largest value and its direction. Writes a figure NAME_rcs.png (polar cuts, and a map
+    over azimuth and elevation, in dBsm) and the values.
+    """
+    from polywigner.cli.rcs import run_rcs
+
+    run_rcs(
+        body,
+        polarisation=polarisation,
+        step=step,
+        frequency=frequency,
+        wavelength=wavelength,
+        reading=Reading(unit, tolerance, layer, union),
         floor_db=db_floor,
         formats=formats or [],
         out=out,

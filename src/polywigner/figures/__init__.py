@@ -13,6 +13,7 @@ Nothing here opens a window: figures are drawn into memory and saved by the call
 from __future__ import annotations
 
 from polywigner.figures.arrivals import DirectArrival, draw_arrivals
+from polywigner.figures.cross_sections import draw_rcs
 from polywigner.figures.hemispheres import draw_hemispheres
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.lines import draw_lines
@@ -40,6 +41,7 @@ __all__ = [
     "draw_pattern",
     "draw_planes",
     "draw_projections",
+    "draw_rcs",
     "draw_scene",
     "draw_transforms",
     "draw_volume",

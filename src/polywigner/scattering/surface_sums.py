@@ -1,0 +1,86 @@
+"""The Fourier transform of lit surfaces with their normals, N(nu) = sum_j n_j F_j(nu)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import execution
+from polywigner.numerics.divided_differences import simplex_plane_wave
+from polywigner.numerics.phases import rotated
+
+__all__ = ["Pieces", "surface_sums"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+Signs = Callable[[slice, slice], NDArray[np.int8]]
+
+_OPS = execution.NumpyOperations(double=True)
+# Triangles times directions at a time: their arrays, some twenty, stay in the cache.
+_BLOCK = 1 << 14
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Triangles (n,), as (n, 3) each."""
+
+    corner: Floats
+    first: Floats
+    """From the corner to the next one."""
+    second: Floats
+    """From the corner to the last one."""
+    vector: Floats
+    """The normal on the lit side, times twice the area."""
+
+    def taken(self, rows: NDArray[np.intp] | slice) -> Pieces:
+        return Pieces(self.corner[rows], self.first[rows], self.second[rows], self.vector[rows])
+
+    def __len__(self) -> int:
+        return len(self.corner)
+
+
+def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
+    """N(nu) (m, 3) at (m, 3), of triangles (n,) that count with a sign each, 0 where they are dark.
+
+    ``signs``: those (i, j) of some nu and some triangles; None: all 1.
+    """
+    result = np.zeros((len(nu), 3), np.complex128)
+    columns = max(1, min(len(pieces), _BLOCK))
+    rows = _BLOCK // columns
+    for start in range(0, len(nu), rows):
+        some = slice(start, start + rows)
+        for begin in range(0, len(pieces), columns):
+            part = slice(begin, begin + columns)
+            lit = None if signs is None else signs(some, part)
+            result[some] += _block(pieces.taken(part), lit, nu[some])
+    return result
+
+
+def _block(pieces: Pieces, signs: NDArray[np.int8] | None, nu: Floats) -> Complex:
+    if signs is None:
+        values = _transforms(*(nu @ part.T for part in _vectors(pieces)))
+    elif len(nu) == 1:
+        (rows,) = np.nonzero(signs[0])
+        pieces = pieces.taken(rows)
+        values = _transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, rows]
+    else:
+        lit = np.nonzero(signs)
+        values = np.zeros(signs.shape, np.complex128)
+        values[lit] = _transforms(*((nu @ part.T)[lit] for part in _vectors(pieces)))
+        values *= signs
+    result: Complex = values @ pieces.vector
+    return result
+
+
+def _vectors(pieces: Pieces) -> tuple[Floats, Floats, Floats]:
+    return pieces.corner, pieces.first, pieces.second
+
+
+def _transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+    """F over twice the area of triangles, from nu.p of corner and both vectors. Source: (F5)."""
+    real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
+    return real + 1j * imag

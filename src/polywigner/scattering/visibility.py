@@ -1,0 +1,163 @@
+"""The parts of triangles that are seen from far away, as exact polygons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polywigner.scattering.facets import Facets
+from polywigner.scattering.overlaps import NOTHING, Projected, occluders
+from polywigner.scattering.surface_sums import Pieces
+
+__all__ = ["Seen", "facing", "less_hidden", "lit_pieces", "seen_along"]
+
+Floats = NDArray[np.float64]
+Shapes = NDArray[np.object_]
+
+# Cosine below which a face is seen edge-on and counts as dark.
+_EDGE_ON = 1e-12
+_TRIANGLE = shapely.Polygon([(0, 0), (1, 0), (0, 1)])
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is seen of the triangles (n,) of a body."""
+
+    signs: NDArray[np.int8]
+    """(n,) 1 where the outer side is seen, -1 the other side of a plate, 0 for nothing."""
+    parts: Shapes
+    """(n,) what is seen of each, or None: all of it.
+
+    In coordinates along its two vectors, (0, 0), (1, 0) and (0, 1) at its corners.
+    """
+
+
+def facing(facets: Facets, direction: Floats, some: slice = slice(None)) -> NDArray[np.int8]:
+    """The sides (..., n) of some triangles that face an observer who looks along (..., 3)."""
+    cosine = direction @ facets.normal[some].T
+    sides = (cosine < -_EDGE_ON).astype(np.int8)
+    sides -= ((cosine > _EDGE_ON) & facets.is_plate[some]).astype(np.int8)
+    return sides
+
+
+def seen_along(facets: Facets, direction: Floats) -> Seen:
+    """What an observer far away sees who looks along a direction (3,).
+
+    What faces away hides nothing that what faces the observer does not: rays leave a body through
+    faces that do. So only these are compared.
+    """
+    signs = facing(facets, direction)
+    parts: Shapes = np.full(len(signs), None)
+    (rows,) = np.nonzero(signs)
+    projected = _projected(facets, rows, signs[rows], direction)
+    wide = projected.has_width  # what has none shadows nothing, and is too thin to be cut
+    rows, projected = rows[wide], projected.taken(wide)
+    polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
+    hidden, before = occluders(projected, polygons)
+    if not len(hidden):
+        return Seen(signs, parts)
+    order = np.argsort(hidden, kind="stable")
+    touched, numbers = np.unique(hidden[order], return_inverse=True)
+    groups = shapely.geometrycollections(before[order], indices=numbers)
+    # along an axis of length one: the union of each group
+    shadows = shapely.union_all(np.asarray(groups)[:, None], axis=1)
+    left = shapely.difference(polygons[touched], shadows)
+    areas, least = shapely.area(left), NOTHING * facets.size * shapely.length(polygons[touched])
+    signs[rows[touched[areas <= least]]] = 0
+    is_cut = (areas > least) & (shapely.area(polygons[touched]) - areas > least)
+    owners = rows[touched[is_cut]]
+    parts[owners] = _in_triangles(left[is_cut], projected, touched[is_cut], signs[owners])
+    return Seen(signs, parts)
+
+
+def _projected(
+    facets: Facets, rows: NDArray[np.intp], sides: NDArray[np.int8], direction: Floats
+) -> Projected:
+    _, _, axes = np.linalg.svd(direction[None])
+    across = axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
+    corners = facets.corners[rows]
+    corners[sides < 0] = corners[sides < 0][:, ::-1]  # counter-clockwise as well
+    return Projected(corners @ across.T, corners @ direction, facets.size)
+
+
+def _in_triangles(
+    shapes: Shapes, projected: Projected, rows: NDArray[np.intp], sides: NDArray[np.int8]
+) -> Shapes:
+    """Shapes (m,) of the picture in coordinates of their triangles."""
+    points = projected.points[rows]
+    points[sides < 0] = points[sides < 0][:, ::-1]
+    inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
+    places, owner = shapely.get_coordinates(shapes, return_index=True)
+    inside = np.einsum("nij,nj->ni", inverse[owner], places - points[owner, 0])
+    return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
+
+
+def _mended(shapes: Shapes) -> Shapes:
+    """Shapes of which rounding has turned no spikes inside out, nor moved holes over the edge."""
+    bent = ~shapely.is_valid(shapes)
+    mended = shapes.copy()
+    mended[bent] = shapely.make_valid(shapes[bent], method="structure", keep_collapsed=False)
+    return mended
+
+
+def less_hidden(lit: Seen, seen: Seen, facets: Facets, direction: Floats) -> Seen:
+    """What is lit, without what is hidden from an observer who looks along a direction (3,).
+
+    Only where the lit side faces the observer. What is turned away from there adds to the field
+    behind the body, and nothing of the body stands before that.
+    """
+    signs, parts = lit.signs.copy(), lit.parts.copy()
+    turned = (signs != 0) & (signs == facing(facets, direction))
+    signs[turned & (seen.signs == 0)] = 0
+    (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
+    one = parts[cut]
+    one[shapely.is_missing(one)] = _TRIANGLE
+    parts[cut] = shapely.intersection(_mended(one), _mended(seen.parts[cut]))
+    return Seen(signs, parts)
+
+
+def lit_pieces(facets: Facets, seen: Seen) -> Pieces:
+    """What is seen, as triangles: whole ones, and fans of the boundaries of parts."""
+    (whole,) = np.nonzero((seen.signs != 0) & shapely.is_missing(seen.parts))
+    (cut,) = np.nonzero((seen.signs != 0) & ~shapely.is_missing(seen.parts))
+    owner, begin, end = _edges(seen.parts[cut])
+    owner = cut[owner]
+    first, second = facets.first[owner], facets.second[owner]
+    share = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
+    weights = np.concatenate([seen.signs[whole], seen.signs[owner] * share])
+
+    def at(place: Floats) -> Floats:
+        return place[:, :1] * first + place[:, 1:] * second
+
+    every = np.concatenate([whole, owner])
+    return Pieces(
+        facets.corner[every],
+        np.concatenate([facets.first[whole], at(begin)]),
+        np.concatenate([facets.second[whole], at(end)]),
+        facets.vector[every] * weights[:, None],
+    )
+
+
+def _edges(shapes: Shapes) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """Numbers of shapes, and begins and ends (m, 2) of the edges around their polygons.
+
+    Counter-clockwise, holes clockwise.
+    """
+    single, owner = shapely.get_parts(shapes, return_index=True)
+    single, inner = shapely.get_parts(single, return_index=True)  # polygons in collections
+    flat = shapely.get_type_id(single) == shapely.GeometryType.POLYGON
+    polygons, owner = single[flat], owner[inner][flat]
+    rings, of_polygon = shapely.get_rings(polygons, return_index=True)
+    is_hole = of_polygon == np.concatenate([[-1], of_polygon[:-1]])
+    points, of_ring = shapely.get_coordinates(rings, return_index=True)
+    within = of_ring[1:] == of_ring[:-1]
+    of_edge, begin, end = of_ring[1:][within], points[:-1][within], points[1:][within]
+    # By area: shapely looks at one corner, which after rounding may be that of a spike.
+    crosses = begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0]
+    turned = (np.bincount(of_edge, crosses, len(rings)) < 0) != is_hole
+    swapped = turned[of_edge][:, None]
+    begin, end = np.where(swapped, end, begin), np.where(swapped, begin, end)
+    return owner[of_polygon[of_edge]], begin, end

@@ -1,0 +1,64 @@
+"""Bodies for tests: prisms, spheres and tori of facets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import polywigner as pw
+
+
+def extruded(ring: Any, height: float) -> pw.Polyhedron:
+    """A prism over a counter-clockwise ring (n, 2), with the ring as bottom and top faces.
+
+    Fans from the first vertex cover these once if the ring is seen from there.
+    """
+    points, n = np.asarray(ring, dtype=float), len(ring)
+    levels = [np.column_stack([points, np.full(n, z)]) for z in (0.0, height)]
+    sides = [(k, (k + 1) % n, (k + 1) % n + n, k + n) for k in range(n)]
+    faces = [(0, *range(n - 1, 0, -1)), tuple(range(n, 2 * n)), *sides]
+    return pw.Polyhedron(np.concatenate(levels), faces)
+
+
+def sphere(splits: int) -> pw.Polyhedron:
+    """20 4^splits facets, all corners at a distance of 1: an icosahedron with edges halved."""
+    g = (1 + 5**0.5) / 2
+    rows = [(s * 1.0, t * g, 0.0) for s in (-1, 1) for t in (-1, 1)]
+    points = np.array([np.roll(row, k) for k in range(3) for row in rows])
+    near = np.linalg.norm(points[:, None] - points, axis=2) < 2.1
+    faces = np.array(
+        [
+            (a, b, c) if np.linalg.det(points[[a, b, c]]) > 0 else (a, c, b)
+            for a in range(12)
+            for b in range(a + 1, 12)
+            for c in range(b + 1, 12)
+            if near[a, b] and near[b, c] and near[a, c]
+        ]
+    )
+    for _ in range(splits):
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]))
+        ends, number = np.unique(edges, axis=0, return_inverse=True)
+        ab, bc, ca = number.reshape(3, -1) + len(points)
+        points = np.concatenate([points, points[ends].mean(axis=1)])
+        a, b, c = faces.T
+        faces = np.concatenate(
+            [np.stack(t, axis=1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
+        )
+    return pw.Polyhedron(points / np.linalg.norm(points, axis=1, keepdims=True), faces)
+
+
+def torus(count: int, around: int) -> pw.Polyhedron:
+    """2 count around facets; radii 1 and 0.4."""
+    i, j = (k.ravel() for k in np.meshgrid(np.arange(count), np.arange(around), indexing="ij"))
+    a, b = 2 * np.pi * i / count, 2 * np.pi * j / around
+    out = 1 + 0.4 * np.cos(b)
+    points = np.stack([out * np.cos(a), out * np.sin(a), 0.4 * np.sin(b)], axis=1)
+
+    def number(i: Any, j: Any) -> Any:
+        return i % count * around + j % around
+
+    p, q, r, s = number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)
+    return pw.Polyhedron(
+        points, np.concatenate([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
+    )

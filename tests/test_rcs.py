@@ -1,0 +1,385 @@
+"""Radar cross sections against closed forms, rays, and laws of physical optics."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles.meshes import extruded, sphere, torus
+from oracles.rays import lit_sum
+from oracles.references import read_json
+from polywigner.errors import ArgumentError, PolywignerWarning
+from polywigner.scattering.convexity import is_convex
+
+# Of sums of float64, in amplitudes of a plate of the same size.
+ROUNDING = 1e-12
+# The reference value of two plates was found by a sum over a raster's edges, good to 2e-13.
+REFERENCE = 1e-11
+# Of rays, 250 across a body: edges of shadows are met to half a cell, at random.
+RAYS = 1e-3
+# Of dBsm that are stated to three digits after the point.
+STATED = 5e-4
+
+L_SHAPE = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 3), (0, 3)]
+L_BODY = extruded(L_SHAPE, 1.5)
+STEPS = extruded([(0, 0), (3, 0), (3, 1), (2, 1), (2, 2), (1, 2), (1, 3), (0, 3)], 2.0)
+BOX = extruded([(0, 0), (2, 0), (2, 1), (0, 1)], 0.5)
+HOLED = pw.Aperture(shapely.Polygon([(0, 0), (4, 0), (4, 3), (0, 2)], [[(1, 1), (2, 1), (2, 2)]]))
+
+
+def towards(polar: float, azimuth: float) -> np.ndarray:
+    """Unit vector, from degrees."""
+    a, b = math.radians(polar), math.radians(azimuth)
+    return np.array([math.sin(a) * math.cos(b), math.sin(a) * math.sin(b), math.cos(a)])
+
+
+def at(x: float, y: float, z: float) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def plate(area: float, wavelength: float) -> float:
+    """Square root of the cross section of a plate seen at right angles."""
+    return math.sqrt(4 * math.pi) * area / wavelength
+
+
+DIRECTIONS = np.array([towards(a, b) for a, b in ((20, 10), (55, 130), (80, 250), (140, 300))])
+
+
+@pytest.mark.parametrize("case", read_json("rcs"), ids=lambda case: str(case["to_radar"]))
+def test_boxes_and_shadowed_plates_have_the_reference_values(case: Any) -> None:
+    if "vertices" in case:
+        body: Any = pw.Polyhedron(case["vertices"], case["faces"])
+        size = 0.1 * 0.07
+    else:
+        body = [pw.shapes.square(0.3), pw.shapes.square(0.1).placed(at(0, 0, 0.2))]
+        size = 0.3**2
+    found = pw.rcs(body, case["to_radar"], case["wavelength"])
+    error = abs(math.sqrt(found) - math.sqrt(case["rcs"]))
+    assert error <= REFERENCE * plate(size, case["wavelength"])
+
+
+@pytest.mark.parametrize(
+    ("body", "wavelength", "stated"),
+    [
+        (pw.shapes.square(5.0), pw.SPEED_OF_LIGHT / 1e9, 49.414),
+        (pw.shapes.square(5.0), pw.SPEED_OF_LIGHT / 3e9, 58.957),
+        (pw.shapes.square(0.1016), 0.0325, 1.030),
+        (pw.shapes.disc(0.1016), 0.0325, 10.973),
+    ],
+)
+def test_plates_seen_at_right_angles_have_the_stated_sections(
+    body: Any, wavelength: float, stated: float
+) -> None:
+    found = 10 * math.log10(pw.rcs(body, (0.0, 0.0, 1.0), wavelength))
+    assert found == pytest.approx(stated, abs=STATED)
+
+
+def section_of_sphere(ka: float) -> float:
+    """Physical optics of a sphere of radius 1: pi |1 - (1 - exp(-2i ka))/(2i ka)|^2, in m^2.
+
+    The integral of n.s exp(-2i ka n.s) over the lit half.
+    """
+    turn = 2j * ka
+    return math.pi * abs(np.exp(-turn) - (1 - np.exp(-turn)) / turn) ** 2
+
+
+@pytest.mark.parametrize(
+    ("splits", "ka"),
+    [
+        (4, 20.0),
+        pytest.param(6, 20.0, marks=pytest.mark.slow),
+        pytest.param(6, 50.0, marks=pytest.mark.slow),
+    ],
+)
+def test_a_sphere_of_facets_has_the_section_of_a_sphere(splits: int, ka: float) -> None:
+    found = pw.rcs(sphere(splits), (0.36, 0.48, 0.8), 2 * math.pi / ka)
+    assert 10 * math.log10(found / section_of_sphere(ka)) == pytest.approx(0, abs=0.05)
+
+
+def test_a_plate_with_a_hole_scatters_its_fourier_transform() -> None:
+    wavelength = 0.4
+    s = DIRECTIONS[:3]
+    amplitude = s[:, 2] * np.abs(pw.fourier(HOLED, 2 * s[:, :2] / wavelength))
+    expected = 4 * math.pi / wavelength**2 * amplitude**2
+    np.testing.assert_allclose(
+        np.sqrt(pw.rcs(HOLED, s, wavelength)),
+        np.sqrt(expected),
+        rtol=0,
+        atol=ROUNDING * plate(HOLED.area, wavelength),
+    )
+
+
+@pytest.mark.parametrize("body", [HOLED, BOX, L_BODY, [L_BODY, HOLED.placed(at(5, 0, 1))]])
+def test_a_transmitter_beside_the_receiver_is_a_radar(body: Any) -> None:
+    alone = pw.rcs(body, DIRECTIONS, 0.3)
+    np.testing.assert_allclose(pw.rcs(body, DIRECTIONS, 0.3, DIRECTIONS), alone, rtol=1e-9)
+    for channel in ("vv", "hh"):
+        found = pw.rcs(body, DIRECTIONS, 0.3, polarisation=channel)
+        np.testing.assert_allclose(found, alone, rtol=1e-9)
+    # n x (k x p) of backscatter lies along p
+    assert (pw.rcs(body, DIRECTIONS, 0.3, polarisation="vh") < 1e-25 * plate(10, 0.3) ** 2).all()
+
+
+def test_the_total_is_the_mean_over_incident_polarisations() -> None:
+    both = DIRECTIONS[:2], 0.3, DIRECTIONS[2]
+    channels = [pw.rcs(L_BODY, *both, polarisation=name) for name in ("vv", "vh", "hv", "hh")]
+    np.testing.assert_allclose(pw.rcs(L_BODY, *both), sum(channels) / 2, rtol=1e-12)
+
+
+def test_channels_name_the_receiver_first() -> None:
+    polar, azimuth = (math.radians(a) for a in (55, 130))
+    v = (
+        math.cos(polar) * math.cos(azimuth),
+        math.cos(polar) * math.sin(azimuth),
+        -math.sin(polar),
+    )
+    h = (-math.sin(azimuth), math.cos(azimuth), 0.0)
+    s, t, horizontal = DIRECTIONS[1], towards(70, 0), (0.0, 1.0, 0.0)
+    for name, q in (("vh", v), ("hh", h)):
+        expected = pw.rcs(L_BODY, s, 0.3, t, (q, horizontal))
+        assert pw.rcs(L_BODY, s, 0.3, t, name) == pytest.approx(expected, rel=1e-9)
+    assert pw.rcs(L_BODY, s, 0.3, t, "vh") != pytest.approx(pw.rcs(L_BODY, s, 0.3, t, "hv"))
+    above = towards(0, 0), 0.3, t
+    found = pw.rcs(L_BODY, *above, "vh")  # v is x there
+    expected = pw.rcs(L_BODY, *above, ((1.0, 0.0, 0.0), horizontal))
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-20)
+
+
+def test_circular_waves_return_turned_the_other_way_from_a_plate() -> None:
+    right = np.array([1.0, 1j, 0.0]) / math.sqrt(2)
+    left = right.conj()
+    square, up = pw.shapes.square(1.0), (0.0, 0.0, 1.0)
+    whole = pw.rcs(square, up, 0.1)
+    assert pw.rcs(square, up, 0.1, polarisation=(left, right)) == pytest.approx(whole)
+    assert pw.rcs(square, up, 0.1, polarisation=(right, right)) < 1e-20 * whole
+
+
+def test_the_reversed_path_of_a_plate_exchanges_electric_and_magnetic_vectors() -> None:
+    s, t = towards(35, 20), towards(60, 200)
+    q, p = np.cross(s, (0.6, 0.0, 0.8)), np.cross(t, (0.0, 1.0, 0.0))
+    q, p = q / np.linalg.norm(q), p / np.linalg.norm(p)
+    there = pw.rcs(HOLED, s, 0.3, t, (q, p))
+    back = pw.rcs(HOLED, t, 0.3, s, (np.cross(t, p), np.cross(s, q)))
+    assert back == pytest.approx(there, rel=1e-10)
+    assert pw.rcs(HOLED, t, 0.3, s) == pytest.approx(pw.rcs(HOLED, s, 0.3, t), rel=1e-10)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        BOX,
+        L_BODY,
+        HOLED,
+        [pw.shapes.square(2.0), pw.shapes.square(1.5).placed(at(0.4, 0.2, 1.0)), BOX],
+        [BOX, pw.shapes.square(4.0).placed(at(2.0, 1.0, 0.5))],  # the plate lies on the box
+    ],
+)
+def test_forward_scattering_is_that_of_the_shadow(body: Any) -> None:
+    # walls seen edge-on among them, whose shadows have edges in common with others
+    for t in (*DIRECTIONS, towards(90, -30), towards(90, 0), towards(60, 45), towards(0, 0)):
+        area = shadow_of(body, t)
+        found = pw.rcs(body, -t, 0.3, t, "vv")
+        assert math.sqrt(found) == pytest.approx(plate(area, 0.3), rel=1e-9)
+
+
+def shadow_of(body: Any, t: np.ndarray) -> float:
+    """The area that a body covers, seen along a direction, by a union of its faces."""
+    across = np.linalg.svd(t[None])[2][1:].T
+    parts = []
+    for part in body if isinstance(body, list) else [body]:
+        if isinstance(part, pw.Polyhedron):
+            faces = [shapely.Polygon(part.vertices[list(face)] @ across) for face in part.faces]
+            parts += [face.buffer(0) for face in faces if face.area > 1e-9]
+        else:
+            pose = getattr(part, "pose", np.eye(4))
+            outline = getattr(part, "aperture", part).polygons
+            parts.append(
+                shapely.transform(outline, lambda p, m=pose: (p @ m[:3, :2].T + m[:3, 3]) @ across)
+            )
+    return float(shapely.union_all(parts).area)
+
+
+@pytest.mark.parametrize("body", [L_BODY, STEPS], ids=["L", "steps"])
+@pytest.mark.parametrize(
+    ("s", "t"),
+    [
+        (towards(50, 35), None),
+        (towards(75, 80), None),
+        (towards(60, 70), towards(70, 15)),
+        (towards(60, 120), towards(70, 60)),  # lit, and hidden from the receiver in part
+        (towards(40, 200), towards(65, 60)),
+    ],
+)
+def test_shadows_of_bodies_are_those_of_rays(body: Any, s: Any, t: Any) -> None:
+    wavelength = 1.3
+    transmitter = s if t is None else t
+    sums, area = lit_sum(body, s, transmitter, wavelength, across=250)
+    field = np.cross(sums, np.cross(-transmitter, p := across(transmitter)))
+    field -= s * (field @ s)
+    expected = math.sqrt(4 * math.pi) / wavelength * np.abs(field)
+    for axis, value in zip(np.eye(3), expected, strict=True):
+        q = axis - s * (axis @ s)
+        length = np.linalg.norm(q)
+        found = math.sqrt(pw.rcs(body, s, wavelength, t, (q / length, p))) * length
+        assert found == pytest.approx(value, abs=RAYS * plate(area, wavelength))
+
+
+def across(direction: np.ndarray) -> np.ndarray:
+    vector = np.cross(direction, (0.0, 0.6, 0.8))
+    return vector / np.linalg.norm(vector)
+
+
+@pytest.mark.parametrize("t", [None, towards(35, 300)])
+def test_a_body_in_two_halves_that_touch_is_the_body(t: Any) -> None:
+    lower = extruded([(0, 0), (3, 0), (3, 1), (0, 1)], 1.5)
+    upper = extruded([(0, 1), (1, 1), (1, 3), (0, 3)], 1.5)
+    found = np.sqrt(pw.rcs([lower, upper], DIRECTIONS, 0.3, t))
+    np.testing.assert_allclose(
+        found, np.sqrt(pw.rcs(L_BODY, DIRECTIONS, 0.3, t)), rtol=0, atol=ROUNDING * plate(9, 0.3)
+    )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_plates_at_random_are_lit_where_their_union_is(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    plates = []
+    for _ in range(20):
+        axes, _ = np.linalg.qr(random.normal(size=(3, 3)))
+        pose = np.eye(4)
+        # half of the sets stand on a lattice, and touch, coincide and meet at right angles
+        pose[:3, :3] = np.eye(3)[random.permutation(3)] if seed % 2 else axes
+        pose[:3, 0] *= np.linalg.det(pose[:3, :3])
+        pose[:3, 3] = random.integers(-2, 3, 3) / 2 if seed % 2 else random.uniform(-1, 1, 3)
+        plates.append(pw.Aperture([(0, 0), (1, 0), (1, 1), (0.5, 1)]).placed(pose))
+    t = towards(*random.choice([30, 45, 60, 90], 2)) if seed % 2 else towards(40, 70)
+    found = pw.rcs(plates, -t, 0.3, t, "vv")
+    assert math.sqrt(found) == pytest.approx(plate(shadow_of(plates, t), 0.3), rel=1e-9)
+    for s in (t, towards(45, 45), towards(90, 90)):
+        assert np.isfinite(pw.rcs(plates, s, 0.3, t))
+
+
+def test_a_plate_right_behind_another_is_dark() -> None:
+    front = pw.shapes.square(1.0)
+    behind = pw.shapes.square(0.9).placed(at(0, 0, -0.11))
+    up = (0.0, 0.0, 1.0)
+    assert pw.rcs([behind, front], up, 0.1) == pytest.approx(pw.rcs(front, up, 0.1), rel=1e-12)
+    down = pw.rcs([behind, front], (0.0, 0.0, -1.0), 0.1)
+    assert down != pytest.approx(pw.rcs(front, up, 0.1), rel=1e-3)
+
+
+def test_plates_that_coincide_count_once() -> None:
+    square = pw.shapes.square(1.0)
+    alone = pw.rcs(square, DIRECTIONS, 0.1)
+    np.testing.assert_allclose(pw.rcs([square, square], DIRECTIONS, 0.1), alone, rtol=1e-12)
+    np.testing.assert_allclose(pw.rcs(pw.Array([square]), DIRECTIONS, 0.1), alone, rtol=1e-12)
+
+
+def test_a_torus_covers_the_area_that_it_shadows() -> None:
+    body = torus(40, 16)
+    t = towards(65, 20)
+    found = pw.rcs(body, -t, 0.3, t, "hh")
+    assert math.sqrt(found) == pytest.approx(plate(shadow_of(body, t), 0.3), rel=1e-9)
+
+
+def test_a_body_turned_with_its_radar_is_the_same() -> None:
+    axes, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    axes *= np.linalg.det(axes)
+    turned = pw.Polyhedron(L_BODY.vertices @ axes.T + (10, -3, 2), L_BODY.faces)
+    found = pw.rcs(turned, DIRECTIONS @ axes.T, 0.3, DIRECTIONS[1] @ axes.T)
+    expected = pw.rcs(L_BODY, DIRECTIONS, 0.3, DIRECTIONS[1])
+    np.testing.assert_allclose(
+        np.sqrt(found), np.sqrt(expected), rtol=0, atol=ROUNDING * plate(9, 0.3)
+    )
+
+
+def test_bodies_are_told_convex_or_not() -> None:
+    assert is_convex(BOX) and is_convex(sphere(2))
+    assert not is_convex(L_BODY) and not is_convex(torus(12, 8))
+    # two separate boxes, and a box in a box: convex at every edge
+    two = np.concatenate([BOX.vertices, BOX.vertices + np.array([5, 0, 0])])
+    faces = [*BOX.faces, *(tuple(k + len(BOX.vertices) for k in face) for face in BOX.faces)]
+    assert not is_convex(pw.Polyhedron(two, faces))
+    nested = np.concatenate([BOX.vertices, BOX.vertices * 0.5 + (0.3, 0.2, 0.1)])
+    assert not is_convex(pw.Polyhedron(nested, faces))
+
+
+def test_directions_and_wavelengths_broadcast() -> None:
+    lengths = np.array([0.2, 0.3, 0.5])
+    for body in (BOX, L_BODY):
+        table = pw.rcs(body, DIRECTIONS[:, None], lengths)
+        assert table.shape == (4, 3)
+        single = [[pw.rcs(body, s, length) for length in lengths] for s in DIRECTIONS]
+        np.testing.assert_allclose(table, single, rtol=1e-9)
+    assert isinstance(pw.rcs(BOX, DIRECTIONS[0], 0.3), float)
+    assert pw.rcs(L_BODY, np.zeros((0, 3)), 0.3).shape == (0,)
+
+
+def test_a_plate_seen_edge_on_is_dark() -> None:
+    square = pw.shapes.square(1.0)
+    assert pw.rcs(square, (1.0, 0.0, 0.0), 0.1) == 0
+    assert pw.rcs([square, square.placed(at(0, 0, 1))], (1.0, 0.0, 0.0), 0.1) == 0
+
+
+def test_a_body_below_a_wavelength_is_warned_of() -> None:
+    with pytest.warns(PolywignerWarning, match="physical optics"):
+        pw.rcs(BOX, (0.0, 0.0, 1.0), 10.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pw.rcs(sphere(3), (0.0, 0.0, 1.0), 0.5)  # fine facets that join
+
+
+def test_a_pattern_is_a_table_of_sections() -> None:
+    azimuth, elevation = np.radians([-30.0, 0.0, 100.0]), np.radians([-90.0, 0.0, 40.0, 90.0])
+    found = pw.rcs_pattern(L_BODY, 0.3, azimuth, elevation, polarisation="hh")
+    assert found["rcs"].dims == ("azimuth", "elevation")
+    for i, j in np.ndindex(3, 4):
+        s = towards(90 - math.degrees(elevation[j]), math.degrees(azimuth[i]))
+        expected = math.sqrt(pw.rcs(L_BODY, s, 0.3))
+        value = math.sqrt(found["rcs"].values[i, j])
+        assert value == pytest.approx(expected, abs=ROUNDING * plate(9, 0.3))
+    assert found.attrs["largest_rcs"] == found["rcs"].values.max()
+    fixed = pw.rcs_pattern(BOX, 0.3, azimuth, 0.0, to_transmitter=(1.0, 0.0, 0.0))
+    assert fixed["rcs"].values[1, 0] == pytest.approx(pw.rcs(BOX, (1.0, 0.0, 0.0), 0.3))
+
+
+def test_angles_of_a_pattern_are_checked() -> None:
+    with pytest.raises(ArgumentError, match="elevation as angles"):
+        pw.rcs_pattern(BOX, 0.3, 0.0, 2.0)
+    with pytest.raises(ArgumentError, match="one unit vector"):
+        pw.rcs_pattern(BOX, 0.3, 0.0, 0.0, to_transmitter=np.eye(3))
+    with pytest.raises(ArgumentError, match="expected polarisation"):
+        pw.rcs_pattern(BOX, 0.3, 0.0, 0.0, polarisation="circular")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((3.0, (0, 0, 1), 0.1), "expected a body"),
+        (([], (0, 0, 1), 0.1), "empty list"),
+        (([BOX, pw.Slits([(0, 1)])], (0, 0, 1), 0.1), "got Slits"),
+        ((pw.Array([BOX, BOX], [1, -1]), (0, 0, 1), 0.1), "weights 1"),
+        ((pw.shapes.square(1).with_illumination(pw.steering((0.1, 0), 0.1)), (0, 0, 1), 0.1),
+         "without an illumination"),
+        ((BOX, (0, 0, 2), 0.1), "of length 2"),
+        ((BOX, (0, 1), 0.1), "unit vectors"),
+        ((BOX, (0, 0, math.nan), 0.1), "unit vectors"),
+        ((BOX, (0, 0, 1), -0.1), "wavelengths as numbers above zero"),
+        ((BOX, (0, 0, 1), "10 mm"), "wavelengths as numbers"),
+        ((BOX, np.eye(3), [0.1, 0.2]), "that broadcast"),
+        ((BOX, (0, 0, 1), 0.1, None, "vx"), "expected polarisation"),
+        ((BOX, (0, 0, 1), 0.1, None, 3), "expected polarisation"),
+        ((BOX, (0, 0, 1), 0.1, None, ((1, 0, 0), (0, 0, 1))), "leans by 90 degrees"),
+        ((BOX, (0, 0, 1), 0.1, None, ((2, 0, 0), (1, 0, 0))), "of length 2"),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_refused(arguments: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        pw.rcs(*arguments)
