@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.errors import ArgumentError, SceneError
+from polywigner.errors import ArgumentError, QuantityError, SceneError
 
 pytestmark = pytest.mark.drjit
 pm = pytest.importorskip("polywigner.mitsuba")
@@ -486,10 +486,35 @@ def test_emitters_within_the_bandwidth_are_received_at_their_wavelength(plain: N
 )
 def test_an_argument_out_of_range_is_refused(plain: None, wrong: dict[str, Any]) -> None:
     scene = scene_of(tx=emitter(), rx=receiver(pose=facing(1.0)))
-    with pytest.raises(ArgumentError, match="expected"):
+    with pytest.raises((ArgumentError, QuantityError), match="expected"):
         pm.received_power(scene, **wrong)
 
 
 def test_what_is_no_scene_is_refused() -> None:
     with pytest.raises(ArgumentError, match=r"expected a mi\.Scene"):
         pm.received_power("scene.xml")
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize(("size", "is_narrow"), [(0.02, True), (1.0, False)])
+def test_a_mirror_narrower_than_a_fresnel_zone_is_pointed_out(size: float, is_narrow: bool) -> None:
+    mirror = plate(0.5, 0.0, 0.5, [0, 1, 0], -90, **MIRROR)
+    mirror["to_world"] = mirror["to_world"].scale(size)
+    found = power_of(tx=emitter(), rx=receiver(pose=facing(1.0)), glass=mirror)
+    narrow = [note for note in found.notes if "'glass' is narrower than a Fresnel zone" in note]
+    assert len(narrow) == is_narrow
+
+
+@pytest.mark.usefixtures("plain")
+def test_integrators_that_find_no_radiance_and_noise_beyond_all_numbers_are_refused() -> None:
+    parts = {"tx": emitter(), "rx": receiver(pose=facing(1.0))}
+    for name in ("depth", "ptracer"):
+        with pytest.raises(SceneError, match="integrator that finds the radiance along rays"):
+            power_of(**parts, integrator={"type": name})
+    scene = scene_of(**parts)
+    with pytest.raises(ArgumentError, match="expected noise k T B F of a number of watts"):
+        pm.received_power(scene, spp=16, bandwidth=1e300, temperature=1e300)
+    with pytest.raises(ArgumentError, match="tolerance as a number from 1e-12"):
+        pm.received_power(scene, spp=16, tolerance=0.0)
+    texts = pm.received_power(scene, spp=16, bandwidth="1 GHz", temperature="290 K")
+    assert texts.noise_power == pytest.approx(4.0039e-12, rel=1e-4)

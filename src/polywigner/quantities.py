@@ -171,6 +171,10 @@ def parse_noise_figure(text: str | float) -> float:
             f"expected a noise figure of 0 dB or more, got {_shown(text)}; no receiver takes noise "
             "away"
         )
+    if level > _HIGHEST_LEVEL:
+        raise QuantityError(
+            f"expected a noise figure of at most {_HIGHEST_LEVEL:g} dB, got {_shown(text)}"
+        )
     return level
 
 

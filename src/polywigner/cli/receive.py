@@ -17,7 +17,13 @@ from polywigner.cli.output import (
     targets,
     writing,
 )
-from polywigner.cli.scenes import check_is_file, check_is_no_aperture, counted_bar, versions_of
+from polywigner.cli.scenes import (
+    check_is_file,
+    check_is_no_aperture,
+    check_threads,
+    counted_bar,
+    versions_of,
+)
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
@@ -82,8 +88,7 @@ def run_receive(
         raise ArgumentError(f"expected --spp of at least 1, got {spp}")
     if seed < 0:
         raise ArgumentError(f"expected --seed of zero or more, got {seed}")
-    if threads is not None and threads < 1:
-        raise ArgumentError(f"expected --threads of at least 1, got {threads}")
+    check_threads(threads)
     noise = {
         "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
         "temperature": None if temperature is None else parse_temperature(temperature),

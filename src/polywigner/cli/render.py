@@ -19,7 +19,7 @@ from polywigner.cli.output import (
     writing,
 )
 from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.scenes import check_is_file, check_is_no_aperture, versions_of
+from polywigner.cli.scenes import check_is_file, check_is_no_aperture, check_threads, versions_of
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
@@ -146,8 +146,7 @@ def _check(settings: RenderSettings) -> None:
         raise ArgumentError(f"expected --error-db above zero, got {settings.error_db:g}")
     if settings.seed < 0:
         raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
-    if settings.threads is not None and settings.threads < 1:
-        raise ArgumentError(f"expected --threads of at least 1, got {settings.threads}")
+    check_threads(settings.threads)
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from polywigner.cli.output import check_text
 from polywigner.errors import SceneError
 
-__all__ = ["check_is_file", "check_is_no_aperture", "counted_bar", "versions_of"]
+__all__ = ["check_is_file", "check_is_no_aperture", "check_threads", "counted_bar", "versions_of"]
 
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 
@@ -34,6 +34,15 @@ def check_is_no_aperture(scene: str) -> None:
             f"see its transforms by `polywigner transform {shlex.quote(scene)}`, or name it in "
             'the <shape type="wigner"> of a scene'
         )
+
+
+def check_threads(threads: int | None) -> None:
+    """Raise ArgumentError for a number of threads that no machine has."""
+    if threads is not None:
+        from polywigner.execution import MOST_THREADS
+        from polywigner.geometry.arguments import checked_count
+
+        checked_count(threads, "--threads", 1, MOST_THREADS)
 
 
 @contextmanager

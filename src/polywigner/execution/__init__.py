@@ -70,12 +70,14 @@ from polywigner.execution.site_sums import site_sum
 from polywigner.execution.sums import evaluate_sums
 from polywigner.execution.table_data import UnrolledOperations
 from polywigner.execution.threads import (
+    MOST_THREADS,
     check_not_stopped,
     kernel_threads,
     stop_this_thread_when,
 )
 
 __all__ = [
+    "MOST_THREADS",
     "DrjitOperations",
     "Engine",
     "NumpyOperations",

@@ -10,7 +10,10 @@ from contextlib import contextmanager
 
 from polywigner.toolchain import llvm
 
-__all__ = ["check_not_stopped", "kernel_threads", "stop_this_thread_when"]
+__all__ = ["MOST_THREADS", "check_not_stopped", "kernel_threads", "stop_this_thread_when"]
+
+MOST_THREADS = 1024
+"""That may be asked for: far more than cores, and fewer than systems refuse."""
 
 # There is one pool in a process; two blocks at a time would only wait for each other.
 _POOL = threading.Lock()

@@ -37,7 +37,8 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     try:
         with unseen(scene), silent():
             integrator = scene.integrator() or mi.load_dict({"type": default_integrator(scene)})
-            found = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=seed)
+            own_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
+            found = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=own_seed)
             image = np.array(found, dtype=np.float64)
     finally:
         sensor.scene = None  # or it would keep the scene alive

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,7 +71,7 @@ def _path(
         facing = facing.mirrored(mirror.normal, mirror.offset)
     passing = passing_share(scene, facing, parts.receiver, chain)
     if passing == 0:
-        return None, "no direct light; obstacles block it"
+        return None, "no direct light; obstacles block it, by rays, without diffraction"
     coupling = coupled_share(parts, tolerance)
     path = DirectPath(
         tuple(mirror.name for mirror in chain),
@@ -79,7 +80,9 @@ def _path(
         passing,
         _arrival(parts.emitter, parts.receiver),
     )
-    return path, " and ".join(_doubts(parts.share, passing, chain))
+    doubts = _doubts(parts.share, passing, chain)
+    doubts += _narrow(chain, parts.emitter, parts.receiver)
+    return path, " and ".join(doubts)
 
 
 def _arrival(emitter: PlacedSource, receiver: PlacedSource) -> tuple[float, float]:
@@ -103,6 +106,25 @@ def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
             f"{passing:.1%} of direct light passes obstacles, by rays, without diffraction"
         )
     return doubts
+
+
+def _narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]:
+    """Of mirrors so small that edges shape what they send, and rays do not know it."""
+    ends = [place.points(_middle(place.source)[None])[0] for place in (image, receiver)]
+    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(ends[0] - ends[1])))
+    unit = receiver.scene_unit
+    return [
+        f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: it sends less than "
+        "counted here by rays"
+        for mirror in chain
+        if _width(mirror) * unit < zone
+    ]
+
+
+def _width(mirror: Mirror) -> float:
+    """At most the side of a square of the mirror's diagonal, in scene units."""
+    box = mirror.shape.bbox()
+    return math.dist(box.min, box.max) / math.sqrt(2)
 
 
 def ways_of(mirrors: list[Mirror], reflections: int) -> list[Way]:

@@ -114,10 +114,7 @@ class ReceivedPower:
     @property
     def noise_power(self) -> float | None:
         """W, k T B F; None without a temperature and a bandwidth."""
-        if self.temperature is None or self.bandwidth is None:
-            return None
-        factor = 10 ** ((self.noise_figure or 0.0) / 10)
-        return BOLTZMANN * self.temperature * self.bandwidth * factor
+        return noise_power_of(self.bandwidth, self.temperature, self.noise_figure)
 
     @property
     def snr(self) -> float | None:
@@ -177,6 +174,15 @@ class ReceivedPower:
         ratio = self.power / noise
         shown = f"{10 * math.log10(ratio):.2f} dB" if ratio > 0 else "below zero"
         return f"noise {_watts(noise)} ({dbm_text(noise)}), signal to noise {shown}"
+
+
+def noise_power_of(
+    bandwidth: float | None, temperature: float | None, noise_figure: float | None
+) -> float | None:
+    """W, k T B F of Hz, K and dB; None without a temperature and a bandwidth."""
+    if temperature is None or bandwidth is None:
+        return None
+    return BOLTZMANN * temperature * bandwidth * 10 ** ((noise_figure or 0.0) / 10)
 
 
 def _dict_of(part: Contribution) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from polywigner.mitsuba.placed_sources import (
 from polywigner.mitsuba.received import OTHER_LIGHTS, Contribution, ReceivedPower
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.receiving_arguments import Asked, asked_of
-from polywigner.mitsuba.rendering import default_spp
+from polywigner.mitsuba.rendering import default_spp, exposed
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, shares_of
 from polywigner.mitsuba.unseen import unseen, wigner_emitters
 
@@ -34,6 +34,8 @@ __all__ = [
     "receivers_of",
     "scattered_here",
 ]
+
+_NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
 
 Progress = Callable[[int, int], None]
 Scattered = Callable[[list[Scattering]], Any]
@@ -48,9 +50,9 @@ def received_power(
     integrator: Any = None,
     reflections: int = 2,
     tolerance: float = 1e-6,
-    bandwidth: float | None = None,
-    temperature: float | None = None,
-    noise_figure: float | None = None,
+    bandwidth: float | str | None = None,
+    temperature: float | str | None = None,
+    noise_figure: float | str | None = None,
     progress: Progress | None = None,
 ) -> ReceivedPower:
     """The power that a receiver of a scene gets, in W, with its standard error.
@@ -71,8 +73,8 @@ def received_power(
     integrator : of the scattered part, as in :func:`polywigner.mitsuba.render`.
     reflections : most flat mirrors on a direct way, 0 to 3.
     tolerance : of couplings, as in :func:`polywigner.coupling`.
-    bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB, in place of the
-        receiver's own; without a noise figure, F is 1. The bandwidth also says which emitters the
+    bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB or as texts such
+        as "1 GHz", in place of the receiver's own; without a noise figure, F is 1. The bandwidth also says which emitters the
         receiver takes.
     progress : called after each render with the number of those done, and of all.
 
@@ -86,7 +88,7 @@ def received_power(
     SceneError : no receiver, no light; an emitter of another wavelength, obliquity or scene unit;
         links or chains of mirrors that are too much work; what :func:`polywigner.mitsuba.render`
         refuses. ArgumentError : no scene, several receivers and none named, other arguments out of
-        range.
+        range; QuantityError : a quantity that is none.
     """
     asked = asked_of(
         spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
@@ -103,9 +105,9 @@ def received_powers(
     integrator: Any = None,
     reflections: int = 2,
     tolerance: float = 1e-6,
-    bandwidth: float | None = None,
-    temperature: float | None = None,
-    noise_figure: float | None = None,
+    bandwidth: float | str | None = None,
+    temperature: float | str | None = None,
+    noise_figure: float | str | None = None,
     progress: Progress | None = None,
 ) -> list[ReceivedPower]:
     """The power of each receiver of a scene, in its order: :func:`received_power`."""
@@ -173,8 +175,19 @@ def received(scene: Any, numbers: list[int], asked: Asked, scattered: Scattered)
 
 
 def _scattering(scene: Any, sensor: int, asked: Asked) -> Scattering:
+    _check_integrator(exposed(scene, asked.integrator, 1, 0, sensor, warn=False).integrator)
     spp = default_spp(scene, sensor) if asked.spp is None else asked.spp
     return Scattering(sensor, asked.integrator, spp, asked.seed)
+
+
+def _check_integrator(integrator: Any) -> None:
+    """SceneError for one that finds no radiance, or shoots its rays from the lights."""
+    name = integrator.class_name()
+    if name in _NO_RADIANCE:
+        raise SceneError(
+            f"expected an integrator that finds the radiance along rays from the receiver, got "
+            f'{name}; use "path" or, with fog, "volpath"'
+        )
 
 
 def scattered_here(

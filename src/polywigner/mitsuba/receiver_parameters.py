@@ -27,6 +27,8 @@ __all__ = ["RECEIVER_ESTIMATORS", "RECEIVER_PARAMETERS", "ReceiverSpec", "read_r
 
 RECEIVER_ESTIMATORS = ("exact", "wigner")
 
+_NESTED = ("Film", "Sampler", "Medium")
+
 RECEIVER_PARAMETERS = (
     *SOURCE_PARAMETERS,
     "obliquity",
@@ -78,6 +80,7 @@ def read_receiver(props: Any) -> ReceiverSpec:
     """
     given = Given.of(props, "wigner_receiver sensor")
     given.check_names(RECEIVER_PARAMETERS)
+    _check_nested(given.values)
     _check_film(given.values)
     obliquity = check_obliquity(given.text("obliquity", OBLIQUITIES[0]))
     wavelength = given.wavelength()
@@ -119,6 +122,29 @@ def _check_film(values: dict[str, Any]) -> None:
             f"expected a film with a box filter in the wigner_receiver sensor, got {name}; give "
             'the film <rfilter type="box"/>: other filters share samples among pixels'
         )
+    _check_whole(films[0])
+
+
+def _check_whole(film: Any) -> None:
+    """SceneError for a film that is cropped: its pixels add up to a part of the power."""
+    size, part = (tuple(int(n) for n in pair) for pair in (film.size(), film.crop_size()))
+    if size != part:
+        raise SceneError(
+            f"expected the whole film of the wigner_receiver sensor, got {part[0]} x {part[1]} of "
+            f"{size[0]} x {size[1]} pixels; leave its crop window out"
+        )
+
+
+def _check_nested(values: dict[str, Any]) -> None:
+    """SceneError for anything nested but a film, a sampler and a medium."""
+    variants = {"scalar_rgb", mi.variant() or "scalar_rgb"}
+    known = tuple(getattr(getattr(mi, v), kind) for v in variants for kind in _NESTED)
+    for name, value in values.items():
+        if isinstance(value, mi.Object) and not isinstance(value, known):
+            raise SceneError(
+                f"expected a film, a sampler or a medium in the wigner_receiver sensor, got "
+                f"{name!r}, a {value.class_name()}; leave it out"
+            )
 
 
 def _is_film(value: Any) -> bool:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number
+from polywigner.mitsuba.received import noise_power_of
 from polywigner.mitsuba.rendering import check_seed, check_spp
+from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
+from polywigner.reception.couplings import checked_tolerance
 
 __all__ = ["Asked", "asked_of"]
 
@@ -33,7 +36,14 @@ class Asked:
         """Of a receiver: what is asked, else its own."""
         names = ("bandwidth", "temperature", "noise_figure")
         asked = {name: getattr(self, name) for name in names}
-        return {n: getattr(spec, n) if value is None else value for n, value in asked.items()}
+        noise = {n: getattr(spec, n) if value is None else value for n, value in asked.items()}
+        power = noise_power_of(**noise)
+        if power is not None and not 0 < power < math.inf:
+            raise ArgumentError(
+                f"expected noise k T B F of a number of watts, got {power} W from {noise}; check "
+                "the units of bandwidth (Hz) and temperature (K)"
+            )
+        return noise
 
 
 def asked_of(
@@ -46,26 +56,17 @@ def asked_of(
     temperature: Any,
     noise_figure: Any,
 ) -> Asked:
-    """The arguments; ArgumentError for one out of range. Couplings check their tolerance."""
+    """The arguments; ArgumentError, QuantityError for one out of range."""
     return Asked(
         None if spp is None else check_spp(spp),
         check_seed(seed),
         integrator,
         _checked_reflections(reflections),
-        checked_number(tolerance, "tolerance", "a number"),
-        _checked("bandwidth", bandwidth, "above zero, in Hz"),
-        _checked("temperature", temperature, "above zero, in K"),
-        _checked("noise_figure", noise_figure, "of zero or more, in dB"),
+        checked_tolerance(tolerance),
+        None if bandwidth is None else parse_frequency(bandwidth),
+        None if temperature is None else parse_temperature(temperature),
+        None if noise_figure is None else parse_noise_figure(noise_figure),
     )
-
-
-def _checked(name: str, value: Any, meaning: str) -> float | None:
-    if value is None:
-        return None
-    number = checked_number(value, name, f"a number {meaning}")
-    if number < 0 or (number == 0 and "above" in meaning):
-        raise ArgumentError(f"expected {name} as a number {meaning}, got {value!r}")
-    return number
 
 
 def _checked_reflections(value: Any) -> int:

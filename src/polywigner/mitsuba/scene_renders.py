@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import kernel_threads
+from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.mitsuba.parts import Exposure
 from polywigner.mitsuba.rendering import exposed
@@ -106,7 +106,7 @@ def render_parts(
 ) -> npt.NDArray[np.float32]:
     """The image of the scene that was loaded from a file; see :func:`render_file`."""
     if threads is not None:
-        threads = checked_count(threads, "threads", 1)
+        threads = checked_count(threads, "threads", 1, MOST_THREADS)
     exposure = exposed(scene, integrator, spp, seed, sensor)
     if store is None:
         bar = progress_bar("rendering", exposure.cut.steps, show=progress)

@@ -247,11 +247,24 @@ def _instantiate(file: Path, sampler: str | None, parameters: Mapping[str, Any])
     state = mi.parser.parse_file(config, str(file), **texts)
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
+    _check_samplers(state)
     if sampler is not None:
         _replace_samplers(state, sampler)
     mi.parser.transform_merge_equivalent(config, state)
     mi.parser.transform_merge_meshes(config, state)
     return mi.parser.instantiate(config, state)
+
+
+def _check_samplers(state: Any) -> None:
+    """SceneError for a sampler of no samples, by which Mitsuba's ``multijitter`` divides."""
+    for node in state.nodes:
+        if node.type == mi.ObjectType.Sampler and "sample_count" in node.props:
+            samples = node.props["sample_count"]
+            if isinstance(samples, int) and samples < 1:
+                raise SceneError(
+                    f"expected a sample_count of at least 1 in a sampler, got {samples}; the "
+                    "number of samples per pixel"
+                )
 
 
 def _replace_samplers(state: Any, name: str) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from polywigner.errors import PolywignerWarning, StoreError
+from polywigner.execution import MOST_THREADS
 from polywigner.geometry.arguments import checked_count, checked_path
 from polywigner.interruption import cleaned_up_by
 from polywigner.propagation.stores_checks import (
@@ -82,7 +83,7 @@ def write_dataset(
     ``block`` raises.
     """
     if threads is not None:
-        threads = checked_count(threads, "threads", 1)
+        threads = checked_count(threads, "threads", 1, MOST_THREADS)
     require_stores(scheduler)
     folder = checked_path(path)
     fingerprint, whole = fingerprint_of(layout, settings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -53,6 +54,11 @@ def on_this_machine(
 def connected(scheduler: str) -> Iterator[Any]:
     """A client of the scheduler at an address, which has workers. Raises EngineError without."""
     distributed = required("distributed")
+    if "://" not in scheduler and not re.fullmatch(r"[^\s/]+:\d+", scheduler):
+        # distributed would say the same with a traceback when its client is collected
+        raise EngineError(
+            f"expected the address of a dask scheduler such as tcp://host:8786, got {scheduler!r}"
+        )
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE, set_as_default=False)
     except Exception as error:  # of many kinds where something else answers, or it is no address

@@ -131,7 +131,7 @@ def coupling(
     """
     name = checked_method(method, get_args(LinkMethod))
     traced = tuple(_checked_source(source) for source in (transmitter, receiver))
-    length, allowed = checked_wavelength(wavelength), _checked_tolerance(tolerance)
+    length, allowed = checked_wavelength(wavelength), checked_tolerance(tolerance)
     find = partial(_found, traced, length, name, allowed)
     fields = [source.weights or source.amplitudes for source in traced]
     if execution.is_drjit(to_transmitter) or any(fields):
@@ -271,7 +271,7 @@ def _checked_source(source: Any) -> Differentiable:
     return traced
 
 
-def _checked_tolerance(tolerance: Any) -> float:
+def checked_tolerance(tolerance: Any) -> float:
     meaning = f"a number from {_LEAST:g} to 0.1"
     number = checked_number(tolerance, "tolerance", meaning)
     if not _LEAST <= number <= 0.1:

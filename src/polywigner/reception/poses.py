@@ -16,6 +16,9 @@ __all__ = ["check_facing", "checked_poses"]
 
 Floats = NDArray[np.float64]
 
+# Distances, in wavelengths too, have finite squares and inverse squares.
+_FARTHEST = 1e100
+
 
 def checked_poses(to_transmitter: Any) -> Floats:
     """Rigid poses (..., 4, 4): the nearest rotations, and the translations.
@@ -32,10 +35,15 @@ def checked_poses(to_transmitter: Any) -> Floats:
     if not np.isfinite(poses).all():
         bad = poses[~np.isfinite(poses).all(axis=(-2, -1))][0]
         raise GeometryError(f"{expected}, got one that is not finite, {bad.tolist()}")
+    farthest = float(np.abs(poses[..., :3, 3]).max(initial=0.0))
+    if farthest > _FARTHEST:
+        raise GeometryError(
+            f"{expected}, got one {farthest:.3g} m away, whose square is no number; check its units"
+        )
     if not np.allclose(poses[..., 3, :], (0.0, 0.0, 0.0, 1.0)):
         raise GeometryError(
             f"{expected}, got a last row other than (0, 0, 0, 1); the translation is the last "
-            "column"
+            "column, and a pose is not multiplied by a scale"
         )
     rotation = poses[..., :3, :3]
     gram = np.swapaxes(rotation, -1, -2) @ rotation
