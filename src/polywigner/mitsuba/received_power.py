@@ -74,8 +74,8 @@ def received_power(
     reflections : most flat mirrors on a direct way, 0 to 3.
     tolerance : of couplings, as in :func:`polywigner.coupling`.
     bandwidth, temperature, noise_figure : of the noise k T B F, in Hz, K and dB or as texts such
-        as "1 GHz", in place of the receiver's own; without a noise figure, F is 1. The bandwidth also says which emitters the
-        receiver takes.
+        as "1 GHz", in place of the receiver's own; without a noise figure, F is 1. The
+        bandwidth also says which emitters the receiver takes.
     progress : called after each render with the number of those done, and of all.
 
     Returns
