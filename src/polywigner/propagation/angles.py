@@ -12,19 +12,19 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_row
 from polywigner.geometry.plausibility import warn_of_degrees
 
-__all__ = ["checked_phi", "checked_theta", "unit_vectors"]
+__all__ = ["checked_angles", "checked_phi", "checked_theta", "unit_vectors"]
 
 Angles = NDArray[np.float64]
 
 
 def checked_theta(values: Any) -> Angles:
     """Angles from the normal (n,) in rad, from -pi to pi; ArgumentError for anything else."""
-    return _checked(values, "theta", math.pi)
+    return checked_angles(values, "theta", math.pi)
 
 
 def checked_phi(values: Any) -> Angles:
     """Angles from the x axis (n,) in rad; ArgumentError for anything else."""
-    return _checked(values, "phi", math.inf)
+    return checked_angles(values, "phi", math.inf)
 
 
 def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
@@ -36,7 +36,8 @@ def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
     return np.stack(parts, axis=-1)
 
 
-def _checked(values: Any, name: str, largest: float) -> Angles:
+def checked_angles(values: Any, name: str, largest: float) -> Angles:
+    """Angles (n,) in rad, at most so large; ArgumentError for anything else."""
     expected = f"expected {name} as angles (n,) in rad"
     angles = checked_row(values, expected)
     if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):

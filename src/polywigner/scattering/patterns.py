@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_row, checked_wavelength
+from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.plausibility import warn_of_degrees
+from polywigner.propagation.angles import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.progress import progress_bar
 from polywigner.scattering.cross_sections import rcs
@@ -66,8 +65,8 @@ def rcs_pattern(
     """
     length = checked_wavelength(wavelength)
     around, above = (
-        _angles("azimuth", azimuth, math.inf),
-        _angles("elevation", elevation, math.pi / 2),
+        checked_angles(azimuth, "azimuth", math.inf),
+        checked_angles(elevation, "elevation", math.pi / 2),
     )
     channel = None if polarisation is None else checked_channel(polarisation)
     transmitter = None
@@ -127,14 +126,3 @@ def _towards(azimuth: float, elevation: Floats) -> Floats:
     x, y = across * math.cos(azimuth), across * math.sin(azimuth)
     return np.stack([x, y, np.sin(elevation)], axis=1)
 
-
-def _angles(name: str, values: Any, largest: float) -> Floats:
-    expected = f"expected {name} as angles (n,) in rad"
-    angles = checked_row(values, expected)
-    if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
-        raise ArgumentError(
-            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, got {values!r}; use "
-            "numpy.radians for degrees"
-        )
-    warn_of_degrees(name, angles)
-    return angles
