@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.propagation.angles import checked_angles
@@ -125,4 +126,3 @@ def _towards(azimuth: float, elevation: Floats) -> Floats:
     across = np.where(np.abs(across) < 1e-15, 0.0, across)
     x, y = across * math.cos(azimuth), across * math.sin(azimuth)
     return np.stack([x, y, np.sin(elevation)], axis=1)
-
