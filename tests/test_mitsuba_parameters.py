@@ -676,3 +676,16 @@ def test_importing_the_plugin_sets_no_variant() -> None:
 
     code = "import polywigner.mitsuba, mitsuba; assert mitsuba.variant() is None"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_plugins_are_built_by_numpy_in_the_threads_of_mitsuba() -> None:
+    """One of those threads that waited for a kernel has ended the process."""
+    from polywigner.execution.choice import planned
+    from polywigner.mitsuba.plugins import _built
+    from polywigner.plans import Request
+
+    request = Request("sum", samples=10**7, terms=100)
+    engines = [planned(request).engine]
+    _built(lambda variant, props: engines.append(planned(request).engine), "scalar_rgb", None)
+    engines.append(planned(request).engine)
+    assert engines == [engines[0], "numpy", engines[0]]

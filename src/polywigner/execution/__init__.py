@@ -33,7 +33,13 @@ module               what is in it
 ===================  ==========================================================================
 """
 
-from polywigner.execution.choice import Engine, Precision, checked_engine, checked_precision
+from polywigner.execution.choice import (
+    Engine,
+    Precision,
+    checked_engine,
+    checked_precision,
+    uncompiled,
+)
 from polywigner.execution.drjit_arrays import evaluate_traced
 from polywigner.execution.drjit_hosted import evaluate_hosted
 from polywigner.execution.drjit_points import host_points, in_plane, is_drjit, shifted_points
@@ -117,6 +123,7 @@ __all__ = [
     "tensor_of",
     "times_complex",
     "traced_sums",
+    "uncompiled",
     "values_of",
     "with_end_slopes",
     "with_slopes",

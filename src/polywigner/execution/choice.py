@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
@@ -20,10 +22,14 @@ __all__ = [
     "drjit_float",
     "planned",
     "resolved",
+    "uncompiled",
 ]
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
+
+
+_is_uncompiled: ContextVar[bool] = ContextVar("_is_uncompiled", default=False)
 
 
 def checked_engine(engine: str) -> str:
@@ -69,10 +75,25 @@ def planned(request: Request) -> Plan:
         llvm.require()
     elif request.engine == "cuda":
         _require_cuda()
+    if _is_uncompiled.get() and request.engine == "auto":
+        return plan(replace(request, compiles=False))
     found = plan(request)
     if found.engine in ("numpy", "cuda") or llvm.prepare().usable:
         return found
     return plan(replace(request, compiles=False))
+
+
+@contextmanager
+def uncompiled() -> Iterator[None]:
+    """Within, ``"auto"`` is NumPy: where code runs in a thread that belongs to Dr.Jit itself.
+
+    Mitsuba loads scenes in Dr.Jit's threads. One that waits there for a kernel has ended a process.
+    """
+    token = _is_uncompiled.set(True)
+    try:
+        yield
+    finally:
+        _is_uncompiled.reset(token)
 
 
 def _require_cuda() -> None:

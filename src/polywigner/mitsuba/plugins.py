@@ -10,6 +10,7 @@ from typing import Any
 import mitsuba as mi
 
 from polywigner.errors import PolywignerError
+from polywigner.execution import uncompiled
 
 __all__ = ["add_plugin", "original_error", "register"]
 
@@ -51,7 +52,8 @@ def _on_variant_change(_old: str | None, new: str) -> None:
 
 def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> Any:
     try:
-        return build(variant, props)
+        with uncompiled():
+            return build(variant, props)
     except PolywignerError as error:
         _recent_errors.append(error)
         # Mitsuba puts the traceback before the message, where frames of this package are no help.
