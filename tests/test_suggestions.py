@@ -413,6 +413,12 @@ def test_a_render_takes_the_samples_that_its_error_needs(tmp_path: Path) -> None
     command = ["render", str(scene), "--out", str(tmp_path / "out"), "--error-db"]
     assert main([*command, "6"]) == 0
     record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+    assert record["used"]["spp"] == 256  # the scene's own: samples take no error off exact light
+    signed = small.replace('name="estimator" value="exact"', 'name="estimator" value="wigner"')
+    assert signed != small
+    scene.write_text(signed, encoding="utf-8")
+    assert main([*command, "6"]) == 0
+    record = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
     square = pw.shapes.square(10e-3)
     wanted = pw.suggest_sampling(square, WAVELENGTH, "render", error_db=6.0).samples
     assert record["used"]["spp"] == math.ceil(wanted / 10)  # multijitter

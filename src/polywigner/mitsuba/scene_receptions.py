@@ -91,7 +91,7 @@ class Batches:
     def settings(self) -> dict[str, Any]:
         """All that the values depend on."""
         return {
-            **self.sent.settings(self.scene),
+            **self.sent.settings(),
             "integrator": self.plans[0].integrator,
             "spp": [batches_of(plan.spp) for plan in self.plans],
             "seed": self.plans[0].seed,

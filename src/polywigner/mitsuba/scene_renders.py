@@ -173,9 +173,8 @@ class Parts:
 
     def settings(self) -> dict[str, Any]:
         """All that the values depend on."""
-        assert self.exposure is not None
         return {
-            **self.sent.settings(self.exposure.scene),
+            **self.sent.settings(),
             "integrator": self.integrator,
             "spp": self.cut.samples,
             "passes": self.cut.passes,

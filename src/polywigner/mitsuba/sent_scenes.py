@@ -68,13 +68,11 @@ class SentScene:
                     "folder on a file system that all workers share"
                 )
 
-    def settings(self, scene: Any) -> dict[str, Any]:
+    def settings(self) -> dict[str, Any]:
         """All that values of this scene depend on, but for how they are rendered."""
         folder = self.file.path.resolve().parent
         named = {os.path.relpath(path, folder): digest for path, digest in self.digests.items()}
-        ends = [*scene.emitters(), *scene.sensors()]
-        specs = [end.spec for end in ends if hasattr(end, "spec")]
-        told = [told_settings(source_settings(spec.radiator.source)) for spec in specs]
+        told = [told_settings(source_settings(source)) for source in self.sources]
         return {
             "mitsuba": self.mitsuba,
             "variant": self.file.variant,
