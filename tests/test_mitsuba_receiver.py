@@ -76,6 +76,7 @@ def test_a_radiance_from_everywhere_reads_the_share_that_radiates(
 @pytest.mark.parametrize("estimator", ["exact", "wigner"])
 @pytest.mark.parametrize("name", ["ring", "horn", "steered array"])
 @pytest.mark.parametrize("variant", [MONO])
+@pytest.mark.slow
 def test_sources_with_holes_fields_and_elements_receive_what_they_radiate(
     variant: str, name: str, estimator: str
 ) -> None:
@@ -120,6 +121,7 @@ def test_scalar_variants_read_the_same(variant: str, estimator: str) -> None:
     ],
 )
 @pytest.mark.parametrize("variant", [MONO])
+@pytest.mark.slow
 def test_scenes_read_what_quadrature_finds(
     variant: str, name: str, samples: int, model: float
 ) -> None:

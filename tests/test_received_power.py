@@ -211,6 +211,7 @@ def test_a_perfect_mirror_shows_the_mirrored_source(variant: str) -> None:
     assert found.direct == pytest.approx(paths[()].power + paths["m",].power)
 
 
+@pytest.mark.slow
 def test_a_corner_of_two_mirrors_turns_the_source_by_half_a_turn(variant: str) -> None:
     pose = facing(1.0, x=0.05)
     walls = {
@@ -300,6 +301,7 @@ def scattered_by_floor() -> tuple[float, float]:
 
 
 @pytest.mark.llvm
+@pytest.mark.slow
 def test_a_floor_scatters_what_the_product_of_both_irradiances_says() -> None:
     mi.set_variant("llvm_ad_mono")
     there = pm.received_power(scene_with_floor(), spp=16384)
