@@ -78,7 +78,7 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     from polywigner.figures import draw_scene, picture_peak
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
-    from polywigner.mitsuba.images import write_exr
+    from polywigner.mitsuba.images import mean_of_colours, write_exr
     from polywigner.mitsuba.logs import to_list
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import render_parts
@@ -115,7 +115,7 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
 
-    radiance = _radiance(image)
+    radiance = mean_of_colours(image)
     reference = picture_peak(radiance)
     record = _record(settings, loaded, radiance, reference)
     record["used"] |= {"variant": chosen, "spp": samples}
@@ -187,14 +187,6 @@ def _enough(scene: Any, error_db: float, sampler: str) -> int:
 def _check_name(option: str, name: str | None, known: tuple[str, ...]) -> None:
     if name is not None and name not in known:
         raise ArgumentError(f"expected {option} to be one of {', '.join(known)}, got {name!r}")
-
-
-def _radiance(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """(height, width) from a film of one channel, or of colours (their mean) and others."""
-    import numpy as np
-
-    colours = 3 if image.shape[-1] >= 3 else 1
-    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
 
 def _warn_of_darkness(radiance: npt.NDArray[Any]) -> None:

@@ -9,7 +9,10 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.mitsuba.films import film_of
+from polywigner.mitsuba.images import mean_of_colours
 from polywigner.mitsuba.logs import silent
+from polywigner.mitsuba.parts import seed_of
 from polywigner.mitsuba.received_power import receivers_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME, receiver_class
 from polywigner.mitsuba.rendering import default_integrator
@@ -31,28 +34,15 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     size, spp = _FINE if dr.is_jit_v(mi.Float) else _COARSE
     props = mi.Properties(RECEIVER_NAME)
     props.set_id(own.id())
-    props["film"] = mi.load_dict(_film(size))
+    props["film"] = mi.load_dict(film_of(size, size))
     sensor = receiver_class(mi.variant())(own.spec, props)
     sensor.scene = scene
     try:
         with unseen(scene), silent():
             integrator = scene.integrator() or mi.load_dict({"type": default_integrator(scene)})
-            own_seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
-            found = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=own_seed)
+            own = seed_of(seed)
+            found = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=own)
             image = np.array(found, dtype=np.float64)
     finally:
         sensor.scene = None  # or it would keep the scene alive
-    colours = 3 if image.shape[-1] >= 3 else 1
-    result: NDArray[np.float64] = image[..., :colours].mean(axis=-1)
-    return result
-
-
-def _film(size: int) -> dict[str, Any]:
-    return {
-        "type": "hdrfilm",
-        "width": size,
-        "height": size,
-        "pixel_format": "luminance",
-        "component_format": "float32",
-        "rfilter": {"type": "box"},
-    }
+    return mean_of_colours(image)

@@ -87,14 +87,18 @@ def _path(
 
 def _arrival(emitter: PlacedSource, receiver: PlacedSource) -> tuple[float, float]:
     """Direction cosines of the emitter's middle, in the receiver's frame."""
-    ends = [place.points(_middle(place.source)[None])[0] for place in (emitter, receiver)]
-    way = receiver.pose[:3, :3].T @ (ends[0] - ends[1])
+    way = receiver.pose[:3, :3].T @ _between(emitter, receiver)
     alpha, beta, _ = (way / np.linalg.norm(way)).tolist()
     return alpha, beta
 
 
-def _middle(source: Any) -> Any:
-    return np.reshape(source.bounds, (2, 2)).mean(axis=0)
+def _between(emitter: PlacedSource, receiver: PlacedSource) -> Any:
+    """(3,) in m, from the receiver's middle to the emitter's."""
+    middles = [
+        place.points(np.reshape(place.source.bounds, (2, 2)).mean(axis=0)[None])[0]
+        for place in (emitter, receiver)
+    ]
+    return middles[0] - middles[1]
 
 
 def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
@@ -110,8 +114,7 @@ def _doubts(facing: float, passing: float, chain: Way) -> list[str]:
 
 def _narrow(chain: Way, image: PlacedSource, receiver: PlacedSource) -> list[str]:
     """Of mirrors so small that edges shape what they send, and rays do not know it."""
-    ends = [place.points(_middle(place.source)[None])[0] for place in (image, receiver)]
-    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(ends[0] - ends[1])))
+    zone = math.sqrt(receiver.wavelength * float(np.linalg.norm(_between(image, receiver))))
     unit = receiver.scene_unit
     return [
         f"{mirror.name!r} is narrower than a Fresnel zone of {zone:.3g} m: it sends less than "

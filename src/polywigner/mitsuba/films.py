@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from polywigner.mitsuba.receiver import is_receiver
 
-__all__ = ["coarse", "cropped", "fineness", "refined"]
+__all__ = ["coarse", "cropped", "film_of", "fineness", "refined"]
 
 # Mitsuba adds the samples of a pixel in float32: 2^20 equal ones were 0.4 % off, 2^24 6 %.
 _IN_PIXEL = 1 << 12
@@ -44,6 +44,18 @@ def refined(camera: Any, factor: int) -> Iterator[None]:
     finally:
         camera.fineness = 1
         _set(camera, *before)
+
+
+def film_of(width: int, height: int) -> dict[str, Any]:
+    """The entry of a film that a receiver can have."""
+    return {
+        "type": "hdrfilm",
+        "width": width,
+        "height": height,
+        "pixel_format": "luminance",
+        "component_format": "float32",
+        "rfilter": {"type": "box"},
+    }
 
 
 def coarse(image: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -14,7 +15,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError
 from polywigner.execution import kernel_threads
 
-__all__ = ["threads_for_openexr", "write_exr"]
+__all__ = ["mean_of_colours", "threads_for_openexr", "write_exr"]
 
 
 @contextmanager
@@ -32,6 +33,15 @@ def threads_for_openexr() -> Iterator[None]:
     finally:
         if before < 2:
             dr.set_thread_count(before)
+
+
+def mean_of_colours(image: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """(height, width) from a film of one channel, or of colours (their mean) and others.
+
+    Scalar variants have three colours for one channel.
+    """
+    colours = 3 if image.shape[-1] >= 3 else 1
+    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
 
 
 def write_exr(path: Path, image: npt.ArrayLike) -> None:

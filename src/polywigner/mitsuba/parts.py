@@ -19,7 +19,7 @@ from polywigner.mitsuba.films import coarse, cropped, fineness, refined
 from polywigner.mitsuba.logs import silent
 from polywigner.mitsuba.receiver import receiving
 
-__all__ = ["Cut", "Exposure", "cut_of"]
+__all__ = ["Cut", "Exposure", "cut_of", "seed_of"]
 
 # Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
 _WAVEFRONT = 2**24
@@ -111,7 +111,7 @@ class Exposure:
         for index in cut.passes_of(number):
             # Of almost equal length, rather than a last one that is short and badly stratified.
             samples = cut.samples // cut.passes + (index < cut.samples % cut.passes)
-            seed = self._seed(strip * cut.passes + index)
+            seed = seed_of(self.seed, strip * cut.passes + index)
             with cropped(self.camera, top, rows), _without_complaints():
                 rendered = _rendered(self, samples, seed)
             image = image + samples / cut.samples * rendered
@@ -132,8 +132,10 @@ class Exposure:
         with cropped(self.camera, 0, one, one), _without_complaints():
             return int(_rendered(self, 1, 0).shape[-1])
 
-    def _seed(self, part: int) -> int:
-        return int(np.random.SeedSequence(self.seed, spawn_key=(part,)).generate_state(1)[0])
+
+def seed_of(seed: int, *part: int) -> int:
+    """The seed that Mitsuba takes, of 32 bits, for a part of what has a seed of any size."""
+    return int(np.random.SeedSequence(seed, spawn_key=part).generate_state(1)[0])
 
 
 def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64]:

@@ -14,6 +14,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import check_estimator
+from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.given import rigid_pose
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_range
@@ -112,15 +113,7 @@ def _film(film: Any) -> dict[str, Any]:
                 '{"type": "hdrfilm", "rfilter": {"type": "box"}}, or numbers of pixels'
             )
         return dict(film)
-    width, height = _pixels((1, 1) if film is None else film)
-    return {
-        "type": "hdrfilm",
-        "width": width,
-        "height": height,
-        "pixel_format": "luminance",
-        "component_format": "float32",
-        "rfilter": {"type": "box"},
-    }
+    return film_of(*_pixels((1, 1) if film is None else film))
 
 
 def _pixels(film: Any) -> tuple[int, int]:

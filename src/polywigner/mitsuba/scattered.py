@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.mitsuba.images import mean_of_colours
+from polywigner.mitsuba.parts import seed_of
 from polywigner.mitsuba.rendering import check_spp, exposed
 from polywigner.mitsuba.sent_scenes import check_is_whole
 from polywigner.mitsuba.unseen import lit_by, wigner_emitters
@@ -49,13 +51,14 @@ class Scattering:
         Raises what :func:`polywigner.mitsuba.render` does.
         """
         sources = wigner_emitters(scene)
-        own = int(np.random.SeedSequence(self.seed, spawn_key=(number,)).generate_state(1)[0])
+        own = seed_of(self.seed, number)
+        exposure = exposed(scene, self.integrator, batches_of(self.spp), own, self.sensor)
         found = []
         for light in lights_of(scene):
             with lit_by(sources, light):
-                exposure = exposed(scene, self.integrator, batches_of(self.spp), own, self.sensor)
-                found.append(_watts(exposure.picture(lambda: None)))
-                check_is_whole(exposure.integrator)
+                image = exposure.picture(lambda: None)
+            check_is_whole(exposure.integrator)
+            found.append(float(mean_of_colours(image).sum()))
             done()
         return np.array(found)
 
@@ -77,9 +80,3 @@ def shares_of(scene: Any, found: NDArray[np.float64]) -> tuple[Floats, Floats]:
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
         return found.T, np.zeros(len(found))
     return (found[:, 1:] - found[:, :1]).T, found[:, 0]
-
-
-def _watts(image: NDArray[Any]) -> float:
-    """The sum over pixels, of colours their mean."""
-    colours = 3 if image.shape[-1] >= 3 else 1
-    return float(image[..., :colours].astype(np.float64).mean(axis=-1).sum())

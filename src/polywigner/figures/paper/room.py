@@ -56,7 +56,7 @@ def render_room(
     images : by the names of the EXR files to which ``source`` refers.
     """
     from polywigner.mitsuba import load_scene, render
-    from polywigner.mitsuba.images import write_exr
+    from polywigner.mitsuba.images import mean_of_colours, write_exr
 
     text = files(__package__).joinpath("room.xml").read_text(encoding="utf-8")
     with temporary_folder() as folder:
@@ -67,8 +67,7 @@ def render_room(
         Path(folder, "square.wkt").write_text(square().polygons.wkt, encoding="utf-8")
         loaded = load_scene(scene, width=film.width, height=film.height)
         image = render(loaded, spp=film.samples)
-    colours = 3 if image.shape[-1] >= 3 else 1  # one channel, but three in the scalar variants
-    return np.asarray(image[..., :colours].mean(axis=-1, dtype=np.float64))
+    return mean_of_colours(image)
 
 
 def wigner_source() -> str:
