@@ -6,7 +6,8 @@
 - ``convex``: convex cover and triangulation; ``exact``: predicates without rounding
 - ``automean``: mutual support, lag and position slices; ``grid``: unions without cracks
 - ``trapezoids``: uniform positions; ``display``: sources in notebooks and on axes
-- ``slits``, ``polyhedron``, ``placed``, ``pose``: sources in one and three dimensions
+- ``slits``, ``polyhedron``, ``placed``, ``pose``: sources in one and three dimensions;
+  ``wavefront``: with a curved or partly coherent wave
 - ``array_types``: names of what arguments may be; ``plausibility``: questions about units
 - ``shapes``: catalogue; ``readers``: files, by the ``formats``
 """
@@ -19,12 +20,14 @@ from polywigner.geometry.polyhedron import Polyhedron
 from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.readers import read_aperture, read_polyhedron
 from polywigner.geometry.slits import Slits
+from polywigner.geometry.wavefront import Wavefront
 
 __all__ = [
     "Aperture",
     "PlacedAperture",
     "Polyhedron",
     "Slits",
+    "Wavefront",
     "automean",
     "lag_slice",
     "position_slice",

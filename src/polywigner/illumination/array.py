@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, NoReturn, final
 
@@ -15,6 +15,7 @@ from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.grid import union_on_grid
 from polywigner.geometry.pose import rigid_pose
+from polywigner.geometry.wavefront import Wavefront, with_coherence, with_curvature
 from polywigner.illumination.copies import shifted_copies
 from polywigner.illumination.elements import Element, checked_elements, in_plane, placed
 from polywigner.illumination.sites import Sites, checked_sites, checked_weights
@@ -157,6 +158,21 @@ class Array:
         if self.dimension == 1:
             raise GeometryError("expected apertures for a support in the plane, got Slits")
         return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
+
+    def curved(
+        self,
+        radius: float | Sequence[float],
+        wavelength: float,
+        centre: ArrayLike | None = None,
+    ) -> Wavefront:
+        """This source with a curved wave; see :meth:`polywigner.Aperture.curved`."""
+        return with_curvature(self, radius, wavelength, centre)
+
+    def partially_coherent(self, width: float) -> Wavefront:
+        """This source with a Gaussian degree of coherence; see
+        :meth:`polywigner.Aperture.partially_coherent`.
+        """
+        return with_coherence(self, width)
 
     def placed(self, to_world: ArrayLike) -> Array:
         """The whole array moved by a rigid pose (4, 4), for transforms with three-component nu.

@@ -1,0 +1,183 @@
+"""Sources whose wave is curved, or coherent over a width only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NoReturn, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.arguments import checked_length, checked_wavelength
+from polywigner.geometry.field import checked_shift, turned_points
+from polywigner.geometry.numbers import real_numbers
+
+if TYPE_CHECKING:
+    from polywigner.geometry.aperture import Aperture
+    from polywigner.geometry.slits import Slits
+
+__all__ = ["Wavefront", "curvature_of", "with_coherence", "with_curvature"]
+
+
+@final
+class Wavefront:
+    """A source with a curved or partly coherent wave; made by ``curved``, ``partially_coherent``.
+
+    Its field is that of ``source`` times exp(i pi (x - c)^T Q (x - c)), its mutual coherence
+    that of ``source`` times exp(-xi^2 / (2 width^2)), xi the distance of two points. Both are
+    linear maps or blurs in phase space of what the flat, coherent source has in closed form.
+    """
+
+    source: Any
+    """The flat and coherent source: an Aperture, Slits, or an Array of either in one plane."""
+    curvature: NDArray[np.float64]
+    """Q (d, d) in 1/m^2, symmetric, read-only: 1/(wavelength radius) for each axis; zero: flat."""
+    centre: NDArray[np.float64]
+    """c (d,) in m, read-only: where the curved wave touches the plane."""
+    coherence_width: float
+    """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
+
+    def __init__(
+        self,
+        source: Any,
+        curvature: ArrayLike | None = None,
+        centre: ArrayLike | None = None,
+        coherence_width: float = np.inf,
+    ) -> None:
+        d = len(source.bounds) // 2
+        q = np.zeros((d, d)) if curvature is None else np.array(curvature, dtype=np.float64)
+        c = np.zeros(d) if centre is None else checked_shift(centre, d)
+        if q.shape != (d, d) or not np.isfinite(q).all() or not np.array_equal(q, q.T):
+            raise IlluminationError(
+                f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2, got {curvature!r}"
+            )
+        for name, array in (("curvature", q), ("centre", c.copy())):
+            array.setflags(write=False)
+            self.__dict__[name] = array
+        self.__dict__["source"] = source
+        self.__dict__["coherence_width"] = float(coherence_width)
+
+    def _with(self, **changes: Any) -> Wavefront:
+        names = ("source", "curvature", "centre", "coherence_width")
+        return Wavefront(*(changes.get(name, getattr(self, name)) for name in names))
+
+    @property
+    def dimension(self) -> int:
+        """d, the number of components of a position."""
+        return len(self.centre)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether the wave is not curved."""
+        return not self.curvature.any()
+
+    @property
+    def is_coherent(self) -> bool:
+        """Whether all points of the source are coherent with one another."""
+        return self.coherence_width == np.inf
+
+    @property
+    def bounds(self) -> Any:
+        """The box of the source."""
+        return self.source.bounds
+
+    def curved(
+        self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
+    ) -> Wavefront:
+        """This source with one more curved wave, see :meth:`Aperture.curved`."""
+        return with_curvature(self, radius, wavelength, centre)
+
+    def partially_coherent(self, width: float) -> Wavefront:
+        """This source behind one more diffuser, see :meth:`Aperture.partially_coherent`."""
+        return with_coherence(self, width)
+
+    def moved(self, shift: ArrayLike) -> Wavefront:
+        """The source and its wave shifted by (d,)."""
+        offset = checked_shift(shift, self.dimension)
+        return self._with(source=self.source.moved(offset), centre=self.centre + offset)
+
+    def turned(self, angle: float) -> Wavefront:
+        """The source and its wave turned about the origin by an angle in radians."""
+        if self.dimension != 2:
+            raise IlluminationError("expected a source in two dimensions to turn, got slits")
+        turn = turned_points(np.eye(2), angle).T
+        q = turn @ self.curvature @ turn.T
+        centre = turned_points(self.centre[None], angle)[0]
+        return self._with(source=self.source.turned(angle), curvature=(q + q.T) / 2, centre=centre)
+
+    def scaled(self, factor: float) -> Wavefront:
+        """The source and its wave ``factor`` times as large about the origin."""
+        size = checked_length(factor, "factor")
+        return self._with(
+            source=self.source.scaled(size),
+            curvature=self.curvature / size**2,
+            centre=self.centre * size,
+            coherence_width=self.coherence_width * size,
+        )
+
+    def _key(self) -> tuple[Any, ...]:
+        q, c = self.curvature + 0.0, self.centre + 0.0
+        return self.source, q.tobytes(), c.tobytes(), self.coherence_width
+
+    def __eq__(self, other: object) -> bool:
+        return self._key() == other._key() if isinstance(other, Wavefront) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Wavefront, (self.source, self.curvature, self.centre, self.coherence_width)
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"a Wavefront cannot be changed ({name}); build a new one")
+
+    def __repr__(self) -> str:
+        how = [] if self.is_flat else [f"curvature {self.curvature.tolist()} /m^2"]
+        how += [] if self.is_coherent else [f"coherent over {self.coherence_width:g} m"]
+        return f"Wavefront({self.source!r}, {', '.join(how) or 'flat, coherent'})"
+
+
+def with_curvature(
+    source: Aperture | Slits | Wavefront | Any,
+    radius: float | Sequence[float],
+    wavelength: float,
+    centre: ArrayLike | None = None,
+) -> Wavefront:
+    """The source with a curved wave; see :meth:`Aperture.curved`."""
+    wave = source if isinstance(source, Wavefront) else Wavefront(source)
+    q = curvature_of(radius, wavelength, wave.dimension)
+    if not wave.is_flat and centre is not None and not np.array_equal(wave.centre, centre):
+        raise IlluminationError("expected curved waves with one centre, got two; give one of them")
+    c = wave.centre if centre is None else centre
+    return wave._with(curvature=wave.curvature + q, centre=c)
+
+
+def curvature_of(
+    radius: float | Sequence[float], wavelength: float, dimension: int
+) -> NDArray[np.float64]:
+    """The matrix Q (d, d) in 1/m^2 of a wave of this radius, or of one radius for each axis."""
+    length = checked_wavelength(wavelength)
+    try:
+        radii = np.broadcast_to(real_numbers(radius), (dimension,))
+    except ValueError:
+        radii = np.zeros(dimension)
+    if np.isnan(radii).any() or (radii == 0).any():
+        axes = "a number" if dimension == 1 else "a number or two (radius_x, radius_y)"
+        raise ArgumentError(
+            f"expected radius as {axes} in m, positive where the wave diverges and inf where it "
+            f"is flat, got {radius!r}"
+        )
+    with np.errstate(over="ignore"):
+        q = np.diag(1.0 / (length * radii))
+    if not np.isfinite(q).all():
+        raise ArgumentError(f"expected a radius in m that a float can divide by, got {radius!r}")
+    return q
+
+
+def with_coherence(source: Aperture | Slits | Wavefront | Any, width: float) -> Wavefront:
+    """The source behind a Gaussian diffuser; see :meth:`Aperture.partially_coherent`."""
+    wave = source if isinstance(source, Wavefront) else Wavefront(source)
+    sigma = np.inf if width == np.inf else checked_length(width, "width")
+    total = (sigma**-2.0 + wave.coherence_width**-2.0) ** -0.5 if sigma < np.inf else np.inf
+    return wave._with(coherence_width=total if sigma < np.inf else wave.coherence_width)
