@@ -13,6 +13,8 @@ module               what is in it
 ``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
+``screens``          opaque plates and openings lit by point sources and plane waves;
+                     ``screen_sums`` along their edges
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ``beams``            what a data sheet says of a pattern: gain, beamwidths, sidelobes, from
@@ -36,6 +38,7 @@ from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
+from polywigner.propagation.screens import PlaneWave, PointSource, Screen
 from polywigner.propagation.stores_checks import verify_store
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
@@ -45,7 +48,10 @@ __all__ = [
     "AxisSampling",
     "BeamMetrics",
     "CutMetrics",
+    "PlaneWave",
+    "PointSource",
     "Sampling",
+    "Screen",
     "ambiguity_table",
     "amplitude",
     "beam_metrics",

@@ -34,6 +34,7 @@ from polywigner.propagation.places import (
     checked_wavelength,
     warn_of_missed,
 )
+from polywigner.propagation.screens import Screen, field_behind
 from polywigner.transforms import Differentiable
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -53,7 +54,7 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 @takes_frequency
 @takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U")
 def amplitude(
-    source: Aperture | Array | Differentiable,
+    source: Aperture | Array | Differentiable | Screen,
     points: Points,
     wavelength: float,
     method: Method = "rayleigh-sommerfeld-1",
@@ -76,7 +77,7 @@ def amplitude(
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
-        :func:`differentiable` one.
+        :func:`differentiable` one; or a :class:`Screen` that something lights from behind.
     points : (..., 3) in m, z > 0; or a Dr.Jit array for results as those of :func:`fourier` are.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
         field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
@@ -159,10 +160,10 @@ def amplitude(
     double = execution.checked_precision(precision) != "single"
     execution.checked_engine(engine)
     allowed = checked_amplitude_tolerance(tolerance, double)
-    radiator = radiator_of(source)
-    check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     flat = places.reshape(-1, 3)
-    if name == "fraunhofer":
+    radiator = radiator_of(source.outline if isinstance(source, Screen) else source)
+    check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
+    if name == "fraunhofer" and not isinstance(source, Screen):
         kind = checked_method(obliquity or "rayleigh-sommerfeld-1", tuple(SHARES))
         warn_of_slopes(source, length, kind)
         x, y = radiator.centre.tolist()
@@ -176,6 +177,8 @@ def amplitude(
             f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with {name!r};'
             " the other methods have their own"
         )
+    elif isinstance(source, Screen):
+        values, errors = field_behind(source, flat, length, name, allowed, engine)
     else:
         warn_of_slopes(source, length, name)
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)

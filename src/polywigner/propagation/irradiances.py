@@ -39,6 +39,7 @@ from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate, by_gauss
 from polywigner.propagation.rays_sampling import Sampling, by_samples
 from polywigner.propagation.rays_traced import traced_irradiance
+from polywigner.propagation.screens import Screen
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable, lag_marginal
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -64,7 +65,7 @@ _THIRD_ORDER_FROM = 0.9
 @takes_frequency
 @takes_xarray("points", units="W m-2", long_name="irradiance |U|^2")
 def irradiance(
-    source: Aperture | Array | Differentiable,
+    source: Aperture | Array | Differentiable | Screen,
     points: Points,
     wavelength: float | DrJitArray,
     method: str = "wigner",
@@ -90,7 +91,7 @@ def irradiance(
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
-        illuminations.
+        illuminations; or a :class:`Screen`, by the methods of :func:`amplitude`.
     points : (..., 3) in m, z > 0; or a Dr.Jit array for values in one.
     wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
         the numbers of a :func:`differentiable` source, but for vertices with order 3; by the other
@@ -174,7 +175,7 @@ def irradiance(
         how |= {"return_error": return_error, "sampling": sampling, "seed": seed}
         compute = partial(irradiance, source, wavelength=wavelength, method=method, **how)
         return evaluate_hosted(compute, "points", points, 3, precision=precision, engine=engine)
-    source = checked_source(source)
+    radiator = source if isinstance(source, Screen) else checked_source(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
     if method != "wigner":
@@ -182,29 +183,34 @@ def irradiance(
         how = {"precision": precision, "engine": engine, "obliquity": obliquity}
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
             how["tolerance"] = tolerance
-        return _squared(source, places, length, method, return_error, how)
+        return _squared(radiator, places, length, method, return_error, how)
+    if isinstance(radiator, Screen):
+        raise ArgumentError(
+            'expected another method than "wigner" behind a Screen, whose field has no rays of '
+            'its own; use method="kirchhoff"'
+        )
     name = checked_obliquity(obliquity, checked_order(order))
     allowed = checked_tolerance(tolerance)
     checked_engine(engine)
     double = checked_precision(precision) != "single"
-    rays = Rays(weighted_sources(source, name, length, order), length, order, engine, double)
-    xmin, ymin, xmax, ymax = source.bounds
+    rays = Rays(weighted_sources(radiator, name, length, order), length, order, engine, double)
+    xmin, ymin, xmax, ymax = radiator.bounds
     check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
-    _warn_where_invalid(source, flat, length, order)
-    edges = sum(len(ring) for e in source.elements_in_plane for ring in e.rings)
+    _warn_where_invalid(radiator, flat, length, order)
+    edges = sum(len(ring) for e in radiator.elements_in_plane for ring in e.rings)
     if sampling == "gauss" and edges > _MANY_EDGES:
         warn_caller(
             f"rays from {edges} edges take seconds; method='auto' gives the exact field, and is "
             "some hundred times as fast"
         )
-    found = _summed(source, rays, flat, allowed, sampling, samples, seed)
+    found = _summed(radiator, rays, flat, allowed, sampling, samples, seed)
     values = found.values.reshape(places.shape[:-1])[()]
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
 
 
 def _squared(
-    source: Aperture | Array,
+    source: Aperture | Array | Screen,
     points: Values,
     wavelength: float,
     method: Any,
