@@ -61,7 +61,7 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
+        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators", "shadow_of_a_plate"]
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
@@ -73,6 +73,10 @@ def main(names: list[str]) -> None:
                 made = inverse_design(Path(folder))
             elif name == "estimators":
                 made = estimators(Path(folder))
+            elif name == "shadow_of_a_plate":
+                script = EXAMPLES / name / f"{name}.py"
+                subprocess.run([sys.executable, str(script), "--out", folder], check=True)
+                made = Path(folder) / f"{name}.png"
             elif name in near:
                 made = near_field(Path(folder)) / f"{name.removeprefix('near_field_')}.png"
             elif name in paper:

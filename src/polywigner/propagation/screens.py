@@ -110,8 +110,8 @@ class Screen:
     >>> half_plane = pw.Aperture([(0, -500), (700, -500), (700, 500), (0, 500)])
     >>> screen = pw.Screen(half_plane, pw.PointSource((0.0, 0.0, -5.0)))
     >>> grazing = pw.amplitude(screen, (0.0, 0.0, 5.0), 0.1, "kirchhoff")
-    >>> round(20 * math.log10(abs(grazing) * 10.0), 2)  # half the free field
-    -6.02
+    >>> round(float(abs(grazing)) * 10.0, 3)  # half the free field at 10 m
+    0.5
     """
 
     outline: Aperture
