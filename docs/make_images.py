@@ -61,7 +61,8 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators", "shadow_of_a_plate"]
+        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
+        scripts.append("shadow_of_a_plate")
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
