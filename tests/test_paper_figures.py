@@ -102,6 +102,17 @@ def check_volrender(values: Values) -> None:
     assert np.abs(rays - exact).max() < 0.02 * exact.max()
 
 
+def check_volrender_fdtd(values: Values) -> None:
+    """Behind a black screen Kirchhoff's integral is exact: what differs is the lattice."""
+    axes = [values["x"][35::7], values["y"][35::7], values["z"][::6]]  # from the middle outwards
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    exact = pw.irradiance(square(), points, WAVELENGTH, "kirchhoff")
+    peak = values["fdtd"].max()
+    assert np.abs(values["fdtd"][35::7, 35::7, ::6] - exact).max() < 0.06 * peak
+    assert np.abs(values["rays"] - values["fdtd"]).max() < 0.16 * peak
+    assert np.array_equal(values["fdtd"], values["fdtd"][::-1, ::-1])
+
+
 def check_render(values: Values) -> None:
     """Where the axis meets the floor, radiance is that of a diffuse floor in the exact field."""
     position, target = np.array([0, -0.45, 0.16]), np.array([0, -0.05, 0.02])
@@ -207,6 +218,7 @@ CHECKS: dict[str, Callable[[Values], None]] = {
     "projs": check_projs,
     "render": check_render,
     "volrender": check_volrender,
+    "volrender_fdtd": check_volrender_fdtd,
     "emitters": check_emitters,
     "compar": check_compar,
     "error": check_error,

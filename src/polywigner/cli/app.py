@@ -129,8 +129,8 @@ def figures(
         list[str] | None,
         typer.Argument(
             metavar="NAME",
-            help="render, amp_spec, indmk, marginals, xforms, projs, volrender, compar, error, "
-            "emitters, sampling, appendix (default: all).",
+            help="render, amp_spec, indmk, marginals, xforms, projs, volrender, volrender_fdtd, "
+            "compar, error, emitters, sampling, appendix (default: all).",
         ),
     ] = None,
     quality: Annotated[

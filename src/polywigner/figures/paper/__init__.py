@@ -34,6 +34,9 @@ FIGURES = {
     "xforms": Subject("construction of the slices of the autocorrelation"),
     "projs": Subject("projections of R, W and A", ("a", "b", "c")),
     "volrender": Subject("isosurfaces of the field of two chevrons", labelled=True),
+    "volrender_fdtd": Subject(
+        "isosurfaces of the field of a square by FDTD and by rays", ("a", "b"), labelled=True
+    ),
     "compar": Subject("Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b"), True),
     "error": Subject("error of each method against distance"),
     "emitters": Subject("one scene by a Wigner, an FFT, a uniform and a cosine source"),
