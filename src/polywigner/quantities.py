@@ -15,12 +15,14 @@ from fractions import Fraction
 from polywigner.errors import QuantityError
 
 __all__ = [
+    "NOISE_PARSERS",
     "SPEED_OF_LIGHT",
     "parse_angle",
     "parse_coordinate",
     "parse_decibels",
     "parse_frequency",
     "parse_length",
+    "parse_noise",
     "parse_noise_figure",
     "parse_point",
     "parse_power",
@@ -183,6 +185,27 @@ def parse_temperature(text: str | float) -> float:
     example = "290 K"
     value = _parse(text, _TEMPERATURES, "temperature", example)
     return _positive(value, text, "temperature", example)
+
+
+NOISE_PARSERS = {
+    "bandwidth": parse_frequency,
+    "temperature": parse_temperature,
+    "noise_figure": parse_noise_figure,
+}
+"""What the noise of a receiver is told by, and how it is read."""
+
+
+def parse_noise(
+    bandwidth: str | float | None,
+    temperature: str | float | None,
+    noise_figure: str | float | None,
+) -> dict[str, float | None]:
+    """Those of :data:`NOISE_PARSERS`, in Hz, K and dB; None for one that is not given."""
+    given = (bandwidth, temperature, noise_figure)
+    return {
+        name: None if value is None else parse(value)
+        for (name, parse), value in zip(NOISE_PARSERS.items(), given, strict=True)
+    }
 
 
 def parse_power(text: str | float) -> float:

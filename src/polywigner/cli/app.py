@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.app_fields import pattern, propagate, rcs, volume
+from polywigner.cli.app_far_fields import pattern, rcs
+from polywigner.cli.app_fields import propagate, volume
 from polywigner.cli.app_scenes import receive, render
 from polywigner.cli.options import (
     AllowOutside,

@@ -19,16 +19,16 @@ __all__ = ["check_files", "format_suffixes", "write_field"]
 _FORMATS = ("nc", "zarr", "vti")
 
 
-def format_suffixes(formats: Sequence[str]) -> tuple[str, ...]:
-    """Suffixes of the files of values, each once.
+def format_suffixes(formats: Sequence[str], known: Sequence[str] = _FORMATS) -> tuple[str, ...]:
+    """Suffixes of the files of values, each once; by default those of fields.
 
     Raises
     ------
     ArgumentError for a format that there is not.
     """
     for name in formats:
-        if name not in _FORMATS:
-            raise ArgumentError(f"--format: expected one of {', '.join(_FORMATS)}, got {name!r}")
+        if name not in known:
+            raise ArgumentError(f"--format: expected one of {', '.join(known)}, got {name!r}")
     return tuple(f".{name}" for name in dict.fromkeys(formats))
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from polywigner.cli.fields import format_suffixes
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.reading import Reading
@@ -58,10 +59,7 @@ def run_pattern(
     asked = wavelength_from(frequency, wavelength)
     watts = None if power is None else parse_power(power)
     angle = None if step is None else _step(step)
-    for name in formats:
-        if name not in _FORMATS:
-            raise ArgumentError(f"--format: expected one of {', '.join(_FORMATS)}, got {name!r}")
-    suffixes = [f".{name}" for name in dict.fromkeys(formats or ("csv",))]
+    suffixes = format_suffixes(formats or ("csv",), _FORMATS)
     files = targets(output_stem(out, Path(source).stem + "_pattern"), (".png", *suffixes))
     check_writable(files)
 

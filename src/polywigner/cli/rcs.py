@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from polywigner.cli.fields import format_suffixes
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.reading import Reading
 from polywigner.cli.sources import (
@@ -55,10 +56,7 @@ def run_rcs(
     check_source_file(body, reading)
     length = required_wavelength(wavelength_from(frequency, wavelength))
     asked = None if step is None else _step(step)
-    for name in formats:
-        if name not in _FORMATS:
-            raise ArgumentError(f"--format: expected one of {', '.join(_FORMATS)}, got {name!r}")
-    suffixes = [f".{name}" for name in dict.fromkeys(formats or ("csv",))]
+    suffixes = format_suffixes(formats or ("csv",), _FORMATS)
     files = targets(output_stem(out, Path(body).stem + "_rcs"), (".png", *suffixes))
     check_writable(files)
 

@@ -20,13 +20,14 @@ from polywigner.cli.output import (
 from polywigner.cli.scenes import (
     check_is_file,
     check_is_no_aperture,
+    check_samples,
     check_threads,
     counted_bar,
     versions_of,
 )
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError
-from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
+from polywigner.quantities import parse_noise
 
 __all__ = ["run_receive"]
 
@@ -84,16 +85,9 @@ def run_receive(
         defined, floor_db, resumable, threads, scheduler,
     )  # fmt: skip
     check_is_file(scene)
-    if spp is not None and spp < 1:
-        raise ArgumentError(f"expected --spp of at least 1, got {spp}")
-    if seed < 0:
-        raise ArgumentError(f"expected --seed of zero or more, got {seed}")
+    check_samples(spp, seed)
     check_threads(threads)
-    noise = {
-        "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
-        "temperature": None if temperature is None else parse_temperature(temperature),
-        "noise_figure": None if noise_figure is None else parse_noise_figure(noise_figure),
-    }
+    noise = parse_noise(bandwidth, temperature, noise_figure)
     stem = output_stem(out, Path(scene).stem + "_received")
     files = targets(stem, (".json", ".png"))
     check_writable(files)

@@ -19,7 +19,13 @@ from polywigner.cli.output import (
     writing,
 )
 from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.scenes import check_is_file, check_is_no_aperture, check_threads, versions_of
+from polywigner.cli.scenes import (
+    check_is_file,
+    check_is_no_aperture,
+    check_samples,
+    check_threads,
+    versions_of,
+)
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
 
@@ -138,14 +144,11 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
 def _check(settings: RenderSettings) -> None:
     """All that can be known to be wrong before Mitsuba takes its second to load."""
     check_is_file(settings.scene)
-    if settings.spp is not None and settings.spp < 1:
-        raise ArgumentError(f"expected --spp of at least 1, got {settings.spp}")
+    check_samples(settings.spp, settings.seed)
     if settings.spp is not None and settings.error_db is not None:
         raise ArgumentError("expected --spp or --error-db, got both; drop one of them")
     if settings.error_db is not None and not 0 < settings.error_db < math.inf:
         raise ArgumentError(f"expected --error-db above zero, got {settings.error_db:g}")
-    if settings.seed < 0:
-        raise ArgumentError(f"expected --seed of zero or more, got {settings.seed}")
     check_threads(settings.threads)
     _check_name("--integrator", settings.integrator, _INTEGRATORS)
     _check_name("--sampler", settings.sampler, _SAMPLERS)

@@ -10,9 +10,16 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from polywigner.cli.output import check_text
-from polywigner.errors import SceneError
+from polywigner.errors import ArgumentError, SceneError
 
-__all__ = ["check_is_file", "check_is_no_aperture", "check_threads", "counted_bar", "versions_of"]
+__all__ = [
+    "check_is_file",
+    "check_is_no_aperture",
+    "check_samples",
+    "check_threads",
+    "counted_bar",
+    "versions_of",
+]
 
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 
@@ -34,6 +41,14 @@ def check_is_no_aperture(scene: str) -> None:
             f"see its transforms by `polywigner transform {shlex.quote(scene)}`, or name it in "
             'the <shape type="wigner"> of a scene'
         )
+
+
+def check_samples(spp: int | None, seed: int) -> None:
+    """Raise ArgumentError for less than one sample, and for a seed below zero."""
+    if spp is not None and spp < 1:
+        raise ArgumentError(f"expected --spp of at least 1, got {spp}")
+    if seed < 0:
+        raise ArgumentError(f"expected --seed of zero or more, got {seed}")
 
 
 def check_threads(threads: int | None) -> None:

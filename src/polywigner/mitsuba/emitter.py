@@ -28,6 +28,7 @@ from polywigner.errors import SceneError
 from polywigner.mitsuba.emitter_sampling import sampled_emitter_class, spectrum
 from polywigner.mitsuba.exact import FIXED, ExactField
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.numbers import opaque
 from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.mitsuba.parameters import EmitterSpec, check_range
 from polywigner.mitsuba.placement import Frame, check_place, cover, matrix_of, move
@@ -65,7 +66,7 @@ def emitter_class(variant: str) -> Any:
             self.power = _adjustable(m, spec.power)
             self.to_world = m.Transform4f(m.Matrix4f(spec.pose))
             # a literal is folded into loops, which Dr.Jit cannot record for a single sample then
-            self._dark = dr.opaque(m.Float, 0.0) if jit else 0.0
+            self._dark = opaque(m, 0.0)
             self._unit = spec.scene_unit
             self._set_source(spec, spec.wavelength)
             self._take_over()

@@ -28,6 +28,7 @@ from polywigner.illumination.obliquities import SHARES, warn_of_slopes
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.distances import distance_of
 from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources
+from polywigner.mitsuba.numbers import opaque
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.trigonometry import cos_sin_turns
@@ -117,14 +118,14 @@ class ExactField:
             radiator, wavelength, _LONGEST, self._ops.double, self._share.field
         )
         self._centre = radiator.centre
-        self._middle = [self._adjustable(c) for c in (radiator.centre / wavelength).tolist()]
-        self._inverse = self._adjustable(1 / wavelength)
+        self._middle = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
+        self._inverse = opaque(m, 1 / wavelength)
         self._elements: list[tuple[float, ...]] = []
         self._points = equivalent_sources(
             source, radiator, wavelength, self._share, len(self._tables.edges)
         )
         if self._points is not None:
-            self._half = [self._adjustable(half) for half in self._points.half]
+            self._half = [opaque(m, half) for half in self._points.half]
         # of one aperture the far field is less work than its points, of an array more
         alone = len(radiator.elements) == 1 and len(radiator.elements[0].weights) == 1
         if alone or (self._points is None and len(radiator.elements) == 1):
@@ -145,17 +146,13 @@ class ExactField:
         is_real = len(weights) == 1 and _is_symmetric(own, wavelength)
         far = max(_FAR[is_real] * reach * reach, _FAR_OF_SMALL * reach)
         farthest = far + float(np.hypot(*places.T).max())
-        self._farthest = self._adjustable(farthest)
+        self._farthest = opaque(self._m, farthest)
         self._fields = []
         if self._share.field:
             self._fields.append((own, False))
         if self._share.slope:
             with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
                 self._fields.append((times_direction_cosine(own, wavelength), True))
-
-    def _adjustable(self, value: float) -> Any:
-        # opaque: as a literal, every new wavelength would compile the render kernel again
-        return dr.opaque(self._m.Float, value) if self._jit else value
 
     def intensity(self, point: Any, unit: float) -> Any:
         """|U|^2 at a point in front, in units of ``unit`` metres; in the unit of |u|^2."""

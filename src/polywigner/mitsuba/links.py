@@ -20,7 +20,7 @@ from polywigner.illumination import Array
 from polywigner.mitsuba.placed_sources import PlacedSource
 from polywigner.mitsuba.placement import PLACE_ERROR
 from polywigner.reception import coupling
-from polywigner.transforms import lag_marginal
+from polywigner.transforms.energies import energy_of
 
 __all__ = ["FacingParts", "coupled_share", "facing_parts"]
 
@@ -51,7 +51,7 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
         if part is None:
             return None
         if part is not one.source:
-            share *= _energy(part) / _energy(one.source)
+            share *= energy_of(part) / energy_of(one.source)
         parts.append(replace(one, source=part))
     return FacingParts(parts[0], parts[1], share)
 
@@ -122,7 +122,3 @@ def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
     if not polygons:
         return None
     return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
-
-
-def _energy(source: Aperture | Array) -> float:
-    return float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))

@@ -17,7 +17,7 @@ from polywigner.illumination.support import moved_source, mutual_support
 from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import powers_of
-from polywigner.transforms import lag_marginal
+from polywigner.transforms.energies import energy_of
 
 __all__ = ["Radiator", "emitted_power", "radiator_of"]
 
@@ -138,7 +138,7 @@ def _advice(source: Any) -> str:
 def _energy(source: Aperture | Array) -> float:
     if isinstance(source, Aperture) and source.illumination is None:
         return source.area
-    energy = float(lag_marginal(source, (0.0, 0.0), engine="numpy").real)
+    energy = energy_of(source)
     if not energy > 0:
         raise SceneError(
             "expected a source with a field, got elements that cancel each other everywhere"

@@ -32,6 +32,7 @@ from polywigner.mitsuba.emitter_sampling import spectrum
 from polywigner.mitsuba.exact import ExactField
 from polywigner.mitsuba.first_surface import distance_to_surface
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.numbers import opaque
 from polywigner.mitsuba.placement import Frame, matrix_of
 from polywigner.mitsuba.plugins import add_plugin
 from polywigner.mitsuba.radiance import WignerSum
@@ -51,7 +52,6 @@ _FAR = 1e4
 def receiver_class(variant: str) -> Any:
     """The sensor's class for one Mitsuba variant; the same class on every call."""
     m = getattr(mi, variant)
-    jit = dr.is_jit_v(m.Float)
 
     base: Any = m.Sensor
 
@@ -71,30 +71,26 @@ def receiver_class(variant: str) -> Any:
             radiator, unit = spec.radiator, spec.scene_unit
             source = radiator.centred
             self._directions = directions_of(m, source, spec.wavelength, spec.obliquity)
-            self._inverse = self._adjustable(1.0 / spec.wavelength)
+            self._inverse = opaque(m, 1.0 / spec.wavelength)
             if spec.estimator == "exact":
                 self._exact = ExactField(m, source, spec.wavelength, spec.obliquity)
                 self._cells = cells_with_field(m, source, unit)
                 reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
                 far = _FAR * reach * max(reach / spec.wavelength, 1.0)
-                self._far = self._adjustable(far / unit)
+                self._far = opaque(m, far / unit)
                 scale = spec.wavelength**2 * unit**2 / radiator.energy
             else:
                 self._sum = WignerSum(m, source, spec.wavelength, spec.obliquity, unit)
                 self._positions = positions_of(m, radiator, spec.sampling, unit)
                 scale = unit**2 / radiator.energy
-            self._scale = self._adjustable(scale)
-
-        def _adjustable(self, value: float) -> Any:
-            # opaque: as a literal, every new value would compile the render kernel again
-            return dr.opaque(m.Float, value) if jit else value
+            self._scale = opaque(m, scale)
 
         def _place(self) -> None:
             pose = self.spec.pose
             self._frame = Frame(m, self.to_world, self.spec.radiator.centre / self.spec.scene_unit)
             # rays start a little in front, as Mitsuba's do: the receiver may stand on a surface
             largest = float(np.abs(pose[:3, 3]).max())
-            self._lift = self._adjustable((1.0 + largest) * float(m.math.RayEpsilon))
+            self._lift = opaque(m, (1.0 + largest) * float(m.math.RayEpsilon))
 
         # ---- what a user may change ----------------------------------------------------------
 

@@ -6,16 +6,15 @@ import operator
 from collections.abc import Mapping
 from typing import Any
 
-import mitsuba as mi
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
+from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import check_estimator
 from polywigner.mitsuba.films import film_of
-from polywigner.mitsuba.given import rigid_pose
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_range
 from polywigner.mitsuba.radiator import radiator_of
@@ -23,12 +22,7 @@ from polywigner.mitsuba.receiver import RECEIVER_NAME
 from polywigner.mitsuba.receiver_parameters import RECEIVER_ESTIMATORS
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.sources import register_source
-from polywigner.quantities import (
-    parse_frequency,
-    parse_length,
-    parse_noise_figure,
-    parse_temperature,
-)
+from polywigner.quantities import parse_length, parse_noise
 
 __all__ = ["receiver"]
 
@@ -75,9 +69,7 @@ def receiver(
     ------
     ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
-        source = Aperture(source)
-    radiator = radiator_of(source, obliquity)
+    radiator = radiator_of(as_source(source), obliquity)
     length, unit = parse_length(wavelength), parse_length(scene_unit)
     check_estimator(estimator, radiator.source, length, obliquity, False, False)
     check_range(radiator, length, 1.0, unit)
@@ -92,16 +84,9 @@ def receiver(
         "film": _film(film),
         "sampler": {"type": "multijitter"},
     }
-    if bandwidth is not None:
-        entry["bandwidth"] = parse_frequency(bandwidth)
-    if temperature is not None:
-        entry["temperature"] = parse_temperature(temperature)
-    if noise_figure is not None:
-        entry["noise_figure"] = parse_noise_figure(noise_figure)
-    if to_world is not None:
-        pose = rigid_pose(getattr(to_world, "matrix", to_world))
-        entry["to_world"] = mi.scalar_rgb.ScalarTransform4f(pose)
-    return entry
+    noise = parse_noise(bandwidth, temperature, noise_figure)
+    entry |= {name: value for name, value in noise.items() if value is not None}
+    return entry | pose_entry(to_world)
 
 
 def _film(film: Any) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.parameters import check_range
 from polywigner.mitsuba.radiator import Radiator, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
-from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
+from polywigner.quantities import NOISE_PARSERS
 
 __all__ = ["RECEIVER_ESTIMATORS", "RECEIVER_PARAMETERS", "ReceiverSpec", "read_receiver"]
 
@@ -35,9 +35,7 @@ RECEIVER_PARAMETERS = (
     "estimator",
     "sampling",
     "scene_unit",
-    "bandwidth",
-    "temperature",
-    "noise_figure",
+    *NOISE_PARSERS,
 )
 
 
@@ -98,9 +96,7 @@ def read_receiver(props: Any) -> ReceiverSpec:
         obliquity=obliquity,
         estimator=estimator,
         sampling=check_sampling(given.text("sampling", SAMPLINGS[0])),
-        bandwidth=given.optional("bandwidth", parse_frequency),
-        temperature=given.optional("temperature", parse_temperature),
-        noise_figure=given.optional("noise_figure", parse_noise_figure),
+        **{name: given.optional(name, parse) for name, parse in NOISE_PARSERS.items()},
     )
 
 

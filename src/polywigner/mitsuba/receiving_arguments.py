@@ -11,7 +11,7 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.mitsuba.received import noise_power_of
 from polywigner.mitsuba.rendering import check_seed, check_spp
-from polywigner.quantities import parse_frequency, parse_noise_figure, parse_temperature
+from polywigner.quantities import NOISE_PARSERS, parse_noise
 from polywigner.reception.couplings import checked_tolerance
 
 __all__ = ["Asked", "asked_of"]
@@ -34,8 +34,7 @@ class Asked:
 
     def noise_of(self, spec: Any) -> dict[str, Any]:
         """Of a receiver: what is asked, else its own."""
-        names = ("bandwidth", "temperature", "noise_figure")
-        asked = {name: getattr(self, name) for name in names}
+        asked = {name: getattr(self, name) for name in NOISE_PARSERS}
         noise = {n: getattr(spec, n) if value is None else value for n, value in asked.items()}
         power = noise_power_of(**noise)
         if power is not None and not 0 < power < math.inf:
@@ -63,9 +62,7 @@ def asked_of(
         integrator,
         _checked_reflections(reflections),
         checked_tolerance(tolerance),
-        None if bandwidth is None else parse_frequency(bandwidth),
-        None if temperature is None else parse_temperature(temperature),
-        None if noise_figure is None else parse_noise_figure(noise_figure),
+        **parse_noise(bandwidth, temperature, noise_figure),
     )
 
 

@@ -13,11 +13,11 @@ import mitsuba as mi
 import numpy.typing as npt
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
+from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
-from polywigner.mitsuba.given import rigid_pose
 from polywigner.mitsuba.images import threads_for_openexr
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
@@ -96,11 +96,9 @@ def aperture(
     ------
     GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
-        source = Aperture(source)
     antithetic = check_flag("antithetic", antithetic)
     control_variate = check_flag("control_variate", control_variate)
-    radiator = radiator_of(source, obliquity, antithetic)
+    radiator = radiator_of(as_source(source), obliquity, antithetic)
     length = parse_length(wavelength)
     check_estimator(estimator, radiator.source, length, obliquity, antithetic, control_variate)
     entry: dict[str, Any] = {
@@ -120,9 +118,7 @@ def aperture(
     powers = [None if given is None else parse_power(given) for given in (power, radiated_power)]
     watts = emitted_power(radiator, entry["wavelength"], obliquity, powers[0], powers[1])
     check_range(radiator, entry["wavelength"], watts, entry["scene_unit"])
-    if to_world is not None:
-        pose = rigid_pose(getattr(to_world, "matrix", to_world))
-        entry["to_world"] = mi.scalar_rgb.ScalarTransform4f(pose)
+    entry |= pose_entry(to_world)
     if power is not None or radiated_power is not None:
         entry["power"] = watts
     if bsdf is not None:

@@ -16,7 +16,8 @@ from polywigner.illumination.obliquities import OBLIQUITIES, SHARES, Obliquity, 
 from polywigner.propagation.places import checked_name
 from polywigner.radiometry.directions import PlaneSource, checked_source
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
-from polywigner.transforms import fourier, lag_marginal
+from polywigner.transforms import fourier
+from polywigner.transforms.energies import energy_of
 
 __all__ = ["far_field", "powers_of", "radiated_power"]
 
@@ -101,7 +102,7 @@ def powers_of(source: PlaneSource, wavelength: float, obliquity: str) -> tuple[f
     power = float(
         sum(w @ np.square(np.abs(far_field(source, s, wavelength, obliquity))) for s, w in blocks)
     )
-    energy = float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))
+    energy = energy_of(source)
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"expected a source that radiates at a wavelength of {wavelength:g} m, got one whose "

@@ -13,7 +13,7 @@ from polywigner.geometry.frequency import takes_frequency
 from polywigner.radiometry.directional import radiance, radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_source
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
-from polywigner.transforms import lag_marginal
+from polywigner.transforms.energies import energy_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["EnergyBudget", "energy_budget", "flux_vector", "power"]
@@ -165,5 +165,4 @@ def energy_budget(
     0.9337
     """
     radiator = checked_source(source)
-    total = float(np.real(lag_marginal(radiator, (0.0, 0.0), engine="numpy")))
-    return EnergyBudget(total, power(radiator, wavelength, engine=engine))
+    return EnergyBudget(energy_of(radiator), power(radiator, wavelength, engine=engine))

@@ -32,7 +32,7 @@ from polywigner.reception.overlaps import overlap
 from polywigner.reception.poses import check_facing, checked_poses
 from polywigner.transforms import Differentiable
 
-__all__ = ["LinkMethod", "coupling"]
+__all__ = ["LinkMethod", "checked_tolerance", "coupling"]
 
 LinkMethod = Literal[
     "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fraunhofer", "wigner"

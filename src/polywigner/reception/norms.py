@@ -15,7 +15,8 @@ from polywigner.errors import IlluminationError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.propagation.field_slopes import parts_of
-from polywigner.transforms import Differentiable, lag_marginal
+from polywigner.transforms import Differentiable
+from polywigner.transforms.energies import energy_of
 from polywigner.transforms.traced_sources import fields_of
 
 __all__ = ["root_of_norm", "slopes_of_fields"]
@@ -32,7 +33,7 @@ def root_of_norm(source: Aperture | Array) -> float:
 
     Raises IlluminationError for a source that cancels itself.
     """
-    norm = _norm(source)
+    norm = energy_of(source)
     weights = [1.0] if isinstance(source, Aperture) else np.abs(source.weights).tolist()
     parts = 0.0
     for weight, element in zip(weights, source.elements_in_plane, strict=True):
@@ -84,7 +85,7 @@ def _overlaps(parts: Sequence[Aperture], weights: Complex) -> Complex:
     tree = shapely.STRtree(outlines)
     found = np.empty(len(parts), np.complex128)
     for k, part in enumerate(parts):
-        own = _norm(part)
+        own = energy_of(part)
         found[k] = weights[k] * own
         others = [j for j in tree.query(outlines[k]).tolist() if j != k and weights[j] != 0]
         common = shapely.area(shapely.intersection([outlines[j] for j in others], outlines[k]))
@@ -92,15 +93,11 @@ def _overlaps(parts: Sequence[Aperture], weights: Complex) -> Complex:
         if near:
             elements, beside = [parts[j] for j in near], weights[near]
             size = np.abs(beside).max()
-            rest = _norm(Array(elements, beside))
+            rest = energy_of(Array(elements, beside))
             # |a + b|^2 - |a|^2 - |b|^2 = 2 Re a* b, and of i a in place of a 2 Im a* b
             both = (
-                _norm(Array([part, *elements], [turn * size, *beside])) - size**2 * own - rest
+                energy_of(Array([part, *elements], [turn * size, *beside])) - size**2 * own - rest
                 for turn in (1.0, 1j)
             )
             found[k] += complex(*both) / (2 * size)
     return found
-
-
-def _norm(source: Aperture | Array) -> float:
-    return float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))

@@ -14,7 +14,8 @@ from polywigner.illumination import Array
 from polywigner.illumination.direction_cosines import fields_of
 from polywigner.propagation.arrangement import has_few_kinks, smooth_triangles
 from polywigner.propagation.rays_rules import gauss_rule, node_count
-from polywigner.transforms import lag_marginal, wigner
+from polywigner.transforms import wigner
+from polywigner.transforms.energies import energy_of
 
 __all__ = ["overlap"]
 
@@ -42,9 +43,7 @@ def overlap(
                 'expected sources of few edges with "wigner", got one whose Wigner function has '
                 'more kinks than can be found; use "rayleigh-sommerfeld-1"'
             )
-    norm = math.prod(
-        float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy"))) for source in sources
-    )
+    norm = math.prod(map(energy_of, sources))
     for k, pose in enumerate(poses):
         lean = float(np.hypot(*pose[:2, 2]))
         if lean > _PARALLEL:
