@@ -158,11 +158,11 @@ def test_libformfactor_has_the_same_bodies(case: str) -> None:
     assert np.abs(np.array(found) - expected).max() < PEER_OF_BODIES * source.volume
 
 
-@pytest.mark.parametrize("screen", ["soft", "hard"])
+@pytest.mark.parametrize("screen", ["soft", "hard", "given field", "given slope"])
 def test_the_field_behind_a_screen_follows_from_that_in_the_hole(
     screen: fdtd_screens.Screen,
 ) -> None:
-    """By Rayleigh-Sommerfeld I from u, which is 0 on a soft screen; II from du/dz on a hard one."""
+    """By Rayleigh-Sommerfeld I from u, where that is 0 on the screen; else II from du/dz."""
     field = fdtd_screens.field_behind(screen, 10, width=1.0, reach=1.5)
     k, spacing, u = 2 * np.pi, field.spacing, field.values
     x, z, found = field.plane(1.4)
@@ -177,7 +177,7 @@ def test_the_field_behind_a_screen_follows_from_that_in_the_hole(
     for point in x:
         r = np.hypot(np.hypot(places[:, None] - point, places), z)
         wave = spacing**2 / k * np.exp(1j * k * r) / r
-        kernel = plane * z / r * (1 / r - 1j * k) if screen == "soft" else -slope
+        kernel = plane * z / r * (1 / r - 1j * k) if screen in ("soft", "given field") else -slope
         expected.append((hole * kernel * wave).sum())
     assert np.abs(found[:, 0] - expected).max() < LATTICE * np.abs(expected).max()
 
