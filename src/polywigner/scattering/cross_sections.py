@@ -167,5 +167,5 @@ def _lit(
             last, lit = way[:3], seen_along(facets, way[:3])
         seen = lit
         if not monostatic:
-            seen = less_hidden(lit, seen_along(facets, -way[3:]), facets, -way[3:])
+            seen = less_hidden(lit, seen_along(facets, -way[3:]), facing(facets, -way[3:]))
         yield rows, lit_pieces(facets, seen)

@@ -37,6 +37,8 @@ class Facets:
     """(n,) which triangles have two outer sides."""
     casts_shadows: bool
     """Whether one triangle may stand before another."""
+    middle: Floats
+    """(3,) the centre of the box, in the body's frame."""
 
     @cached_property
     def vector(self) -> Floats:
@@ -113,11 +115,13 @@ def _facets(parts: tuple[Any, ...]) -> Facets:
         plates.append(np.full(len(found), not isinstance(part, Polyhedron)))
     every = np.concatenate(corners)
     low, high = every.min(axis=(0, 1)), every.max(axis=(0, 1))
-    every = every - (low + (high - low) / 2)
+    middle = low + (high - low) / 2
+    every = every - middle
     alone = len(parts) == 1
     plane_or_convex = alone and (plates[0].all() or is_convex(parts[0]))
     first, second = every[:, 1] - every[:, 0], every[:, 2] - every[:, 0]
-    return Facets(every[:, 0], first, second, np.concatenate(plates), not plane_or_convex)
+    is_plate = np.concatenate(plates)
+    return Facets(every[:, 0], first, second, is_plate, not plane_or_convex, middle)
 
 
 def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
