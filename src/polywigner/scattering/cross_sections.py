@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.geometry.plausibility import warn_caller
+from polywigner.scattering.antennas import Source
 from polywigner.scattering.facets import Body, Facets, facets_of
+from polywigner.scattering.near_sections import near_sections
 from polywigner.scattering.polarisations import (
     Polarisation,
     checked_polarisations,
@@ -34,6 +36,11 @@ def rcs(
     wavelength: ArrayLike,
     to_transmitter: ArrayLike | None = None,
     polarisation: Polarisation | None = None,
+    *,
+    source: Source | None = None,
+    receiver: Source | None = None,
+    tolerance: float = 1e-3,
+    return_power: bool = False,
 ) -> Any:
     """Radar cross section of a perfect conductor, by physical optics (docs/rcs.md, (SC1)).
 
@@ -58,11 +65,26 @@ def rcs(
         Or a pair of unit vectors (..., 3), receiver first, across each one's direction; complex
         ones for circular polarisations, which the receiver's antenna would radiate.
 
+    source : the radar's antenna, an Aperture or Array in the plane z = 0 of its own frame, for a
+        body near it: its exact field (:func:`amplitude`) lights the body, and its field receives,
+        as in :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` then say
+        where it stands: vectors (..., 3) in m from the middle of the box around the body to the
+        source, which looks back with its y axis upwards (towards +z of the body); or poses
+        (..., 4, 4) that map the body's frame into that of the source, which radiates along its
+        +z. None: the antennas are far away.
+    receiver : another antenna that receives; None: one like ``source``.
+    tolerance : with ``source``: error allowed by splitting what is lit into plane pieces of wave
+        fronts, relative to the amplitude of all lit parts in phase, from 1e-6 to 0.1.
+    return_power : with ``source``: also return the received over the transmitted power.
+
     All broadcast against each other.
 
     Returns
     -------
-    (...) floats in m^2. Errors are some 1e-15 of the amplitude of a plate of all lit faces, times
+    (...) floats in m^2. With ``source``, the cross section of a small body that would send back as
+    much power from the middle of the box around the body, which tends to that of antennas far
+    away; with ``return_power`` a pair of that and of |b|^2 (...), both powers counted as
+    int |u|^2. Errors are some 1e-15 of the amplitude of a plate of all lit faces, times
     the body's size in wavelengths where that is above 1; of parts that stand partly in a shadow,
     1e-12 of it. A face seen edge-on, within 1e-12 rad, counts as dark. There are no derivatives.
 
@@ -89,28 +111,40 @@ def rcs(
     np.float64(49.414)
     """
     facets = facets_of(body)
-    receiver = checked_unit_vectors("to_radar", to_radar)
     lengths = checked_wavelengths(wavelength)
-    transmitter = receiver
+    if lengths.size:
+        _warn_of_small(facets, float(lengths.min()))
+    if source is not None:
+        found = near_sections(
+            facets, source, receiver, to_radar, to_transmitter, lengths, polarisation, tolerance
+        )
+        return (found[0][()], found[1][()]) if return_power else found[0][()]
+    if receiver is not None or return_power:
+        raise ArgumentError("expected a source with receiver and return_power, got none; give it")
+    to_receiver = checked_unit_vectors("to_radar", to_radar)
+    transmitter = to_receiver
     if to_transmitter is not None:
         transmitter = checked_unit_vectors("to_transmitter", to_transmitter)
     polarisations: tuple[Complex, ...] = ()
     if polarisation is not None:
-        polarisations = checked_polarisations(polarisation, receiver, transmitter)
-    shape = _shape(lengths, receiver, transmitter, *polarisations)
-    if lengths.size and facets.size < lengths.min():
-        warn_caller(
-            f"got a body of {facets.size:.3g} m at a wavelength of {lengths.min():.3g} m: physical "
-            "optics holds for bodies of some wavelengths or more"
-        )
+        polarisations = checked_polarisations(polarisation, to_receiver, transmitter)
+    shape = _shape(lengths, to_receiver, transmitter, *polarisations)
     s, t, *both = (
         np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3)
-        for vectors in (receiver, transmitter, *polarisations)
+        for vectors in (to_receiver, transmitter, *polarisations)
     )
     flat = np.broadcast_to(lengths, shape).ravel()
     sums = _sums(facets, -t, s, flat, to_transmitter is None)
     areas = 4 * np.pi / flat**2 * _power(sums, -t, s, both)
     return areas.reshape(shape)[()]
+
+
+def _warn_of_small(facets: Facets, wavelength: float) -> None:
+    if facets.size < wavelength:
+        warn_caller(
+            f"got a body of {facets.size:.3g} m at a wavelength of {wavelength:.3g} m: physical "
+            "optics holds for bodies of some wavelengths or more"
+        )
 
 
 def _shape(lengths: Floats, *vectors: Any) -> tuple[int, ...]:

@@ -12,7 +12,7 @@ from polywigner import execution
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import rotated
 
-__all__ = ["Pieces", "surface_sums"]
+__all__ = ["Pieces", "surface_sums", "transforms"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -62,15 +62,15 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
 
 def _block(pieces: Pieces, signs: NDArray[np.int8] | None, nu: Floats) -> Complex:
     if signs is None:
-        values = _transforms(*(nu @ part.T for part in _vectors(pieces)))
+        values = transforms(*(nu @ part.T for part in _vectors(pieces)))
     elif len(nu) == 1:
         (rows,) = np.nonzero(signs[0])
         pieces = pieces.taken(rows)
-        values = _transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, rows]
+        values = transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, rows]
     else:
         lit = np.nonzero(signs)
         values = np.zeros(signs.shape, np.complex128)
-        values[lit] = _transforms(*((nu @ part.T)[lit] for part in _vectors(pieces)))
+        values[lit] = transforms(*((nu @ part.T)[lit] for part in _vectors(pieces)))
         values *= signs
     result: Complex = values @ pieces.vector
     return result
@@ -80,7 +80,7 @@ def _vectors(pieces: Pieces) -> tuple[Floats, Floats, Floats]:
     return pieces.corner, pieces.first, pieces.second
 
 
-def _transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
     """F over twice the area of triangles, from nu.p of corner and both vectors. Source: (F5)."""
     real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
     return real + 1j * imag
