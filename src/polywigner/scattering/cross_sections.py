@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.geometry.plausibility import warn_caller
@@ -20,6 +22,7 @@ from polywigner.scattering.polarisations import (
     checked_unit_vectors,
     checked_wavelengths,
 )
+from polywigner.scattering.section_slopes import section_slopes
 from polywigner.scattering.surface_sums import Pieces, surface_sums
 from polywigner.scattering.visibility import facing, less_hidden, lit_pieces, seen_along
 
@@ -121,22 +124,49 @@ def rcs(
         return (found[0][()], found[1][()]) if return_power else found[0][()]
     if receiver is not None or return_power:
         raise ArgumentError("expected a source with receiver and return_power, got none; give it")
-    to_receiver = checked_unit_vectors("to_radar", to_radar)
-    transmitter = to_receiver
+    find = partial(_sections, facets, lengths, polarisation)
+    if execution.is_drjit(to_radar) or execution.is_drjit(to_transmitter):
+        points = [("to_radar", to_radar), ("to_transmitter", to_transmitter)]
+        if to_transmitter is None:
+            points.pop()
+        return execution.hosted_values(find, points, 3)
+    return find((to_radar, to_transmitter))[0][()]
+
+
+def _sections(
+    facets: Facets,
+    lengths: Floats,
+    polarisation: Polarisation | None,
+    directions: Sequence[Any],
+    wanted: Sequence[bool] = (False, False),
+) -> tuple[Floats, list[Floats | None]]:
+    """Cross sections (...) and their derivatives (..., 3) in directions that want them."""
+    to_radar, to_transmitter = (*directions, None)[:2]
+    receiver = checked_unit_vectors("to_radar", to_radar)
+    transmitter = receiver
     if to_transmitter is not None:
         transmitter = checked_unit_vectors("to_transmitter", to_transmitter)
     polarisations: tuple[Complex, ...] = ()
     if polarisation is not None:
-        polarisations = checked_polarisations(polarisation, to_receiver, transmitter)
-    shape = _shape(lengths, to_receiver, transmitter, *polarisations)
+        polarisations = checked_polarisations(polarisation, receiver, transmitter)
+    shape = _shape(lengths, receiver, transmitter, *polarisations)
     s, t, *both = (
         np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3)
-        for vectors in (to_receiver, transmitter, *polarisations)
+        for vectors in (receiver, transmitter, *polarisations)
     )
     flat = np.broadcast_to(lengths, shape).ravel()
     sums = _sums(facets, -t, s, flat, to_transmitter is None)
     areas = 4 * np.pi / flat**2 * _power(sums, -t, s, both)
-    return areas.reshape(shape)[()]
+    slopes: list[Floats | None] = [None] * len(directions)
+    if any(wanted):
+        channel = polarisation if isinstance(polarisation, str) else None
+        of_s, of_t = section_slopes(facets, s, t, flat, both, channel)
+        every = (of_s, of_t) if to_transmitter is not None else (of_s + of_t,)
+        slopes = [
+            own.reshape(*shape, 3) if is_wanted else None
+            for own, is_wanted in zip(every, wanted, strict=False)
+        ]
+    return areas.reshape(shape), slopes
 
 
 def _warn_of_small(facets: Facets, wavelength: float) -> None:
