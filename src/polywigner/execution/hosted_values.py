@@ -53,7 +53,9 @@ def hosted_values(
         hosts.append(_read(components, shape))
     wanted = [own is not None and dr.grad_enabled(own) for own in inputs]
     values, slopes = compute(hosts, wanted)
-    shapes = [host.shape if own is not None else () for host, own in zip(hosts, inputs, strict=True)]
+    shapes = [
+        host.shape if own is not None else () for host, own in zip(hosts, inputs, strict=True)
+    ]
     result = array_of(real, values)
     if any(wanted):
         result = with_derivatives(_rule(real, result, slopes, shapes), *inputs)
@@ -81,7 +83,9 @@ def _rule(
                 found.append(None)
                 continue
             size = int(np.prod(own.shape[:-1]))
-            down = _summed_to(own * np.broadcast_to(out, size).reshape(own.shape[:-1])[..., None], shape)
+            down = _summed_to(
+                own * np.broadcast_to(out, size).reshape(own.shape[:-1])[..., None], shape
+            )
             found.append(tuple(array_of(real, c) for c in down.reshape(-1, shape[-1]).T))
         return tuple(found)
 

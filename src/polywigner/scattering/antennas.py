@@ -68,7 +68,9 @@ class Antenna:
 
     def field(self, places: Floats) -> Complex:
         """The field per square root of watts, (n,)."""
-        found = amplitude(self.source, self.inside(places), self.wavelength, tolerance=self.tolerance)
+        found = amplitude(
+            self.source, self.inside(places), self.wavelength, tolerance=self.tolerance
+        )
         return np.asarray(found / self.root_of_power)
 
     def gradient(self, places: Floats) -> Complex:
@@ -126,4 +128,5 @@ def checked_places(name: str, given: ArrayLike, middle: Floats) -> Floats:
 def directions_of(poses: Any) -> Floats:
     """Unit vectors (..., 3) from the body's middle towards the origin of each source's frame."""
     away = -np.einsum("...ji,...j->...i", poses[..., :3, :3], poses[..., :3, 3])
-    return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))
+    with np.errstate(invalid="ignore"):  # inside the body, which is refused further on
+        return np.asarray(away / np.linalg.norm(away, axis=-1, keepdims=True))

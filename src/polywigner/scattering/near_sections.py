@@ -68,7 +68,9 @@ def near_sections(
     alone = receiver is None and to_transmitter is None
     for k in np.ndindex(*shape):
         transmitter = Antenna(source, others[k], float(lengths[k]), _OF_FIELD * allowed)
-        back = Antenna(source if receiver is None else receiver, own[k], float(lengths[k]), _OF_FIELD * allowed)
+        back = Antenna(
+            source if receiver is None else receiver, own[k], float(lengths[k]), _OF_FIELD * allowed
+        )
         transmitter.check_in_front(facets, "source")
         back.check_in_front(facets, "receiver")
         sums = near_sums(

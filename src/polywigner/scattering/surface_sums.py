@@ -89,10 +89,14 @@ def _first_moments(pieces: Pieces, nu: Floats) -> Iterator[Complex]:
         for twice in (first, second)
     )
     for axis in range(3):
-        yield -2j * np.pi * (
-            whole * pieces.corner[:, axis]
-            + at_first * pieces.first[:, axis]
-            + at_second * pieces.second[:, axis]
+        yield (
+            -2j
+            * np.pi
+            * (
+                whole * pieces.corner[:, axis]
+                + at_first * pieces.first[:, axis]
+                + at_second * pieces.second[:, axis]
+            )
         )
 
 

@@ -92,9 +92,7 @@ def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
     return _seen(facets, facing_place(facets, place), projected)
 
 
-def _seen(
-    facets: Facets, signs: NDArray[np.int8], project: Callable[[Floats], Projected]
-) -> Seen:
+def _seen(facets: Facets, signs: NDArray[np.int8], project: Callable[[Floats], Projected]) -> Seen:
     """What is seen of sides that face the observer; ``project``: corners (m, 3, 3) in the picture.
 
     What faces away hides nothing that what faces the observer does not: rays leave a body through
