@@ -141,7 +141,7 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
     points, areas = grid(0.2, 0.2, 100)
     # where a ray from the radar meets the plane of the small plate
     through = at + (points - at) * ((at[2] - 0.1) / at[2])
-    outline = np.asarray(small.rings[0]) + (0.01, 0.02)
+    outline = np.asarray(small.rings[0]) + pose[:2, 3]
     ends = np.roll(outline, -1, axis=0) - outline
     beside = through[:, None, :2] - outline
     inside = (ends[:, 0] * beside[..., 1] - ends[:, 1] * beside[..., 0] > 0).all(axis=1)
@@ -152,7 +152,7 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
     place = others[:, :2] + (0.005, 0.0)
     beside = place[:, None] - np.asarray(small.rings[0])
     lit = (ends[:, 0] * beside[..., 1] - ends[:, 1] * beside[..., 0] > 0).all(axis=1)
-    here = np.column_stack([place[lit], np.zeros(lit.sum())]) + (0.01, 0.02, 0.1)
+    here = np.column_stack([place[lit], np.zeros(lit.sum())]) + pose[:3, 3]
     field, slope = field_and_slope(0.06, 0.04, radar, here, up)
     total += (field * slope * their[lit]).sum()
     # 100 cells across: edges of the shadow are met to half a cell, at random

@@ -96,7 +96,8 @@ def rcs(
 
     Warns
     -----
-    PolywignerWarning for bodies smaller than a wavelength, of which physical optics says nothing.
+    PolywignerWarning, once for a line of your code, where a face is smaller than a square
+    wavelength, of which physical optics says little. Facets that join smoothly are one face.
 
     Raises
     ------
@@ -170,10 +171,10 @@ def _sections(
 
 
 def _warn_of_small(facets: Facets, wavelength: float) -> None:
-    if facets.size < wavelength:
+    if facets.least_face < wavelength:
         warn_caller(
-            f"got a body of {facets.size:.3g} m at a wavelength of {wavelength:.3g} m: physical "
-            "optics holds for bodies of some wavelengths or more"
+            f"got a face of {facets.least_face:.3g} m, the root of its area, at a wavelength of "
+            f"{wavelength:.3g} m: physical optics holds for faces of some wavelengths or more"
         )
 
 

@@ -1,4 +1,4 @@
-"""Which triangles stand before which, as an observer sees them: candidates in bulk, no set operations."""
+"""Which triangles stand before which in a picture: candidates in bulk, no set operations."""
 
 from __future__ import annotations
 
