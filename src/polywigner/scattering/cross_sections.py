@@ -57,7 +57,8 @@ def rcs(
     ----------
     body : a Polyhedron; an Aperture or placed Aperture, which is a plate with two sides, holes
         and all; or an Array (without weights) or a list of these, which shadow each other.
-    to_radar : (..., 3) unit vectors from the body towards the radar's receiver.
+    to_radar : (..., 3) unit vectors from the body towards the radar's receiver; Dr.Jit arrays of
+        any kind for results of that kind, with derivatives for convex bodies and single plates.
     wavelength : (...) in m; or ``frequency=``, one number in Hz.
     to_transmitter : (..., 3) unit vectors towards the transmitter; None: it is with the receiver.
     polarisation : which part of the scattered field counts, of which incident one.
@@ -67,7 +68,6 @@ def rcs(
         frame, h along the azimuth, at each one's own direction (along z at azimuth 0).
         Or a pair of unit vectors (..., 3), receiver first, across each one's direction; complex
         ones for circular polarisations, which the receiver's antenna would radiate.
-
     source : the radar's antenna, an Aperture or Array in the plane z = 0 of its own frame, for a
         body near it: its exact field (:func:`amplitude`) lights the body, and its field receives,
         as in :func:`coupling` (docs/rcs.md, (SC3)). ``to_radar`` and ``to_transmitter`` then say
@@ -89,7 +89,7 @@ def rcs(
     away; with ``return_power`` a pair of that and of |b|^2 (...), both powers counted as
     int |u|^2. Errors are some 1e-15 of the amplitude of a plate of all lit faces, times
     the body's size in wavelengths where that is above 1; of parts that stand partly in a shadow,
-    1e-12 of it. A face seen edge-on, within 1e-12 rad, counts as dark. There are no derivatives.
+    1e-12 of it. A face seen edge-on, within 1e-12 rad, counts as dark.
 
     Time is linear in the triangles that faces are split into, times directions and wavelengths.
     Bodies that are not convex cost set operations besides, once a direction (docs/rcs.md).
@@ -102,7 +102,8 @@ def rcs(
     Raises
     ------
     ArgumentError for anything but bodies and uniform plates, unit vectors, wavelengths and
-    polarisations across the directions.
+    polarisations across the directions; derivatives of bodies that may shadow themselves.
+    GeometryError for poses that are not rigid, and bodies behind the plane of an antenna.
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
     ed. (2008); W. B. Gordon, "Far-field approximations to the Kirchhoff-Helmholtz representations

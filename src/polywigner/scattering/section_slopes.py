@@ -50,7 +50,8 @@ def section_slopes(
     if not polarisations:
         of_n, of_s, of_k = _total(n, s, k)
     else:
-        of_n, of_s, of_k = _polarised(n, s, k, *polarisations, channel)
+        q, p = polarisations
+        of_n, of_s, of_k = _polarised(n, s, k, q, p, channel)
     shared = np.einsum("ni,nia->na", of_n, slopes).real / lengths[:, None]
     scale = 4 * np.pi / lengths[:, None] ** 2
     return _across(scale * (of_s + shared), s), _across(scale * (shared - of_k), t)
