@@ -50,8 +50,7 @@ def body() -> pw.Polyhedron:
 def cross_section(metal: Any, wavelength: float) -> Callable[[Any, Any, int], Any]:
     """What Sionna RT calls the RCS of a scattering point: (k_i, k_s, seed) to m^2.
 
-    Both directions are those in which the waves travel, in the target's own frame. Convex bodies
-    and plates have derivatives in them.
+    Both directions are those in which the waves travel, in the target's own frame.
     """
 
     def sigma(k_i: Any, k_s: Any, seed: int) -> Any:

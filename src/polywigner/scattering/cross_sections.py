@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -15,6 +15,7 @@ from polywigner.geometry.frequency import takes_frequency
 from polywigner.geometry.plausibility import warn_caller
 from polywigner.scattering.antennas import Source
 from polywigner.scattering.facets import Body, Facets, facets_of
+from polywigner.scattering.lit_sums import lit_sums
 from polywigner.scattering.near_sections import near_sections
 from polywigner.scattering.polarisations import (
     Polarisation,
@@ -23,8 +24,6 @@ from polywigner.scattering.polarisations import (
     checked_wavelengths,
 )
 from polywigner.scattering.section_slopes import section_slopes
-from polywigner.scattering.surface_sums import Pieces, surface_sums
-from polywigner.scattering.visibility import facing, less_hidden, lit_pieces, seen_along
 
 __all__ = ["rcs"]
 
@@ -58,7 +57,7 @@ def rcs(
     body : a Polyhedron; an Aperture or placed Aperture, which is a plate with two sides, holes
         and all; or an Array (without weights) or a list of these, which shadow each other.
     to_radar : (..., 3) unit vectors from the body towards the radar's receiver; Dr.Jit arrays of
-        any kind for results of that kind, with derivatives for convex bodies and single plates.
+        any kind for results of that kind, with derivatives.
     wavelength : (...) in m; or ``frequency=``, one number in Hz.
     to_transmitter : (..., 3) unit vectors towards the transmitter; None: it is with the receiver.
     polarisation : which part of the scattered field counts, of which incident one.
@@ -102,7 +101,7 @@ def rcs(
     Raises
     ------
     ArgumentError for anything but bodies and uniform plates, unit vectors, wavelengths and
-    polarisations across the directions; derivatives of bodies that may shadow themselves.
+    polarisations across the directions.
     GeometryError for poses that are not rigid, and bodies behind the plane of an antenna.
 
     Source: E. F. Knott, "Radar cross section", ch. 14 of M. I. Skolnik (ed.), "Radar Handbook", 3rd
@@ -157,13 +156,12 @@ def _sections(
         for vectors in (receiver, transmitter, *polarisations)
     )
     flat = np.broadcast_to(lengths, shape).ravel()
-    sums = _sums(facets, -t, s, flat, to_transmitter is None)
+    sums = lit_sums(facets, -t, s, (s + t) / flat[:, None], to_transmitter is None)
     areas = 4 * np.pi / flat**2 * _power(sums, -t, s, both)
     slopes: list[Floats | None] = [None] * len(directions)
     if any(wanted):
         channel = polarisation if isinstance(polarisation, str) else None
-        of_s, of_t = section_slopes(facets, s, t, flat, both, channel)
-        every = (of_s, of_t) if to_transmitter is not None else (of_s + of_t,)
+        every = section_slopes(facets, s, t, flat, both, channel, to_transmitter is None)
         slopes = [
             own.reshape(*shape, 3) if is_wanted else None
             for own, is_wanted in zip(every, wanted, strict=False)
@@ -205,33 +203,3 @@ def _power(sums: Complex, k: Floats, s: Floats, polarisations: list[Complex]) ->
         field -= s * (s * field).sum(axis=1, keepdims=True)
         total += (np.abs(field) ** 2).sum(axis=1)
     return total / 2
-
-
-def _sums(facets: Facets, k: Floats, s: Floats, lengths: Floats, monostatic: bool) -> Complex:
-    """N((s - k)/wavelength) of what is lit, (m, 3)."""
-    nu = (s - k) / lengths[:, None]
-    if not facets.casts_shadows:
-        pieces = Pieces(facets.corner, facets.first, facets.second, facets.vector)
-        return surface_sums(pieces, nu, lambda some, part: facing(facets, k[some], part))
-    result = np.zeros((len(nu), 3), np.complex128)
-    for rows, pieces in _lit(facets, k, s, monostatic):
-        result[rows] = surface_sums(pieces, nu[rows])
-    return result
-
-
-def _lit(
-    facets: Facets, k: Floats, s: Floats, monostatic: bool
-) -> Iterator[tuple[NDArray[np.intp], Pieces]]:
-    """What is lit of each pair of directions, and the numbers of the samples that have it."""
-    ways, owner = np.unique(np.concatenate([k, s], axis=1), axis=0, return_inverse=True)
-    order = np.argsort(owner.ravel(), kind="stable")
-    ends = np.searchsorted(owner.ravel()[order], np.arange(1, len(ways)))
-    last, lit = None, None
-    groups = np.split(order, ends) if len(ways) else []
-    for way, rows in zip(ways, groups, strict=True):
-        if lit is None or (way[:3] != last).any():  # ways of one transmitter follow each other
-            last, lit = way[:3], seen_along(facets, way[:3])
-        seen = lit
-        if not monostatic:
-            seen = less_hidden(lit, seen_along(facets, -way[3:]), facing(facets, -way[3:]))
-        yield rows, lit_pieces(facets, seen)

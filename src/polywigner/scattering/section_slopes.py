@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import ArgumentError
 from polywigner.scattering.facets import Facets
+from polywigner.scattering.lit_sums import lit_slopes, lit_sums
 from polywigner.scattering.polarisations import spherical_axes
-from polywigner.scattering.surface_sums import Pieces, surface_slopes, surface_sums
-from polywigner.scattering.visibility import facing
 
 __all__ = ["section_slopes"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+# In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
+# the edges' motion in turns of phase.
+_STEP = 1e-5
 
 
 def section_slopes(
@@ -24,37 +28,63 @@ def section_slopes(
     lengths: Floats,
     polarisations: list[Complex],
     channel: str | None,
-) -> tuple[Floats, Floats]:
+    monostatic: bool,
+) -> tuple[Floats, ...]:
     """Derivatives (n, 3) in s, towards the receiver, and in t, towards the transmitter (n, 3).
 
-    Across these, which stay of length 1. ``polarisations``: of both (n, 3), or none;
-    ``channel``: the name of those that turn with the directions.
-
-    Raises ArgumentError for bodies that cast shadows on themselves.
+    Across these, which stay of length 1; of ``monostatic`` in both, which are one.
+    ``polarisations``: of both (n, 3), or none; ``channel``: the name of those that turn with the
+    directions.
     """
-    if facets.casts_shadows:
-        raise ArgumentError(
-            "expected a convex body or one plate with derivatives in directions, got a body that "
-            "may cast shadows on itself, whose edges move with the transmitter; pass "
-            "drjit.detach(...) of the directions"
-        )
     k = -t
-    pieces = Pieces(facets.corner, facets.first, facets.second, facets.vector)
-    nu = (s - k) / lengths[:, None]
-
-    def signs(some: slice, part: slice) -> NDArray[np.int8]:
-        return facing(facets, k[some], part)
-
-    n = surface_sums(pieces, nu, signs)
-    slopes = surface_slopes(pieces, nu, signs)
+    nu = (s + t) / lengths[:, None]
+    n = lit_sums(facets, k, s, nu, monostatic)
+    by_nu = lit_slopes(facets, k, s, nu, monostatic) / lengths[:, None, None]
     if not polarisations:
         of_n, of_s, of_k = _total(n, s, k)
     else:
         q, p = polarisations
         of_n, of_s, of_k = _polarised(n, s, k, q, p, channel)
-    shared = np.einsum("ni,nia->na", of_n, slopes).real / lengths[:, None]
-    scale = 4 * np.pi / lengths[:, None] ** 2
-    return _across(scale * (of_s + shared), s), _across(scale * (shared - of_k), t)
+
+    def whole(explicit: Floats, moved: Complex | float, direction: Floats) -> Floats:
+        slopes = explicit + np.einsum("ni,nia->na", of_n, by_nu + moved).real
+        along = (slopes * direction).sum(axis=1, keepdims=True)
+        return np.asarray(4 * np.pi / lengths[:, None] ** 2 * (slopes - along * direction))
+
+    def moved(of_s: bool, of_t: bool) -> Complex | float:
+        return _moved(facets, s, t, nu, of_s, of_t, monostatic) if facets.casts_shadows else 0.0
+
+    if monostatic:
+        return (whole(of_s, moved(True, True), s) + whole(-of_k, 0.0, t),)
+    return whole(of_s, moved(True, False), s), whole(-of_k, moved(False, True), t)
+
+
+def _moved(
+    facets: Facets,
+    s: Floats,
+    t: Floats,
+    nu: Floats,
+    of_s: bool,
+    of_t: bool,
+    monostatic: bool,
+) -> Complex:
+    """dN_i/ds_a or dt_a (n, 3, 3) by edges of shadows that move, at the same nu.
+
+    By differences of the lit polygons, which are exact: where edges move over faces in lines.
+    """
+    turned = s if of_s else t
+    least = np.eye(3)[np.abs(turned).argmin(axis=1)]
+    one = np.cross(turned, least)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    result = np.zeros((len(nu), 3, 3), np.complex128)
+    for axis in (one, np.cross(turned, one)):
+        ends = []
+        for step in (_STEP, -_STEP):
+            there = turned * math.cos(step) + axis * math.sin(step)
+            own, other = there if of_s else s, there if of_t else t
+            ends.append(lit_sums(facets, -other, own, nu, monostatic))
+        result += ((ends[0] - ends[1]) / (2 * _STEP))[:, :, None] * axis[:, None, :]
+    return result
 
 
 def _total(n: Complex, s: Floats, k: Floats) -> tuple[Complex, Floats, Floats]:
@@ -99,8 +129,3 @@ def _turning(towards: Floats) -> dict[str, Floats]:
 
 def _dot(a: Complex, b: Complex | Floats) -> Complex:
     return np.asarray((a * b).sum(axis=1, keepdims=True))
-
-
-def _across(slopes: Floats, direction: Floats) -> Floats:
-    along = (slopes * direction).sum(axis=1, keepdims=True)
-    return np.asarray(slopes - along * direction)

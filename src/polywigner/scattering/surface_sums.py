@@ -60,7 +60,7 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     return result
 
 
-def surface_slopes(pieces: Pieces, nu: Floats, signs: Signs) -> Complex:
+def surface_slopes(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
     """dN_i/dnu_a (m, 3, 3) at (m, 3), as :func:`surface_sums`: the first moments, (SC5)."""
     result = np.zeros((len(nu), 3, 3), np.complex128)
     columns = max(1, min(len(pieces), _BLOCK))
@@ -70,7 +70,7 @@ def surface_slopes(pieces: Pieces, nu: Floats, signs: Signs) -> Complex:
         for begin in range(0, len(pieces), columns):
             part = slice(begin, begin + columns)
             own = pieces.taken(part)
-            lit = signs(some, part)
+            lit: NDArray[np.int8] | float = 1.0 if signs is None else signs(some, part)
             moments = _first_moments(own, nu[some])
             for axis, values in enumerate(moments):
                 result[some, :, axis] += (values * lit) @ own.vector
