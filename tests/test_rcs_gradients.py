@@ -9,6 +9,7 @@ import pytest
 
 import polywigner as pw
 from oracles.meshes import extruded
+from polywigner.errors import ArgumentError
 
 pytestmark = pytest.mark.llvm
 
@@ -89,3 +90,8 @@ def test_derivatives_go_forward_as_in_reverse() -> None:
     once = pw.rcs(BOX, columns, 0.3)
     dr.backward(once)
     np.testing.assert_allclose((columns.grad.numpy().T * way).sum(axis=1), forward[0], rtol=1e-9)
+
+
+def test_antennas_near_by_take_no_arrays_of_drjit() -> None:
+    with pytest.raises(ArgumentError, match="no Dr.Jit arrays with a source"):
+        pw.rcs(PLATE, tensor(S), WAVELENGTH, source=pw.shapes.square(1.0))
