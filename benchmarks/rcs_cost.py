@@ -1,11 +1,14 @@
-"""What does a cross section cost beside a sum over facets, one after the other, in NumPy?
+"""What does a cross section cost beside a sum over facets in NumPy, and beside one over rays?
 
     python benchmarks/rcs_cost.py
 
 The sum is the textbook's: for each lit facet, Gordon's formula over its edges, for all directions
 at once; it knows no shadows but those of faces turned away, and divides by the part of nu in the
 facet's plane. Both in turns in one process; ratios above 1: `pw.rcs` is faster. Of bodies that cast
-shadows on themselves: time and memory alone.
+shadows on themselves: time and memory, and the rays. Those are traced by Mitsuba (Embree, LLVM, all
+cores), one at a random place in each of n x n cells across the body, and each lit place adds its
+wave: physical optics to some error, given relative to the amplitude of all lit parts in phase.
+RadarSimPy, which sums rays as well, cannot be run here: its core is not public.
 """
 
 from __future__ import annotations
@@ -23,6 +26,8 @@ import polywigner as pw
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from oracles.meshes import extruded, sphere, torus
+from polywigner.scattering.facets import facets_of
+from polywigner.scattering.visibility import lit_pieces, seen_along
 
 ROUNDS = 5
 
@@ -106,6 +111,105 @@ def with_shadows() -> None:
         print(f"{name:24} {first:13.2f} {own / len(s) * 1e3:17.0f} {memory:24.0f}")
 
 
+class Rays:
+    """A body in Mitsuba."""
+
+    def __init__(self, body: pw.Polyhedron) -> None:
+        from polywigner.toolchain import llvm
+
+        llvm.prepare()
+        import mitsuba as mi
+
+        mi.set_variant("llvm_ad_rgb")
+        mesh = mi.Mesh("body", len(body.vertices), len(body.triangles))
+        params = mi.traverse(mesh)
+        params["vertex_positions"] = body.vertices.ravel().astype(np.float32)
+        params["faces"] = body.triangles.ravel().astype(np.uint32)
+        params.update()
+        self.mi, self.scene = mi, mi.load_dict({"type": "scene", "body": mesh})
+        self.points = body.vertices
+
+    def lit(self, s: np.ndarray, across: int) -> tuple[np.ndarray, np.ndarray, float]:
+        """Lit places (m, 3), cosines there, and the area of a cell."""
+        mi, random = self.mi, np.random.default_rng(1)
+        axes = np.array([[0.8, 0.6], [-0.6, 0.8]]) @ np.linalg.svd(s[None])[2][1:]
+        flat = self.points @ axes.T
+        low, size = flat.min(axis=0), np.ptp(flat, axis=0)
+        cells = np.stack(np.meshgrid(*2 * [np.arange(across)], indexing="ij"), -1).reshape(-1, 2)
+        places = low + (cells + random.random(cells.shape)) / across * size
+        start = places @ axes + (self.points @ s).max() * s + s
+        origin = mi.Point3f(*start.T.astype(np.float32))
+        found = self.scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*(-s).tolist())))
+        distance, normal = np.array(found.t), np.array(found.n)
+        met = np.isfinite(distance)
+        lit = start[met] - distance[met, None] * s
+        return lit, np.abs(normal.T[met] @ s), float(np.prod(size)) / across**2
+
+    def rcs(self, s: np.ndarray, wavelength: float, across: int) -> tuple[float, float]:
+        """The cross section, and that of all lit parts in phase."""
+        lit, _, cell = self.lit(s, across)
+        waves = np.exp(4j * np.pi / wavelength * (lit @ s))
+        scale = 4 * np.pi * (cell / wavelength) ** 2
+        return scale * abs(waves.sum()) ** 2, scale * len(lit) ** 2
+
+
+def by_rays() -> None:
+    print("body, 20 directions             rays, n x n   error, of all in phase   ratio of times")
+    for name, body in (("sphere of 20480 facets", sphere(5)), ("torus of 20000", torus(200, 50))):
+        rays, s = Rays(body), directions(20)
+        exact = pw.rcs(body, s, 0.13)
+        for across in (256, 1024):
+            found = np.array([rays.rcs(one, 0.13, across) for one in s])
+            error = np.abs(np.sqrt(found[:, 0]) - np.sqrt(exact)) / np.sqrt(found[:, 1])
+            own, other = fastest(
+                lambda b=body, s=s: pw.rcs(b, s, 0.13),
+                lambda r=rays, s=s, n=across: [r.rcs(one, 0.13, n) for one in s],
+            )
+            print(f"{name:30} {across:12} {np.sqrt((error**2).mean()):24.1e} {other / own:16.1f}")
+
+
+def lit_areas() -> None:
+    print("torus of 20000 facets: lit area, exact polygons over rays, 3000 x 3000")
+    body = torus(200, 50)
+    facets, rays = facets_of(body), Rays(body)
+    for s in directions(6):
+        pieces = lit_pieces(facets, seen_along(facets, -s))
+        # signed by the side of their face, which all are convex and look towards the radar
+        ours = (np.linalg.norm(pieces.vector, axis=1) * np.sign(pieces.vector @ s)).sum() / 2
+        _, cosine, cell = rays.lit(s, 3000)
+        covered = (pieces.vector @ s).sum() / 2
+        print(
+            f"{ours / (cell / cosine).sum() - 1:12.1e} {covered / (cell * len(cosine)) - 1:12.1e}"
+        )
+
+
+def spheres() -> None:
+    print("sphere of 81920 facets: ka, dB from the closed form, ms a direction")
+    body, s = sphere(6), np.array([0.36, 0.48, 0.8])
+    for ka in (20.0, 50.0):
+        turn = 2j * ka
+        exact = np.pi * abs(np.exp(-turn) - (1 - np.exp(-turn)) / turn) ** 2
+        wavelength = 2 * np.pi / ka
+        found = pw.rcs(body, s, wavelength)
+        (own,) = fastest(lambda w=wavelength: pw.rcs(body, s, w))
+        print(f"{ka:6} {10 * np.log10(found / exact):10.4f} {own * 1e3:10.1f}")
+
+
+def near() -> None:
+    print("near field of a 10 cm square, 24 GHz: plate of 30 cm; box of 30 x 20 x 10 cm")
+    source, wavelength = pw.shapes.square(0.1), 0.0125
+    box = extruded([(0, 0), (0.3, 0), (0.3, 0.2), (0, 0.2)], 0.1)
+    for name, body in (("plate", pw.shapes.square(0.3)), ("box", box)):
+        for distance in (1.0, 3.0, 10.0, 100.0):
+            at = distance * np.array([0.1, 0.2, 1.0]) / np.sqrt(1.05)
+            (own,) = fastest(lambda b=body, at=at: pw.rcs(b, at, wavelength, source=source))
+            print(f"{name:8} {distance:8} m {own * 1e3:10.0f} ms")
+
+
 if __name__ == "__main__":
+    spheres()
     convex()
     with_shadows()
+    by_rays()
+    lit_areas()
+    near()

@@ -28,7 +28,8 @@ ROOMS = [
     ("transforms",),
     ("radiometry",),
     ("propagation",),
-    ("reception", "scattering"),
+    ("reception",),
+    ("scattering",),
     ("mitsuba", "testing"),  # `testing` is for users: it checks the public transforms
     ("figures",),
     ("explorer",),

@@ -328,11 +328,19 @@ def test_a_plate_seen_edge_on_is_dark() -> None:
     assert pw.rcs([square, square.placed(at(0, 0, 1))], (1.0, 0.0, 0.0), 0.1) == 0
 
 
-def test_a_body_below_a_wavelength_is_warned_of() -> None:
-    with pytest.warns(PolywignerWarning, match="physical optics"):
-        pw.rcs(BOX, (0.0, 0.0, 1.0), 10.0)
+def test_a_face_below_a_wavelength_is_warned_of_once() -> None:
+    plank = extruded([(0, 0), (2, 0), (2, 0.1), (0, 0.1)], 3.0)  # ends of 2 m x 0.1 m
+    for body, wavelength in ((BOX, 10.0), (BOX, 0.8), (plank, 0.5), ([HOLED, plank], 0.5)):
+        with pytest.warns(PolywignerWarning, match="faces of some wavelengths"):
+            pw.rcs(body, (0.0, 0.0, 1.0), wavelength)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("default")
+        for wavelength in (0.5, 0.6, 0.7):
+            pw.rcs(plank, (0.0, 0.0, 1.0), wavelength)
+    assert len(found) == 1
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        pw.rcs(BOX, (0.0, 0.0, 1.0), 0.6)  # the least is 1 m x 0.5 m
         pw.rcs(sphere(3), (0.0, 0.0, 1.0), 0.5)  # fine facets that join
 
 

@@ -1,4 +1,4 @@
-"""The example for Sionna RT, where that is installed."""
+"""The examples for Sionna RT, where that is installed."""
 
 from __future__ import annotations
 
@@ -14,21 +14,30 @@ import polywigner as pw
 
 pytestmark = pytest.mark.slow
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "sionna_pattern" / "sionna_pattern.py"
+EXAMPLES = Path(__file__).parent.parent / "examples"
 
 # Sionna computes in single precision; 55 dB below the peak that is 1e-4 of the amplitude.
 SINGLE = 1e-3
 ANGLES = np.radians([-60, -20, -5, 0, 10, 20, 30, 70])
 
 
-@pytest.fixture(scope="module")
-def example() -> Any:
+# Decibels between lobes of a body of 375 wavelengths, at directions in single precision.
+LOBES = 0.02
+
+
+def loaded(name: str) -> Any:
     pytest.importorskip("sionna.rt")
-    spec = importlib.util.spec_from_file_location("sionna_pattern", EXAMPLE)
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / name / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def example() -> Any:
+    module = loaded("sionna_pattern")
     module.register("polywigner", module.antenna(), module.WAVELENGTH)
     return module
 
@@ -71,3 +80,15 @@ def test_the_phase_is_that_of_sionnas_waves(example: Any) -> None:
     here, there = (complex(f.real[0], f.imag[0]) for f in fields)
     ahead = 2 * np.pi * side[0] * np.sin(angle) / example.WAVELENGTH
     assert np.angle(there / here) == pytest.approx(ahead, abs=SINGLE)
+
+
+@pytest.mark.llvm
+def test_echoes_of_a_target_are_those_of_the_radar_equation() -> None:
+    module = loaded("sionna_rcs")
+    metal = module.body()
+    scene = module.radar_scene()
+    scene.add(module.target(metal, module.WAVELENGTH, (4.0, 1.8, 1.4)))
+    yaws = np.radians(np.arange(0, 360, 15) + 0.3)
+    found = module.echoes(scene, yaws, max_depth=1)
+    ratio = found / module.radar_equation(metal, yaws)
+    assert 10 * np.log10(ratio) == pytest.approx(0, abs=LOBES)

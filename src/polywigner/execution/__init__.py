@@ -20,6 +20,7 @@ module               what is in it
 ``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``hosted_slopes``    the same with derivatives that the host computes as well
+``hosted_values``    real values of several arguments with derivatives that the host computes
 ``pose_slopes``      values of poses with derivatives that the host computes
 ``derivatives``      functions with known derivatives as one custom operation
 ``gradients``        kernels with derivatives in closed form
@@ -49,6 +50,7 @@ from polywigner.execution.evaluation import evaluate, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted_slopes import TracedField, hosted_field
+from polywigner.execution.hosted_values import hosted_values
 from polywigner.execution.operations import (
     DrjitOperations,
     NumpyOperations,
@@ -109,6 +111,7 @@ __all__ = [
     "host_points",
     "hosted_field",
     "hosted_poses",
+    "hosted_values",
     "in_plane",
     "is_drjit",
     "kernel_threads",

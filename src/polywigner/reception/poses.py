@@ -20,12 +20,12 @@ Floats = NDArray[np.float64]
 _FARTHEST = 1e100
 
 
-def checked_poses(to_transmitter: Any) -> Floats:
+def checked_poses(to_transmitter: Any, name: str = "to_transmitter") -> Floats:
     """Rigid poses (..., 4, 4): the nearest rotations, and the translations.
 
     Raises GeometryError for anything else.
     """
-    expected = "expected to_transmitter as rigid poses (..., 4, 4)"
+    expected = f"expected {name} as rigid poses (..., 4, 4)"
     try:
         poses = real_numbers(to_transmitter)
     except ValueError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -14,6 +15,7 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
 from polywigner.illumination import Array
 from polywigner.scattering.convexity import is_convex
+from polywigner.scattering.sheets import least_area
 
 __all__ = ["Body", "Facets", "facets_of"]
 
@@ -37,6 +39,10 @@ class Facets:
     """(n,) which triangles have two outer sides."""
     casts_shadows: bool
     """Whether one triangle may stand before another."""
+    middle: Floats
+    """(3,) the centre of the box, in the body's frame."""
+    least_face: float
+    """Root of the area of the smallest face; facets that join smoothly are one."""
 
     @cached_property
     def vector(self) -> Floats:
@@ -113,18 +119,25 @@ def _facets(parts: tuple[Any, ...]) -> Facets:
         plates.append(np.full(len(found), not isinstance(part, Polyhedron)))
     every = np.concatenate(corners)
     low, high = every.min(axis=(0, 1)), every.max(axis=(0, 1))
-    every = every - (low + (high - low) / 2)
+    middle = low + (high - low) / 2
+    every = every - middle
     alone = len(parts) == 1
     plane_or_convex = alone and (plates[0].all() or is_convex(parts[0]))
     first, second = every[:, 1] - every[:, 0], every[:, 2] - every[:, 0]
-    return Facets(every[:, 0], first, second, np.concatenate(plates), not plane_or_convex)
+    is_plate = np.concatenate(plates)
+    least = min(least_area(p) if isinstance(p, Polyhedron) else _outline(p).area for p in parts)
+    shadows = not plane_or_convex
+    return Facets(every[:, 0], first, second, is_plate, shadows, middle, math.sqrt(least))
+
+
+def _outline(plate: Aperture | PlacedAperture) -> Aperture:
+    return plate.aperture if isinstance(plate, PlacedAperture) else plate
 
 
 def _of_plate(plate: Aperture | PlacedAperture) -> Floats:
     """(n, 3, 3)"""
     pose = plate.pose if isinstance(plate, PlacedAperture) else np.eye(4)
-    outline = plate.aperture if isinstance(plate, PlacedAperture) else plate
-    points, triangles = triangulate(outline)
+    points, triangles = triangulate(_outline(plate))
     placed: Floats = points @ pose[:3, :2].T + pose[:3, 3]
     return placed[triangles]
 

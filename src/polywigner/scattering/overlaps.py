@@ -1,4 +1,4 @@
-"""Which triangles stand before which, seen from far away: candidates in bulk, no set operations."""
+"""Which triangles stand before which in a picture: candidates in bulk, no set operations."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ class Projected:
     """(n, 3) of the corners along the direction; what has less is nearer to the observer."""
     size: float
     """Of the whole body."""
+    ranges: Floats
+    """(n, 3) of the corners from an observer who is near, relative to each other; far away, 1."""
 
     @cached_property
     def sides(self) -> Floats:
@@ -56,7 +58,7 @@ class Projected:
         return np.asarray(np.stack([across, along], axis=1) / self.area[:, None])
 
     def taken(self, rows: NDArray[np.bool_]) -> Projected:
-        return Projected(self.points[rows], self.depth[rows], self.size)
+        return Projected(self.points[rows], self.depth[rows], self.size, self.ranges[rows])
 
 
 def occluders(

@@ -19,6 +19,7 @@ __all__ = [
     "checked_polarisations",
     "checked_unit_vectors",
     "checked_wavelengths",
+    "spherical_axes",
 ]
 
 Floats = NDArray[np.float64]
@@ -82,7 +83,7 @@ def checked_polarisations(
     """
     if isinstance(polarisation, str):
         receiver, transmitter = (
-            _spherical(towards)[letter]
+            spherical_axes(towards)[letter]
             for letter, towards in zip(
                 checked_channel(polarisation), (to_radar, to_transmitter), strict=True
             )
@@ -100,7 +101,7 @@ def checked_polarisations(
     )
 
 
-def _spherical(towards: Floats) -> dict[str, Floats]:
+def spherical_axes(towards: Floats) -> dict[str, Floats]:
     """Unit vectors of the polar angle from +z (v) and of the azimuth (h) at directions (..., 3).
 
     Along z the azimuth counts as 0.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from polywigner import execution
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import rotated
 
-__all__ = ["Pieces", "surface_sums"]
+__all__ = ["Pieces", "surface_slopes", "surface_sums", "transforms"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -60,17 +60,57 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     return result
 
 
+def surface_slopes(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
+    """dN_i/dnu_a (m, 3, 3) at (m, 3), as :func:`surface_sums`: the first moments, (SC5)."""
+    result = np.zeros((len(nu), 3, 3), np.complex128)
+    columns = max(1, min(len(pieces), _BLOCK))
+    rows = _BLOCK // columns
+    for start in range(0, len(nu), rows):
+        some = slice(start, start + rows)
+        for begin in range(0, len(pieces), columns):
+            part = slice(begin, begin + columns)
+            own = pieces.taken(part)
+            lit: NDArray[np.int8] | float = 1.0 if signs is None else signs(some, part)
+            moments = _first_moments(own, nu[some])
+            for axis, values in enumerate(moments):
+                result[some, :, axis] += (values * lit) @ own.vector
+    return result
+
+
+def _first_moments(pieces: Pieces, nu: Floats) -> Iterator[Complex]:
+    """Derivatives in x, y and z of nu (m, n) of :func:`transforms`.
+
+    That in the wave's exponent at a corner is the divided difference with this corner twice.
+    """
+    corner, first, second = (nu @ part.T for part in _vectors(pieces))
+    whole = transforms(corner, first, second)
+    at_first, at_second = (
+        _complex(rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second, twice)))
+        for twice in (first, second)
+    )
+    for axis in range(3):
+        yield (
+            -2j
+            * np.pi
+            * (
+                whole * pieces.corner[:, axis]
+                + at_first * pieces.first[:, axis]
+                + at_second * pieces.second[:, axis]
+            )
+        )
+
+
 def _block(pieces: Pieces, signs: NDArray[np.int8] | None, nu: Floats) -> Complex:
     if signs is None:
-        values = _transforms(*(nu @ part.T for part in _vectors(pieces)))
+        values = transforms(*(nu @ part.T for part in _vectors(pieces)))
     elif len(nu) == 1:
         (rows,) = np.nonzero(signs[0])
         pieces = pieces.taken(rows)
-        values = _transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, rows]
+        values = transforms(*(nu @ part.T for part in _vectors(pieces))) * signs[:, rows]
     else:
         lit = np.nonzero(signs)
         values = np.zeros(signs.shape, np.complex128)
-        values[lit] = _transforms(*((nu @ part.T)[lit] for part in _vectors(pieces)))
+        values[lit] = transforms(*((nu @ part.T)[lit] for part in _vectors(pieces)))
         values *= signs
     result: Complex = values @ pieces.vector
     return result
@@ -80,7 +120,10 @@ def _vectors(pieces: Pieces) -> tuple[Floats, Floats, Floats]:
     return pieces.corner, pieces.first, pieces.second
 
 
-def _transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
+def transforms(corner: Floats, first: Floats, second: Floats) -> Complex:
     """F over twice the area of triangles, from nu.p of corner and both vectors. Source: (F5)."""
-    real, imag = rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second))
-    return real + 1j * imag
+    return _complex(rotated(_OPS, corner, *simplex_plane_wave(_OPS, first, second)))
+
+
+def _complex(parts: tuple[Floats, Floats]) -> Complex:
+    return parts[0] + 1j * parts[1]

@@ -1,7 +1,8 @@
-"""The parts of triangles that are seen from far away, as exact polygons."""
+"""The parts of triangles that are seen from far away or from a place, as exact polygons."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,15 @@ from polywigner.scattering.facets import Facets
 from polywigner.scattering.overlaps import NOTHING, Projected, occluders
 from polywigner.scattering.surface_sums import Pieces
 
-__all__ = ["Seen", "facing", "less_hidden", "lit_pieces", "seen_along"]
+__all__ = [
+    "Seen",
+    "facing",
+    "facing_place",
+    "less_hidden",
+    "lit_pieces",
+    "seen_along",
+    "seen_from",
+]
 
 Floats = NDArray[np.float64]
 Shapes = NDArray[np.object_]
@@ -37,22 +46,64 @@ class Seen:
 
 def facing(facets: Facets, direction: Floats, some: slice = slice(None)) -> NDArray[np.int8]:
     """The sides (..., n) of some triangles that face an observer who looks along (..., 3)."""
-    cosine = direction @ facets.normal[some].T
+    return _sides(direction @ facets.normal[some].T, facets.is_plate[some])
+
+
+def facing_place(facets: Facets, place: Floats) -> NDArray[np.int8]:
+    """The sides (n,) of triangles that face an observer at a place (3,)."""
+    away = facets.corner - place
+    distance = np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
+    cosine = (away * facets.normal).sum(axis=1) / distance
+    return _sides(cosine, facets.is_plate)
+
+
+def _sides(cosine: Floats, is_plate: NDArray[np.bool_]) -> NDArray[np.int8]:
     sides = (cosine < -_EDGE_ON).astype(np.int8)
-    sides -= ((cosine > _EDGE_ON) & facets.is_plate[some]).astype(np.int8)
+    sides -= ((cosine > _EDGE_ON) & is_plate).astype(np.int8)
     return sides
 
 
 def seen_along(facets: Facets, direction: Floats) -> Seen:
-    """What an observer far away sees who looks along a direction (3,).
+    """What an observer far away sees who looks along a direction (3,)."""
+    _, _, axes = np.linalg.svd(direction[None])
+    across = axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
+
+    def projected(corners: Floats) -> Projected:
+        depth = corners @ direction
+        return Projected(corners @ across.T, depth, facets.size, np.ones_like(depth))
+
+    return _seen(facets, facing(facets, direction), projected)
+
+
+def seen_from(facets: Facets, place: Floats, frame: Floats) -> Seen:
+    """What an observer at a place (3,) sees, from which all triangles lie in front.
+
+    ``frame``: rows x, y, z of the observer, who looks along z. A projective map makes lines
+    through the place parallel, and keeps planes plane: the picture is that of an observer far away.
+    """
+    distance = float(((facets.corners - place) @ frame[2]).mean())
+
+    def projected(corners: Floats) -> Projected:
+        x, y, z = np.moveaxis((corners - place) @ frame.T, -1, 0)
+        scale = distance / z
+        points = np.stack([x * scale, -y * scale], axis=-1)
+        return Projected(points, distance * (1 - scale), facets.size, z / distance)
+
+    return _seen(facets, facing_place(facets, place), projected)
+
+
+def _seen(facets: Facets, signs: NDArray[np.int8], project: Callable[[Floats], Projected]) -> Seen:
+    """What is seen of sides that face the observer; ``project``: corners (m, 3, 3) in the picture.
 
     What faces away hides nothing that what faces the observer does not: rays leave a body through
     faces that do. So only these are compared.
     """
-    signs = facing(facets, direction)
     parts: Shapes = np.full(len(signs), None)
     (rows,) = np.nonzero(signs)
-    projected = _projected(facets, rows, signs[rows], direction)
+    corners = facets.corners[rows]
+    turned = signs[rows] < 0
+    corners[turned] = corners[turned][:, ::-1]  # counter-clockwise as well
+    projected = project(corners)
     wide = projected.has_width  # what has none shadows nothing, and is too thin to be cut
     rows, projected = rows[wide], projected.taken(wide)
     polygons = np.asarray(shapely.polygons(projected.points), dtype=object)
@@ -73,25 +124,18 @@ def seen_along(facets: Facets, direction: Floats) -> Seen:
     return Seen(signs, parts)
 
 
-def _projected(
-    facets: Facets, rows: NDArray[np.intp], sides: NDArray[np.int8], direction: Floats
-) -> Projected:
-    _, _, axes = np.linalg.svd(direction[None])
-    across = axes[1:] * np.array([[1.0], [-np.sign(np.linalg.det([*axes[1:], direction]))]])
-    corners = facets.corners[rows]
-    corners[sides < 0] = corners[sides < 0][:, ::-1]  # counter-clockwise as well
-    return Projected(corners @ across.T, corners @ direction, facets.size)
-
-
 def _in_triangles(
     shapes: Shapes, projected: Projected, rows: NDArray[np.intp], sides: NDArray[np.int8]
 ) -> Shapes:
     """Shapes (m,) of the picture in coordinates of their triangles."""
-    points = projected.points[rows]
-    points[sides < 0] = points[sides < 0][:, ::-1]
+    points, ranges = projected.points[rows], projected.ranges[rows]
+    for corners in (points, ranges):
+        corners[sides < 0] = corners[sides < 0][:, ::-1]
     inverse = np.linalg.inv(np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], 2))
     places, owner = shapely.get_coordinates(shapes, return_index=True)
     inside = np.einsum("nij,nj->ni", inverse[owner], places - points[owner, 0])
+    shares = np.column_stack([1 - inside.sum(axis=1), inside]) / ranges[owner]
+    inside = shares[:, 1:] / shares.sum(axis=1, keepdims=True)
     return np.asarray(shapely.set_coordinates(shapes.copy(), inside), dtype=object)
 
 
@@ -103,14 +147,14 @@ def _mended(shapes: Shapes) -> Shapes:
     return mended
 
 
-def less_hidden(lit: Seen, seen: Seen, facets: Facets, direction: Floats) -> Seen:
-    """What is lit, without what is hidden from an observer who looks along a direction (3,).
+def less_hidden(lit: Seen, seen: Seen, faces: NDArray[np.int8]) -> Seen:
+    """What is lit, without what is hidden from an observer, whom sides ``faces`` (n,) face.
 
     Only where the lit side faces the observer. What is turned away from there adds to the field
     behind the body, and nothing of the body stands before that.
     """
     signs, parts = lit.signs.copy(), lit.parts.copy()
-    turned = (signs != 0) & (signs == facing(facets, direction))
+    turned = (signs != 0) & (signs == faces)
     signs[turned & (seen.signs == 0)] = 0
     (cut,) = np.nonzero(turned & (seen.signs != 0) & ~shapely.is_missing(seen.parts))
     one = parts[cut]

@@ -1,0 +1,168 @@
+"""What a body near a radar's antennas sends back, from their exact fields on what is lit of it.
+
+Physical optics with the field of the transmitter and, by reciprocity, that of the receiver
+(docs/rcs.md, (SC3)). Lit parts are split until each sees of both antennas a plane wave.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.scattering.antennas import Antenna
+from polywigner.scattering.facets import Facets
+from polywigner.scattering.surface_sums import Pieces, transforms
+from polywigner.scattering.visibility import (
+    Seen,
+    facing_place,
+    less_hidden,
+    lit_pieces,
+    seen_from,
+)
+
+__all__ = ["near_sums"]
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+# Pieces at a time, and most of them: an hour.
+_BLOCK = 1 << 17
+_MOST = 1 << 26
+# Extrapolation from pieces and their quarters leaves about the square of a departure.
+_SHARE = 0.7
+# Variances of places over an equilateral triangle along an axis, in squares of its side, and of
+# points across an antenna, in squares of its extent.
+_OF_TRIANGLE, _OF_ANTENNA = 1 / 24, 1 / 12
+
+
+def near_sums(
+    facets: Facets,
+    transmitter: Antenna,
+    receiver: Antenna | None,
+    polarisations: tuple[Complex, Complex],
+    tolerance: float,
+) -> Complex:
+    """Received over transmitted amplitudes of polarisations (..., 3), broadcast (...): (SC3).
+
+    ``polarisations`` of the receiver and of the transmitter, across the directions from the body's
+    middle; elsewhere what of them stands across the ray from each antenna's centre.
+    ``receiver``: None where it is the transmitter.
+    """
+    lit = _lit(facets, transmitter, receiver)
+    pieces = _fine(lit, transmitter, receiver, math.sqrt(tolerance) * _SHARE)
+    sums = [
+        _summed(those, transmitter, receiver, polarisations)
+        for those in (pieces, _quartered(pieces))
+    ]
+    return np.asarray((4 * sums[1] - sums[0]) / 3)
+
+
+def _summed(
+    pieces: Pieces,
+    transmitter: Antenna,
+    receiver: Antenna | None,
+    polarisations: tuple[Complex, Complex],
+) -> Complex:
+    q, p = polarisations
+    total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
+    for start in range(0, len(pieces), _BLOCK):
+        some = pieces.taken(slice(start, start + _BLOCK))
+        centre = some.corner + (some.first + some.second) / 3
+        sent, wave = transmitter.field(centre), transmitter.gradient(centre)
+        back, back_wave = sent, wave
+        if receiver is not None:
+            back, back_wave = receiver.field(centre), receiver.gradient(centre)
+        nu = -(_direction(sent, wave) + _direction(back, back_wave)) / transmitter.wavelength
+        phases = [(nu * part).sum(axis=1) for part in (some.first, some.second)]
+        weights = transforms(-(phases[0] + phases[1]) / 3, *phases) * back
+        q_there = _across(q, centre - (receiver or transmitter).place)
+        p_there = _across(p, centre - transmitter.place)
+        of_wave = (q_there * wave).sum(axis=-1) * (p_there * some.vector).sum(axis=-1)
+        of_pair = (q_there * p_there).sum(axis=-1) * (wave * some.vector).sum(axis=-1)
+        total += ((of_wave - of_pair) * weights).sum(axis=-1)
+    return total
+
+
+def _lit(facets: Facets, transmitter: Antenna, receiver: Antenna | None) -> Pieces:
+    place = transmitter.place
+    if not facets.casts_shadows:
+        signs = facing_place(facets, place)
+        return lit_pieces(facets, Seen(signs, np.full(len(signs), None)))
+    seen = seen_from(facets, place, transmitter.frame)
+    if receiver is not None:
+        there = seen_from(facets, receiver.place, receiver.frame)
+        seen = less_hidden(seen, there, facing_place(facets, receiver.place))
+    return lit_pieces(facets, seen)
+
+
+def _fine(
+    pieces: Pieces, transmitter: Antenna, receiver: Antenna | None, tolerance: float
+) -> Pieces:
+    """Pieces split in four until the field of both antennas is a plane wave on each."""
+    done, count = [], 0
+    while len(pieces):
+        coarse = _departure(pieces, transmitter, receiver or transmitter) > tolerance
+        done.append(pieces.taken(np.flatnonzero(~coarse)))
+        pieces = pieces.taken(np.flatnonzero(coarse))
+        count += len(done[-1])
+        if count + 4 * len(pieces) > _MOST:
+            raise ArgumentError(
+                f"expected a body whose lit parts split into {_MOST:g} pieces or fewer, got more; "
+                "raise the tolerance, or move the source away from the body"
+            )
+        pieces = _quartered(pieces)
+    return Pieces(*(np.concatenate([getattr(d, name) for d in done]) for name in _NAMES))
+
+
+_NAMES = ("corner", "first", "second", "vector")
+
+
+def _departure(pieces: Pieces, transmitter: Antenna, receiver: Antenna) -> Floats:
+    """Mean relative departure of the fields on pieces (n,) from plane waves (docs/rcs.md, (SC4)).
+
+    By curvature, to first order, and by the angles under which points of an antenna are seen, whose
+    waves lose step within a piece, to second order.
+    """
+    sides = (pieces.first, pieces.second, pieces.second - pieces.first)
+    longest = np.max([np.linalg.norm(side, axis=1) for side in sides], axis=0)
+    centre = pieces.corner + (pieces.first + pieces.second) / 3
+    total = np.zeros(len(pieces))
+    for antenna in (transmitter, receiver):
+        wave_number = 2 * np.pi / antenna.wavelength
+        middle = np.linalg.norm(centre - antenna.place, axis=1)
+        height = np.abs(antenna.inside(centre)[:, 2])
+        # to the nearest point of the antenna
+        distance = np.maximum(middle - antenna.extent / 2, height)
+        total += wave_number * longest**2 * _OF_TRIANGLE / distance
+        spread = antenna.extent / np.hypot(distance, antenna.extent)
+        total += (wave_number * longest * spread) ** 2 * _OF_TRIANGLE * _OF_ANTENNA
+    return total
+
+
+def _quartered(pieces: Pieces) -> Pieces:
+    """Each piece as four, through the middles of its sides."""
+    corner, first, second = pieces.corner, pieces.first / 2, pieces.second / 2
+    return Pieces(
+        np.concatenate([corner, corner + first, corner + second, corner + first + second]),
+        np.concatenate([first, first, first, -first]),
+        np.concatenate([second, second, second, -second]),
+        np.tile(pieces.vector / 4, (4, 1)),
+    )
+
+
+def _direction(field: Complex, wave: Complex) -> Floats:
+    """Direction of a wave times how fast its phase runs, (n, 3); at most 1, as near nulls."""
+    strength = np.maximum(np.abs(field) ** 2, np.finfo(float).tiny)
+    rate = (field.conj()[:, None] * wave).real / strength[:, None]
+    return np.asarray(rate / np.maximum(np.linalg.norm(rate, axis=1, keepdims=True), 1.0))
+
+
+def _across(polarisation: Complex, ray: Floats) -> Complex:
+    """Unit vectors (..., n, 3) of what stands across rays (n, 3)."""
+    along = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    vectors = polarisation[..., None, :]
+    vectors = vectors - (vectors * along).sum(axis=-1, keepdims=True) * along
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

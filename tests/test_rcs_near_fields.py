@@ -1,0 +1,206 @@
+"""Cross sections near the antennas of a radar, against quadrature, images and far fields."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.meshes import extruded
+from polywigner.errors import ArgumentError, GeometryError
+
+# The tolerance asked for, in amplitude; powers depart by twice that.
+TOLERANCE = 1e-3
+WAVELENGTH = 0.02
+FEED = pw.shapes.rectangle(0.06, 0.04)
+OTHER = pw.shapes.square(0.03)
+L_BODY = extruded([(-0.1, -0.1), (0.1, -0.1), (0.1, 0), (0, 0), (0, 0.1), (-0.1, 0.1)], 0.1)
+HALVES = [
+    extruded([(-0.1, -0.1), (0.1, -0.1), (0.1, 0), (-0.1, 0)], 0.1),
+    extruded([(-0.1, 0), (0, 0), (0, 0.1), (-0.1, 0.1)], 0.1),
+]
+PLATE = pw.shapes.square(0.2)
+
+
+def unit(*vector: float) -> np.ndarray:
+    return np.array(vector) / np.linalg.norm(vector)
+
+
+S, T = unit(0.2, 0.1, 1.0), unit(-0.5, 0.3, 1.0)
+
+
+def gauss(low: float, high: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return (low + high) / 2 + nodes * (high - low) / 2, weights * (high - low) / 2
+
+
+def grid(width: float, height: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) on a rectangle about the origin, and their areas."""
+    (x, a), (y, b) = gauss(-width / 2, width / 2, count), gauss(-height / 2, height / 2, count)
+    places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.column_stack([places, np.zeros(len(places))]), np.outer(a, b).ravel()
+
+
+def field_and_slope(
+    width: float, height: float, pose: np.ndarray, points: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rayleigh and Sommerfeld's first integral of a rectangle by points, per root of watts.
+
+    At points (n, 3), which ``pose`` maps into the frame of the rectangle; and its derivative along
+    a normal over ik.
+    """
+    k = 2 * np.pi / WAVELENGTH
+    places, areas = grid(width, height, 10)
+    at, along = points @ pose[:3, :3].T + pose[:3, 3], pose[:3, :3] @ normal
+    way = at[:, None] - places
+    r = np.linalg.norm(way, axis=2)
+    wave = np.exp(1j * k * r) * areas / (2 * np.pi * math.sqrt(width * height))
+    f = (1 / r**3 - 1j * k / r**2) * wave  # times z
+    f_of_r = (1j * k / r**3 - 3 / r**4 + k * k / r**2 + 2j * k / r**3) * wave
+    slope = along[2] * f + way[..., 2] * f_of_r * ((way @ along) / r)
+    return (way[..., 2] * f).sum(axis=1), slope.sum(axis=1) / (1j * k)
+
+
+def looking(at: np.ndarray) -> np.ndarray:
+    """The pose of a source at a place that looks at the origin, turned about its axis."""
+    z = -at / np.linalg.norm(at)
+    x = np.cross((0.6, 0.8, 0.0), z)
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([x, np.cross(z, x), z])
+    pose[:3, 3] = -pose[:3, :3] @ at
+    return pose
+
+
+@pytest.mark.parametrize("distance", [pytest.param(0.25, marks=pytest.mark.slow), 1.0])
+def test_a_plate_near_a_radar_is_that_of_quadrature(distance: float) -> None:
+    pose = looking(distance * unit(0.03, -0.02, 1.0))
+    points, areas = grid(0.2, 0.2, 36)
+    field, slope = field_and_slope(0.06, 0.04, pose, points, np.array([0.0, 0.0, 1.0]))
+    expected = abs((field * slope * areas).sum()) ** 2
+    _, power = pw.rcs(PLATE, pose, WAVELENGTH, polarisation="vv", source=FEED, return_power=True)
+    content = (np.abs(field * slope) * areas).sum()
+    assert math.sqrt(power) == pytest.approx(math.sqrt(expected), abs=TOLERANCE * content)
+    assert content < 10 * math.sqrt(expected)  # no null
+
+
+@pytest.mark.slow
+def test_tighter_tolerances_come_closer() -> None:
+    found = [
+        pw.rcs(PLATE, 0.6 * S, WAVELENGTH, source=FEED, tolerance=allowed)
+        for allowed in (1e-2, 1e-3, 1e-4)
+    ]
+    errors = np.abs(np.array(found[:2]) / found[2] - 1)
+    assert (errors <= (1e-1, 1e-2)).all()
+
+
+@pytest.mark.parametrize("body", [PLATE, L_BODY], ids=["plate", "L"])
+@pytest.mark.parametrize("polarisation", [None, "hh", "vh"])
+def test_far_away_it_is_the_cross_section(body: Any, polarisation: Any) -> None:
+    far = pw.rcs(body, S, WAVELENGTH, T, polarisation)
+    at = np.array([30.0, 60.0])[:, None]  # parts in a distance
+    near = pw.rcs(body, at * S, WAVELENGTH, at * T, polarisation, source=FEED, receiver=OTHER)
+    rest = np.abs(np.sqrt(near) - math.sqrt(far))
+    size = math.sqrt(4 * np.pi) * 0.04 / WAVELENGTH
+    # what is left falls as 1/R or faster
+    assert rest[1] < 0.51 * rest[0] + 2e-4 * size
+    assert rest[1] < 2e-2 * size
+
+
+def test_a_small_body_has_its_section_near_an_antenna_too() -> None:
+    body = pw.shapes.square(0.02)
+    at = np.array([0.0, 0.0, 0.3])  # inside the near field of 0.36 m
+    found = pw.rcs(body, at, WAVELENGTH, source=pw.shapes.square(0.06))
+    assert 10 * math.log10(found / pw.rcs(body, (0, 0, 1), WAVELENGTH)) == pytest.approx(0, abs=0.3)
+
+
+@pytest.mark.slow
+def test_a_large_plate_couples_an_antenna_to_its_image() -> None:
+    wavelength, source = 0.0125, pw.shapes.square(0.1)
+    image = np.diag([-1.0, 1.0, -1.0, 1.0])
+    image[2, 3] = 2.0
+    expected = abs(pw.coupling(source, source, image, wavelength)) ** 2
+    plate = pw.shapes.square(2.0)
+    _, power = pw.rcs(plate, (0.0, 0.0, 1.0), wavelength, source=source, return_power=True)
+    # its edges send back 1e-3 of that
+    assert power == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_shadows_near_a_radar_are_those_of_rays() -> None:
+    small = pw.Aperture([(-0.02, -0.03), (0.03, -0.02), (0.01, 0.03)])
+    pose = np.eye(4)
+    pose[:3, 3] = 0.01, 0.02, 0.1
+    at = np.array([0.05, 0.03, 0.45])
+    radar = looking(at)
+    pair = [PLATE, small.placed(pose)]
+    _, power = pw.rcs(pair, radar, WAVELENGTH, polarisation="vv", source=FEED, return_power=True)
+    points, areas = grid(0.2, 0.2, 100)
+    # where a ray from the radar meets the plane of the small plate
+    through = at + (points - at) * ((at[2] - 0.1) / at[2])
+    outline = np.asarray(small.rings[0]) + pose[:2, 3]
+    ends = np.roll(outline, -1, axis=0) - outline
+    beside = through[:, None, :2] - outline
+    inside = (ends[:, 0] * beside[..., 1] - ends[:, 1] * beside[..., 0] > 0).all(axis=1)
+    up = np.array([0.0, 0.0, 1.0])
+    field, slope = field_and_slope(0.06, 0.04, radar, points[~inside], up)
+    total = (field * slope * areas[~inside]).sum()
+    others, their = grid(0.06, 0.06, 100)
+    place = others[:, :2] + (0.005, 0.0)
+    beside = place[:, None] - np.asarray(small.rings[0])
+    lit = (ends[:, 0] * beside[..., 1] - ends[:, 1] * beside[..., 0] > 0).all(axis=1)
+    here = np.column_stack([place[lit], np.zeros(lit.sum())]) + pose[:3, 3]
+    field, slope = field_and_slope(0.06, 0.04, radar, here, up)
+    total += (field * slope * their[lit]).sum()
+    # 100 cells across: edges of the shadow are met to half a cell, at random
+    assert math.sqrt(power) == pytest.approx(abs(total), rel=1e-2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("transmitter", [None, 1.5 * T])
+def test_a_body_in_two_halves_that_touch_is_the_body(transmitter: Any) -> None:
+    at = 1.2 * unit(0.8, 0.6, 0.9)
+    both = (WAVELENGTH, transmitter)
+    found = pw.rcs(HALVES, at, *both, source=FEED)
+    whole = pw.rcs(L_BODY, at, *both, source=FEED)
+    content = math.sqrt(4 * np.pi) * 0.05 / WAVELENGTH
+    assert math.sqrt(found) == pytest.approx(math.sqrt(whole), abs=2 * TOLERANCE * content)
+
+
+def test_the_radar_equation_has_its_decibels() -> None:
+    """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz, no losses: -81.089 dBm."""
+    wavelength = pw.SPEED_OF_LIGHT / 24.125e9
+    patch = pw.shapes.square(wavelength / math.sqrt(4 * math.pi))  # 4 pi A/wavelength^2 = 1
+    facing = np.diag([-1.0, 1.0, -1.0, 1.0])
+    facing[2, 3] = 10.0
+    there = abs(pw.coupling(patch, patch, facing, wavelength, "fraunhofer")) ** 2
+    one_way = there / (wavelength / (4 * math.pi * 10)) ** 2
+    assert 10 * math.log10(one_way) == pytest.approx(0, abs=1e-9)  # both gains are 1
+    plate = pw.shapes.square(math.sqrt(10 * wavelength / math.sqrt(4 * math.pi)))
+    assert pw.rcs(plate, (0, 0, 1), wavelength) == pytest.approx(100)
+    sigma, power = pw.rcs(plate, (0, 0, 10.0), wavelength, source=patch, return_power=True)
+    received = 10 + 10 * math.log10(power)
+    curved = 10 * math.log10(sigma / 100)  # the plate is 19 cm wide, 10 m are not far away
+    assert received - curved == pytest.approx(-81.089, abs=1e-3)
+    assert -0.3 < curved < 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "keywords", "error", "message"),
+    [
+        (((0, 0, 1), 0.1), {"receiver": FEED}, ArgumentError, "expected a source"),
+        (((0, 0, 0), 0.02), {"source": FEED}, ArgumentError, "zero"),
+        (((0, 0), 0.02), {"source": FEED}, ArgumentError, "in m from the body"),
+        (((0, 0, 1), 0.02), {"source": PLATE, "tolerance": 1.0}, ArgumentError, "tolerance"),
+        ((np.eye(4), 0.02), {"source": FEED}, GeometryError, "in front of the source"),
+        ((2 * np.eye(4), 0.02), {"source": FEED}, GeometryError, "to_radar as rigid poses"),
+    ],
+)
+def test_wrong_arguments_are_refused(
+    arguments: Any, keywords: Any, error: Any, message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        pw.rcs(PLATE, *arguments, **keywords)
