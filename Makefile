@@ -16,8 +16,9 @@ KILL ?=
 # BENCH='--only wigner' make bench  arguments for the comparison: --quick, --only, --list, --out
 BENCH ?=
 
-# An activated environment or foreign module paths must not reach into .venv.
-unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+# An activated environment or foreign module paths must not reach into .venv; and compiled modules
+# are kept, or each of hundreds of processes would compile them again.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV PYTHONDONTWRITEBYTECODE
 
 BIN := .venv/bin
 RUNNER = $(if $(shell command -v python3 2>/dev/null),python3,"$(or $(PYTHON),python3)")

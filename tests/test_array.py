@@ -307,8 +307,9 @@ MIXED = pw.Array(
 )
 
 
-@engines
-@pytest.mark.parametrize("scale", [1.0, 1 + 0.5j])
+@pytest.mark.parametrize(
+    ("scale", "engine"), numpy_and_few([1.0, 1 + 0.5j], [1.0], slow=[1 + 0.5j])
+)
 def test_fourier_transform_of_a_mixed_collection_is_the_weighted_sum(
     scale: complex, engine: str
 ) -> None:

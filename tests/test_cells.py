@@ -146,7 +146,9 @@ def test_no_value_jumps_where_edges_are_looked_up(name: str, engine: str, precis
         assert np.abs(got - case.ambiguity).max() < allowed
 
 
-@pytest.mark.parametrize(("name", "engine"), numpy_and_few(OUTLINES, COMPILED, pytest.mark.slow))
+@pytest.mark.parametrize(
+    ("name", "engine"), numpy_and_few(OUTLINES, COMPILED[:2], pytest.mark.slow, COMPILED[2:])
+)
 def test_cells_change_no_transform(name: str, engine: str) -> None:
     source = OUTLINES[name]()
     boundary = source.diameter * shapely.length(source.polygons) / source.area
@@ -181,13 +183,13 @@ def test_hundreds_of_vertices_are_as_accurate_as_few() -> None:
 @pytest.mark.usefixtures("cells_only")
 def test_a_regular_polygon_of_many_vertices_has_the_lag_slices_of_a_disc() -> None:
     radius = 1.0
-    source = pw.shapes.disc(radius, 512)
+    source = pw.shapes.disc(radius, 256)
     x = np.column_stack([np.linspace(0, 0.999, 64), np.zeros(64)]) * radius
     # two discs of radius 2 r at a distance of 4 |x|
     half = np.arccos(np.minimum(x[:, 0] / radius, 1))
     lens = 4 * radius**2 * (2 * half - np.sin(2 * half))
     got = pw.position_marginal(source, x, engine="numpy")
-    assert np.abs(got - lens).max() < 1e-4 * source.area  # the polygon's deviation, 1/n^2
+    assert np.abs(got - lens).max() < 4e-4 * source.area  # the polygon's deviation, 1/n^2
 
 
 @pytest.mark.usefixtures("cells_only")

@@ -74,12 +74,27 @@ def _exact_slope(name: str, rings: Any, pair: Any, change: Any) -> complex:
     return complex((8 * narrow - wide) / (6 * exact.mpmath.mpf(STEP)))
 
 
+OUTLINES: dict[str, tuple[Any, str]] = {
+    "chevron": ([CHEVRON], "double"),
+    "frame": (FRAME, "double"),
+    "single precision": ([CHEVRON], "single"),
+}
+
+
 @pytest.mark.parametrize(
-    ("rings", "precision"),
-    [([CHEVRON], "double"), (FRAME, "double"), ([CHEVRON], "single")],
-    ids=["chevron", "frame", "single precision"],
+    ("name", "rings", "precision"),
+    [
+        pytest.param(
+            name,
+            *case,
+            id=f"{name}-{outline}",
+            # each compiles for a second; derivatives of all three share the slopes of edges
+            marks=() if name == "wigner" or outline == "chevron" else pytest.mark.slow,
+        )
+        for name in ("wigner", "ambiguity", "fourier")
+        for outline, case in OUTLINES.items()
+    ],
 )
-@pytest.mark.parametrize("name", ["wigner", "ambiguity", "fourier"])
 def test_derivatives_are_those_of_exact_arithmetic(name: str, rings: Any, precision: str) -> None:
     import drjit as dr
 
@@ -179,6 +194,7 @@ def _power_of(name: str, source: Any, first: Any, second: Any) -> Any:
     return dr.square(value.real - 0.3) + 0.5 * value.imag
 
 
+SUM_NAMES = ["W of weights", "W of waves", "A of weights", "F of waves"]
 SUMS = pytest.mark.parametrize(
     ("name", "make"),
     [
@@ -187,11 +203,20 @@ SUMS = pytest.mark.parametrize(
         ("ambiguity", _collection),
         ("fourier", _taper),
     ],
-    ids=["W of weights", "W of waves", "A of weights", "F of waves"],
+    ids=SUM_NAMES,
 )
 
 
-@SUMS
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        pytest.param("wigner", _collection, marks=pytest.mark.slow),
+        ("wigner", _taper),
+        ("ambiguity", _collection),
+        pytest.param("fourier", _taper, marks=pytest.mark.slow),
+    ],
+    ids=SUM_NAMES,
+)
 def test_forward_and_reverse_mode_are_adjoint(name: str, make: Callable[[], Any]) -> None:
     rng, source = np.random.default_rng(2), make()
     x, nu = rng.uniform(-0.3, 1.0, (9, 2)), rng.uniform(-2, 2, (9, 2))

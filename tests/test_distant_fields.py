@@ -11,7 +11,7 @@ import pytest
 
 import polywigner as pw
 from oracles.distant import distant_fields
-from oracles.references import ENGINES
+from oracles.references import ENGINES, numpy_and_few
 
 engines = pytest.mark.parametrize("engine", ENGINES)
 
@@ -58,8 +58,12 @@ def settings(method: str, **others: Any) -> dict[str, Any]:
     return {"method": name, **({"obliquity": obliquity} if obliquity else others)}
 
 
-@engines
-@pytest.mark.parametrize("name", SOURCES)
+some_compiled = pytest.mark.parametrize(
+    ("name", "engine"), numpy_and_few(SOURCES, ["tapered", "array"], slow=["uniform", "steered"])
+)
+
+
+@some_compiled
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_phases_are_right_at_any_distance(name: str, distance: float, engine: str) -> None:
     for method, value in expected(name, distance).items():
@@ -72,8 +76,7 @@ def test_phases_are_right_at_any_distance(name: str, distance: float, engine: st
         assert abs(got - value) <= error + ROUNDING * abs(value)
 
 
-@engines
-@pytest.mark.parametrize("name", SOURCES)
+@some_compiled
 def test_single_precision_keeps_its_tolerance_far_away(name: str, engine: str) -> None:
     distance = DISTANCES[1]
     points = np.tile(point_of(name, distance), (300, 1))  # enough for float32 throughout

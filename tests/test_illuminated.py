@@ -134,9 +134,9 @@ TE10 = 3.1358703246970885  # reference value, in units of the wavelength squared
         itertools.product(SOURCES, TOLERANCE),
         [
             ("holed, three waves", "double"),
-            ("steered taper", "double"),
             ("convex, cosine", "single"),
         ],
+        slow=[("steered taper", "double")],
     ),
 )
 def test_transforms_are_the_integrals_that_define_them(

@@ -74,7 +74,9 @@ def scale(source: Any, nu: Any) -> Any:
     return 4 * power * source.area * np.stack(columns, axis=-1)
 
 
-@pytest.mark.parametrize(("name", "engine"), numpy_and_few(SOURCES, ("L", "needle with waves")))
+@pytest.mark.parametrize(
+    ("name", "engine"), numpy_and_few(SOURCES, ["needle with waves"], slow=["L"])
+)
 def test_moments_are_integrals_over_the_lag_slice(name: str, engine: str) -> None:
     source = SOURCES[name]
     x, nu = places(source, 12)

@@ -237,18 +237,25 @@ def on_axis(height: float) -> float:
 
 
 INTEGRATORS = [
-    {"type": "direct"},
     {"type": "direct", "emitter_samples": 4, "bsdf_samples": 2},
-    {"type": "path", "max_depth": 2},
     {"type": "path", "max_depth": 6},
-    {"type": "volpath", "max_depth": 3},
     {"type": "volpathmis", "max_depth": 3},
     {"type": "prb", "max_depth": 3},
+]
+ALIKE = [
+    {"type": "direct"},
+    {"type": "path", "max_depth": 2},
+    {"type": "volpath", "max_depth": 3},
 ]
 
 
 @pytest.mark.parametrize(
-    ("integrator", "visible"), [*((i, True) for i in INTEGRATORS), (INTEGRATORS[1], False)]
+    ("integrator", "visible"),
+    [
+        *((i, True) for i in INTEGRATORS),
+        (INTEGRATORS[0], False),
+        *(pytest.param(i, True, marks=pytest.mark.slow) for i in ALIKE),
+    ],
 )
 def test_no_integrator_counts_the_light_twice(
     integrator: dict[str, Any], visible: bool, llvm: object

@@ -86,10 +86,15 @@ def alone() -> tuple[np.ndarray, np.ndarray]:
     return first[0] + second[0], first[1] + second[1]
 
 
-INTEGRATORS = [("direct", None), ("path", 2), ("path", 4), ("prb", 2), ("volpath", 2)]
+# A kernel each; those that are like others are slow tests.
+INTEGRATORS: list[Any] = [
+    ("direct", None),
+    ("path", 4),
+    *(pytest.param(name, 2, marks=pytest.mark.slow) for name in ("path", "prb")),
+]
 
 
-@pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("ptracer", 2)])
+@pytest.mark.parametrize(("name", "depth"), [*INTEGRATORS, ("volpath", 2), ("ptracer", 2)])
 def test_sources_without_a_surface_light_a_floor_as_each_alone(
     name: str, depth: int | None, llvm: object
 ) -> None:
@@ -105,7 +110,7 @@ def test_sources_without_a_surface_light_a_floor_as_each_alone(
     assert np.mean((mean - expected) ** 2 / (variance + own)) < LARGEST_MEAN_SQUARE
 
 
-@pytest.mark.parametrize(("name", "depth"), INTEGRATORS[:4])
+@pytest.mark.parametrize(("name", "depth"), INTEGRATORS)
 def test_surfaces_cast_shadows_on_each_other_s_light_and_a_warning_says_so(
     name: str, depth: int | None, llvm: object
 ) -> None:

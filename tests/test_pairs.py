@@ -29,9 +29,16 @@ SOURCES: dict[str, Callable[[], Any]] = {
 
 @pytest.mark.parametrize(
     ("name", "transform", "precision"),
-    [(name, transform, "double") for name in SOURCES for transform in (pw.wigner, pw.ambiguity)]
-    + [("chevron", pw.wigner, "single"), ("by cells", pw.wigner, "single")]
-    + [("mixed", pw.ambiguity, "single"), ("lattice", pw.ambiguity, "single")],
+    [(name, pw.wigner, "double") for name in SOURCES]
+    + [("by cells", pw.wigner, "single"), ("lattice", pw.ambiguity, "single")]
+    + [
+        pytest.param(name, transform, precision, marks=pytest.mark.slow)
+        for name, transform, precision in (
+            *((name, pw.ambiguity, "double") for name in SOURCES),
+            ("chevron", pw.wigner, "single"),
+            ("mixed", pw.ambiguity, "single"),
+        )
+    ],
 )
 def test_pairs_have_the_values_of_single_points(
     llvm: Any, name: str, transform: Callable[..., Any], precision: str
@@ -110,8 +117,12 @@ ARRAYS: dict[str, Callable[[], Any]] = {
 @pytest.mark.parametrize(
     ("engine", "name", "transform", "precision"),
     [("numpy", name, f, "double") for name in ARRAYS for f in (pw.wigner, pw.ambiguity)]
-    + [("llvm", name, pw.wigner, "double") for name in ARRAYS]
-    + [(engine, "steered", pw.ambiguity, "single") for engine in ("numpy", "llvm")],
+    + [(engine, "steered", pw.ambiguity, "single") for engine in ("numpy", "llvm")]
+    + [("llvm", name, pw.wigner, "double") for name in ("steered", "no product")]
+    + [
+        pytest.param("llvm", name, pw.wigner, "double", marks=pytest.mark.slow)
+        for name in ("equal", "overlapping tapers")
+    ],
 )
 @pytest.mark.parametrize("positions_lead", [True, False])
 def test_arrays_on_a_lattice_have_the_values_of_single_points_at_pairs(

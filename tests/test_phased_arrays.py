@@ -117,7 +117,8 @@ def _points(array: pw.Array, count: int, seed: int) -> tuple[np.ndarray, ...]:
     ("name", "precision", "engine"),
     numpy_and_few(
         [(name, "double") for name in ALL] + [(name, "single") for name in FEW],
-        [(name, "double") for name in FEW] + [("tapered and steered", "single")],
+        [("any weights", "double"), (FEW[3], "double"), ("tapered and steered", "single")],
+        slow=[("touching, steered", "double"), ("own waves, any weights", "double")],
     ),
 )
 def test_functions_of_an_array_are_sums_over_pairs_of_elements(

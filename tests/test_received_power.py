@@ -41,6 +41,14 @@ def variant(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
+# The same in compiled kernels, whose way through a scene the tests of all variants show.
+compiled_slowly = pytest.mark.parametrize(
+    "variant",
+    ["scalar_rgb", pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])],
+    indirect=True,
+)
+
+
 @pytest.fixture
 def plain() -> None:
     mi.set_variant("scalar_rgb")
@@ -133,6 +141,7 @@ def test_a_wall_takes_all_light_and_says_so(plain: None) -> None:
     assert "none" in str(found)
 
 
+@compiled_slowly
 def test_surfaces_of_sources_and_null_surfaces_are_no_obstacles(variant: str) -> None:
     between = {
         "third": emitter(SQUARE, shifted(0, 0, 0.5)),
@@ -169,6 +178,7 @@ def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plai
 FOG = {"type": "homogeneous", "sigma_t": 2.0, "albedo": 0.5}
 
 
+@compiled_slowly
 def test_fog_takes_its_share_off_direct_light(variant: str) -> None:
     """Beer's law: through a slab, and from within fog that the sensor says it stands in."""
     slab = {
@@ -189,6 +199,7 @@ def test_fog_takes_its_share_off_direct_light(variant: str) -> None:
 # ---- by mirrors --------------------------------------------------------------------------------
 
 
+@compiled_slowly
 def test_a_perfect_mirror_shows_the_mirrored_source(variant: str) -> None:
     """The image of the receiver, made by hand, receives what the receiver does of the image."""
     pose = turned(-0.4, facing(1.0, x=0.02, y=0.01))

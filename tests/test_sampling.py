@@ -48,7 +48,7 @@ def _expected_in_boxes(source: pw.Aperture, kind: str, edges: list[np.ndarray]) 
     chance = np.zeros(boxes.shape)
     for index, box in np.ndenumerate(boxes):
         west, south, east, north = box.bounds
-        s, t = np.meshgrid(np.linspace(west, east, 41), np.linspace(south, north, 41))
+        s, t = np.meshgrid(np.linspace(west, east, 21), np.linspace(south, north, 21))
         corners = np.stack([s, t], axis=-1)
         a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, 1:], corners[1:, :-1]
         triangles = np.concatenate([np.stack(k, axis=-2).reshape(-1, 3, 2) for k in (

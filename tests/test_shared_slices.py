@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from oracles.references import ENGINES, awkward
+from oracles.references import ENGINES, awkward, numpy_and_few
 
 # Of areas of about 1. The same terms with edges cut in float64; frequencies and positions are
 # rounded to single precision before or after the cut, some 30 ulp of a phase of a few turns.
@@ -41,10 +41,14 @@ def _points(transform: Any, positions: Any, frequencies: Any) -> tuple[Any, Any]
     return (positions, frequencies) if transform is pw.wigner else (frequencies, positions)
 
 
-@engines
-@transforms
+EVERY = [(name, "double", f) for name in SOURCES for f in (pw.wigner, pw.ambiguity)]
+EVERY += [("chevron", "single", pw.wigner), ("chevron", "single", pw.ambiguity)]
+COMPILED = [EVERY[0], EVERY[4], EVERY[7], EVERY[8], EVERY[-1]]
+
+
 @pytest.mark.parametrize(
-    ("name", "precision"), [(name, "double") for name in SOURCES] + [("chevron", "single")]
+    ("name", "precision", "transform", "engine"),
+    numpy_and_few(EVERY, COMPILED, slow=[case for case in EVERY if case not in COMPILED]),
 )
 def test_every_place_with_every_frequency_has_the_values_of_single_points(
     name: str, precision: str, transform: Callable[..., Any], engine: str

@@ -45,16 +45,26 @@ FEW = (
 )
 
 
-def numpy_and_few(all_cases: Iterable[Any], few: Iterable[Any], rest: Any = ()) -> list[Any]:
+def numpy_and_few(
+    all_cases: Iterable[Any], few: Iterable[Any], rest: Any = (), slow: Iterable[Any] = ()
+) -> list[Any]:
     """Cases with an engine at their end: all of them on NumPy, a few on each other engine.
 
-    ``rest``: a mark for those on NumPy that are not among the few.
+    ``rest``: a mark for those on NumPy that are not among the few. ``slow``: cases for the other
+    engines as well, in the slow tests.
 
     Compiled engines run the operations of NumPy, but there each case may be a kernel of its own,
     which takes half a second to compile.
     """
-    every, some = ([c if isinstance(c, tuple) else (c,) for c in of] for of in (all_cases, few))
+    every, some, late = (
+        [c if isinstance(c, tuple) else (c,) for c in of] for of in (all_cases, few, slow)
+    )
     compiled = [pytest.param(*c, *e.values, marks=e.marks) for e in ENGINES[1:] for c in some]
+    compiled += [
+        pytest.param(*c, *e.values, marks=[*e.marks, pytest.mark.slow])
+        for e in ENGINES[1:]
+        for c in late
+    ]
     plain = [pytest.param(*c, "numpy", marks=() if c in some else rest) for c in every]
     return plain + compiled
 
