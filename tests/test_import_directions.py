@@ -28,7 +28,7 @@ ROOMS = [
     ("transforms",),
     ("radiometry",),
     ("propagation",),
-    ("reception", "scattering"),
+    ("reception", "scattering", "rays"),
     ("mitsuba", "testing"),  # `testing` is for users: it checks the public transforms
     ("figures",),
     ("explorer",),
