@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from polywigner.cli.app_fields import pattern, propagate, rcs, volume
+from polywigner.cli.app_rays import rays
 from polywigner.cli.app_scenes import receive, render
 from polywigner.cli.options import (
     AllowOutside,
@@ -121,6 +122,7 @@ app.command()(pattern)
 app.command()(rcs)
 app.command()(propagate)
 app.command()(volume)
+app.command()(rays)
 
 
 @app.command()
