@@ -1,6 +1,6 @@
 """Diffraction from a ray trace: rays that carry W, through the lenses of optiland, to the focus.
 
-Run:  python signed_rays.py [FOLDER]        (needs optiland 0.6; about a minute)
+Run:  python signed_rays.py [FOLDER]        (needs optiland 0.6; some minutes)
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ BEFORE = 20.0  # mm from the pupil to the lens
 SINGLET = [(51.68, 3.0, "N-BK7"), (np.inf, 0.0, "air")]
 DOUBLET = [(62.8, 4.0, "N-BK7"), (-45.7, 2.5, "SF5"), (-128.2, 0.0, "air")]
 LENSES = {"singlet, f/20": (5.0, SINGLET), "doublet, f/12.5": (8.0, DOUBLET)}
-RAYS = 1 << int(__import__("os").environ.get("LOGN", "22"))
+RAYS = 1 << 22
+WIDER = (6.5, 8.0, 10.0, 12.0)  # mm, pupils before the singlet
 PIXELS = 48
 # Of the picture's half width, in wavelengths over the aperture's angle.
 REACH = 5.0
@@ -91,28 +92,37 @@ def mean_of(values: Values) -> Values:
 
 
 def collins(pupil: pw.Aperture, focal_length: float, half: float) -> Values:
-    """Irradiance in the focus of a perfect lens: Collins' integral with A = 0, |F|^2/(lambda f)^2."""
+    """Irradiance in the focus of a perfect lens, |F|^2/(lambda f)^2: Collins' integral, A = 0."""
     points = np.stack(np.meshgrid(*[pixels(half)[0]] * 2, indexing="ij"), axis=-1)
     field = pw.fourier(pupil, points / (WAVELENGTH * focal_length))
     return mean_of(np.abs(field / (WAVELENGTH * focal_length)) ** 2)
 
 
-def huygens(system: Any, pupil: pw.Aperture, focal_length: float, half: float) -> Values:
-    """Irradiance by a diffraction integral over the pupil, with the lens's real wavefront.
+class Wavefront:
+    """What the lens does to the wave from the pupil: a ray from each point, and its path."""
 
-    Each ray from the pupil arrives as a small plane wave of its own path length and direction.
-    """
-    places, shares = nodes_of(pupil)
-    n = len(shares)
-    still = np.tile([0.0, 0.0, 1.0], (n, 1))
-    out = traced(system, np.column_stack([places, np.zeros(n)]), still, np.ones(n))
-    k = 2 * np.pi / WAVELENGTH
-    constant = k * (out.opd - out.opd.mean() - out.L * out.x - out.M * out.y) * MM
-    x, _ = pixels(half)
-    along_x = np.exp(1j * k * np.outer(x, out.L))
-    along_y = np.exp(1j * k * np.outer(x, out.M))
-    field = (along_x * (shares * np.exp(1j * constant))) @ along_y.T
-    return mean_of(np.abs(field / (WAVELENGTH * focal_length)) ** 2)
+    def __init__(self, system: Any, pupil: pw.Aperture) -> None:
+        places, self.shares = nodes_of(pupil)
+        n = len(places)
+        still = np.tile([0.0, 0.0, 1.0], (n, 1))
+        out = traced(system, np.column_stack([places, np.zeros(n)]), still, np.ones(n))
+        self.directions = out.L, out.M
+        # Each ray arrives as a small plane wave; here its phase in the middle of the screen.
+        self.path = (out.opd - out.opd.mean() - out.L * out.x - out.M * out.y) * MM
+        self.spread = float(np.hypot(out.x, out.y).max()) * MM
+
+    @property
+    def waves(self) -> float:
+        """The wavefront's aberration, peak to valley, in wavelengths."""
+        return float(np.ptp(self.path)) / WAVELENGTH
+
+    def irradiance(self, focal_length: float, half: float) -> Values:
+        """By Huygens' principle: the sum over the pupil of the waves that arrive."""
+        k = 2 * np.pi / WAVELENGTH
+        x, _ = pixels(half)
+        along_x, along_y = (np.exp(1j * k * np.outer(x, d)) for d in self.directions)
+        field = (along_x * (self.shares * np.exp(1j * k * self.path))) @ along_y.T
+        return mean_of(np.abs(field / (WAVELENGTH * focal_length)) ** 2)
 
 
 def nodes_of(pupil: pw.Aperture, order: int = 24) -> tuple[Values, Values]:
@@ -136,26 +146,38 @@ def compared(
     pupil, system = hexagon(across), lens_of(surfaces, across)
     focal_length = float(system.paraxial.f2()) * MM
     half = REACH * WAVELENGTH * focal_length / (across * MM)
-    cone = 1.5 * half / focal_length  # the corners of the screen, and some more
+    wavefront = Wavefront(system, pupil)
+    cone = 1.5 * (half + wavefront.spread) / focal_length  # what can reach the screen's corners
     rays = pw.sample_rays(pupil, WAVELENGTH, count, seed, sampling="quasi-random", cone=cone)
     arrived = screen_of(system, rays)
     z = float(arrived.position[0, 2])
-    grid = (-half, -half, half, half), (PIXELS, PIXELS)
-    rebuilt = pw.rays.rebuild(arrived, z, *grid)
+    rebuilt = pw.rays.rebuild(arrived, z, (-half, -half, half, half), (PIXELS, PIXELS))
     glass = float(arrived.weight.sum() / rays.weight.sum())  # what the glass lets through
     return {
         "rays": rebuilt.irradiance.values / glass,
         "standard error": rebuilt.standard_error.values / glass,
         "Collins": collins(pupil, focal_length, half),
-        "Huygens": huygens(system, pupil, focal_length, half),
+        "Huygens": wavefront.irradiance(focal_length, half),
         "half": half,
-        "focal length": focal_length,
+        "waves": wavefront.waves,
     }
 
 
 def error(found: Values, reference: Values) -> float:
     """The largest error, of the peak."""
     return float(np.abs(found - reference).max() / reference.max())
+
+
+def told(found: dict[str, Any]) -> str:
+    """How far the rays are from either integral."""
+    rays, peak = found["rays"], found["Huygens"].max()
+    return (
+        f"{found['waves']:.2f} waves of aberration: rays differ by "
+        f"{100 * error(rays, found['Huygens']):.2f} % of the peak from Huygens' integral with the "
+        f"lens's wavefront, by {100 * error(rays, found['Collins']):.2f} % from Collins' of a "
+        f"perfect lens; their standard error is up to "
+        f"{100 * found['standard error'].max() / peak:.2f} %"
+    )
 
 
 def main(folder: Path) -> None:
@@ -170,12 +192,7 @@ def main(folder: Path) -> None:
     for row, (name, (across, surfaces)) in zip(axes, LENSES.items(), strict=True):
         found = compared(across, surfaces)
         peak = found["Huygens"].max()
-        print(
-            f"{name}: {RAYS} rays; from Collins' integral at most "
-            f"{100 * error(found['rays'], found['Collins']):.2f} % of the peak, from the real "
-            f"wavefront {100 * error(found['rays'], found['Huygens']):.2f} %, of which noise "
-            f"{100 * found['standard error'].max() / peak:.2f} %"
-        )
+        print(f"{name}, {told(found)}")
         edge = found["half"] * 1e6
         shown = [("rays", found["rays"] / peak), ("wavefront", found["Huygens"] / peak)]
         for axis, (kind, values) in zip(row, shown, strict=False):
@@ -189,10 +206,17 @@ def main(folder: Path) -> None:
         row[2].plot(middle, found["Huygens"][:, PIXELS // 2] / peak, label="wavefront")
         row[2].plot(middle, found["rays"][:, PIXELS // 2] / peak, ".", label="rays")
         row[2].set(title="along x", xlabel="x in um", ylabel="of the peak")
-        row[2].legend()
+        row[2].legend(loc="upper left", fontsize="small")
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "signed_rays.png", dpi=110)
     print(folder / "signed_rays.png")
+    for across in WIDER:
+        found = compared(across, SINGLET)
+        real, by_rays = (found[name].max() / found["Collins"].max() for name in ("Huygens", "rays"))
+        print(
+            f"singlet, pupil of {across:g} mm, {told(found)}; peak over that of a perfect lens "
+            f"{real:.3f}, by rays {by_rays:.3f}"
+        )
 
 
 if __name__ == "__main__":
