@@ -145,7 +145,7 @@ _HOMES = {
     "verify_store": "polywigner.propagation",
     "volume": "polywigner.propagation",
     "coupling": "polywigner.reception",
-    "rays": "polywigner.rays",
+    "rays": "polywigner",
     "sample_rays": "polywigner.rays",
     "rcs": "polywigner.scattering",
     "rcs_pattern": "polywigner.scattering",
@@ -245,8 +245,10 @@ def __getattr__(name: str) -> Any:
         near = difflib.get_close_matches(name, __all__, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise AttributeError(f"module 'polywigner' has no attribute {name!r}{hint}")
-    module = importlib.import_module(home)
-    value = module if home == f"{__name__}.{name}" else getattr(module, name)
+    if home == __name__:  # a room of its own
+        value: Any = importlib.import_module(f"{home}.{name}")
+    else:
+        value = getattr(importlib.import_module(home), name)
     globals()[name] = value
     return value
 
