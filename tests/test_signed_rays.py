@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from oracles.quadrature import triangle_nodes
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 
 pytest.importorskip("xarray")
@@ -131,6 +132,31 @@ def test_rays_through_a_thin_lens_focus_to_the_fourier_transform() -> None:
     # t of 15 degrees of freedom: exceeds 5 once in 1e4
     assert (abs(found.irradiance.values - mean) / found.standard_error.values).max() < 5
     assert found.standard_error.values.max() < 0.03 * mean.max()
+
+
+def test_defocus_by_waves_is_exact() -> None:
+    """A thin lens, and a screen behind its focus: Collins' integral by quadrature."""
+    pupil, light, focal_length, z = pw.shapes.regular_polygon(6, 2.5e-3), 0.6e-6, 0.1, 0.104
+    rays = pw.sample_rays(pupil, light, 1 << 17, sampling="quasi-random", cone=1e-3)
+    place = rays.position.values[:, :2]
+    # paraxial slopes: tan and sin differ by a millionth of a width here
+    slope = rays.direction.values[:, :2] - place / focal_length
+    behind = np.column_stack([place + z * slope, np.full(len(place), z)])
+    half = 80e-6
+    found = pw.rays.rebuild(
+        pw.rays.traced(rays, behind, rays.direction), z, (-half, -half, half, half), (4, 4)
+    )
+    corners = pupil.rings[0]
+    triangles = np.stack([np.zeros((6, 2)), corners, np.roll(corners, -1, axis=0)], axis=1)
+    nodes, share = triangle_nodes(triangles, 24)
+    x, w = gauss(-half, half, 4, 8)
+    lens = share * np.exp(1j * math.pi * (1 - z / focal_length) / (light * z) * (nodes**2).sum(1))
+    waves = [np.exp(-2j * math.pi / (light * z) * np.outer(x, n)) for n in nodes.T]
+    exact = abs((waves[0] * lens) @ waves[1].T / (light * z)) ** 2
+    mean = np.einsum("iajb,a,b->ij", exact.reshape(4, 8, 4, 8), w, w)
+    assert exact.max() < 0.4 * pupil.area**2 / (light * z) ** 2  # far from the focus
+    assert (abs(found.irradiance.values - mean) / found.standard_error.values).max() < UNLIKELY
+    assert found.standard_error.values.max() < 0.1 * mean.max()
 
 
 def test_a_pose_moves_rays_and_the_plane_that_meets_them() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -25,6 +26,8 @@ Values = NDArray[np.float64]
 BATCHES = 16
 # Directions as unit vectors that have passed through single precision.
 _UNIT = 1e-6
+# Of the hemisphere a radius may round to one: factors such as 1/cos^2 stay finite.
+_LEAST_COSINE = 1e-8
 
 
 def positions_by(sampling: Any) -> Weights:
@@ -35,18 +38,25 @@ def positions_by(sampling: Any) -> Weights:
     return "marginal" if sampling == "marginal" else "uniform"
 
 
-def numbers_of(sampling: str, count: int, seed: Any) -> tuple[Values, NDArray[np.int32] | None]:
-    """Numbers (count, k) in [0, 1), two for the direction first; the batch of each, or None.
+def numbers_of(
+    sampling: str, count: int, seed: Any, block: int
+) -> Iterator[tuple[Values, int | None]]:
+    """Numbers (m, k) in [0, 1), m up to ``block``, two for the direction first; and their batch.
 
-    Random ones are independent of each other; those of one batch of quasi-random ones are not.
-    Raises MissingExtraError for quasi-random numbers without scipy.
+    Random ones are independent of each other, without a batch; those of one batch of quasi-random
+    ones are not. Raises MissingExtraError for quasi-random numbers without scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
-        return generator.random((count, 6 if sampling == "marginal" else 4)), None
-    sizes = [len(part) for part in np.array_split(np.arange(count), BATCHES)]
-    draws = [sobol_numbers(size, 4, generator) for size in sizes]
-    return np.concatenate(draws), np.repeat(np.arange(BATCHES, dtype=np.int32), sizes)
+        columns = 6 if sampling == "marginal" else 4
+        for start in range(0, count, block):
+            yield generator.random((min(block, count - start), columns)), None
+        return
+    for batch in range(BATCHES):
+        size = (count + batch) // BATCHES  # as equal as whole numbers are
+        numbers = sobol_numbers(size, 4, generator)
+        for start in range(0, size, block):
+            yield numbers[start : start + block], batch
 
 
 @dataclass(frozen=True)
@@ -61,19 +71,17 @@ class Cone:
     """The sine of the angle up to which rays are densest, of a beam; infinity: of none."""
 
     def directions(self, numbers: Values) -> tuple[Values, Values]:
-        """Unit vectors (n, 3) for numbers (n, 2), and the projected solid angle over n of each.
+        """Unit vectors (n, 3) for numbers (n, 2), and the inverse of their density.
 
-        The projection is that along z: the sum over n directions is, on average, that of the cone.
+        Per solid angle projected along z: the mean over directions is that of the cone.
         """
         plane, share = _concentrated(_disc(numbers), (self.width / self.radius) ** 2)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
         found = np.column_stack([plane, along]) @ self.frame.T
-        # no cosine of zero: of the hemisphere, |plane| may round to one
-        cosine = np.maximum(found[:, 2], np.finfo(float).tiny)
-        found[:, 2] = cosine
-        solid = math.pi * self.radius**2 * (cosine / np.maximum(along, np.finfo(float).tiny))
-        return found, share * solid / len(numbers)
+        found[:, 2] = np.maximum(found[:, 2], _LEAST_COSINE)
+        solid = math.pi * self.radius**2 * found[:, 2] / np.maximum(along, _LEAST_COSINE)
+        return found, share * solid
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:

@@ -39,8 +39,8 @@ Values = NDArray[np.float64]
 
 # 12 GB of rays; of more draw several sets.
 _MOST = 100_000_000
-# Rays whose W is computed at a time: some 100 MB.
-_BLOCK = 1 << 18
+# Rays at a time: some 200 MB.
+_BLOCK = 1 << 20
 
 
 @takes_frequency
@@ -120,12 +120,20 @@ def sample_rays(
     scale = 1.0 if power is None else checked_length(power, "power") / _energy(radiator)
     parts = weighted_sources(radiator, name, length)
 
-    numbers, batch = numbers_of(sampling, n, seed)
-    direction, solid_angle = where.directions(numbers[:, :2])
-    places, per_area = sample_automean(radiator, numbers[:, 2:], density, engine=engine)
-    weight = _radiance(parts, places, direction, length, engine)
-    weight *= scale * solid_angle / per_area
-    position = np.column_stack([places, np.zeros(n)]) @ pose[:3, :3].T + pose[:3, 3]
+    position, direction, weight = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
+    batch = np.empty(n, np.int32) if sampling == "quasi-random" else None
+    start = 0
+    for numbers, number in numbers_of(sampling, n, seed, _BLOCK):
+        some = slice(start, start + len(numbers))
+        places, per_area = sample_automean(radiator, numbers[:, 2:], density, engine=engine)
+        own, solid_angle = where.directions(numbers[:, :2])
+        radiance = _radiance(parts, places, own, length, engine)
+        weight[some] = radiance * (scale / n) * solid_angle / per_area
+        position[some] = places @ pose[:3, :2].T + pose[:3, 3]
+        direction[some] = own @ pose[:3, :3].T
+        if batch is not None and number is not None:
+            batch[some] = number
+        start += len(numbers)
     attrs = {
         "wavelength": length,
         "frequency": SPEED_OF_LIGHT / length,
@@ -134,7 +142,7 @@ def sample_rays(
         "obliquity": name,
         **source_attrs(radiator),
     }
-    return bundle(position, direction @ pose[:3, :3].T, weight, batch, attrs)
+    return bundle(position, direction, weight, batch, attrs)
 
 
 def _placed(source: Any, to_world: Any) -> tuple[PlaneSource, Values]:
@@ -172,11 +180,8 @@ def _radiance(
     parts: Any, places: Values, direction: Values, wavelength: float, engine: Engine
 ) -> Values:
     """Sums over the parts of their radiance times h, (n,) in W/(m^2 sr)."""
+    nu, cosine = direction[:, :2] / wavelength, direction[:, 2]
     total = np.zeros(len(places))
-    for start in range(0, len(places), _BLOCK):
-        some = slice(start, start + _BLOCK)
-        nu, cosine = direction[some, :2] / wavelength, direction[some, 2]
-        for source, forms in parts:
-            values = wigner(source, places[some], nu, engine=engine)
-            total[some] += values * emission_factor(forms, cosine)
+    for source, forms in parts:
+        total += wigner(source, places, nu, engine=engine) * emission_factor(forms, cosine)
     return total / wavelength**2
