@@ -72,14 +72,14 @@ def traced(
 
     Parameters
     ----------
-    rays : those that were traced, from :func:`sample_rays` or :func:`load`.
+    rays : those that were traced, from :func:`polywigner.sample_rays` or :func:`load`.
     position : (n, 3) in m, a point of each ray behind the optics.
     direction : (n, 3) unit vectors.
     weight : (n,) in W, where the optics absorb; None: as before.
 
     Returns
     -------
-    xarray.Dataset, as that of :func:`sample_rays`.
+    xarray.Dataset, as that of :func:`polywigner.sample_rays`.
 
     Raises
     ------

@@ -61,7 +61,7 @@ def save(
 
     Parameters
     ----------
-    rays : from :func:`sample_rays`, :func:`load` or :func:`traced`.
+    rays : from :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
     path : the file; one that is there is replaced.
     split : positive and negative rays of a ``.dat`` in files of their own.
     unit : of lengths in a ``.dat`` file.
@@ -143,7 +143,7 @@ def write_to(rays: Any, scratch: Sequence[Path], paths: Sequence[Path], unit: st
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Rays of a file that :func:`save` has written, or of an OpticStudio source file of others.
+    """Rays of a file of :func:`polywigner.rays.save`, or of a source file of OpticStudio.
 
     The negative part of a ``.dat`` that was split comes back with negative weights:
     ``xarray.concat([positive, negative], "ray", combine_attrs="override")`` is the whole.
@@ -154,7 +154,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     Returns
     -------
-    xarray.Dataset, as of :func:`sample_rays`.
+    xarray.Dataset, as of :func:`polywigner.sample_rays`.
 
     Raises
     ------

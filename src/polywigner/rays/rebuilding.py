@@ -41,12 +41,13 @@ def rebuild(
 ) -> xarray.Dataset:
     """Irradiance on a plane that rays meet: the sum of their weights in each pixel over its area.
 
-    The mean over a pixel of what :func:`sample_rays` draws, without bias: on a plane parallel to
-    the source it is |U|^2 of Wigner rays (docs/signed_rays.md, (Y2)). Rays go on in straight lines.
+    The mean over a pixel, without bias, of what :func:`polywigner.sample_rays` draws from: on a
+    plane parallel to the source |U|^2 of Wigner rays (docs/signed_rays.md, (Y2)). Rays go on in
+    straight lines.
 
     Parameters
     ----------
-    rays : from :func:`sample_rays`, :func:`load` or :func:`traced`.
+    rays : from :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
     plane : z in m of a plane parallel to x and y; or a (4, 4) pose whose plane z = 0 it is.
     bounds : (xmin, ymin, xmax, ymax) in m of the grid of pixels, in the frame of the plane.
     shape : how many pixels along x and y.
