@@ -40,6 +40,10 @@ def test_rays_come_back_as_they_were(rays: Any, suffix: str, batches: bool, tmp_
     for name in ("position", "direction", "weight", *(["batch"] if batches else [])):
         assert np.array_equal(found[name].values, given[name].values)
     assert found.attrs == given.attrs
+    (copy,) = pw.rays.save(found, path.with_suffix(".csv"))
+    assert pw.rays.load(copy).attrs == given.attrs
+    if copy != path:
+        copy.unlink()
     assert [p.name for p in path.parent.iterdir()] == [path.name]
     grid = 0.1, (-0.05, -0.05, 0.05, 0.05), (3, 3)
     again, before = pw.rays.rebuild(found, *grid), pw.rays.rebuild(given, *grid)

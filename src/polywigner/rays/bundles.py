@@ -144,7 +144,8 @@ def _batch(rays: Any) -> NDArray[Any]:
 
 def count_of(rays: xarray.Dataset) -> int:
     """How many rays were drawn, those included that a selection has left out since."""
-    return int(max(rays.attrs.get("count", 0), rays.sizes["ray"]))
+    told = rays.attrs.get("count", 0)
+    return max(int(told) if isinstance(told, (int, np.integer)) else 0, rays.sizes["ray"])
 
 
 def _values(name: str, values: Any, shape: tuple[int, ...]) -> Values:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -137,7 +138,8 @@ def write_to(rays: Any, scratch: Sequence[Path], paths: Sequence[Path], unit: st
         np.savetxt(scratch[0], columns, digits, ",", header=head, comments="", encoding="utf-8")
     else:
         parts = [1] if len(paths) == 1 else list(_PARTS.values())
-        wavelength = float(rays.attrs.get("wavelength", 0.0))
+        given = rays.attrs.get("wavelength")
+        wavelength = float(given) if isinstance(given, (int, float, np.number)) else 0.0
         for file_, part in zip(scratch, parts, strict=True):
             write_source_file(file_, columns, wavelength, unit, count_of(rays), part)
 
@@ -198,7 +200,10 @@ def _read_csv(file: Path) -> Any:
         attrs = _attrs(first.removeprefix("#"))
         if tuple(second[:7]) != _COLUMNS or second[7:] not in ([], ["batch"]):
             raise ValueError(f"columns {second}")
-        table = np.loadtxt(lines, delimiter=",", ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of no rays at all
+            table = np.loadtxt(lines, delimiter=",", ndmin=2)
+        table = table if table.size else np.empty((0, len(second)))
     if table.shape[1] != len(second):
         raise ValueError(f"{table.shape[1]} columns")
     batch = table[:, 7].astype(np.int32) if len(second) > 7 else None
@@ -225,8 +230,11 @@ def _attrs(text: str) -> dict[str, Any]:
 
 
 def _plain(attrs: Any) -> dict[str, Any]:
-    """Attributes as JSON has them."""
-    return {
-        str(k): v if isinstance(v, (str, int, float, bool)) else np.asarray(v).tolist()
-        for k, v in attrs.items()
-    }
+    """Attributes as JSON has them: NumPy's numbers as Python's, others as texts."""
+    named = {str(name): value for name, value in attrs.items()}
+    plain: dict[str, Any] = json.loads(json.dumps(named, default=_plain_value))
+    return plain
+
+
+def _plain_value(value: Any) -> Any:
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)

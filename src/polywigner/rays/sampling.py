@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture
-from polywigner.geometry.arguments import checked_count, checked_length, checked_wavelength
+from polywigner.geometry.arguments import checked_count, checked_number, checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.geometry.pose import rigid_pose
 from polywigner.illumination.obliquities import (
@@ -117,7 +117,7 @@ def sample_rays(
     n = checked_count(count, "count", least, _MOST)
     where = cone_of(cone, axis, _width(directions, radiator, length))
     name = checked_obliquity(obliquity)
-    scale = 1.0 if power is None else checked_length(power, "power") / _energy(radiator)
+    scale = 1.0 if power is None else _watts(power) / _energy(radiator)
     parts = weighted_sources(radiator, name, length)
 
     position, direction, weight = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
@@ -163,6 +163,14 @@ def _width(directions: Any, source: PlaneSource, wavelength: float) -> float:
     if directions != "beam":
         raise ArgumentError(f'expected directions to be "beam" or "uniform", got {directions!r}')
     return wavelength / largest_lag(source)
+
+
+def _watts(power: Any) -> float:
+    meaning = "a number in W above zero"
+    watts = checked_number(power, "power", meaning)
+    if not watts > 0:
+        raise ArgumentError(f"expected power as {meaning}, got {power!r}")
+    return watts
 
 
 def _energy(source: PlaneSource) -> float:

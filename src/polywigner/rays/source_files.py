@@ -78,8 +78,9 @@ def write_source_file(
     header["Scale"] = 1.0
     with path.open("wb") as file:
         file.write(header.tobytes())
-        for start in range(0, len(columns), _BLOCK):
-            file.write((columns[start : start + _BLOCK] * scale).astype("<f4").tobytes())
+        with np.errstate(over="ignore"):  # infinite: lost
+            for start in range(0, len(columns), _BLOCK):
+                file.write((columns[start : start + _BLOCK] * scale).astype("<f4").tobytes())
 
 
 def read_source_file(path: Path) -> tuple[Values, dict[str, Any]]:
