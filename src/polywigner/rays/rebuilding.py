@@ -22,9 +22,9 @@ __all__ = ["rebuild"]
 
 Values = NDArray[np.float64]
 
-# Most pixels along an axis, and in all: with 16 batches 2 GB of sums.
+# Most pixels along an axis, and in all: with 16 batches 1 GB of sums.
 _MOST_PIXELS = 1 << 14
-_MOST_IN_ALL = 1 << 24
+_MOST_IN_ALL = 1 << 22
 # Rays at a time: some 100 MB.
 _BLOCK = 1 << 20
 # Rays that end on a plane lie on it to rounding: of the largest coordinate.
