@@ -29,7 +29,7 @@ ROOMS = [
     ("radiometry",),
     ("propagation",),
     ("reception",),
-    ("scattering",),
+    ("scattering", "rays"),
     ("mitsuba", "testing"),  # `testing` is for users: it checks the public transforms
     ("figures",),
     ("explorer",),
@@ -81,7 +81,7 @@ def room_imported(name: str) -> str | None:
     if parts[0] != "polywigner" or len(parts) < 2:
         return None
     public = polywigner._HOMES.get(parts[1])  # `from polywigner import wigner` is transforms'
-    return public.split(".")[1] if public else parts[1]
+    return public.split(".")[1] if public and "." in public else parts[1]
 
 
 def breaches(tree: ast.AST, file: str) -> list[str]:

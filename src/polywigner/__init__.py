@@ -13,6 +13,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from polywigner import rays
     from polywigner.citations import cite
     from polywigner.geometry import (
         Aperture,
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
         radiance,
         radiant_intensity,
     )
+    from polywigner.rays import sample_rays
     from polywigner.reception import coupling
     from polywigner.scattering import rcs, rcs_pattern
     from polywigner.transforms import (
@@ -149,6 +151,8 @@ _HOMES = {
     "verify_store": "polywigner.propagation",
     "volume": "polywigner.propagation",
     "coupling": "polywigner.reception",
+    "rays": "polywigner",
+    "sample_rays": "polywigner.rays",
     "rcs": "polywigner.scattering",
     "rcs_pattern": "polywigner.scattering",
     "ambiguity": "polywigner.transforms",
@@ -217,12 +221,14 @@ __all__ = [
     "radiant_intensity",
     "radiated_power",
     "radiation_pattern",
+    "rays",
     "rcs",
     "rcs_pattern",
     "read_aperture",
     "read_polyhedron",
     "read_source",
     "sample_automean",
+    "sample_rays",
     "shapes",
     "steering",
     "suggest_sampling",
@@ -248,7 +254,10 @@ def __getattr__(name: str) -> Any:
         near = difflib.get_close_matches(name, __all__, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise AttributeError(f"module 'polywigner' has no attribute {name!r}{hint}")
-    value = getattr(importlib.import_module(home), name)
+    if home == __name__:  # a room of its own
+        value: Any = importlib.import_module(f"{home}.{name}")
+    else:
+        value = getattr(importlib.import_module(home), name)
     globals()[name] = value
     return value
 

@@ -8,6 +8,7 @@ import typer
 
 from polywigner.cli.app_far_fields import pattern, rcs
 from polywigner.cli.app_fields import propagate, volume
+from polywigner.cli.app_rays import rays
 from polywigner.cli.app_scenes import receive, render
 from polywigner.cli.options import (
     AllowOutside,
@@ -122,6 +123,7 @@ app.command()(pattern)
 app.command()(rcs)
 app.command()(propagate)
 app.command()(volume)
+app.command()(rays)
 
 
 @app.command()

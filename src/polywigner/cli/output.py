@@ -24,7 +24,7 @@ __all__ = [
 
 _KNOWN_SUFFIXES = (
     ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".zarr",
-    ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln",
+    ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln", ".dat",
 )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate
 from polywigner.transforms import sample_automean
 
-__all__ = ["Sampling", "by_samples"]
+__all__ = ["Sampling", "by_samples", "sobol_numbers"]
 
 Sampling = Literal["gauss", "sobol", "monte-carlo"]
 
@@ -96,11 +96,23 @@ def _draws(sampling: str, seed: Any) -> list[Draw]:
 
 def _sobol_draw(sequence: Any) -> Draw:
     def draw(size: int) -> Values:
-        numbers = sequence.random_base2(math.ceil(math.log2(size)))
-        # The largest of the numbers that scrambling makes may round to 1.
-        return np.minimum(numbers, 1 - 2.0**-53)
+        return _below_one(sequence.random_base2(math.ceil(math.log2(size))))
 
     return draw
+
+
+def sobol_numbers(size: int, columns: int, generator: np.random.Generator) -> Values:
+    """The first numbers (size, columns) in [0, 1) of a Sobol sequence, scrambled anew.
+
+    Raises MissingExtraError without scipy.
+    """
+    sequence = _sobol()(columns, scramble=True, seed=generator)
+    return _below_one(sequence.random_base2(math.ceil(math.log2(size)))[:size])
+
+
+def _below_one(numbers: Values) -> Values:
+    # The largest of the numbers that scrambling makes may round to 1.
+    return np.minimum(numbers, 1 - 2.0**-53)
 
 
 def _sobol() -> Any:
@@ -108,6 +120,6 @@ def _sobol() -> Any:
         return importlib.import_module("scipy.stats.qmc").Sobol
     except ImportError:
         raise MissingExtraError(
-            "expected scipy to be installed for sampling='sobol', got none; run "
+            "expected scipy to be installed for quasi-random numbers (Sobol), got none; run "
             f"{install_command('arrays')}"
         ) from None

@@ -1,0 +1,24 @@
+"""Rays that carry the Wigner function through ray optics, and back (docs/signed_rays.md).
+
+A ray has a position, a direction and a weight in watts, which is negative where W is: single rays
+mean nothing, sums over many do. Through systems of first order, of free space and thin lenses, rays
+carry W exactly; through aberrations approximately.
+
+===================  ==========================================================================
+module               what is in it
+===================  ==========================================================================
+``sampling``         rays drawn from W of a source: :func:`sample_rays`
+``draws``            random and quasi-random numbers, cones of directions
+``bundles``          rays as a dataset, checked, and after ray optics of your own
+``rebuilding``       irradiance in the pixels of a plane, with its standard error
+``files``            .npz, .csv, NetCDF and source files of OpticStudio, written and read
+``source_files``     the binary of those source files
+===================  ==========================================================================
+"""
+
+from polywigner.rays.bundles import traced
+from polywigner.rays.files import load, save
+from polywigner.rays.rebuilding import rebuild
+from polywigner.rays.sampling import sample_rays
+
+__all__ = ["load", "rebuild", "sample_rays", "save", "traced"]

@@ -1,0 +1,240 @@
+"""Rays written to files, whole or not at all, and read back."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+
+from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.geometry.arguments import checked_path
+from polywigner.interruption import unfinished
+from polywigner.propagation.exports import write_netcdf
+from polywigner.propagation.stores_files import required
+from polywigner.rays.bundles import bundle, checked_bundle, count_of
+from polywigner.rays.source_files import METRES, read_source_file, write_source_file
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["SUFFIXES", "load", "names_of", "save", "write_to"]
+
+SUFFIXES = (".npz", ".csv", ".nc", ".dat")
+"""Of the formats."""
+
+LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
+_COLUMNS = ("x", "y", "z", "l", "m", "n", "weight")
+_PARTS = {"_positive": 2, "_negative": -2}
+_HINT = "write it by rays.save"
+
+
+def save(
+    rays: xarray.Dataset,
+    path: str | os.PathLike[str],
+    *,
+    split: bool = False,
+    unit: LengthUnit = "mm",
+) -> tuple[Path, ...]:
+    """Write rays to a file, whose suffix says its format.
+
+    ======  ======================================================================================
+    suffix  what
+    ======  ======================================================================================
+    .npz    NumPy: position (n, 3) in m, direction (n, 3), weight (n,) in W, batch if there is one,
+            and attrs, a text in JSON
+    .csv    a first line of ``#`` and the attributes in JSON; then columns x, y, z (m), l, m, n,
+            weight (W), and batch if there is one, with 17 digits
+    .nc     NetCDF 4, the dataset as it is
+    .dat    OpticStudio's binary source file: a header of 208 bytes, then x, y, z, l, m, n and
+            power of each ray in single precision. Batches are not in it.
+    ======  ======================================================================================
+
+    Programs expect the power of a ray in a ``.dat`` file to be positive: no standard knows others.
+    A program may clip, ignore or reject negative ones. ``split`` writes two files, NAME_positive
+    and NAME_negative, with positive powers both: trace each, and subtract the second picture from
+    the first.
+
+    Parameters
+    ----------
+    rays : from :func:`polywigner.sample_rays`, :func:`load` or :func:`traced`.
+    path : the file; one that is there is replaced.
+    split : positive and negative rays of a ``.dat`` in files of their own.
+    unit : of lengths in a ``.dat`` file.
+
+    Returns
+    -------
+    The paths written.
+
+    Raises
+    ------
+    ArgumentError for anything but rays, for another suffix, and for a place that cannot be written
+    to; MissingExtraError without xarray (of ``.nc``: h5netcdf).
+
+    >>> import pathlib, tempfile
+    >>> import polywigner as pw
+    >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 100, sampling="uniform")
+    >>> folder = pathlib.Path(tempfile.mkdtemp())
+    >>> [path.name for path in pw.rays.save(rays, folder / "square.dat", split=True)]
+    ['square_positive.dat', 'square_negative.dat']
+    >>> pw.rays.save(rays, folder / "square.npz")[0].stat().st_size > 0
+    True
+    """
+    if unit not in METRES:
+        raise ArgumentError(f"expected unit to be one of {', '.join(METRES)}, got {unit!r}")
+    paths = names_of(checked_path(path), split)
+    scratch = [p.with_name(f"{p.name}.{os.getpid()}.partial") for p in paths]
+    try:
+        with unfinished(*scratch):
+            paths[0].parent.mkdir(parents=True, exist_ok=True)
+            write_to(rays, scratch, paths, unit)
+            for written, final in zip(scratch, paths, strict=True):
+                written.replace(final)
+    except OSError as error:
+        raise ArgumentError(
+            f"expected to write {path}, got {error.strerror or error}; choose another place"
+        ) from error
+    return paths
+
+
+def names_of(path: Path, split: bool) -> tuple[Path, ...]:
+    """The files of a path; ArgumentError for a suffix that is no format, and split ones."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ArgumentError(
+            f"expected a file of rays ending with {', '.join(SUFFIXES)}, got {path.name!r}"
+        )
+    if not split:
+        return (path,)
+    if suffix != ".dat":
+        raise ArgumentError(f"expected split with .dat, got {suffix}, which holds signed powers")
+    return tuple(path.with_name(f"{path.stem}{part}{path.suffix}") for part in _PARTS)
+
+
+def write_to(rays: Any, scratch: Sequence[Path], paths: Sequence[Path], unit: str = "mm") -> None:
+    """Write scratch files in the formats of the paths that they will have."""
+    position, direction, weight, batch = checked_bundle(rays)
+    suffix = paths[0].suffix.lower()
+    columns = np.column_stack([position, direction, weight])
+    if suffix == ".nc":
+        write_netcdf(rays, scratch[0])
+    elif suffix == ".npz":
+        found = {"position": position, "direction": direction, "weight": weight}
+        if batch is not None:
+            found["batch"] = batch
+        with scratch[0].open("wb") as file:
+            np.savez(file, **cast(Any, found), attrs=np.array(json.dumps(_plain(rays.attrs))))
+    elif suffix == ".csv":
+        names, digits = list(_COLUMNS), ["%.17g"] * 7
+        if batch is not None:
+            columns = np.column_stack([columns, batch])
+            names, digits = [*names, "batch"], [*digits, "%d"]
+        head = f"# {json.dumps(_plain(rays.attrs))}\n{','.join(names)}"
+        np.savetxt(scratch[0], columns, digits, ",", header=head, comments="", encoding="utf-8")
+    else:
+        parts = [1] if len(paths) == 1 else list(_PARTS.values())
+        given = rays.attrs.get("wavelength")
+        wavelength = float(given) if isinstance(given, (int, float, np.number)) else 0.0
+        for file_, part in zip(scratch, parts, strict=True):
+            write_source_file(file_, columns, wavelength, unit, count_of(rays), part)
+
+
+def load(path: str | os.PathLike[str]) -> xarray.Dataset:
+    """Rays of a file of :func:`polywigner.rays.save`, or of a source file of OpticStudio.
+
+    The negative part of a ``.dat`` that was split comes back with negative weights:
+    ``xarray.concat([positive, negative], "ray", combine_attrs="override")`` is the whole.
+
+    Parameters
+    ----------
+    path : ``.npz``, ``.csv``, ``.nc`` or ``.dat``.
+
+    Returns
+    -------
+    xarray.Dataset, as of :func:`polywigner.sample_rays`.
+
+    Raises
+    ------
+    ArgumentError for another suffix; FileFormatError for a file that is missing, or does not hold
+    rays; MissingExtraError without xarray (of ``.nc``: h5netcdf).
+
+    >>> import pathlib, tempfile
+    >>> import polywigner as pw
+    >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 100, sampling="uniform")
+    >>> (path,) = pw.rays.save(rays, pathlib.Path(tempfile.mkdtemp()) / "square.csv")
+    >>> pw.rays.load(path).equals(rays)
+    True
+    """
+    file = checked_path(path)
+    names_of(file, False)
+    required("xarray")
+    read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": _read_dat}
+    try:
+        found = read[file.suffix.lower()](file)
+        checked_bundle(found)
+    except FileNotFoundError:
+        raise FileFormatError(f"expected a file of rays, got {path}, which is none") from None
+    except FileFormatError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise FileFormatError(f"expected rays in {file.name}, got {said}; {_HINT}") from None
+    return found
+
+
+def _read_npz(file: Path) -> Any:
+    with np.load(file, allow_pickle=False) as stored:
+        position, direction, weight = (stored[k] for k in ("position", "direction", "weight"))
+        attrs = _attrs(str(stored["attrs"]))
+        return bundle(position, direction, weight, stored.get("batch"), attrs)
+
+
+def _read_csv(file: Path) -> Any:
+    with file.open(encoding="utf-8") as lines:
+        first, second = lines.readline(), lines.readline().strip().split(",")
+        attrs = _attrs(first.removeprefix("#"))
+        if tuple(second[:7]) != _COLUMNS or second[7:] not in ([], ["batch"]):
+            raise ValueError(f"columns {second}")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of no rays at all
+            table = np.loadtxt(lines, delimiter=",", ndmin=2)
+        table = table if table.size else np.empty((0, len(second)))
+    if table.shape[1] != len(second):
+        raise ValueError(f"{table.shape[1]} columns")
+    batch = table[:, 7].astype(np.int32) if len(second) > 7 else None
+    return bundle(table[:, :3], table[:, 3:6], table[:, 6], batch, attrs)
+
+
+def _read_netcdf(file: Path) -> Any:
+    required("h5netcdf")
+    file.stat()
+    with required("xarray").open_dataset(file, engine="h5netcdf") as stored:
+        return stored.load()
+
+
+def _read_dat(file: Path) -> Any:
+    columns, attrs = read_source_file(file)
+    return bundle(columns[:, :3], columns[:, 3:6], columns[:, 6], None, attrs)
+
+
+def _attrs(text: str) -> dict[str, Any]:
+    found = json.loads(text)
+    if not isinstance(found, dict):
+        raise ValueError("attributes that are no table")
+    return found
+
+
+def _plain(attrs: Any) -> dict[str, Any]:
+    """Attributes as JSON has them: NumPy's numbers as Python's, others as texts."""
+    named = {str(name): value for name, value in attrs.items()}
+    plain: dict[str, Any] = json.loads(json.dumps(named, default=_plain_value))
+    return plain
+
+
+def _plain_value(value: Any) -> Any:
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)

@@ -1,0 +1,195 @@
+"""Rays drawn from the Wigner function of a source."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.execution import Engine
+from polywigner.geometry import PlacedAperture
+from polywigner.geometry.arguments import checked_count, checked_number, checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.pose import rigid_pose
+from polywigner.illumination.obliquities import (
+    Obliquity,
+    checked_obliquity,
+    emission_factor,
+    weighted_sources,
+)
+from polywigner.propagation.stores_layout import source_attrs
+from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.hemisphere import largest_lag
+from polywigner.rays.bundles import bundle
+from polywigner.rays.draws import BATCHES, RaySampling, cone_of, numbers_of, positions_by
+from polywigner.transforms import lag_marginal, sample_automean, wigner
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["sample_rays"]
+
+Directions = Literal["beam", "uniform"]
+
+Values = NDArray[np.float64]
+
+# 12 GB of rays; of more draw several sets.
+_MOST = 100_000_000
+# Rays at a time: some 200 MB.
+_BLOCK = 1 << 20
+
+
+@takes_frequency
+def sample_rays(
+    source: PlaneSource | PlacedAperture,
+    wavelength: float,
+    count: int,
+    seed: int | np.random.Generator | None = 0,
+    *,
+    sampling: RaySampling = "uniform",
+    cone: float | None = None,
+    axis: ArrayLike = (0.0, 0.0, 1.0),
+    directions: Directions = "beam",
+    to_world: ArrayLike | None = None,
+    obliquity: Obliquity | None = None,
+    power: float | None = None,
+    engine: Engine = "auto",
+) -> xarray.Dataset:
+    """Rays of a source, weighted by its Wigner function: positions, directions and watts.
+
+    Each of n rays carries ``W(x, s_par/lambda) h/(lambda^2 p n)``, p the density of rays per area
+    and projected solid angle: the sum over rays is the power in their cone, without bias, and with
+    no ``cone`` that of :func:`power`. Weights are negative where W is. Source: docs/signed_rays.md,
+    (Y1).
+
+    Trace them through ray optics, then :func:`polywigner.rays.rebuild` the irradiance.
+
+    Parameters
+    ----------
+    source : Aperture, placed or not, or Array of apertures in the plane z = 0, |u|^2 on it in
+        W/m^2, with any fields. It radiates to +z.
+    wavelength : in m.
+    count : how many rays, up to 100 million.
+    seed : of the numbers, or a NumPy Generator.
+    sampling : positions uniform in the automean ("uniform"), or in proportion to the position
+        marginal ("marginal"), see :func:`sample_automean`; both from independent random numbers.
+        "quasi-random" is uniform from the numbers of Sobol sequences, which leave about half the
+        noise (needs scipy, of the extra ``arrays``): 16 independent sets, told apart by the
+        coordinate ``batch``.
+    cone : half angle in rad of the directions that rays are drawn in; None: the hemisphere.
+    axis : unit vector (3,), the middle of the cone in the frame of the source; that of the beam,
+        where the source is steered.
+    directions : "beam" draws most of them within wavelength/diameter of the axis, ever fewer
+        outside; "uniform" is uniform in projected solid angle.
+    to_world : (4, 4) rigid pose of the source; None: its own, or none. Units of m.
+    obliquity : as of :func:`irradiance`: None or "rayleigh-sommerfeld-1" is h = 1. Of the others h
+        grows towards the horizon, and what they add up to is |U|^2 on planes in front, no power.
+    power : int |u|^2 over the aperture in W; None: as the field of the source says.
+    engine : see :func:`fourier`.
+
+    Returns
+    -------
+    xarray.Dataset with ``position`` (ray, component) in m, ``direction`` (ray, component) and
+    ``weight`` (ray) in W. The settings are in its attributes.
+
+    Raises
+    ------
+    ArgumentError for arguments of the wrong type, shape or range; GeometryError for a pose that is
+    not rigid, or an Array whose elements do not lie in the plane z = 0; IlluminationError for a
+    power asked of a source without any; MissingExtraError without xarray or scipy.
+
+    >>> import polywigner as pw
+    >>> square = pw.shapes.square(10e-3)
+    >>> rays = pw.sample_rays(square, 3.2e-3, 4096)
+    >>> abs(float(rays.weight.sum()) / pw.power(square, 3.2e-3) - 1) < 0.1
+    True
+    >>> bool((rays.weight < 0).any())
+    True
+    """
+    radiator, pose = _placed(source, to_world)
+    length = checked_wavelength(wavelength)
+    density = positions_by(sampling)
+    least = 2 * BATCHES if sampling == "quasi-random" else 1
+    n = checked_count(count, "count", least, _MOST)
+    where = cone_of(cone, axis, _width(directions, radiator, length))
+    name = checked_obliquity(obliquity)
+    scale = 1.0 if power is None else _watts(power) / _energy(radiator)
+    parts = weighted_sources(radiator, name, length)
+
+    position, direction, weight = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
+    batch = np.empty(n, np.int32) if sampling == "quasi-random" else None
+    start = 0
+    for numbers, number in numbers_of(sampling, n, seed, _BLOCK):
+        some = slice(start, start + len(numbers))
+        places, per_area = sample_automean(radiator, numbers[:, 2:], density, engine=engine)
+        own, solid_angle = where.directions(numbers[:, :2])
+        radiance = _radiance(parts, places, own, length, engine)
+        weight[some] = radiance * (scale / n) * solid_angle / per_area
+        position[some] = places @ pose[:3, :2].T + pose[:3, 3]
+        direction[some] = own @ pose[:3, :3].T
+        if batch is not None and number is not None:
+            batch[some] = number
+        start += len(numbers)
+    attrs = {
+        "wavelength": length,
+        "frequency": SPEED_OF_LIGHT / length,
+        "count": n,
+        "sampling": sampling,
+        "obliquity": name,
+        **source_attrs(radiator),
+    }
+    return bundle(position, direction, weight, batch, attrs)
+
+
+def _placed(source: Any, to_world: Any) -> tuple[PlaneSource, Values]:
+    """The source in its own plane, and its pose (4, 4)."""
+    if not isinstance(source, PlacedAperture):
+        return checked_source(source), np.eye(4) if to_world is None else rigid_pose(to_world)
+    if to_world is not None:
+        raise ArgumentError(
+            "expected a placed aperture or to_world, got both; a placed aperture has a pose"
+        )
+    return source.aperture, source.pose
+
+
+def _width(directions: Any, source: PlaneSource, wavelength: float) -> float:
+    """The sine of the angle up to which rays are densest."""
+    if directions == "uniform":
+        return math.inf
+    if directions != "beam":
+        raise ArgumentError(f'expected directions to be "beam" or "uniform", got {directions!r}')
+    return wavelength / largest_lag(source)
+
+
+def _watts(power: Any) -> float:
+    meaning = "a number in W above zero"
+    watts = checked_number(power, "power", meaning)
+    if not watts > 0:
+        raise ArgumentError(f"expected power as {meaning}, got {power!r}")
+    return watts
+
+
+def _energy(source: PlaneSource) -> float:
+    """int |u|^2 in W."""
+    energy = float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))
+    if not energy > 0:
+        raise IlluminationError(
+            "expected a source with a field to give power to, got elements that cancel each other "
+            "everywhere"
+        )
+    return energy
+
+
+def _radiance(
+    parts: Any, places: Values, direction: Values, wavelength: float, engine: Engine
+) -> Values:
+    """Sums over the parts of their radiance times h, (n,) in W/(m^2 sr)."""
+    nu, cosine = direction[:, :2] / wavelength, direction[:, 2]
+    total = np.zeros(len(places))
+    for source, forms in parts:
+        total += wigner(source, places, nu, engine=engine) * emission_factor(forms, cosine)
+    return total / wavelength**2

@@ -1,0 +1,225 @@
+"""Rays in files: what is written is read back, for other programs as well, and damage is told."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.errors import ArgumentError, FileFormatError
+
+xarray = pytest.importorskip("xarray")
+
+Captured = pytest.CaptureFixture[str]
+
+WAVELENGTH = 3.2e-3
+# Of numbers in single precision, and of unit vectors of such.
+SINGLE, UNIT = 6e-8, 2e-7
+
+
+@pytest.fixture(scope="module")
+def rays() -> Any:
+    return pw.sample_rays(pw.shapes.square(10e-3), WAVELENGTH, 200, 7)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".csv", ".nc", ".NPZ"])
+@pytest.mark.parametrize("batches", [False, True])
+def test_rays_come_back_as_they_were(rays: Any, suffix: str, batches: bool, tmp_path: Path) -> None:
+    if suffix == ".nc":
+        pytest.importorskip("h5netcdf")
+    given = rays.assign_coords(batch=("ray", np.arange(200) % 4)) if batches else rays
+    path = tmp_path / "new folder" / f"rays{suffix}"
+    assert pw.rays.save(given, path) == (path,)
+    found = pw.rays.load(path)
+    for name in ("position", "direction", "weight", *(["batch"] if batches else [])):
+        assert np.array_equal(found[name].values, given[name].values)
+    assert found.attrs == given.attrs
+    (copy,) = pw.rays.save(found, path.with_suffix(".csv"))
+    assert pw.rays.load(copy).attrs == given.attrs
+    if copy != path:
+        copy.unlink()
+    assert [p.name for p in path.parent.iterdir()] == [path.name]
+    grid = 0.1, (-0.05, -0.05, 0.05, 0.05), (3, 3)
+    again, before = pw.rays.rebuild(found, *grid), pw.rays.rebuild(given, *grid)
+    assert np.array_equal(again.standard_error.values, before.standard_error.values)
+
+
+def test_a_source_file_of_opticstudio_is_written_byte_by_byte(rays: Any, tmp_path: Path) -> None:
+    path = tmp_path / "rays.dat"
+    pw.rays.save(rays, path)
+    content = path.read_bytes()
+    assert len(content) == 208 + 200 * 7 * 4
+    assert struct.unpack_from("<iI", content) == (1010, 200)
+    assert content[8:108].rstrip(b"\0") == b"polywigner rays of 200: signed"
+    flux, set_flux, micrometres = struct.unpack_from("<3f", content, 108)
+    assert flux == set_flux == pytest.approx(float(rays.weight.sum()), rel=1e-6)
+    assert micrometres == pytest.approx(3200.0)
+    assert struct.unpack_from("<i", content, 136) == (4,)  # mm
+    assert struct.unpack_from("<4i", content, 192) == (0, 0, 0, 0)
+    x, y, z, l, m, n, w = struct.unpack_from("<7f", content, 208 + 5 * 28)  # noqa: E741
+    ray = rays.isel(ray=5)
+    assert (x, y, z) == pytest.approx(tuple(ray.position.values * 1e3), rel=SINGLE, abs=1e-30)
+    assert (l, m, n) == pytest.approx(tuple(ray.direction.values), rel=SINGLE)
+    assert w == pytest.approx(float(ray.weight), rel=SINGLE)
+
+
+@pytest.mark.parametrize("unit", ["m", "in", "cm", "ft", "mm"])
+def test_source_files_come_back_in_single_precision(rays: Any, unit: Any, tmp_path: Path) -> None:
+    path = tmp_path / "rays.dat"
+    pw.rays.save(rays, path, unit=unit)
+    found = pw.rays.load(path)
+    assert found.position.values == pytest.approx(rays.position.values, rel=2 * SINGLE, abs=1e-30)
+    assert found.direction.values == pytest.approx(rays.direction.values, abs=UNIT)
+    assert found.weight.values == pytest.approx(rays.weight.values, rel=SINGLE)
+    assert found.attrs == {"wavelength": pytest.approx(WAVELENGTH, rel=SINGLE), "count": 200}
+
+
+def test_split_files_hold_powers_above_zero_and_are_the_whole_together(
+    rays: Any, tmp_path: Path
+) -> None:
+    paths = pw.rays.save(rays, tmp_path / "rays.dat", split=True)
+    assert [path.name for path in paths] == ["rays_positive.dat", "rays_negative.dat"]
+    for path in paths:
+        stored = np.fromfile(path, "<f4", offset=208).reshape(-1, 7)
+        assert (stored[:, 6] > 0).all()
+    parts = [pw.rays.load(path) for path in paths]
+    whole = xarray.concat(parts, "ray", combine_attrs="override")
+    order = np.argsort(np.sign(-rays.weight.values), kind="stable")
+    assert whole.weight.values == pytest.approx(rays.weight.values[order], rel=SINGLE)
+    assert whole.attrs["count"] == 200
+
+
+def foreign(kind: int = 0, unit: int = 4, flux: int = 0, second: float = 0.5) -> bytes:
+    """A file of another program: two rays, in the spectral format eight numbers each."""
+    head = struct.pack("<iI100s", 8675309, 2, b"LED") + struct.pack("<7f", 1, 1, 0, 0, 180, 0, 360)
+    head += struct.pack("<i13f", unit, *[0.0] * 13) + struct.pack("<4i", kind, flux, 0, 0)
+    rows = [(1, 2, 3, 0, 0.6, 0.8, 0.25), (4, 5, 6, 0, 0, 1, 0.75)]
+    spectra = [(*rows[0], 0.5), (*rows[1], second)] if kind == 2 else rows
+    return head + b"".join(struct.pack(f"<{len(row)}f", *row) for row in spectra)
+
+
+@pytest.mark.parametrize("kind", [0, 2])
+def test_source_files_of_other_programs_are_read(kind: int, tmp_path: Path) -> None:
+    path = tmp_path / "led.dat"
+    path.write_bytes(foreign(kind))
+    found = pw.rays.load(path)
+    expected = [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]]
+    assert found.position.values == pytest.approx(np.array(expected), rel=SINGLE)
+    assert found.direction.values[0] == pytest.approx([0, 0.6, 0.8], abs=UNIT)
+    assert found.weight.values.tolist() == [0.25, 0.75]
+    assert found.attrs == ({"wavelength": pytest.approx(0.5e-6)} if kind == 2 else {})
+
+
+DAMAGED: dict[str, tuple[str, bytes | str, str]] = {
+    "cut header": ("r.dat", b"\0" * 100, "100 bytes"),
+    "another format": ("r.dat", b"PK" * 200, "identifier"),
+    "cut rays": ("r.dat", foreign()[:-4], "52 bytes for 2 rays"),
+    "another unit": ("r.dat", foreign(unit=9), "unit 9"),
+    "another kind": ("r.dat", foreign(kind=1), "format 1"),
+    "lumens": ("r.dat", foreign(flux=1), "lumens"),
+    "colours": ("r.dat", foreign(kind=2, second=0.6), "one wavelength"),
+    "no archive": ("r.npz", b"PK\3\4 and so on", "r.npz"),
+    "no table": ("r.csv", "# {}\nx,y\n1,2\n", "columns"),
+    "words": ("r.csv", "# {}\nx,y,z,l,m,n,weight\n1,2,3,0,0,one,1\n", "r.csv"),
+    "no attributes": ("r.csv", "x,y,z,l,m,n,weight\n0,0,0,0,0,1,1\n", "r.csv"),
+    "no vectors": ("r.csv", "# {}\nx,y,z,l,m,n,weight\n0,0,0,0,0,2,1\n", "unit vectors"),
+    "no netcdf": ("r.nc", b"CDF and so on", "r.nc"),
+}
+
+
+@pytest.mark.parametrize(("name", "content", "said"), DAMAGED.values(), ids=DAMAGED)
+def test_damaged_files_are_refused_in_a_sentence(
+    name: str, content: bytes | str, said: str, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises((FileFormatError, ArgumentError), match=said) as caught:
+        pw.rays.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_archives_without_rays_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "r.npz"
+    np.savez(path, position=np.zeros((2, 3)))
+    with pytest.raises(FileFormatError, match=r"r\.npz"):
+        pw.rays.load(path)
+    np.savez(path, position=np.array([{}]), direction=0, weight=0, attrs="{}")
+    with pytest.raises(FileFormatError, match=r"r\.npz"):
+        pw.rays.load(path)
+    with pytest.raises(FileFormatError, match="absent"):
+        pw.rays.load(tmp_path / "absent.npz")
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda rays, p: pw.rays.save(rays, p / "rays.txt"), "npz"),
+        (lambda rays, p: pw.rays.save(rays, p / "rays.csv", split=True), "dat"),
+        (lambda rays, p: pw.rays.save(rays, p / "rays.dat", unit="km"), "unit"),
+        (lambda rays, p: pw.rays.save(3, p / "rays.npz"), "sample_rays"),
+        (lambda rays, p: pw.rays.save(rays, 3), "path"),
+        (lambda rays, p: pw.rays.load(p / "rays.txt"), "npz"),
+    ],
+)
+def test_arguments_are_checked_and_nothing_is_written(
+    rays: Any, call: Callable[[Any, Path], object], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ArgumentError, match=said):
+        call(rays, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def square(tmp_path: Path) -> Path:
+    path = tmp_path / "square.wkt"
+    path.write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    return path
+
+
+COMMAND = ("--wavelength", "3.2 mm", "--count", "200", "--seed", "7")
+
+
+def test_the_command_line_writes_the_same_rays(rays: Any, square: Path, capsys: Captured) -> None:
+    out = square.parent / "rays.csv"
+    assert main(["rays", str(square), *COMMAND, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert f"power         {float(rays.weight.sum()):.6g} W +- " in printed
+    assert printed.endswith(f"{out}\n")
+    found = pw.rays.load(out)
+    assert found.weight.values == pytest.approx(rays.weight.values, rel=1e-9)
+    options = ("--format", "dat", "--split", "--power", "1 mW", "--cone", "60 deg")
+    assert main(["rays", str(square), *COMMAND, *options, "--out", str(square.parent)]) == 0
+    capsys.readouterr()
+    names = sorted(path.name for path in square.parent.glob("*.dat"))
+    assert names == ["square_rays_negative.dat", "square_rays_positive.dat"]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--count", "0"], "count"),
+        (["--sampling", "sobol"], "sampling"),
+        (["--directions", "all"], "directions"),
+        (["--cone", "100 deg"], "cone"),
+        (["--cone", "wide"], "angle"),
+        (["--power", "much"], "power"),
+        (["--format", "txt"], "--format"),
+        (["--split"], "--split"),
+        (["--obliquity", "lambert"], "obliquity"),
+        (["--seed", "-1"], "seed"),
+    ],
+)
+def test_input_that_cannot_be_used_is_refused_in_a_line(
+    square: Path, options: list[str], said: str, capsys: Captured
+) -> None:
+    out = square.parent / "out"
+    assert main(["rays", str(square), *COMMAND, *options, "--out", f"{out}/"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1 and said in lines[0]
+    assert not out.exists()
