@@ -23,6 +23,7 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.plugins import register  # noqa: E402
+from polywigner.mitsuba.range_profile import range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
@@ -49,6 +50,7 @@ __all__ = [
     "choose_variant",
     "has_wigner_emitter",
     "load_scene",
+    "range_profile",
     "received_power",
     "received_powers",
     "receiver",
