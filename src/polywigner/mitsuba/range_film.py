@@ -132,7 +132,7 @@ def _film_class(base: Any, variant: str) -> Any:
             offset = self.crop_offset()
             column, row = m.Int32(pos.x) - int(offset[0]), m.Int32(pos.y) - int(offset[1])
             pixel = m.UInt32(row * self._shape[1] + column)
-            value = m.Float64(_grey(m, spec * m.Spectrum(ray_weight), wavelengths))
+            value = m.Float64(_luminance(m, spec * m.Spectrum(ray_weight), wavelengths))
             place = pixel * self._shape[2] + passed
             dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, place, active)
 
@@ -146,12 +146,12 @@ def _film_class(base: Any, variant: str) -> Any:
     return RangeFilm
 
 
-def _grey(m: Any, value: Any, wavelengths: Any) -> Any:
-    """The mean of colours."""
+def _luminance(m: Any, value: Any, wavelengths: Any) -> Any:
+    """What a film of one channel keeps."""
     plain = m.unpolarized_spectrum(value)
-    if mi.is_spectral:
-        plain = m.spectrum_to_srgb(plain, wavelengths)
-    return dr.mean(plain)
+    if mi.is_monochromatic:
+        return plain.x
+    return m.luminance(m.spectrum_to_srgb(plain, wavelengths) if mi.is_spectral else plain)
 
 
 @cache

@@ -86,7 +86,7 @@ def range_profile(
     MissingExtraError : no mitransient. EngineError : a scalar variant. ArgumentError : edges that
         do not rise, other arguments out of range. SceneError : as of
         :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; a receiver in
-        fog, or uneven fog, whose paths mitransient measures too short.
+        fog, or uneven fog, in which mitransient measures paths too short.
     """
     edges = checked_ranges(ranges)
     require_transients()
@@ -144,7 +144,7 @@ class Ranging(Scattering):
         sources = wigner_emitters(scene)
         sensor = scene.sensors()[self.sensor]
         asked = exposed(scene, self.integrator, 1, 0, self.sensor, warn=number == 0).integrator
-        integrator = transient_integrator(asked)
+        integrator = transient_integrator(asked, scene, sensor)
         edges = np.array(self.edges)
         own = seed_of(self.seed, number)
         found = []

@@ -219,8 +219,9 @@ def depths_of(integrator: Any) -> dict[str, int]:
     """``max_depth``, -1 for paths without end, and ``rr_depth`` of an integrator."""
     # Mitsuba's own tell them in their text alone
     told = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
-    known = {"max_depth": -1, "rr_depth": 0} | {name: int(value) for name, value in told}
-    found = {name: int(getattr(integrator, name, value)) for name, value in known.items()}
+    found: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
+    found.update((name, int(value)) for name, value in told)
+    found.update((name, int(getattr(integrator, name, value))) for name, value in found.items())
     if found["max_depth"] == _ENDLESS:
         found["max_depth"] = -1
     return found

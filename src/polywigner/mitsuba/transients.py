@@ -31,8 +31,8 @@ _COUNTERPARTS = {
     "DirectIntegrator": _PATH,
     "PRBIntegrator": _PATH,
     "BasicPRBIntegrator": _PATH,
-    "VolumetricSimplePathIntegrator": _VOLUME,
-    "VolumetricMisPathIntegrator": _VOLUME,
+    "VolumetricPathIntegrator": _VOLUME,
+    "VolpathMisIntegratorImpl": _VOLUME,
     "PRBVolpathIntegrator": _VOLUME,
 }
 # Mitsuba's `direct` has no depth to tell: emitter, surface, receiver.
@@ -76,15 +76,50 @@ def _is_for_this_variant() -> bool:
     return films is not None and issubclass(films.TransientHDRFilm, mi.Film)
 
 
-def transient_integrator(integrator: Any) -> Any:
+def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
     """The integrator that follows the same paths as this one and tells their lengths.
 
     ``integrator``: of Mitsuba, whose depths are taken over; or one of mitransient, as it is.
+
+    Raises
+    ------
+    What :func:`require_transients` does; SceneError for an integrator without path lengths, and for
+    fog that mitransient cannot measure paths in.
     """
-    modules = require_transients()
-    if isinstance(integrator, modules.integrators.common.TransientADIntegrator):
+    require_transients()
+    found = _counterpart(integrator)
+    if type(found).__name__ == "TransientPRBVolpathIntegrator":
+        _check_fog(scene, sensor)
+    return found
+
+
+def _check_fog(scene: Any, sensor: Any) -> None:
+    """SceneError for fog around the sensor, which mitransient leaves out, and for uneven fog.
+
+    It adds no length where it passes an imagined particle of uneven fog.
+    """
+    if sensor.get_medium() is not None:
+        raise SceneError(
+            "expected a sensor outside of fog for ranges, got one with a medium; take the medium "
+            "out of the sensor, and set the bounds of the fog in front of it"
+        )
+    media = [
+        medium
+        for shape in scene.shapes()
+        for medium in (shape.interior_medium(), shape.exterior_medium())
+    ]
+    if not all(medium is None or medium.is_homogeneous() for medium in media):
+        raise SceneError(
+            "expected even fog for ranges, got a heterogeneous medium, in which mitransient "
+            "measures paths too short; use homogeneous ones"
+        )
+
+
+def _counterpart(integrator: Any) -> Any:
+    if type(integrator).__module__.startswith(f"{_NAME}."):
         return integrator
-    name = integrator.class_name()
+    known = integrator.class_name()  # the same of all that are written in Python
+    name = known if known in _COUNTERPARTS else type(integrator).__name__
     if name not in _COUNTERPARTS:
         raise SceneError(
             "expected an integrator whose paths have lengths, got "
