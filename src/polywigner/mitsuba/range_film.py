@@ -6,6 +6,7 @@ has bins of one width, adds them in single precision and drops what lies outside
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.mitsuba.films import film_of
+from polywigner.mitsuba.films import film_of, fineness
 from polywigner.mitsuba.parts import cut_of, seed_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME, is_receiver, receiver_class
 from polywigner.mitsuba.transients import require_transients
@@ -37,22 +38,12 @@ def sorted_by_range(
     longer ones. Films of receivers are taken as one pixel; other films keep size and crop, with a
     box filter.
     """
-    ranged = _ranged(scene, sensor, edges)
-    film = ranged.film()
-    cut = cut_of(ranged, spp)
+    cut = cut_of(sensor, spp)
     total: Any = 0.0
-    try:
-        for index in range(cut.passes):
-            samples = spp // cut.passes + (index < spp % cut.passes)
-            integrator.render(scene, ranged, seed=seed_of(seed, index), spp=samples)
-            total = total + samples / spp * film.found()
-    except RuntimeError as error:
-        cause = error.__cause__ or error
-        raise SceneError(
-            f"expected a scene that {type(integrator).__name__} can render: {cause}"
-        ) from error
-    finally:
-        ranged.release()
+    for index in range(cut.passes):
+        samples = spp // cut.passes + (index < spp % cut.passes)
+        rendered = _rendered(scene, sensor, integrator, edges, samples, seed_of(seed, index))
+        total = total + samples / spp * rendered
     bad = int(np.count_nonzero(~np.isfinite(total)))
     if bad:
         raise SceneError(
@@ -62,9 +53,37 @@ def sorted_by_range(
     return np.asarray(total)
 
 
-def _ranged(scene: Any, sensor: Any, edges: Floats) -> Any:
+def _rendered(
+    scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
+) -> Floats:
+    """What is rendered in one go, with the samples of :func:`polywigner.mitsuba.render`."""
+    factor = fineness(sensor, spp)
+    own = _whole(scene, sensor, factor) if is_receiver(sensor) else sensor
+    ranged = _ranged(own, edges)
+    try:
+        integrator.render(scene, ranged, seed=seed, spp=math.ceil(spp / factor**2))
+        found = ranged.film().found()
+    except RuntimeError as error:
+        cause = error.__cause__ or error
+        raise SceneError(
+            f"expected a scene that {type(integrator).__name__} can render: {cause}"
+        ) from error
+    finally:
+        ranged.release()
+    return np.asarray(found.mean(axis=(0, 1), keepdims=True)) if is_receiver(sensor) else found
+
+
+def _whole(scene: Any, receiver: Any, factor: int) -> Any:
+    """The same receiver with a film that reads all of its power: the mean of so many pixels."""
+    props = mi.Properties(RECEIVER_NAME)
+    props["film"], props["sampler"] = mi.load_dict(film_of(factor, factor)), receiver.sampler()
+    found = receiver_class(mi.variant())(receiver.spec, props)
+    found.fineness, found.scene = factor, scene
+    return found
+
+
+def _ranged(own: Any, edges: Floats) -> Any:
     """A sensor that looks as this one and has a film by range."""
-    own = _one_pixel(scene, sensor) if is_receiver(sensor) else sensor
     film = own.film()
     size, window, offset = film.size(), film.crop_size(), film.crop_offset()
     count = int(window[0]) * int(window[1]) * (len(edges) + 1)
@@ -81,17 +100,8 @@ def _ranged(scene: Any, sensor: Any, edges: Floats) -> Any:
     base = require_transients().films.transient_hdr_film.TransientHDRFilm
     ranged_film = _film_class(base, mi.variant())(about, edges)
     props = mi.Properties("range_sensor")
-    props["film"], props["sampler"] = ranged_film, sensor.sampler()
+    props["film"], props["sampler"] = ranged_film, own.sampler()
     return _sensor_class(mi.variant())(own, ranged_film, props)
-
-
-def _one_pixel(scene: Any, receiver: Any) -> Any:
-    """The same receiver with a film of one pixel, which reads all of its power."""
-    props = mi.Properties(RECEIVER_NAME)
-    props["film"] = mi.load_dict(film_of(1, 1))
-    found = receiver_class(mi.variant())(receiver.spec, props)
-    found.scene = scene
-    return found
 
 
 @cache
