@@ -55,8 +55,9 @@ def require_transients() -> Any:
     found = sys.modules.get(_NAME)
     if found is not None and _is_for_this_variant():
         return found
-    for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
-        del sys.modules[name]
+    if found is not None:
+        for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
+            del sys.modules[name]
     # an import of it chooses a variant for child processes too
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
