@@ -95,6 +95,14 @@ def receive(
     noise_figure: Annotated[
         str | None, typer.Option(help="Such as '3 dB' (default: the receiver's own, else 0 dB).")
     ] = None,
+    range_: Annotated[
+        str | None,
+        typer.Option(
+            "--range",
+            help="Sort what is scattered by range as well, such as '0 m to 60 m' (docs/range.md).",
+        ),
+    ] = None,
+    bins: Annotated[int | None, typer.Option(help="Of the range (default: 256).")] = None,
     define: Annotated[
         list[str] | None,
         typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
@@ -108,8 +116,9 @@ def receive(
     """Say what power the receivers of a scene get, straight, by mirrors and scattered.
 
     Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
-    NAME.png. With --scheduler, the workers of a cluster share the batches of samples, and the run
-    is resumable.
+    NAME.png; with --range, power by half the length of its path NAME_range.nc and NAME_range.png
+    too. With --scheduler, the workers of a cluster share the batches of samples, and the run is
+    resumable.
     """
     from polywigner.cli.receive import run_receive
 
@@ -123,6 +132,8 @@ def receive(
         bandwidth=bandwidth,
         temperature=temperature,
         noise_figure=noise_figure,
+        range_text=range_,
+        bins=bins,
         define=define or [],
         floor_db=db_floor,
         resumable=resumable,

@@ -147,7 +147,7 @@ def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64
         with receiving(scene), refined(camera, factor):
             image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
             return coarse(np.array(image, dtype=np.float64), factor)
-    except RuntimeError as error:
+    except (RuntimeError, AssertionError) as error:
         # Dr.Jit says only that something failed; what failed is the cause.
         cause = error.__cause__ or error
         raise SceneError(

@@ -39,13 +39,17 @@ _COUNTERPARTS = {
 _DEPTH_OF_DIRECT = 2
 
 
-def require_transients() -> Any:
+def require_transients(variant: str | None = None) -> Any:
     """mitransient for the variant that is set, its plugins registered.
+
+    ``variant``: set first, if given.
 
     Raises
     ------
     MissingExtraError without it; EngineError for a scalar variant, which it has no integrators for.
     """
+    if variant is not None:
+        mi.set_variant(variant)
     variant = mi.variant()
     if variant is None or variant.startswith("scalar"):
         raise EngineError(
