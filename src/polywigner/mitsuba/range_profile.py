@@ -36,7 +36,7 @@ from polywigner.mitsuba.unseen import lit_by, unseen, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 
-__all__ = ["Ranging", "checked_ranges", "profile_of", "range_profile", "ranged"]
+__all__ = ["Ranging", "checked_ranges", "profile_of", "range_axes", "range_profile", "ranged"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -228,11 +228,8 @@ def _described(
             "range that the bandwidth resolves, c/(2 B)",
         ),
     }
-    middles = (edges[1:] + edges[:-1]) / 2
-    length = {"units": "m", "long_name": "range, half the length of the path"}
     coords = {
-        "range": LabelledArray(middles, ("range",), length),
-        "range_edge": LabelledArray(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+        **range_axes(edges),
         "emitter": LabelledArray(np.array(names), ("emitter",)),
     }
     single = len(parties.places) == 1
@@ -259,3 +256,13 @@ def _described(
         coords,
         about,
     )
+
+
+def range_axes(edges: Floats) -> dict[str, LabelledArray]:
+    """Middles and edges of bins as coordinates."""
+    length = {"units": "m", "long_name": "range, half the length of the path"}
+    middles = (edges[1:] + edges[:-1]) / 2
+    return {
+        "range": LabelledArray(middles, ("range",), length),
+        "range_edge": LabelledArray(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+    }
