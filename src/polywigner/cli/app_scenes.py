@@ -36,6 +36,14 @@ def render(
         str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    range_: Annotated[
+        str | None,
+        typer.Option(
+            "--range",
+            help="A frame for each bin of range as well, such as '0 m to 30 m' (docs/range.md).",
+        ),
+    ] = None,
+    bins: Annotated[int | None, typer.Option(help="Of the range (default: 64).")] = None,
     resumable: Resumable = False,
     threads: Threads = None,
     scheduler: Scheduler = None,
@@ -44,8 +52,9 @@ def render(
 ) -> None:
     """Render a Mitsuba scene lit by a coherent aperture.
 
-    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json. With
-    --scheduler, the workers of a cluster share the parts of the picture, and the run is resumable.
+    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json; with
+    --range the animated picture NAME_range.gif and its frames NAME_range.nc. With --scheduler, the
+    workers of a cluster share the parts of the picture, and the run is resumable.
     """
     from polywigner.cli.render import RenderSettings, run_render
 
@@ -57,6 +66,8 @@ def render(
         integrator=integrator,
         sampler=sampler,
         seed=seed,
+        range_text=range_,
+        bins=bins,
         floor_db=db_floor,
         resumable=resumable,
         threads=threads,

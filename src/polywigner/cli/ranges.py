@@ -12,14 +12,16 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["draw_ranges", "parse_ranges", "ranges_record", "ranges_text"]
+__all__ = ["draw_ranges", "parse_ranges", "prepare_ranges", "ranges_record", "ranges_text"]
 
-_BINS = 256
+_BINS = {"receive": 256, "render": 64}
 _MOST_BINS = 2**16
 
 
-def parse_ranges(text: str | None, bins: int | None) -> NDArray[np.float64] | None:
+def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np.float64] | None:
     """Edges in m of bins of one width, of a text such as "0 m to 60 m"; None without one.
+
+    ``command``: "receive" or "render", which have other numbers of bins by default.
 
     Raises
     ------
@@ -31,7 +33,7 @@ def parse_ranges(text: str | None, bins: int | None) -> NDArray[np.float64] | No
         if bins is not None:
             raise ArgumentError("expected --bins with --range, got it alone; add a --range")
         return None
-    count = _BINS if bins is None else bins
+    count = _BINS[command] if bins is None else bins
     if not 1 <= count <= _MOST_BINS:
         raise ArgumentError(f"expected --bins from 1 to {_MOST_BINS}, got {count}")
     ends = text.split(" to ")
@@ -46,6 +48,21 @@ def parse_ranges(text: str | None, bins: int | None) -> NDArray[np.float64] | No
             "'0 m to 60 m'"
         )
     return np.linspace(first, last, count + 1)
+
+
+def prepare_ranges(variant: str) -> None:
+    """Set the variant, and load what ranges take; before the scene, which may name its integrators.
+
+    Raises
+    ------
+    MissingExtraError without it; EngineError for a variant that has no ranges.
+    """
+    from polywigner.mitsuba.transients import require_transients
+    from polywigner.propagation.stores_files import required
+
+    for module in ("xarray", "h5netcdf", "dask"):
+        required(module)
+    require_transients(variant)
 
 
 def _of(profile: Any, name: str, receiver: int, count: int) -> Any:

@@ -17,7 +17,13 @@ from polywigner.cli.output import (
     targets,
     writing,
 )
-from polywigner.cli.ranges import draw_ranges, parse_ranges, ranges_record, ranges_text
+from polywigner.cli.ranges import (
+    draw_ranges,
+    parse_ranges,
+    prepare_ranges,
+    ranges_record,
+    ranges_text,
+)
 from polywigner.cli.scenes import (
     check_is_file,
     check_is_no_aperture,
@@ -102,7 +108,7 @@ def run_receive(
         "noise_figure": None if noise_figure is None else parse_noise_figure(noise_figure),
     }
     stem = output_stem(out, Path(scene).stem + "_received")
-    edges = parse_ranges(range_text, bins)
+    edges = parse_ranges(range_text, bins, "receive")
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
     files = targets(stem, (".json", ".png", *by_range))
     check_writable(files)
@@ -120,9 +126,8 @@ def run_receive(
     from polywigner.mitsuba.receiving_arguments import asked_of
     from polywigner.mitsuba.scene_receptions import receive_parts, receive_ranges
     from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
-    from polywigner.mitsuba.transients import require_transients
     from polywigner.propagation.exports import write_netcdf
-    from polywigner.propagation.stores_files import require_stores, required
+    from polywigner.propagation.stores_files import require_stores
 
     if store is not None:
         require_stores(scheduler)
@@ -132,8 +137,7 @@ def run_receive(
     profile = None
     with to_list() as messages:
         if edges is not None:
-            required("xarray")
-            require_transients(chosen)  # first: the scene may name its integrators
+            prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, None, defined)
         loaded = file.load()
         receivers_of(loaded)
