@@ -24,6 +24,8 @@ pytestmark = [
 pm = pytest.importorskip("polywigner.mitsuba")
 import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
 
+from polywigner.mitsuba.transients import require_transients  # noqa: E402
+
 WAVELENGTH = 3.19e-3
 SQUARE = pw.shapes.square(10e-3)
 LARGE = pw.shapes.square(100e-3)
@@ -132,8 +134,14 @@ def test_without_mitransient_the_extra_is_named(monkeypatch: pytest.MonkeyPatch)
 
 def test_what_has_no_path_lengths_is_refused() -> None:
     scene = scene_of(tx=emitter(), rx=receiver(), plate=plate(1.0, at(0.0, 5.0)))
+    require_transients()
     with pytest.raises(SceneError, match="expected an integrator"):
         pm.range_profile(scene, [0.0, 9.0], integrator="depth", spp=16)
+    with pytest.raises(SceneError, match="camera_unwarp"):
+        unwarped = mi.load_dict({"type": "transient_path", "camera_unwarp": True})
+        pm.range_profile(scene, [0.0, 9.0], integrator=unwarped, spp=16)
+    with pytest.raises(SceneError, match="sensor of its own"):
+        pm.range_profile(scene, [0.0, 9.0], integrator="transient_nlos_path", spp=16)
     fog = {"type": "heterogeneous", "albedo": 0.5, "sigma_t": {"type": "gridvolume"}}
     fog["sigma_t"]["grid"] = mi.VolumeGrid(np.ones((2, 2, 2, 1), np.float32))
     cube = {"type": "cube", "bsdf": {"type": "null"}, "interior": fog}
