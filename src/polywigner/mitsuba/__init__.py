@@ -10,6 +10,8 @@ to every Mitsuba variant. It never sets a variant.
 - ``plugins``: both made known to Mitsuba
 - ``received_power``: what receivers get; ``direct_light`` by ``links``, ``mirrors`` and
   ``visibility``; ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
+- ``range_profile``, ``range_frames``: by lengths of paths, with the integrators of ``transients``
+  and ``range_film``
 - ``exact``: exact irradiances in its place, for points that a source lights
 - ``scenes``: loading scenes and choosing variants; ``rendering``: their images; ``shadows``
 - ``parts``: those of a picture; ``scene_renders``, ``scene_receptions``: scene files on this
@@ -23,6 +25,8 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.plugins import register  # noqa: E402
+from polywigner.mitsuba.range_frames import range_frames  # noqa: E402
+from polywigner.mitsuba.range_profile import range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
@@ -49,6 +53,8 @@ __all__ = [
     "choose_variant",
     "has_wigner_emitter",
     "load_scene",
+    "range_frames",
+    "range_profile",
     "received_power",
     "received_powers",
     "receiver",
