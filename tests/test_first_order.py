@@ -80,6 +80,22 @@ def test_a_lens_between_two_focal_lengths_is_a_fourier_transformer_and_two_are_a
     assert unit(half @ half) == pytest.approx(-np.eye(4), abs=ROUNDING)
 
 
+def test_an_image_made_of_lenses_and_distances_is_one_in_spite_of_rounding() -> None:
+    rng = np.random.default_rng(4)
+    for focus, near, beyond in rng.uniform(0.03, 0.7, (50, 3)):
+        far = 1 / (1 / focus - 1 / (focus + near))
+        image = (
+            pw.FirstOrder.free_space(far)
+            @ pw.FirstOrder.lens(focus)
+            @ pw.FirstOrder.free_space(focus + near)
+        )
+        assert not image.B.any() and image.A[0, 0] == pytest.approx(-focus / near, rel=1e-12)
+        away = pw.FirstOrder.free_space(beyond)
+        relay = away.inverse @ away @ image @ image
+        assert not relay.B.any()
+        assert (pw.FirstOrder.free_space(1e-9 * far) @ image).B.any()
+
+
 def test_crossed_cylinders_of_one_focal_length_are_a_lens_whatever_their_angle() -> None:
     flat = pw.FirstOrder.lens((0.1, math.inf), 0.3) @ pw.FirstOrder.lens((math.inf, 0.1), 0.3)
     assert unit(flat) == pytest.approx(unit(pw.FirstOrder.lens(0.1)), abs=ROUNDING)

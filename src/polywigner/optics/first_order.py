@@ -18,6 +18,8 @@ __all__ = ["FirstOrder", "restored"]
 
 Matrix = NDArray[np.float64]
 
+# Of each element of a matrix as it is given, and of each product.
+_ULP = 2.0**-52
 # Relative to the products that conditions are sums of: a matrix typed to ten digits passes, one
 # with a wrong sign or a forgotten element does not.
 _SYMPLECTIC = 1e-9
@@ -49,6 +51,9 @@ class FirstOrder:
 
     matrix: Matrix
     """(4, 4), read-only."""
+    _rounding: Matrix
+    """Bounds on what the elements are wrong by, (4, 4): what is no larger than that is zero, so that
+    an image that is composed of lenses and distances is one."""
 
     def __init__(self, matrix: ArrayLike) -> None:
         try:
@@ -62,7 +67,8 @@ class FirstOrder:
         if not np.isfinite(given).all():
             raise ArgumentError("expected a ray matrix of finite numbers, got inf or nan")
         _check_symplectic(given)
-        _set(self, np.kron(given, _ONE) if len(given) == 2 else given.copy())
+        full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
+        _set(self, full, _ULP * abs(full))
 
     @classmethod
     def free_space(cls, z: float) -> FirstOrder:
@@ -213,8 +219,10 @@ class FirstOrder:
     @property
     def inverse(self) -> FirstOrder:
         """The system that undoes this one: [[D^T, -B^T], [-C^T, A^T]]."""
-        blocks = [[self.D.T, -self.B.T], [-self.C.T, self.A.T]]
-        return restored(np.block(blocks) + 0.0)
+        swap = np.array([2, 3, 0, 1])
+        signs = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((2, 2)))
+        matrix, rounding = (m.T[swap][:, swap] for m in (self.matrix, self._rounding))
+        return restored(signs * matrix + 0.0, rounding)
 
     @property
     def is_symmetric(self) -> bool:
@@ -258,10 +266,14 @@ class FirstOrder:
         """The system that is ``other`` followed by this one."""
         if not isinstance(other, FirstOrder):
             return NotImplemented
-        product = self.matrix @ other.matrix
+        with np.errstate(over="ignore", invalid="ignore"):
+            product = _product(self.matrix, other.matrix)
         if not np.isfinite(product).all():
             raise ArgumentError("expected systems whose product is finite, got one that overflows")
-        return restored(product)
+        first, second = abs(self.matrix), abs(other.matrix)
+        rounding = _product(self._rounding + _ULP * first, second)
+        rounding += _product(first, other._rounding)
+        return restored(np.where(abs(product) <= rounding, 0.0, product), rounding)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, FirstOrder):
@@ -280,7 +292,7 @@ class FirstOrder:
         return shown_as_html("FirstOrder", rows)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return restored, (np.array(self.matrix),)
+        return restored, (np.array(self.matrix), np.array(self._rounding))
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"a FirstOrder cannot be changed ({name}); build a new one")
@@ -289,16 +301,22 @@ class FirstOrder:
         raise AttributeError(f"a FirstOrder cannot be changed ({name}); build a new one")
 
 
-def restored(matrix: Matrix) -> FirstOrder:
+def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:
     """A system of a matrix (4, 4) that is known to be symplectic: products keep that, rounded."""
     system = FirstOrder.__new__(FirstOrder)
-    _set(system, matrix)
+    _set(system, matrix, rounding)
     return system
 
 
-def _set(system: FirstOrder, matrix: Matrix) -> None:
-    matrix.setflags(write=False)
-    object.__setattr__(system, "matrix", matrix)
+def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
+    for name, value in (("matrix", matrix), ("_rounding", rounding)):
+        value.setflags(write=False)
+        object.__setattr__(system, name, value)
+
+
+def _product(first: Matrix, second: Matrix) -> Matrix:
+    """The product of matrices by rounded products: fused ones differ between machines."""
+    return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)
 
 
 def _check_symplectic(matrix: Matrix) -> None:

@@ -22,7 +22,7 @@ Named = tuple[str, Any]
 def before(
     function: str, source: Any, through: Any, wavelength: Any, x: Named, nu: Named
 ) -> tuple[Any, Any]:
-    """The pair of a position and a frequency, or of a lag and a frequency shift, in the first plane.
+    """A position and a frequency, or a lag and a frequency shift, as they were in the first plane.
 
     Both go by the same matrix, (x, lambda nu) and (xi, lambda upsilon): W_out of W, and A_out of A.
     Raises ArgumentError for a system without a wavelength, and the other way round.
