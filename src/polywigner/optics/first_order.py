@@ -51,7 +51,7 @@ class FirstOrder:
 
     matrix: Matrix
     """(4, 4), read-only."""
-    _rounding: Matrix
+    rounding: Matrix
     """Bounds on what the elements are wrong by, (4, 4): what is no larger than that is zero, so that
     an image that is composed of lenses and distances is one."""
 
@@ -221,7 +221,7 @@ class FirstOrder:
         """The system that undoes this one: [[D^T, -B^T], [-C^T, A^T]]."""
         swap = np.array([2, 3, 0, 1])
         signs = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((2, 2)))
-        matrix, rounding = (m.T[swap][:, swap] for m in (self.matrix, self._rounding))
+        matrix, rounding = (m.T[swap][:, swap] for m in (self.matrix, self.rounding))
         return restored(signs * matrix + 0.0, rounding)
 
     @property
@@ -271,8 +271,8 @@ class FirstOrder:
         if not np.isfinite(product).all():
             raise ArgumentError("expected systems whose product is finite, got one that overflows")
         first, second = abs(self.matrix), abs(other.matrix)
-        rounding = _product(self._rounding + _ULP * first, second)
-        rounding += _product(first, other._rounding)
+        rounding = _product(self.rounding + _ULP * first, second)
+        rounding += _product(first, other.rounding)
         return restored(np.where(abs(product) <= rounding, 0.0, product), rounding)
 
     def __eq__(self, other: object) -> bool:
@@ -292,7 +292,7 @@ class FirstOrder:
         return shown_as_html("FirstOrder", rows)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return restored, (np.array(self.matrix), np.array(self._rounding))
+        return restored, (np.array(self.matrix), np.array(self.rounding))
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"a FirstOrder cannot be changed ({name}); build a new one")
@@ -309,7 +309,7 @@ def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:
 
 
 def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
-    for name, value in (("matrix", matrix), ("_rounding", rounding)):
+    for name, value in (("matrix", matrix), ("rounding", rounding)):
         value.setflags(write=False)
         object.__setattr__(system, name, value)
 
