@@ -1,8 +1,8 @@
 """Integrals of chirps, exp(i pi (c t^2 - 2 f t)): Fresnel integrals that keep all of their digits.
 
-With the stationary place t0 = f/c and r = sqrt(pi |c|) (t - t0), the integral from t outwards, away
-from t0, is the chirp at t times T(|r|)/sqrt(pi |c|), T(r) = int_0^inf exp(i (2 r s + s^2)) ds, which
-is smooth and falls off as i/(2 r). Source: (L6).
+With the stationary place t0 = f/c and r = sqrt(pi |c|) (t - t0), the integral from t outwards,
+away from t0, is the chirp at t times T(|r|)/sqrt(pi |c|), T(r) = int_0^inf exp(i (2 r s + s^2)) ds,
+which is smooth and falls off as i/(2 r). Source: (L6).
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ __all__ = ["chirp_integral", "fresnel_tail", "waves_of_turns"]
 
 Complex = NDArray[np.complex128]
 
-# (r + SCALE) T(r) as a Chebyshev series in (r - SCALE)/(r + SCALE): with so many terms the last ones
-# are below 1e-16, for any r.
+# (r + SCALE) T(r) as a Chebyshev series in (r - SCALE)/(r + SCALE): of so many terms the last ones
+# are below 1e-16.
 _SCALE, _TERMS = 2.0, 44
 # Over less than a turn of phase a Gauss rule of so many nodes misses nothing (pi^40/40! = 1e-28);
 # over more, differences of tails lose no more than a digit.

@@ -52,8 +52,8 @@ class FirstOrder:
     matrix: Matrix
     """(4, 4), read-only."""
     rounding: Matrix
-    """Bounds on what the elements are wrong by, (4, 4): what is no larger than that is zero, so that
-    an image that is composed of lenses and distances is one."""
+    """(4, 4): bounds on what rounding has made of the elements. In a product what is no larger is
+    set to zero, so that an image that is composed of lenses and distances is one."""
 
     def __init__(self, matrix: ArrayLike) -> None:
         try:

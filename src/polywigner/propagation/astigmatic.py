@@ -1,8 +1,8 @@
 """Integrals of chirps over polygons, of other curvatures along one axis than along the other.
 
-I = int u(x) exp(i pi/lambda (s_1 x_1^2 + s_2 x_2^2 - 2 q.x)) dx. Along x_1 it is a chirp's integral G
-from a place in the outline's middle, in closed form; by Gauss's theorem the rest is an integral of
-G times the chirp of x_2 along the outline, by Gauss's rules with as many nodes as each edge and
+I = int u(x) exp(i pi/lambda (s_1 x_1^2 + s_2 x_2^2 - 2 q.x)) dx. Along x_1 it is a chirp's integral
+G from a place in the outline's middle, in closed form; by Gauss's theorem the rest is an integral
+of G times the chirp of x_2 along the outline, by Gauss's rules with as many nodes as each edge and
 point need. Source: (L6).
 """
 
@@ -65,18 +65,14 @@ def astigmatic_integral(
             factor = weight * waves_of_turns(turns / chirp.wavelength)
             for amplitude, kappa in zip(element.amplitudes, element.frequencies, strict=True):
                 wave = kappa @ chirp.axes
-                found, error = _along_edges(
-                    edges, chirp, own - chirp.wavelength * wave, tolerance
-                )
+                found, error = _along_edges(edges, chirp, own - chirp.wavelength * wave, tolerance)
                 whole = amplitude * waves_of_turns(wave @ middle)
                 values += factor * whole * found
                 errors += abs(weight * whole) * error
     return values, errors
 
 
-def line_integral(
-    radiator: Radiator, chirp: Chirp, x2: Floats, slope: Floats
-) -> Complex:
+def line_integral(radiator: Radiator, chirp: Chirp, x2: Floats, slope: Floats) -> Complex:
     """The integral over x_1 alone at ``x2``, with q_1 = ``slope``, both (n,), in m of the field."""
     values = np.zeros(len(x2), np.complex128)
     curvature, wavelength = float(chirp.curvature[0]), chirp.wavelength
