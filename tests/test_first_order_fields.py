@@ -278,7 +278,6 @@ def test_irradiance_is_the_wigner_functions_marginal(through) -> None:
 
 def test_power_goes_through_a_system_undiminished() -> None:
     """Behind a telescope of cylinders in the far field of a tapered square, by the sampling law."""
-    source = SHAPES["TE10 square"]
     system = pw.FirstOrder.fourier(0.05) @ pw.FirstOrder.lens((0.3, -0.2), 0.4)
     step = WAVELENGTH * 0.05 / 20e-3  # band limited: twice the source's width in its conjugate
     axis = np.arange(-160, 161) * step
@@ -331,23 +330,28 @@ def test_light_of_short_waves_far_from_its_edges_takes_many_turns_of_phase() -> 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (dict(points=(0.0, 0.0, 0.1)), r"\(\.\.\., 2\) with through=.*z is the system's"),
-        (dict(points=(0.0, math.nan)), "finite points"),
-        (dict(points="there"), "real numbers"),
-        (dict(method="kirchhoff"), "expected no method with through="),
-        (dict(obliquity="kirchhoff"), "expected no obliquity with through="),
-        (dict(through="lens"), "polywigner.FirstOrder, got str"),
-        (dict(source=pw.Slits([(0.0, 1.0)])), "Slits"),
-        (dict(tolerance=1e-15), "tolerance"),
-        (dict(through=pw.FirstOrder.free_space(1e-9)), "turns of phase along the outline"),
+        ({"points": (0.0, 0.0, 0.1)}, r"\(\.\.\., 2\) with through=.*z is the system's"),
+        ({"points": (0.0, math.nan)}, "finite points"),
+        ({"points": "there"}, "real numbers"),
+        ({"method": "kirchhoff"}, "expected no method with through="),
+        ({"obliquity": "kirchhoff"}, "expected no obliquity with through="),
+        ({"through": "lens"}, "polywigner.FirstOrder, got str"),
+        ({"source": pw.Slits([(0.0, 1.0)])}, "Slits"),
+        ({"tolerance": 1e-15}, "tolerance"),
+        ({"through": pw.FirstOrder.free_space(1e-9)}, "turns of phase along the outline"),
         (
-            dict(through=pw.FirstOrder.free_space(1e-9) @ pw.FirstOrder.lens((0.1, 0.2))),
+            {"through": pw.FirstOrder.free_space(1e-9) @ pw.FirstOrder.lens((0.1, 0.2))},
             "turns of phase along an edge",
         ),
     ],
 )
 def test_what_cannot_be_had_is_refused_in_one_sentence(call, message) -> None:
-    given = dict(source=SQUARE, points=(0.0, 0.0), wavelength=WAVELENGTH, through=SPACE) | call
+    given = {
+        "source": SQUARE,
+        "points": (0.0, 0.0),
+        "wavelength": WAVELENGTH,
+        "through": SPACE,
+    } | call
     with pytest.raises(ArgumentError, match=message):
         pw.amplitude(**given)
 
