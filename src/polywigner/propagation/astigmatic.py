@@ -3,7 +3,7 @@
 I = int u(x) exp(i pi/lambda (s_1 x_1^2 + s_2 x_2^2 - 2 q.x)) dx. Along x_1 it is a chirp's integral
 G from a place in the outline's middle, in closed form; by Gauss's theorem the rest is an integral
 of G times the chirp of x_2 along the outline, by Gauss's rules with as many nodes as each edge and
-point need. Source: (L6).
+point need. Source: (O6).
 """
 
 from __future__ import annotations

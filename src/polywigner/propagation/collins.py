@@ -1,4 +1,4 @@
-"""Fields behind first-order systems: Collins' integral, by the rank of B. Source: (L4) to (L7)."""
+"""Fields behind first-order systems: Collins' integral, by the rank of B. Source: (O4) to (O7)."""
 
 from __future__ import annotations
 
