@@ -1,6 +1,6 @@
 """What geometric shadows leave out: the field behind an opaque plate, exact and by rays.
 
-python shadow_of_a_plate.py [--out FOLDER]
+python shadow_of_a_plate.py [FOLDER]
 
 A point source at 77 GHz stands 2 m before an L-shaped plate of 0.3 m. Writes shadow_of_a_plate.png
 into the folder: the irradiance 1 m behind the plate, as a renderer has it and by Kirchhoff's
@@ -9,7 +9,7 @@ integral, and the difference.
 
 from __future__ import annotations
 
-import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -64,14 +64,10 @@ def draw(x: Any, rays: Any, exact: Any) -> Any:
     return figure
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="the field behind an opaque plate")
-    parser.add_argument("--out", type=Path, default=Path("out"), help="folder of the picture")
-    parser.add_argument("--samples", type=int, default=240, help="points along either axis")
-    chosen = parser.parse_args()
-    x, rays, exact = shadow(chosen.samples)
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    path = chosen.out / "shadow_of_a_plate.png"
+def main(folder: Path, samples: int = 240) -> None:
+    x, rays, exact = shadow(samples)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "shadow_of_a_plate.png"
     draw(x, rays, exact).savefig(path, dpi=150)
     inside, outside = exact[rays == 0.0], 10 * np.log10(exact[rays == 1.0])
     print(f"in the shadow: on average {10 * np.log10(inside.mean()):.1f} dB of the free field")
@@ -80,4 +76,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path())

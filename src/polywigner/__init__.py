@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         uniform,
         write_source,
     )
+    from polywigner.optics import FirstOrder
     from polywigner.propagation import (
         AxisSampling,
         BeamMetrics,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
         irradiance,
         line,
         plane,
+        psf,
         radiated_power,
         radiation_pattern,
         suggest_sampling,
@@ -99,6 +101,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Aperture": "polywigner.geometry",
     "Array": "polywigner.illumination",
+    "FirstOrder": "polywigner.optics",
     "Illumination": "polywigner.illumination",
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
@@ -144,6 +147,7 @@ _HOMES = {
     "suggest_sampling": "polywigner.propagation",
     "line": "polywigner.propagation",
     "plane": "polywigner.propagation",
+    "psf": "polywigner.propagation",
     "hemisphere": "polywigner.propagation",
     "PlaneWave": "polywigner.propagation",
     "PointSource": "polywigner.propagation",
@@ -178,6 +182,7 @@ __all__ = [
     "BeamMetrics",
     "CutMetrics",
     "EnergyBudget",
+    "FirstOrder",
     "Illumination",
     "PlaneWave",
     "PointSource",
@@ -217,6 +222,7 @@ __all__ = [
     "position_slice",
     "power",
     "projections",
+    "psf",
     "radiance",
     "radiant_intensity",
     "radiated_power",

@@ -31,12 +31,14 @@ from polywigner.figures.slices import (
     samples_needed,
     transform_slices,
 )
+from polywigner.figures.systems import SystemSlices, system_slices
 from polywigner.figures.transforms import draw_transforms
 from polywigner.figures.volumes import draw_volume
 
 __all__ = [
     "LARGEST_SAMPLES",
     "DirectArrival",
+    "SystemSlices",
     "TransformSlices",
     "draw_arrivals",
     "draw_hemispheres",
@@ -53,6 +55,7 @@ __all__ = [
     "outline_of",
     "picture_peak",
     "samples_needed",
+    "system_slices",
     "transform_slices",
     "write_range_animation",
 ]

@@ -19,7 +19,7 @@ from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import warn_of_missed
 from polywigner.propagation.screen_sums import incident_of_point, wave_at, waves_through
 
-__all__ = ["PlaneWave", "PointSource", "Screen", "field_behind"]
+__all__ = ["PlaneWave", "PointSource", "Screen", "field_of_screen"]
 
 # What the field at the mirror point counts in that at a point (docs/theory.md, (B2)).
 _MIRRORED = {"rayleigh-sommerfeld-1": -1.0, "rayleigh-sommerfeld-2": 1.0, "kirchhoff": 0.0}
@@ -132,7 +132,7 @@ class Screen:
             raise ArgumentError(f'expected kind "plate" or "opening", got {self.kind!r}')
 
 
-def field_behind(
+def field_of_screen(
     screen: Screen,
     points: NDArray[np.float64],
     wavelength: float,
