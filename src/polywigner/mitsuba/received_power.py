@@ -28,6 +28,7 @@ from polywigner.mitsuba.unseen import unseen, wigner_emitters
 
 __all__ = [
     "Scattered",
+    "chosen_receiver",
     "received",
     "received_power",
     "received_powers",
@@ -93,7 +94,7 @@ def received_power(
     asked = asked_of(
         spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
     )
-    number = _chosen(receivers_of(scene), receiver)
+    number = chosen_receiver(receivers_of(scene), receiver)
     return received(scene, [number], asked, partial(scattered_here, scene, progress))[0]
 
 
@@ -134,7 +135,7 @@ def receivers_of(scene: Any) -> list[tuple[int, Any]]:
     return found
 
 
-def _chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
+def chosen_receiver(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
     """The number of a receiver among receivers."""
     names = [sensor.id() for _, sensor in found]
     if receiver is None and len(found) == 1:
