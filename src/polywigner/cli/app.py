@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from polywigner.cli.app_fields import pattern, propagate, rcs, volume
-from polywigner.cli.app_scenes import receive, render
+from polywigner.cli.app_scenes import receive, render, scatterers
 from polywigner.cli.options import (
     AllowOutside,
     Array,
@@ -59,6 +59,7 @@ def _polywigner(
 
 app.command()(render)
 app.command()(receive)
+app.command()(scatterers)
 
 
 @app.command()

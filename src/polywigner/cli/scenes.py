@@ -10,9 +10,16 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from polywigner.cli.output import check_text
-from polywigner.errors import SceneError
+from polywigner.errors import ArgumentError, SceneError
 
-__all__ = ["check_is_file", "check_is_no_aperture", "check_threads", "counted_bar", "versions_of"]
+__all__ = [
+    "check_is_file",
+    "check_is_no_aperture",
+    "check_threads",
+    "counted_bar",
+    "scene_definition",
+    "versions_of",
+]
 
 _NO_SCENES = (".csv", ".wkt", ".geojson", ".json", ".svg", ".dxf", ".gds", ".toml")
 
@@ -43,6 +50,16 @@ def check_threads(threads: int | None) -> None:
         from polywigner.geometry.arguments import checked_count
 
         checked_count(threads, "--threads", 1, MOST_THREADS)
+
+
+def scene_definition(text: str) -> tuple[str, str]:
+    """Name and value of ``--define``; ArgumentError for other texts."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise ArgumentError(
+            f"expected --define as NAME=VALUE of a $parameter of the scene, got {text!r}"
+        )
+    return name, value
 
 
 @contextmanager

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
+from polywigner.illumination import Array
 from polywigner.mitsuba.placed_sources import (
     PlacedSource,
     check_match,
@@ -110,7 +111,8 @@ def scatterers(
     motion = None if velocities is None else names.motion(velocities, place.scene_unit)
     depth = _longest_path(scene.integrator()) if max_depth is None else _depth(max_depth)
     with unseen(scene), receiving(scene):
-        cloud = cloud_of(scene, sensor, asked, depth, rng, motion).thinned(size, rng)
+        cloud = cloud_of(scene, sensor, asked, depth, rng, motion)
+    cloud = cloud.thinned(size, rng, isinstance(place.source, Array))
     about = {
         "receiver": place.name,
         "wavelength": place.wavelength,
@@ -145,7 +147,7 @@ class _Names:
             if getattr(type(light), "is_wigner", False):
                 name = placed_emitter(light, coherent).name
                 coherent += 1
-            elif mi_is_surface(light):
+            elif light.get_shape() is not None:
                 name = light.get_shape().id() or name
             lights[_number("Emitter", light)] = name
         return cls(shapes, lights, receiver)
@@ -170,10 +172,6 @@ class _Names:
             {number: found[name] for number, name in self.lights.items() if name in found},
             found.get(self.receiver, np.zeros(3)),
         )
-
-
-def mi_is_surface(light: Any) -> bool:
-    return light.get_shape() is not None
 
 
 def _number(kind: str, thing: Any) -> int:
