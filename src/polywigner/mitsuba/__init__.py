@@ -26,6 +26,7 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 from polywigner.mitsuba.covariances import covariance, element_responses  # noqa: E402
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.plugins import register  # noqa: E402
+from polywigner.mitsuba.range_profile import range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
@@ -56,6 +57,7 @@ __all__ = [
     "element_responses",
     "has_wigner_emitter",
     "load_scene",
+    "range_profile",
     "received_power",
     "received_powers",
     "receiver",

@@ -122,9 +122,7 @@ def covariance(
     return result[0] if ranges is None else result
 
 
-def _responses(
-    places: Any, sources: list[Aperture], pose: Any, attrs: dict[str, Any]
-) -> Complexes:
+def _responses(places: Any, sources: list[Aperture], pose: Any, attrs: dict[str, Any]) -> Complexes:
     own = (places - pose[:3, 3]) @ pose[:3, :3]
     front = own[:, 2] > 0.0
     result = np.zeros((len(sources), len(places)), np.complex128)
@@ -175,9 +173,7 @@ def _pose(value: Any) -> NDArray[np.float64]:
         found = np.empty(0)
     turn = found[:3, :3] if found.shape == (4, 4) else np.zeros((3, 3))
     if not (np.isfinite(found).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-5)):
-        raise ArgumentError(
-            f"expected to_world as a rigid (4, 4) pose in m, got {value!r}"
-        )
+        raise ArgumentError(f"expected to_world as a rigid (4, 4) pose in m, got {value!r}")
     return found
 
 
@@ -187,7 +183,5 @@ def _edges(ranges: Any) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         found = np.empty(0)
     if found.ndim != 1 or len(found) < 2 or not (np.diff(found) > 0.0).all():
-        raise ArgumentError(
-            f"expected ranges as two or more ascending edges in m, got {ranges!r}"
-        )
+        raise ArgumentError(f"expected ranges as two or more ascending edges in m, got {ranges!r}")
     return found

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from functools import partial
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +23,21 @@ from polywigner.mitsuba.received import OTHER_LIGHTS, Contribution, ReceivedPowe
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.receiving_arguments import Asked, asked_of
 from polywigner.mitsuba.rendering import default_spp, exposed
-from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of, shares_of
+from polywigner.mitsuba.scattered import (
+    BATCHES,
+    Scattering,
+    batches_of,
+    lights_of,
+    shares_of,
+    standard_error,
+)
 from polywigner.mitsuba.unseen import unseen, wigner_emitters
 
 __all__ = [
+    "Parties",
     "Scattered",
-    "chosen_receiver",
+    "chosen",
+    "matched",
     "received",
     "received_power",
     "received_powers",
@@ -94,7 +103,7 @@ def received_power(
     asked = asked_of(
         spp, seed, integrator, reflections, tolerance, bandwidth, temperature, noise_figure
     )
-    number = chosen_receiver(receivers_of(scene), receiver)
+    number = chosen(receivers_of(scene), receiver)
     return received(scene, [number], asked, partial(scattered_here, scene, progress))[0]
 
 
@@ -135,7 +144,7 @@ def receivers_of(scene: Any) -> list[tuple[int, Any]]:
     return found
 
 
-def chosen_receiver(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
+def chosen(found: list[tuple[int, Any]], receiver: int | str | None) -> int:
     """The number of a receiver among receivers."""
     names = [sensor.id() for _, sensor in found]
     if receiver is None and len(found) == 1:
@@ -158,6 +167,28 @@ def received(scene: Any, numbers: list[int], asked: Asked, scattered: Scattered)
     ``scattered``: (how to sample for each receiver) -> W found (receivers, batches, lights), called
     while the scene's sources are unseen.
     """
+    parties = matched(scene, numbers, asked)
+    with unseen(scene):
+        lit = [_direct(scene, place, parties.emitters, asked) for place in parties.places]
+        plans = [_scattering(scene, index, asked) for index in parties.sensors]
+        found = scattered(plans)
+        each = zip(parties.places, parties.noises, lit, plans, found, strict=True)
+        return [_result(scene, parties.emitters, *one) for one in each]
+
+
+class Parties(NamedTuple):
+    """Receivers of a scene and the coherent sources that they receive."""
+
+    sensors: list[int]
+    """Numbers of the receivers among the scene's sensors."""
+    places: list[PlacedSource]
+    noises: list[dict[str, Any]]
+    """Bandwidth, temperature and noise figure of each receiver."""
+    emitters: list[PlacedSource]
+
+
+def matched(scene: Any, numbers: list[int], asked: Asked) -> Parties:
+    """Receivers by their numbers, and the sources; SceneError for those that do not match."""
     if not scene.emitters():
         raise SceneError("expected a scene with light, got one without emitters; add one")
     receivers = [receivers_of(scene)[number] for number in numbers]
@@ -167,12 +198,7 @@ def received(scene: Any, numbers: list[int], asked: Asked, scattered: Scattered)
     for place, noise in zip(places, noises, strict=True):
         for emitter in emitters:
             check_match(emitter, place, noise["bandwidth"])
-    with unseen(scene):
-        lit = [_direct(scene, place, emitters, asked) for place in places]
-        plans = [_scattering(scene, index, asked) for index, _ in receivers]
-        found = scattered(plans)
-        each = zip(places, noises, lit, plans, found, strict=True)
-        return [_result(scene, emitters, *one) for one in each]
+    return Parties([index for index, _ in receivers], places, noises, emitters)
 
 
 def _scattering(scene: Any, sensor: int, asked: Asked) -> Scattering:
@@ -235,7 +261,7 @@ def _result(
         receiver=receiver.name,
         wavelength=receiver.wavelength,
         contributions=tuple(parts),
-        standard_error=_standard_error(others + of_sources.sum(axis=0)),
+        standard_error=float(standard_error(others + of_sources.sum(axis=0))),
         samples=BATCHES * batches_of(plan.spp),
         seed=plan.seed,
         notes=tuple(notes),
@@ -248,11 +274,6 @@ def _contribution(name: str, batches: Any, link: DirectLight) -> Contribution:
         name=name,
         direct=math.fsum(path.power for path in link.paths),
         scattered=float(batches.mean()),
-        standard_error=_standard_error(batches),
+        standard_error=float(standard_error(batches)),
         paths=link.paths,
     )
-
-
-def _standard_error(batches: Any) -> float:
-    """Of the mean of equal batches."""
-    return float(np.std(batches, ddof=1) / math.sqrt(len(batches)))

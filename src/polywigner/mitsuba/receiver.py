@@ -165,7 +165,12 @@ def receiver_class(variant: str) -> Any:
             return in_pixel(m, place, (width, height))
 
         def _start(self, x: Any) -> Any:
-            return self._frame.point(x) + self._frame.axes[2] * self._lift
+            return self._frame.point(x) + self.lift
+
+        @property
+        def lift(self) -> Any:
+            """From a place on the receiver to where its ray starts."""
+            return self._frame.axes[2] * self._lift
 
         def _signed_weight(self, x: Any, direction: Any) -> Any:
             """g W/N, of positions in scene units; g = h cos^2."""

@@ -19,13 +19,24 @@ from polywigner.mitsuba.parts import Exposure, cut_of
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 from polywigner.mitsuba.shadows import looks_through, may_shadow
 
-__all__ = ["check_seed", "check_spp", "default_integrator", "default_spp", "exposed", "render"]
+__all__ = [
+    "check_seed",
+    "check_spp",
+    "default_integrator",
+    "default_spp",
+    "depths_of",
+    "exposed",
+    "render",
+]
 
 # Noise falls with the root of the number: nobody waits for more.
 _LARGEST_SPP = 2**30
 
 _NEVER = 2**30
 """A depth for Russian roulette that no path reaches."""
+
+# What Mitsuba makes of -1, paths without end.
+_ENDLESS = 2**32 - 1
 
 
 def render(
@@ -199,8 +210,18 @@ def _warn_of_fog(scene: Any, camera: Any) -> None:
 
 def _plays_roulette(tracer: Any) -> bool:
     """Whether some path of a particle tracer is long enough for Russian roulette."""
-    # Mitsuba tells the two depths in this text alone; -1 is a path without end.
-    depths = dict(re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(tracer)))
-    longest = int(depths.get("max_depth", -1)) % 2**32
-    roulette = int(depths.get("rr_depth", 0))
-    return roulette <= longest and roulette < _NEVER
+    depths = depths_of(tracer)
+    roulette = depths["rr_depth"]
+    return roulette <= depths["max_depth"] % 2**32 and roulette < _NEVER
+
+
+def depths_of(integrator: Any) -> dict[str, int]:
+    """``max_depth``, -1 for paths without end, and ``rr_depth`` of an integrator."""
+    # Mitsuba's own tell them in their text alone
+    told = re.findall(r"(max_depth|rr_depth) = (-?\d+)", str(integrator))
+    found: dict[str, int] = {"max_depth": -1, "rr_depth": 0}
+    found.update((name, int(value)) for name, value in told)
+    found.update((name, int(getattr(integrator, name, value))) for name, value in found.items())
+    if found["max_depth"] == _ENDLESS:
+        found["max_depth"] = -1
+    return found

@@ -7,6 +7,7 @@ lights, less the render by the other lights alone, is what that source gives, sa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -20,7 +21,7 @@ from polywigner.mitsuba.rendering import check_spp, exposed
 from polywigner.mitsuba.sent_scenes import check_is_whole
 from polywigner.mitsuba.unseen import lit_by, wigner_emitters
 
-__all__ = ["BATCHES", "Scattering", "batches_of", "lights_of", "shares_of"]
+__all__ = ["BATCHES", "Scattering", "batches_of", "lights_of", "shares_of", "standard_error"]
 
 Floats = NDArray[np.float64]
 
@@ -75,8 +76,13 @@ def lights_of(scene: Any) -> list[Any]:
 def shares_of(scene: Any, found: NDArray[np.float64]) -> tuple[Floats, Floats]:
     """W of each coherent source (emitters, batches), and of other lights (batches,).
 
-    ``found`` : of all batches (batches, lights).
+    ``found`` : of all batches (batches, lights); more axes behind these stay.
     """
     if len(lights_of(scene)) == len(wigner_emitters(scene)):
-        return found.T, np.zeros(len(found))
-    return (found[:, 1:] - found[:, :1]).T, found[:, 0]
+        return np.moveaxis(found, 1, 0), np.zeros_like(found[:, 0])
+    return np.moveaxis(found[:, 1:] - found[:, :1], 1, 0), found[:, 0]
+
+
+def standard_error(batches: Floats, axis: int = 0) -> Any:
+    """Of the mean of equal batches."""
+    return np.std(batches, ddof=1, axis=axis) / math.sqrt(batches.shape[axis])

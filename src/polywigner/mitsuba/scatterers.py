@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -13,19 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.illumination import Array
-from polywigner.mitsuba.placed_sources import (
-    PlacedSource,
-    check_match,
-    placed_emitter,
-    placed_receiver,
-)
-from polywigner.mitsuba.received_power import chosen_receiver, receivers_of
+from polywigner.mitsuba.placed_sources import placed_emitter
+from polywigner.mitsuba.received_power import chosen, matched, receivers_of
 from polywigner.mitsuba.receiver import receiving
-from polywigner.mitsuba.rendering import check_seed
+from polywigner.mitsuba.receiving_arguments import asked_of
+from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scattering_cloud import BATCHES, Cloud, cloud_of
 from polywigner.mitsuba.scattering_events import Motion
 from polywigner.mitsuba.scattering_steps import number_of
-from polywigner.mitsuba.unseen import unseen, wigner_emitters
+from polywigner.mitsuba.unseen import unseen
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 
@@ -101,15 +95,17 @@ def scatterers(
     """
     size = _counted("count", count)
     asked = max(_RAYS * size, _FEWEST_RAYS) if rays is None else _counted("rays", rays)
-    rng = np.random.default_rng(check_seed(seed))
+    depth = None if max_depth is None else _depth(max_depth)
+    given = asked_of(None, seed, None, 0, 1e-6, None, None, None)
+    rng = np.random.default_rng(given.seed)
     found = receivers_of(scene)
-    number = chosen_receiver(found, receiver)
+    number = chosen(found, receiver)
     sensor = found[number][1]
-    place = placed_receiver(sensor, number)
-    _check_scene(scene, sensor, place)
+    (place,) = matched(scene, [number], given).places
+    _check_air(scene, sensor)
     names = _Names.of(scene, place.name)
     motion = None if velocities is None else names.motion(velocities, place.scene_unit)
-    depth = _longest_path(scene.integrator()) if max_depth is None else _depth(max_depth)
+    depth = _longest_path(scene.integrator()) if depth is None else depth
     with unseen(scene), receiving(scene):
         cloud = cloud_of(scene, sensor, asked, depth, rng, motion)
     cloud = cloud.thinned(size, rng, isinstance(place.source, Array))
@@ -121,7 +117,7 @@ def scatterers(
         "obliquity": place.obliquity,
         "estimator": sensor.spec.estimator,
         "rays": -(-asked // BATCHES) * BATCHES,
-        "seed": int(seed),
+        "seed": given.seed,
         "standard_error": cloud.standard_error,
     }
     return labelled(_described(cloud, names, motion, place.scene_unit, about))
@@ -218,22 +214,16 @@ def _longest_path(integrator: Any) -> int:
         return _NO_LIMIT
     if integrator.class_name() == "DirectIntegrator":
         return 2
-    # Mitsuba tells it in this text alone; -1 is a path without end.
-    told = re.search(r"max_depth = (-?\d+)", str(integrator))
-    depth = int(told[1]) if told else int(getattr(integrator, "max_depth", -1))
+    depth = depths_of(integrator)["max_depth"]
     return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
 
 
-def _check_scene(scene: Any, sensor: Any, place: PlacedSource) -> None:
-    if not scene.emitters():
-        raise SceneError("expected a scene with light, got one without emitters; add one")
+def _check_air(scene: Any, sensor: Any) -> None:
     if sensor.get_medium() is not None or any(s.is_medium_transition() for s in scene.shapes()):
         raise SceneError(
             "expected a scene without fog, whose drops are no scatterers here, got one with a "
             "medium; leave it out, or use received_power"
         )
-    for number, emitter in enumerate(wigner_emitters(scene)):
-        check_match(placed_emitter(emitter, number), place, sensor.spec.bandwidth)
 
 
 def _described(
@@ -260,9 +250,7 @@ def _described(
             speeds[events.shape == number] = unit * velocity
         in_space["velocity"] = (speeds, "m/s", "velocity of the first surface")
         along["path_rate"] = (unit * events.rate, "m/s", "growth of the path per second")
-    dims = {name: ("scatterer", "axis") for name in in_space} | {
-        name: ("scatterer",) for name in along
-    }
+    dims = dict.fromkeys(in_space, ("scatterer", "axis")) | dict.fromkeys(along, ("scatterer",))
     return LabelledArrays(
         {
             name: LabelledArray(

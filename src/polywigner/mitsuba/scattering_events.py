@@ -57,9 +57,7 @@ class Events:
     @classmethod
     def joined(cls, parts: list[Events]) -> Events:
         """All events of the parts, of which there is one at least."""
-        return cls(
-            *(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls))
-        )
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
     def part(self, chosen: Any) -> Events:
         """Those of a mask, or of numbers."""

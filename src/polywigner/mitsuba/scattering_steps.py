@@ -96,9 +96,7 @@ class Steps:
         asked = paths.active & (paths.is_smooth ^ True)
         other = self._scene.pdf_emitter_direction(paths.last, seen, asked)
         both = paths.density + other
-        share = dr.select(
-            paths.is_smooth, 1.0, paths.density / dr.select(both > 0.0, both, 1.0)
-        )
+        share = dr.select(paths.is_smooth, 1.0, paths.density / dr.select(both > 0.0, both, 1.0))
         value = _brightness(paths.carried * light.eval(si, paths.active), si)
         return {
             "met": dr.select(paths.active, value * share, 0.0),

@@ -1,0 +1,205 @@
+"""A film that sorts what arrives by the length of its path, and a sensor that looks as another.
+
+The integrators of mitransient hand over each contribution with the length of its path; its own film
+has bins of one width, adds them in single precision and drops what lies outside.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import ArgumentError, SceneError
+from polywigner.mitsuba.films import film_of, fineness
+from polywigner.mitsuba.parts import cut_of, seed_of
+from polywigner.mitsuba.receiver import RECEIVER_NAME, is_receiver, receiver_class
+from polywigner.mitsuba.transients import require_transients
+
+__all__ = ["sorted_by_range"]
+
+Floats = npt.NDArray[np.float64]
+
+# Sums of pixels and bins, in float64: 2 GiB.
+_MOST_SUMS = 2**28
+
+
+def sorted_by_range(
+    scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
+) -> Floats:
+    """What a sensor reads by the lengths of paths: (height, width, bins + 2), in its own unit.
+
+    ``edges``: of bins, in units of the scene. The first number is of all shorter paths, the last of
+    longer ones. Films of receivers are taken as one pixel; other films keep size and crop, with a
+    box filter.
+    """
+    cut = cut_of(sensor, spp)
+    total: Any = 0.0
+    for index in range(cut.passes):
+        samples = spp // cut.passes + (index < spp % cut.passes)
+        rendered = _rendered(scene, sensor, integrator, edges, samples, seed_of(seed, index))
+        total = total + samples / spp * rendered
+    bad = int(np.count_nonzero(~np.isfinite(total)))
+    if bad:
+        raise SceneError(
+            f"expected power that is finite, got {bad} bins of it that are not; check frequency, "
+            "power and radiances of the scene, and their units"
+        )
+    return np.asarray(total)
+
+
+def _rendered(
+    scene: Any, sensor: Any, integrator: Any, edges: Floats, spp: int, seed: int
+) -> Floats:
+    """What is rendered in one go, with the samples of :func:`polywigner.mitsuba.render`."""
+    factor = fineness(sensor, spp)
+    own = _whole(scene, sensor, factor) if is_receiver(sensor) else sensor
+    ranged = _ranged(own, edges)
+    try:
+        integrator.render(scene, ranged, seed=seed, spp=math.ceil(spp / factor**2))
+        found = ranged.film().found()
+    except RuntimeError as error:
+        cause = error.__cause__ or error
+        raise SceneError(
+            f"expected a scene that {type(integrator).__name__} can render: {cause}"
+        ) from error
+    finally:
+        ranged.release()
+    return np.asarray(found.mean(axis=(0, 1), keepdims=True)) if is_receiver(sensor) else found
+
+
+def _whole(scene: Any, receiver: Any, factor: int) -> Any:
+    """The same receiver with a film that reads all of its power: the mean of so many pixels."""
+    props = mi.Properties(RECEIVER_NAME)
+    props["film"], props["sampler"] = mi.load_dict(film_of(factor, factor)), receiver.sampler()
+    found = receiver_class(mi.variant())(receiver.spec, props)
+    found.fineness, found.scene = factor, scene
+    return found
+
+
+def _ranged(own: Any, edges: Floats) -> Any:
+    """A sensor that looks as this one and has a film by range."""
+    film = own.film()
+    size, window, offset = film.size(), film.crop_size(), film.crop_offset()
+    count = int(window[0]) * int(window[1]) * (len(edges) + 1)
+    if count > _MOST_SUMS:
+        raise ArgumentError(
+            f"expected at most {_MOST_SUMS} bins of all pixels, got {count}; use fewer bins or "
+            "pixels"
+        )
+    about = mi.Properties("range_film")
+    for name, pair in (("", size), ("crop_", window)):
+        about[f"{name}width"], about[f"{name}height"] = int(pair[0]), int(pair[1])
+    about["crop_offset_x"], about["crop_offset_y"] = int(offset[0]), int(offset[1])
+    about["rfilter"] = mi.load_dict({"type": "box"})
+    base = require_transients().films.transient_hdr_film.TransientHDRFilm
+    ranged_film = _film_class(base, mi.variant())(about, edges)
+    props = mi.Properties("range_sensor")
+    props["film"], props["sampler"] = ranged_film, own.sampler()
+    return _sensor_class(mi.variant())(own, ranged_film, props)
+
+
+@cache
+def _film_class(base: Any, variant: str) -> Any:
+    m = getattr(mi, variant)
+
+    class RangeFilm(base):
+        """Sums of double precision for each pixel: before the bins, in each, behind them."""
+
+        def __init__(self, props: Any, edges: Floats) -> None:
+            super().__init__(props)
+            self._edges = m.Float(edges.tolist())
+            self._count = len(edges)
+            self._sums: Any = None
+            self.late: Any = 0.0
+            """Length of each path before its ray starts."""
+
+        def prepare_transient_(self, aovs: Any) -> int:
+            size = self.crop_size()
+            self._shape = (int(size[1]), int(size[0]), self._count + 1)
+            self._sums = dr.zeros(m.Float64, int(np.prod(self._shape)))
+            return 1
+
+        def add_transient_data(
+            self,
+            pos: Any,
+            distance: Any,
+            wavelengths: Any,
+            spec: Any,
+            ray_weight: Any,
+            active: Any,
+            **_: Any,
+        ) -> None:
+            length = distance + self.late
+            passed = dr.binary_search(
+                0, self._count, lambda k: dr.gather(m.Float, self._edges, k) <= length
+            )
+            offset = self.crop_offset()
+            column, row = m.Int32(pos.x) - int(offset[0]), m.Int32(pos.y) - int(offset[1])
+            pixel = m.UInt32(row * self._shape[1] + column)
+            value = m.Float64(_luminance(m, spec * m.Spectrum(ray_weight), wavelengths))
+            place = pixel * self._shape[2] + passed
+            dr.scatter_reduce(dr.ReduceOp.Add, self._sums, value, place, active)
+
+        def develop(self, raw: bool = False) -> tuple[Any, Any]:
+            return None, self._sums
+
+        def found(self) -> Floats:
+            """(height, width, bins + 2)."""
+            return np.array(self._sums, dtype=np.float64).reshape(self._shape)
+
+    return RangeFilm
+
+
+def _luminance(m: Any, value: Any, wavelengths: Any) -> Any:
+    """What a film of one channel keeps."""
+    plain = m.unpolarized_spectrum(value)
+    if mi.is_monochromatic:
+        return plain.x
+    return m.luminance(m.spectrum_to_srgb(plain, wavelengths) if mi.is_spectral else plain)
+
+
+@cache
+def _sensor_class(variant: str) -> Any:
+    m = getattr(mi, variant)
+    base: Any = m.Sensor
+
+    class RangeSensor(base):
+        """Rays and weights of a sensor, on a film by range."""
+
+        def __init__(self, looks: Any, film: Any, props: Any) -> None:
+            super().__init__(props)
+            self._looks, self._sorts = looks, film
+            self.m_needs_sample_3 = looks.needs_aperture_sample()
+
+        def sample_ray_differential(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> Any:
+            ray, weight = self._looks.sample_ray_differential(
+                time, sample1, sample2, sample3, active
+            )
+            self._sorts.late = self._late(ray)
+            return ray, weight
+
+        def _late(self, ray: Any) -> Any:
+            """How far from the sensor a ray starts: a near clip, or a receiver's small step."""
+            if is_receiver(self._looks):
+                return dr.dot(self._looks.lift, ray.d)
+            middle = self._looks.world_transform().translation()
+            return dr.dot(ray.o - m.Point3f(middle), ray.d)
+
+        def bbox(self) -> Any:
+            return self._looks.bbox()
+
+        def release(self) -> None:
+            """Let go of the scene, which it would keep alive."""
+            if is_receiver(self._looks):
+                self._looks.scene = None
+            self._looks = self._sorts = None
+
+    return RangeSensor

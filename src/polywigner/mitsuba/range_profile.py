@@ -1,0 +1,251 @@
+"""Scattered power by range: half the length of its way from a source to the receiver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.errors import ArgumentError
+from polywigner.mitsuba.parts import seed_of
+from polywigner.mitsuba.range_film import sorted_by_range
+from polywigner.mitsuba.received import OTHER_LIGHTS, noise_power_of
+from polywigner.mitsuba.received_power import chosen, matched, receivers_of, scattered_here
+from polywigner.mitsuba.receiving_arguments import Asked, asked_of
+from polywigner.mitsuba.rendering import default_spp, exposed
+from polywigner.mitsuba.scattered import (
+    BATCHES,
+    Scattering,
+    batches_of,
+    lights_of,
+    shares_of,
+    standard_error,
+)
+from polywigner.mitsuba.transients import require_transients, transient_integrator
+from polywigner.mitsuba.unseen import lit_by, unseen, wigner_emitters
+from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
+
+__all__ = ["Ranging", "checked_ranges", "profiles", "range_profile"]
+
+Floats = npt.NDArray[np.float64]
+
+
+def range_profile(
+    scene: Any,
+    ranges: npt.ArrayLike,
+    *,
+    spp: int | None = None,
+    seed: int = 0,
+    receiver: int | str | None = None,
+    integrator: Any = None,
+    bandwidth: float | str | None = None,
+    temperature: float | str | None = None,
+    noise_figure: float | str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Labelled:
+    """The power that a scene scatters to its receivers by range, with its standard error.
+
+    Range is half the length of the way from a place on the source over all bounces to a place on
+    the receiver, in m; in glass the length counts times the index of refraction. What goes straight
+    from a source to the receiver, or by flat mirrors alone, is not in it: that is ``direct`` of
+    :func:`polywigner.mitsuba.received_power`. Paths come from mitransient (extra ``radar``).
+    docs/range.md.
+
+    Parameters
+    ----------
+    scene : a ``mi.Scene`` with ``wigner_receiver`` sensors and lights, of a compiled variant.
+    ranges : (n + 1,) rising edges of n bins, in m, zero or more.
+    spp : samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the
+        sensor's own.
+    seed : of the random numbers, zero or more.
+    receiver : id of the sensor, or its number among the receivers of the scene, from 0; None: all.
+    integrator : ``transient_path`` (surfaces), ``transient_prbvolpath`` (fog too), or one of
+        Mitsuba's that has the same paths: path, direct, prb; volpath, volpathmis, prbvolpath, whose
+        depths are taken over; default: the scene's own, else that of
+        :func:`polywigner.mitsuba.render`.
+    bandwidth, temperature, noise_figure : as in :func:`polywigner.mitsuba.received_power`.
+    progress : called after each render with the number of those done, and of all.
+
+    Returns
+    -------
+    xarray.Dataset if xarray can be imported, else a LabelledArrays as of :func:`projections`, with
+    ``power`` and ``standard_error`` (receiver, range) in W; ``emitter_power`` (receiver, emitter,
+    range) in W; ``before``, ``after`` and ``scattered`` (receiver) in W: what comes from nearer and
+    from farther than all bins, and all together; ``scattered_error``; and ``noise_power`` in W and
+    ``resolution`` c/(2 bandwidth) in m where temperature and bandwidth are known, else NaN. Of a
+    single receiver the dimension ``receiver`` is left out. Coordinates: ``range``, the middles of
+    bins, and ``range_edge``, in m.
+
+    Raises
+    ------
+    MissingExtraError : no mitransient. EngineError : a scalar variant. ArgumentError : edges that
+        do not rise, other arguments out of range. SceneError : as of
+        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; a receiver in
+        fog, or uneven fog, in which mitransient measures paths too short.
+    """
+    edges = checked_ranges(ranges)
+    require_transients()
+    asked = asked_of(spp, seed, integrator, 0, 1e-6, bandwidth, temperature, noise_figure)
+    found = receivers_of(scene)
+    numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
+    sample = partial(scattered_here, scene, progress)
+    return profiles(scene, numbers, edges, asked, sample)
+
+
+def checked_ranges(ranges: npt.ArrayLike) -> Floats:
+    """Edges of bins; ArgumentError unless two or more finite ones that rise from zero or more."""
+    try:
+        edges = np.array(ranges, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ArgumentError(
+            f"expected ranges as numbers in m, got {ranges!r}; give edges of bins such as "
+            "np.linspace(0, 60, 513)"
+        ) from None
+    if edges.ndim != 1 or len(edges) < 2:
+        raise ArgumentError(
+            f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give at least "
+            "two"
+        )
+    # paths are measured in single precision
+    rises = np.all(np.diff(edges.astype(np.float32)) > 0)
+    if not np.isfinite(edges).all() or edges[0] < 0 or not rises:
+        raise ArgumentError(
+            "expected ranges as finite edges in m that rise from zero or more, each another number "
+            f"in single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps; "
+            "give such as np.linspace(0, 60, 513)"
+        )
+    return edges
+
+
+@dataclass(frozen=True)
+class Ranging(Scattering):
+    """How what is scattered to one receiver is sampled by range."""
+
+    edges: tuple[float, ...] = ()
+    """Of bins, lengths of paths in units of the scene."""
+
+    @property
+    def values(self) -> int:
+        """What one batch finds of each light: nearer than all bins, in each, farther."""
+        return len(self.edges) + 1
+
+    def batch(
+        self, scene: Any, number: int, done: Callable[[], None] = lambda: None
+    ) -> npt.NDArray[np.float64]:
+        """W (lights, values) that one batch finds of each of ``lights_of``.
+
+        Raises what :func:`range_profile` does.
+        """
+        sources = wigner_emitters(scene)
+        sensor = scene.sensors()[self.sensor]
+        asked = exposed(scene, self.integrator, 1, 0, self.sensor, warn=number == 0).integrator
+        integrator = transient_integrator(asked, scene, sensor)
+        edges = np.array(self.edges)
+        own = seed_of(self.seed, number)
+        found = []
+        for light in lights_of(scene):
+            with lit_by(sources, light):
+                image = sorted_by_range(scene, sensor, integrator, edges, batches_of(self.spp), own)
+            found.append(image.sum(axis=(0, 1)))
+            done()
+        return np.array(found)
+
+
+def profiles(
+    scene: Any, numbers: list[int], edges: Floats, asked: Asked, sample: Callable[[Any], Any]
+) -> Labelled:
+    """See :func:`range_profile`; ``sample``: plans -> W (receivers, batches, lights, values)."""
+    parties = matched(scene, numbers, asked)
+    plans = []
+    for sensor, place in zip(parties.sensors, parties.places, strict=True):
+        lengths = 2.0 * edges / place.scene_unit
+        spp = default_spp(scene, sensor) if asked.spp is None else asked.spp
+        plans.append(Ranging(sensor, asked.integrator, spp, asked.seed, tuple(lengths.tolist())))
+    with unseen(scene):
+        found = np.asarray(sample(plans))
+        shares = [shares_of(scene, each) for each in found]
+    has_others = len(lights_of(scene)) > len(parties.emitters)
+    names = [each.name for each in parties.emitters] + [OTHER_LIGHTS] * has_others
+    by_light = np.array([[*own, other][: len(names)] for own, other in shares])
+    return labelled(_described(by_light, names, parties, edges, plans[0]))
+
+
+def _described(
+    by_light: Floats, names: list[str], parties: Any, edges: Floats, plan: Ranging
+) -> LabelledArrays:
+    """``by_light``: W (receivers, lights, batches, values)."""
+    from polywigner import __version__
+
+    each = by_light.sum(axis=1)
+    mean, error = each.mean(axis=1), standard_error(each, axis=1)
+    all_bins = each.sum(axis=-1)
+    noise = [noise_power_of(**of_one) for of_one in parties.noises]
+    bands = [of_one["bandwidth"] for of_one in parties.noises]
+    unknown = np.nan
+    values = {
+        "power": (mean[:, 1:-1], ("range",), "W", "scattered power of a bin"),
+        "standard_error": (error[:, 1:-1], ("range",), "W", "standard error of the power"),
+        "emitter_power": (
+            by_light.mean(axis=2)[..., 1:-1],
+            ("emitter", "range"),
+            "W",
+            "scattered power of one emitter",
+        ),
+        "before": (mean[:, 0], (), "W", "scattered power from nearer than all bins"),
+        "after": (mean[:, -1], (), "W", "scattered power from farther than all bins"),
+        "scattered": (all_bins.mean(axis=1), (), "W", "scattered power from all ranges"),
+        "scattered_error": (
+            standard_error(all_bins, axis=1),
+            (),
+            "W",
+            "standard error of the scattered power from all ranges",
+        ),
+        "noise_power": (
+            np.array([unknown if power is None else power for power in noise]),
+            (),
+            "W",
+            "noise k T B F",
+        ),
+        "resolution": (
+            np.array([unknown if b is None else SPEED_OF_LIGHT / (2 * b) for b in bands]),
+            (),
+            "m",
+            "range that the bandwidth resolves, c/(2 B)",
+        ),
+    }
+    middles = (edges[1:] + edges[:-1]) / 2
+    length = {"units": "m", "long_name": "range, half the length of the path"}
+    coords = {
+        "range": LabelledArray(middles, ("range",), length),
+        "range_edge": LabelledArray(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+        "emitter": LabelledArray(np.array(names), ("emitter",)),
+    }
+    single = len(parties.places) == 1
+    first: tuple[str, ...] = () if single else ("receiver",)
+    if not single:
+        receivers = np.array([place.name for place in parties.places])
+        coords["receiver"] = LabelledArray(receivers, ("receiver",))
+    about = {
+        "receiver": parties.places[0].name if single else "several",
+        "wavelength": parties.places[0].wavelength,
+        "samples": BATCHES * batches_of(plan.spp),
+        "seed": plan.seed,
+        "polywigner_version": __version__,
+    }
+    return LabelledArrays(
+        {
+            name: LabelledArray(
+                np.asarray(array[0] if single else array),
+                (*first, *dims),
+                {"units": unit, "long_name": meaning},
+            )
+            for name, (array, dims, unit, meaning) in values.items()
+        },
+        coords,
+        about,
+    )

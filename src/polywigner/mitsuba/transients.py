@@ -1,0 +1,139 @@
+"""Integrators that keep the lengths of paths: those of mitransient, imported when asked for.
+
+mitransient is written for one variant of Mitsuba, that of the moment when it is imported; here it
+is imported anew for another one.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import Any
+
+import mitsuba as mi
+
+from polywigner.errors import EngineError, MissingExtraError, SceneError, install_command
+from polywigner.mitsuba.rendering import depths_of
+from polywigner.mitsuba.scenes import translate_error
+
+__all__ = ["TRANSIENT_INTEGRATORS", "require_transients", "transient_integrator"]
+
+_NAME = "mitransient"
+_PATH, _VOLUME = "transient_path", "transient_prbvolpath"
+
+TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
+"""Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a sensor of its own."""
+
+# The same light transport, by the class of the integrator without path lengths.
+_COUNTERPARTS = {
+    "PathIntegrator": _PATH,
+    "DirectIntegrator": _PATH,
+    "PRBIntegrator": _PATH,
+    "BasicPRBIntegrator": _PATH,
+    "VolumetricPathIntegrator": _VOLUME,
+    "VolpathMisIntegratorImpl": _VOLUME,
+    "PRBVolpathIntegrator": _VOLUME,
+}
+# Mitsuba's `direct` has no depth to tell: emitter, surface, receiver.
+_DEPTH_OF_DIRECT = 2
+
+
+def require_transients() -> Any:
+    """mitransient for the variant that is set, its plugins registered.
+
+    Raises
+    ------
+    MissingExtraError without it; EngineError for a scalar variant, which it has no integrators for.
+    """
+    variant = mi.variant()
+    if variant is None or variant.startswith("scalar"):
+        raise EngineError(
+            f"expected a compiled variant such as llvm_ad_mono, got {variant}: ranges need "
+            "mitransient, which has no integrators for others; set one that compiles"
+        )
+    found = sys.modules.get(_NAME)
+    if found is not None and _is_for_this_variant():
+        return found
+    for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
+        del sys.modules[name]
+    # an import of it chooses a variant for child processes too
+    chosen = os.environ.get("MI_DEFAULT_VARIANT")
+    try:
+        return importlib.import_module(_NAME)
+    except ImportError as error:
+        raise MissingExtraError(
+            f"expected mitransient to be installed, by which ranges are told, got none ({error}); "
+            f"run {install_command('radar')}"
+        ) from error
+    finally:
+        if chosen is None:
+            os.environ.pop("MI_DEFAULT_VARIANT", None)
+
+
+def _is_for_this_variant() -> bool:
+    films = sys.modules.get(f"{_NAME}.films.transient_hdr_film")
+    return films is not None and issubclass(films.TransientHDRFilm, mi.Film)
+
+
+def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
+    """The integrator that follows the same paths as this one and tells their lengths.
+
+    ``integrator``: of Mitsuba, whose depths are taken over; or one of mitransient, as it is.
+
+    Raises
+    ------
+    What :func:`require_transients` does; SceneError for an integrator without path lengths, and for
+    fog that mitransient cannot measure paths in.
+    """
+    require_transients()
+    found = _counterpart(integrator)
+    if type(found).__name__ == "TransientPRBVolpathIntegrator":
+        _check_fog(scene, sensor)
+    return found
+
+
+def _check_fog(scene: Any, sensor: Any) -> None:
+    """SceneError for fog around the sensor, which mitransient leaves out, and for uneven fog.
+
+    It adds no length where it passes an imagined particle of uneven fog.
+    """
+    if sensor.get_medium() is not None:
+        raise SceneError(
+            "expected a sensor outside of fog for ranges, got one with a medium; take the medium "
+            "out of the sensor, and set the bounds of the fog in front of it"
+        )
+    media = [
+        medium
+        for shape in scene.shapes()
+        for medium in (shape.interior_medium(), shape.exterior_medium())
+    ]
+    if not all(medium is None or medium.is_homogeneous() for medium in media):
+        raise SceneError(
+            "expected even fog for ranges, got a heterogeneous medium, in which mitransient "
+            "measures paths too short; use homogeneous ones"
+        )
+
+
+def _counterpart(integrator: Any) -> Any:
+    if type(integrator).__module__.startswith(f"{_NAME}."):
+        return integrator
+    known = integrator.class_name()  # the same of all that are written in Python
+    name = known if known in _COUNTERPARTS else type(integrator).__name__
+    if name not in _COUNTERPARTS:
+        raise SceneError(
+            "expected an integrator whose paths have lengths, got "
+            f"{name}; use path, direct, prb, volpath, volpathmis, prbvolpath or "
+            f"{' or '.join(TRANSIENT_INTEGRATORS)}"
+        )
+    entry = {"type": _COUNTERPARTS[name], "hide_emitters": bool(integrator.hide_emitters)}
+    if name == "DirectIntegrator":
+        return _loaded({**entry, "max_depth": _DEPTH_OF_DIRECT})
+    return _loaded({**entry, **depths_of(integrator)})
+
+
+def _loaded(entry: dict[str, Any]) -> Any:
+    try:
+        return mi.load_dict(entry)
+    except RuntimeError as error:
+        raise translate_error(error) from None
