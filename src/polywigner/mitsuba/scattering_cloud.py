@@ -106,8 +106,9 @@ def _batch(
                     "check its materials"
                 )
             parts.append((events, power, value * (unit * events.distance) ** 2))
-    events, power, intensity = zip(*parts, strict=True)
-    return Events.joined(list(events)), np.concatenate(power), np.concatenate(intensity)
+    found = Events.joined([events for events, _, _ in parts])
+    power, intensity = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+    return found, power, intensity
 
 
 def _rays(sensor: Any, draws: Floats) -> tuple[Any, Floats, Floats]:

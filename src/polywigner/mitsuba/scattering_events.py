@@ -1,4 +1,4 @@
-"""Events of light that reach a receiver by surfaces: where it saw them, how long their paths are."""
+"""Light that reaches a receiver by surfaces: where it saw each, and how long the path is."""
 
 from __future__ import annotations
 
