@@ -136,10 +136,7 @@ scene = mi.load_dict(
         },
         "wall": {
             "type": "rectangle",
-            "to_world": transform()
-            .translate([22, 6, 2])
-            .rotate([1, 0, 0], 90)
-            .scale([22, 2, 1]),
+            "to_world": transform().translate([22, 6, 2]).rotate([1, 0, 0], 90).scale([22, 2, 1]),
             "bsdf": rough(0.3),
         },
         "car": {
@@ -322,7 +319,9 @@ for name, index in (("post 3", bins[2]), ("road at 4 m", np.searchsorted(edges, 
     coherence[name] = [np.diagonal(degree, lag).mean() for lag in range(ELEMENTS)]
     axes.plot(np.arange(ELEMENTS) / 2, coherence[name], "o-", label=name)
 axes.set(
-    xlabel="distance of two columns (wavelengths)", ylabel="modulus of the correlation", ylim=(0, 1.05)
+    xlabel="distance of two columns (wavelengths)",
+    ylabel="modulus of the correlation",
+    ylim=(0, 1.05),
 )
 axes.legend()
 print({name: round(float(values[6]), 3) for name, values in coherence.items()})

@@ -31,7 +31,12 @@ CHIRPS, PERIOD = 64, 60e-6
 ELEMENTS, SPACING = 12, WAVELENGTH / 2
 ANGLES = 64
 """Bins of direction cosine of the transform over elements, padded with zeros."""
-POSTS = {"post 1": (9.0, 2.0), "post 2": (16.0, -3.5), "post 3": (24.0, 3.0), "post 4": (33.0, -3.0)}
+POSTS = {
+    "post 1": (9.0, 2.0),
+    "post 2": (16.0, -3.5),
+    "post 3": (24.0, 3.0),
+    "post 4": (33.0, -3.0),
+}
 RADIUS = 0.1
 CAR_SPEED = -8.0
 """m/s along x: it comes nearer."""
@@ -181,7 +186,9 @@ def main() -> None:
     angle = np.mean([range_angle(one) for one in _draws_of_angle(cloud, responses, rng)], axis=0)
     for name, place in POSTS.items():
         distance, cosine = seen_at(pose, place)
-        x, y = (int(np.abs(axis - v).argmin()) for axis, v in ((RANGES, distance), (COSINES, cosine)))
+        x, y = (
+            int(np.abs(axis - v).argmin()) for axis, v in ((RANGES, distance), (COSINES, cosine))
+        )
         row, column = peak_near(angle, x, y, 2)
         print(
             f"{name}: {distance:.2f} m, cosine {cosine:+.3f}; "
