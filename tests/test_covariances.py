@@ -171,7 +171,9 @@ def test_covariances_of_a_scene_are_received_powers(is_array: bool) -> None:
             }
         )
 
-    found = pm.scatterers(scene(ARRAY if is_array else ELEMENT), 20_000, rays=1 << 20)
+    found = pm.scatterers(
+        scene(ARRAY if is_array else ELEMENT), 20_000, rays=1 << (21 if is_array else 22)
+    )
     assert len(found["power"].values) > 4000
     matrix = pm.covariance(found, ARRAY)
     each = [pm.received_power(scene(pw.Array([e])), spp=1 << 18) for e in ARRAY.elements[::11]]

@@ -152,8 +152,8 @@ received = polywigner.mitsuba.received_power(scene, spp=1 << 18)
 print(received)
 
 # %%
-# A quarter of a picowatt for each milliwatt: less than the noise in 300 MHz. A radar lives on adding
-# up: 128 samples of 64 chirps here, which takes 39 dB off the noise.
+# A quarter of a picowatt for each milliwatt: less than the noise in 300 MHz. A radar lives on
+# adding up: 128 samples of 64 chirps here, which takes 39 dB off the noise.
 #
 # The scene as scatterers
 # -----------------------
@@ -329,9 +329,9 @@ assert min(coherence["post 3"]) > 0.8
 assert max(coherence["road at 4 m"][2:]) < 0.15
 
 # %%
-# A radar measures one draw of speckle after the other. `The example at 77 GHz
-# <https://github.com/polywigner/polywigner/tree/main/examples/radar_77ghz>`_ draws it, makes the
-# beat signal of a chirp for each column, and finds range, angle and speed by two Fourier transforms.
+# A radar measures one draw of speckle after the other. The example ``examples/radar_77ghz`` draws
+# it, makes the beat signal of a chirp for each column, and finds range, angle and speed by two
+# Fourier transforms.
 #
 # Exercises
 # ---------
