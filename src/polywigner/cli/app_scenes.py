@@ -36,6 +36,14 @@ def render(
         str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    range_: Annotated[
+        str | None,
+        typer.Option(
+            "--range",
+            help="A frame for each bin of range as well, such as '0 m to 30 m' (docs/range.md).",
+        ),
+    ] = None,
+    bins: Annotated[int | None, typer.Option(help="Of the range (default: 64).")] = None,
     resumable: Resumable = False,
     threads: Threads = None,
     scheduler: Scheduler = None,
@@ -44,8 +52,9 @@ def render(
 ) -> None:
     """Render a Mitsuba scene lit by a coherent aperture.
 
-    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json. With
-    --scheduler, the workers of a cluster share the parts of the picture, and the run is resumable.
+    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json; with
+    --range the animated picture NAME_range.gif and its frames NAME_range.nc. With --scheduler, the
+    workers of a cluster share the parts of the picture, and the run is resumable.
     """
     from polywigner.cli.render import RenderSettings, run_render
 
@@ -57,6 +66,8 @@ def render(
         integrator=integrator,
         sampler=sampler,
         seed=seed,
+        range_text=range_,
+        bins=bins,
         floor_db=db_floor,
         resumable=resumable,
         threads=threads,
@@ -95,6 +106,14 @@ def receive(
     noise_figure: Annotated[
         str | None, typer.Option(help="Such as '3 dB' (default: the receiver's own, else 0 dB).")
     ] = None,
+    range_: Annotated[
+        str | None,
+        typer.Option(
+            "--range",
+            help="Sort what is scattered by range as well, such as '0 m to 60 m' (docs/range.md).",
+        ),
+    ] = None,
+    bins: Annotated[int | None, typer.Option(help="Of the range (default: 256).")] = None,
     define: Annotated[
         list[str] | None,
         typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
@@ -108,8 +127,9 @@ def receive(
     """Say what power the receivers of a scene get, straight, by mirrors and scattered.
 
     Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
-    NAME.png. With --scheduler, the workers of a cluster share the batches of samples, and the run
-    is resumable.
+    NAME.png; with --range, power by half the length of its path NAME_range.nc and NAME_range.png
+    too. With --scheduler, the workers of a cluster share the batches of samples, and the run is
+    resumable.
     """
     from polywigner.cli.receive import run_receive
 
@@ -123,6 +143,8 @@ def receive(
         bandwidth=bandwidth,
         temperature=temperature,
         noise_figure=noise_figure,
+        range_text=range_,
+        bins=bins,
         define=define or [],
         floor_db=db_floor,
         resumable=resumable,

@@ -17,6 +17,13 @@ from polywigner.cli.output import (
     targets,
     writing,
 )
+from polywigner.cli.ranges import (
+    draw_ranges,
+    parse_ranges,
+    prepare_ranges,
+    ranges_record,
+    ranges_text,
+)
 from polywigner.cli.scenes import (
     check_is_file,
     check_is_no_aperture,
@@ -48,6 +55,8 @@ class ReceiveSettings:
     bandwidth: str | None
     temperature: str | None
     noise_figure: str | None
+    range_text: str | None
+    bins: int | None
     defined: dict[str, str]
     floor_db: float
     resumable: bool
@@ -66,6 +75,8 @@ def run_receive(
     bandwidth: str | None,
     temperature: str | None,
     noise_figure: str | None,
+    range_text: str | None,
+    bins: int | None,
     define: list[str],
     floor_db: float,
     resumable: bool,
@@ -75,6 +86,8 @@ def run_receive(
 ) -> None:
     """Print a table for each receiver, write NAME.json and NAME.png, print their paths.
 
+    With a range, write NAME_range.nc and NAME_range.png as well.
+
     Raises
     ------
     PolywignerError : input that cannot be used; nothing is written then.
@@ -82,7 +95,7 @@ def run_receive(
     defined = dict(scene_definition(text) for text in define)
     settings = ReceiveSettings(
         scene, spp, seed, variant, reflections, accuracy, bandwidth, temperature, noise_figure,
-        defined, floor_db, resumable, threads, scheduler,
+        range_text, bins, defined, floor_db, resumable, threads, scheduler,
     )  # fmt: skip
     check_is_file(scene)
     if spp is not None and spp < 1:
@@ -96,7 +109,9 @@ def run_receive(
         "noise_figure": None if noise_figure is None else parse_noise_figure(noise_figure),
     }
     stem = output_stem(out, Path(scene).stem + "_received")
-    files = targets(stem, (".json", ".png"))
+    edges = parse_ranges(range_text, bins, "receive")
+    by_range = ("_range.nc", "_range.png") if edges is not None else ()
+    files = targets(stem, (".json", ".png", *by_range))
     check_writable(files)
     store = None
     if resumable or scheduler is not None:
@@ -110,8 +125,9 @@ def run_receive(
     from polywigner.mitsuba.logs import to_list
     from polywigner.mitsuba.received_power import receivers_of
     from polywigner.mitsuba.receiving_arguments import asked_of
-    from polywigner.mitsuba.scene_receptions import receive_parts
+    from polywigner.mitsuba.scene_receptions import receive_parts, receive_ranges
     from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
+    from polywigner.propagation.exports import write_netcdf
     from polywigner.propagation.stores_files import require_stores
 
     if store is not None:
@@ -119,25 +135,29 @@ def run_receive(
     check_floor(floor_db)
     start = time.perf_counter()
     chosen = choose_variant(variant)
+    profile = None
     with to_list() as messages:
+        if edges is not None:
+            prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, None, defined)
         loaded = file.load()
         receivers_of(loaded)
         asked = asked_of(spp, seed, None, reflections, accuracy, *noise.values())
         with counted_bar("receiving") as progress:
-            found = receive_parts(
-                file,
-                loaded,
-                asked,
-                store=store,
-                scheduler=scheduler,
-                threads=threads,
-                progress=progress,
-            )
+            how: dict[str, Any] = {
+                "store": store,
+                "scheduler": scheduler,
+                "threads": threads,
+                "progress": progress,
+            }
+            if edges is None:
+                found = receive_parts(file, loaded, asked, **how)
+            else:
+                found, profile = receive_ranges(file, loaded, asked, edges, **how)
         maps = [arrival_map(loaded, number, seed) for number in range(len(found))]
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
-    record = {
+    record: dict[str, Any] = {
         "settings": asdict(settings),
         "used": {"variant": chosen},
         "receivers": [each.to_dict() for each in found],
@@ -145,13 +165,21 @@ def run_receive(
         "seconds": round(time.perf_counter() - start, 3),
     }
     figure = _figure(scene, found, maps, floor_db)
-    with writing(files) as (text, png):
+    if profile is not None:
+        record["ranges"] = ranges_record(profile, len(found))
+        ranges_figure = draw_ranges(scene, profile, found, floor_db)
+    with writing(files) as (text, png, *others):
         text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         figure.savefig(png, format="png")
+        if profile is not None:
+            write_netcdf(profile, others[0])
+            ranges_figure.savefig(others[1], format="png")
     if store is not None:
         remove_store(store)
         say_made(new)
     print("\n\n".join(map(str, found)))
+    if profile is not None:
+        print(ranges_text(profile, found))
     for path in files:
         print(path)
 

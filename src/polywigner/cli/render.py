@@ -19,6 +19,7 @@ from polywigner.cli.output import (
     writing,
 )
 from polywigner.cli.plausibility import check_wavelength
+from polywigner.cli.ranges import parse_ranges, prepare_ranges
 from polywigner.cli.scenes import check_is_file, check_is_no_aperture, check_threads, versions_of
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.errors import ArgumentError, SceneError
@@ -47,6 +48,8 @@ class RenderSettings:
     integrator: str | None
     sampler: str | None
     seed: int
+    range_text: str | None
+    bins: int | None
     floor_db: float
     resumable: bool
     threads: int | None
@@ -56,6 +59,7 @@ class RenderSettings:
 def run_render(settings: RenderSettings, out: str | None) -> None:
     """Render a Mitsuba XML scene, write NAME.exr, NAME.png and NAME.json, print their paths.
 
+    With a range, write NAME_range.nc and NAME_range.gif as well.
     With a scheduler, or if it is to be resumable, NAME.parts.zarr holds what is done until then.
 
     Raises
@@ -65,7 +69,9 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     _check(settings)
     scene, seed = settings.scene, settings.seed
     stem = output_stem(out, Path(scene).stem)
-    files = targets(stem, (".exr", ".png", ".json"))
+    edges = parse_ranges(settings.range_text, settings.bins, "render")
+    by_range = ("_range.nc", "_range.gif") if edges is not None else ()
+    files = targets(stem, (".exr", ".png", ".json", *by_range))
     check_writable(files)
     store = (
         targets(stem, (".parts.zarr",))[0]
@@ -75,16 +81,19 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     new = missing_folders(files)
     check_is_no_aperture(scene)
 
-    from polywigner.figures import draw_scene, picture_peak
+    from polywigner.execution import kernel_threads
+    from polywigner.figures import draw_scene, picture_peak, write_range_animation
     from polywigner.figures.levels import check_floor
-    from polywigner.mitsuba import choose_variant
+    from polywigner.mitsuba import choose_variant, range_frames
     from polywigner.mitsuba.images import mean_of_colours, write_exr
     from polywigner.mitsuba.logs import to_list
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import render_parts
     from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
+    from polywigner.propagation.exports import write_netcdf
     from polywigner.propagation.stores_files import require_stores
 
+    frames = None
     if store is not None:
         require_stores(settings.scheduler)
     check_floor(settings.floor_db)
@@ -93,6 +102,8 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     start = time.perf_counter()
     chosen = choose_variant(settings.variant)
     with to_list() as messages:
+        if edges is not None:
+            prepare_ranges(chosen)
         file = SceneFile(Path(scene), chosen, settings.sampler)
         loaded = file.load()
         _check_scene(loaded, scene)
@@ -111,6 +122,11 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
             scheduler=settings.scheduler,
             threads=settings.threads,
         )
+        if edges is not None:
+            with kernel_threads(settings.threads):
+                frames = range_frames(
+                    loaded, edges, spp=samples, seed=seed, integrator=settings.integrator
+                )
         done = time.perf_counter()
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
@@ -124,10 +140,13 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     _warn_of_darkness(radiance)
     title = _title(loaded, scene, chosen, samples)
     figure = draw_scene(radiance, reference, settings.floor_db, title=title)
-    with writing(files) as (exr, png, text):
+    with writing(files) as (exr, png, text, *others):
         write_exr(exr, image)
         figure.savefig(png, format="png")
         text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        if frames is not None:
+            write_netcdf(frames, others[0])
+            write_range_animation(frames, others[1], floor_db=settings.floor_db, title=title)
     if store is not None:
         remove_store(store)
         say_made(new)

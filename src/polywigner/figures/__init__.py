@@ -5,7 +5,8 @@ share, ``scene`` draws a rendered picture, ``slices`` computes what ``transforms
 figure of ``polywigner transform``, ``projections`` draws what ``polywigner.projections`` returns.
 Fields in front of a source: ``lines``, ``planes`` and ``hemispheres`` draw several methods side by
 side, ``volumes`` isosurfaces, ``patterns`` far fields as data sheets show them. ``arrivals``: where
-a receiver's power comes from. ``paper`` has the
+a receiver's power comes from, ``ranges`` from how far; ``range_frames``: what a
+camera sees from there. ``paper`` has the
 figures of the paper, ``drawing`` what they share with the others.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
@@ -20,6 +21,8 @@ from polywigner.figures.lines import draw_lines
 from polywigner.figures.patterns import draw_pattern
 from polywigner.figures.planes import draw_planes
 from polywigner.figures.projections import draw_projections
+from polywigner.figures.range_frames import write_range_animation
+from polywigner.figures.ranges import draw_range_profile
 from polywigner.figures.scene import draw_scene
 from polywigner.figures.slices import (
     LARGEST_SAMPLES,
@@ -41,6 +44,7 @@ __all__ = [
     "draw_pattern",
     "draw_planes",
     "draw_projections",
+    "draw_range_profile",
     "draw_rcs",
     "draw_scene",
     "draw_transforms",
@@ -50,4 +54,5 @@ __all__ = [
     "picture_peak",
     "samples_needed",
     "transform_slices",
+    "write_range_animation",
 ]

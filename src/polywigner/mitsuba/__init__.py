@@ -12,6 +12,8 @@ to every Mitsuba variant. It never sets a variant.
   ``visibility``; ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
 - ``scatterers``: lit scenes as clouds, by ``scattering_steps``, ``scattering_events`` and
   ``scattering_cloud``; ``scatterer_files``; ``covariances`` of arrays that receive them
+- ``range_profile``, ``range_frames``: by lengths of paths, with the integrators of ``transients``
+  and ``range_film``
 - ``exact``: exact irradiances in its place, for points that a source lights
 - ``scenes``: loading scenes and choosing variants; ``rendering``: their images; ``shadows``
 - ``parts``: those of a picture; ``scene_renders``, ``scene_receptions``: scene files on this
@@ -26,6 +28,7 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 from polywigner.mitsuba.covariances import covariance, element_responses  # noqa: E402
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.plugins import register  # noqa: E402
+from polywigner.mitsuba.range_frames import range_frames  # noqa: E402
 from polywigner.mitsuba.range_profile import range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
@@ -57,6 +60,7 @@ __all__ = [
     "element_responses",
     "has_wigner_emitter",
     "load_scene",
+    "range_frames",
     "range_profile",
     "received_power",
     "received_powers",

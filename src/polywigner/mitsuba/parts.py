@@ -19,10 +19,10 @@ from polywigner.mitsuba.films import coarse, cropped, fineness, refined
 from polywigner.mitsuba.logs import silent
 from polywigner.mitsuba.receiver import receiving
 
-__all__ = ["Cut", "Exposure", "cut_of", "seed_of"]
+__all__ = ["CAMERAS", "WAVEFRONT", "Cut", "Exposure", "cut_of", "seed_of"]
 
 # Samples in flight at once in the compiled variants: Mitsuba keeps some 100 bytes of each.
-_WAVEFRONT = 2**24
+WAVEFRONT = 2**24
 
 # The scalar variants keep nothing; they are cut only so that progress can be told. Their threads
 # share out squares of 32 pixels.
@@ -32,7 +32,7 @@ _SCALAR_ROWS = 32
 # Pixels of all sets together: half a gigabyte of each channel, where they are stored.
 _STORED = 2**26
 
-_CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
+CAMERAS = ("PerspectiveCamera", "ThinLensCamera", "OrthographicCamera")
 """Sensors whose film can be rendered in parts."""
 
 
@@ -74,14 +74,14 @@ def cut_of(camera: Any, samples: int) -> Cut:
     """The parts of a sensor's film, from the top of its crop window."""
     width, height = camera.film().crop_size()
     is_compiled = dr.is_jit_v(mi.Float)
-    if camera.class_name() not in _CAMERAS:
+    if camera.class_name() not in CAMERAS:
         count = 1
     elif is_compiled:
-        count = math.ceil(height / max(1, _WAVEFRONT // (samples * width)))
+        count = math.ceil(height / max(1, WAVEFRONT // (samples * width)))
     else:
         count = max(1, min(_SCALAR_STRIPS, height // _SCALAR_ROWS))
     rows = math.ceil(height / count)
-    longest = max(1, _WAVEFRONT // (width * rows)) if is_compiled else samples
+    longest = max(1, WAVEFRONT // (width * rows)) if is_compiled else samples
     passes = math.ceil(samples / longest)
     sets = max(1, min(passes, _STORED // (width * height)))
     return Cut(width, height, rows, samples, passes, sets)
@@ -128,7 +128,7 @@ class Exposure:
 
     def channels(self) -> int:
         """How many the image has: told by one pixel, since integrators add to those of the film."""
-        one = 1 if self.camera.class_name() in _CAMERAS else self.cut.height
+        one = 1 if self.camera.class_name() in CAMERAS else self.cut.height
         with cropped(self.camera, 0, one, one), _without_complaints():
             return int(_rendered(self, 1, 0).shape[-1])
 
@@ -147,7 +147,7 @@ def _rendered(exposure: Exposure, spp: int, seed: int) -> npt.NDArray[np.float64
         with receiving(scene), refined(camera, factor):
             image = mi.render(scene, sensor=camera, integrator=integrator, spp=finer, seed=seed)
             return coarse(np.array(image, dtype=np.float64), factor)
-    except RuntimeError as error:
+    except (RuntimeError, AssertionError) as error:
         # Dr.Jit says only that something failed; what failed is the cause.
         cause = error.__cause__ or error
         raise SceneError(

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.films import film_of, fineness
-from polywigner.mitsuba.parts import cut_of, seed_of
+from polywigner.mitsuba.parts import CAMERAS, WAVEFRONT, seed_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME, is_receiver, receiver_class
 from polywigner.mitsuba.transients import require_transients
 
@@ -38,10 +38,11 @@ def sorted_by_range(
     longer ones. Films of receivers are taken as one pixel; other films keep size and crop, with a
     box filter.
     """
-    cut = cut_of(sensor, spp)
+    width, height = (1, 1) if is_receiver(sensor) else sensor.film().crop_size()
+    passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
     total: Any = 0.0
-    for index in range(cut.passes):
-        samples = spp // cut.passes + (index < spp % cut.passes)
+    for index in range(passes):
+        samples = spp // passes + (index < spp % passes)
         rendered = _rendered(scene, sensor, integrator, edges, samples, seed_of(seed, index))
         total = total + samples / spp * rendered
     bad = int(np.count_nonzero(~np.isfinite(total)))
@@ -190,6 +191,8 @@ def _sensor_class(variant: str) -> Any:
             """How far from the sensor a ray starts: a near clip, or a receiver's small step."""
             if is_receiver(self._looks):
                 return dr.dot(self._looks.lift, ray.d)
+            if self._looks.class_name() not in CAMERAS:
+                return 0.0
             middle = self._looks.world_transform().translation()
             return dr.dot(ray.o - m.Point3f(middle), ray.d)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,16 @@ from polywigner.errors import ArgumentError
 from polywigner.mitsuba.parts import seed_of
 from polywigner.mitsuba.range_film import sorted_by_range
 from polywigner.mitsuba.received import OTHER_LIGHTS, noise_power_of
-from polywigner.mitsuba.received_power import chosen, matched, receivers_of, scattered_here
-from polywigner.mitsuba.receiving_arguments import Asked, asked_of
-from polywigner.mitsuba.rendering import default_spp, exposed
+from polywigner.mitsuba.received_power import (
+    Parties,
+    chosen,
+    matched,
+    receivers_of,
+    scattered_here,
+    scattering,
+)
+from polywigner.mitsuba.receiving_arguments import asked_of
+from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scattered import (
     BATCHES,
     Scattering,
@@ -30,7 +36,7 @@ from polywigner.mitsuba.unseen import lit_by, unseen, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 
-__all__ = ["Ranging", "checked_ranges", "profiles", "range_profile"]
+__all__ = ["Ranging", "checked_ranges", "profile_of", "range_axes", "range_profile", "ranged"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -93,8 +99,11 @@ def range_profile(
     asked = asked_of(spp, seed, integrator, 0, 1e-6, bandwidth, temperature, noise_figure)
     found = receivers_of(scene)
     numbers = list(range(len(found))) if receiver is None else [chosen(found, receiver)]
-    sample = partial(scattered_here, scene, progress)
-    return profiles(scene, numbers, edges, asked, sample)
+    parties = matched(scene, numbers, asked)
+    with unseen(scene):
+        plans = [scattering(scene, sensor, asked) for sensor in parties.sensors]
+        powers = scattered_here(scene, progress, ranged(plans, parties, edges))
+    return profile_of(scene, parties, edges, plans[0], powers)
 
 
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
@@ -130,9 +139,9 @@ class Ranging(Scattering):
     """Of bins, lengths of paths in units of the scene."""
 
     @property
-    def values(self) -> int:
+    def values(self) -> tuple[int, ...]:
         """What one batch finds of each light: nearer than all bins, in each, farther."""
-        return len(self.edges) + 1
+        return (len(self.edges) + 1,)
 
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
@@ -156,27 +165,28 @@ class Ranging(Scattering):
         return np.array(found)
 
 
-def profiles(
-    scene: Any, numbers: list[int], edges: Floats, asked: Asked, sample: Callable[[Any], Any]
+def ranged(plans: list[Scattering], parties: Parties, edges: Floats) -> list[Ranging]:
+    """The same samples by range, of ``edges`` in m."""
+    lengths = [2.0 * edges / place.scene_unit for place in parties.places]
+    return [
+        Ranging(plan.sensor, plan.integrator, plan.spp, plan.seed, tuple(own.tolist()))
+        for plan, own in zip(plans, lengths, strict=True)
+    ]
+
+
+def profile_of(
+    scene: Any, parties: Parties, edges: Floats, plan: Scattering, found: Floats
 ) -> Labelled:
-    """See :func:`range_profile`; ``sample``: plans -> W (receivers, batches, lights, values)."""
-    parties = matched(scene, numbers, asked)
-    plans = []
-    for sensor, place in zip(parties.sensors, parties.places, strict=True):
-        lengths = 2.0 * edges / place.scene_unit
-        spp = default_spp(scene, sensor) if asked.spp is None else asked.spp
-        plans.append(Ranging(sensor, asked.integrator, spp, asked.seed, tuple(lengths.tolist())))
-    with unseen(scene):
-        found = np.asarray(sample(plans))
-        shares = [shares_of(scene, each) for each in found]
+    """See :func:`range_profile`; ``found``: W (receivers, batches, lights, values)."""
+    shares = [shares_of(scene, each) for each in found]
     has_others = len(lights_of(scene)) > len(parties.emitters)
     names = [each.name for each in parties.emitters] + [OTHER_LIGHTS] * has_others
     by_light = np.array([[*own, other][: len(names)] for own, other in shares])
-    return labelled(_described(by_light, names, parties, edges, plans[0]))
+    return labelled(_described(by_light, names, parties, edges, plan))
 
 
 def _described(
-    by_light: Floats, names: list[str], parties: Any, edges: Floats, plan: Ranging
+    by_light: Floats, names: list[str], parties: Parties, edges: Floats, plan: Scattering
 ) -> LabelledArrays:
     """``by_light``: W (receivers, lights, batches, values)."""
     from polywigner import __version__
@@ -218,11 +228,8 @@ def _described(
             "range that the bandwidth resolves, c/(2 B)",
         ),
     }
-    middles = (edges[1:] + edges[:-1]) / 2
-    length = {"units": "m", "long_name": "range, half the length of the path"}
     coords = {
-        "range": LabelledArray(middles, ("range",), length),
-        "range_edge": LabelledArray(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+        **range_axes(edges),
         "emitter": LabelledArray(np.array(names), ("emitter",)),
     }
     single = len(parties.places) == 1
@@ -249,3 +256,13 @@ def _described(
         coords,
         about,
     )
+
+
+def range_axes(edges: Floats) -> dict[str, LabelledArray]:
+    """Middles and edges of bins as coordinates."""
+    length = {"units": "m", "long_name": "range, half the length of the path"}
+    middles = (edges[1:] + edges[:-1]) / 2
+    return {
+        "range": LabelledArray(middles, ("range",), length),
+        "range_edge": LabelledArray(edges, ("range_edge",), {**length, "long_name": "bin edges"}),
+    }

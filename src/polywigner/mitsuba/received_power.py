@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import count
 from typing import Any, NamedTuple
@@ -43,6 +43,7 @@ __all__ = [
     "received_powers",
     "receivers_of",
     "scattered_here",
+    "scattering",
 ]
 
 _NO_RADIANCE = ("AOVIntegrator", "DepthIntegrator", "MomentIntegrator", "ParticleTracerIntegrator")
@@ -170,7 +171,7 @@ def received(scene: Any, numbers: list[int], asked: Asked, scattered: Scattered)
     parties = matched(scene, numbers, asked)
     with unseen(scene):
         lit = [_direct(scene, place, parties.emitters, asked) for place in parties.places]
-        plans = [_scattering(scene, index, asked) for index in parties.sensors]
+        plans = [scattering(scene, index, asked) for index in parties.sensors]
         found = scattered(plans)
         each = zip(parties.places, parties.noises, lit, plans, found, strict=True)
         return [_result(scene, parties.emitters, *one) for one in each]
@@ -201,7 +202,8 @@ def matched(scene: Any, numbers: list[int], asked: Asked) -> Parties:
     return Parties([index for index, _ in receivers], places, noises, emitters)
 
 
-def _scattering(scene: Any, sensor: int, asked: Asked) -> Scattering:
+def scattering(scene: Any, sensor: int, asked: Asked) -> Scattering:
+    """How what is scattered to a sensor, by its number, is sampled."""
     _check_integrator(exposed(scene, asked.integrator, 1, 0, sensor, warn=False).integrator)
     spp = default_spp(scene, sensor) if asked.spp is None else asked.spp
     return Scattering(sensor, asked.integrator, spp, asked.seed)
@@ -218,9 +220,9 @@ def _check_integrator(integrator: Any) -> None:
 
 
 def scattered_here(
-    scene: Any, progress: Progress | None, plans: list[Scattering]
+    scene: Any, progress: Progress | None, plans: Sequence[Scattering]
 ) -> NDArray[np.float64]:
-    """W (receivers, batches, lights): what all batches find, one after the other."""
+    """W (receivers, batches, lights, ...): what all batches find, one after the other."""
     done, total = count(1), len(plans) * BATCHES * len(lights_of(scene))
 
     def tell() -> None:

@@ -211,8 +211,9 @@ def _warn_of_fog(scene: Any, camera: Any) -> None:
 def _plays_roulette(tracer: Any) -> bool:
     """Whether some path of a particle tracer is long enough for Russian roulette."""
     depths = depths_of(tracer)
+    longest = depths["max_depth"] % 2**32
     roulette = depths["rr_depth"]
-    return roulette <= depths["max_depth"] % 2**32 and roulette < _NEVER
+    return roulette <= longest and roulette < _NEVER
 
 
 def depths_of(integrator: Any) -> dict[str, int]:

@@ -44,6 +44,11 @@ class Scattering:
     """Samples of all batches, as asked."""
     seed: int
 
+    @property
+    def values(self) -> tuple[int, ...]:
+        """Shape of what a batch finds of each light, one number."""
+        return ()
+
     def batch(
         self, scene: Any, number: int, done: Callable[[], None] = lambda: None
     ) -> NDArray[np.float64]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.execution import kernel_threads
+from polywigner.mitsuba.range_profile import Ranging, profile_of, ranged
 from polywigner.mitsuba.received import ReceivedPower
-from polywigner.mitsuba.received_power import received, receivers_of, scattered_here
+from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
 from polywigner.mitsuba.receiving_arguments import Asked
 from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights_of
 from polywigner.mitsuba.sent_scenes import SceneFile, SentScene
 from polywigner.mitsuba.unseen import unseen
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout
-from polywigner.transforms.labelled import LabelledArray
+from polywigner.transforms.labelled import Labelled, LabelledArray
 
-__all__ = ["receive_parts"]
+__all__ = ["receive_parts", "receive_ranges"]
 
 _VARIABLE = "power"
 
@@ -41,29 +43,69 @@ def receive_parts(
     receiver. ``progress`` is told without a store, which has a bar of its own.
     """
 
-    def scattered(plans: list[Scattering]) -> npt.NDArray[np.float64]:
-        if store is None:
-            with kernel_threads(threads):
-                return scattered_here(scene, progress, plans)
-        batches = Batches(file, scene, plans)
-        found = write_dataset(
-            store,
-            batches.layout(),
-            batches,
-            batches.settings(),
-            scheduler=scheduler,
-            threads=threads,
-        )
-        with found:
-            return np.asarray(found[_VARIABLE].values)
+    sample = partial(_sampled, file, scene, store, scheduler, threads, progress)
+    return received(scene, list(range(len(receivers_of(scene)))), asked, sample)
 
-    return received(scene, list(range(len(receivers_of(scene)))), asked, scattered)
+
+def receive_ranges(
+    file: SceneFile,
+    scene: Any,
+    asked: Asked,
+    edges: npt.NDArray[np.float64],
+    *,
+    store: str | Path | None = None,
+    scheduler: str | None = None,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[list[ReceivedPower], Labelled]:
+    """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`.
+
+    ``edges``: of bins, in m, as :func:`checked_ranges` gives them.
+    """
+    numbers = list(range(len(receivers_of(scene))))
+    parties = matched(scene, numbers, asked)
+    kept: list[Any] = []
+
+    def scattered(plans: list[Scattering]) -> npt.NDArray[np.float64]:
+        by_range = ranged(plans, parties, edges)
+        found = _sampled(file, scene, store, scheduler, threads, progress, by_range)
+        kept.extend((plans[0], found))
+        return np.asarray(found.sum(axis=-1))
+
+    powers = received(scene, numbers, asked, scattered)
+    return powers, profile_of(scene, parties, edges, *kept)
+
+
+def _sampled(
+    file: SceneFile,
+    scene: Any,
+    store: str | Path | None,
+    scheduler: str | None,
+    threads: int | None,
+    progress: Callable[[int, int], None] | None,
+    plans: Sequence[Scattering],
+) -> npt.NDArray[np.float64]:
+    """W (receivers, batches, lights, ...) that batches find, here or by a store."""
+    if store is None:
+        with kernel_threads(threads):
+            return scattered_here(scene, progress, plans)
+    batches = Batches(file, scene, plans)
+    found = write_dataset(
+        store,
+        batches.layout(),
+        batches,
+        batches.settings(),
+        scheduler=scheduler,
+        threads=threads,
+    )
+    with found:
+        return np.asarray(found[_VARIABLE].values)
 
 
 class Batches:
     """The block function of a store of batches; loads the scene anew where it is sent to."""
 
-    def __init__(self, file: SceneFile, scene: Any, plans: list[Scattering]) -> None:
+    def __init__(self, file: SceneFile, scene: Any, plans: Sequence[Scattering]) -> None:
         self.sent, self.plans = SentScene(file), plans
         self.lights = len(lights_of(scene))
         self.scene: Any = scene
@@ -74,7 +116,7 @@ class Batches:
     def __call__(self, origin: tuple[int, ...], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
         if self.scene is None:
             self.scene = self.sent.load()
-        receiver, batch, _ = origin
+        receiver, batch, *_ = origin
         with unseen(self.scene):
             return self.plans[receiver].batch(self.scene, batch)[None, None]
 
@@ -83,16 +125,20 @@ class Batches:
         self.sent.check()
 
     def layout(self) -> Layout:
-        """(receiver, batch, light); a chunk is one batch of one receiver."""
-        shape = {"receiver": len(self.plans), "batch": BATCHES, "light": self.lights}
+        """(receiver, batch, light), and path; a chunk is one batch of one receiver."""
+        counts = (self.lights, *self.plans[0].values)
+        axes = ("receiver", "batch", "light", "path")
+        shape = dict(zip(axes, (len(self.plans), BATCHES, *counts), strict=False))
         coords = {name: LabelledArray(np.arange(n), (name,)) for name, n in shape.items()}
-        return Layout(_VARIABLE, "float64", coords, (1, 1, self.lights), {"units": "W"})
+        return Layout(_VARIABLE, "float64", coords, (1, 1, *counts), {"units": "W"})
 
     def settings(self) -> dict[str, Any]:
         """All that the values depend on."""
+        first = self.plans[0]
         return {
             **self.sent.settings(),
             "integrator": self.plans[0].integrator,
             "spp": [batches_of(plan.spp) for plan in self.plans],
-            "seed": self.plans[0].seed,
+            "seed": first.seed,
+            **({"ranges": list(first.edges)} if isinstance(first, Ranging) else {}),
         }

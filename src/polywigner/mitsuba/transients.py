@@ -25,6 +25,8 @@ _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
 TRANSIENT_INTEGRATORS = (_PATH, _VOLUME)
 """Plugins that sample receivers and cameras. ``transient_nlos_path`` needs a sensor of its own."""
 
+_OWN = ("TransientPath", "TransientPRBVolpathIntegrator")
+
 # The same light transport, by the class of the integrator without path lengths.
 _COUNTERPARTS = {
     "PathIntegrator": _PATH,
@@ -39,13 +41,17 @@ _COUNTERPARTS = {
 _DEPTH_OF_DIRECT = 2
 
 
-def require_transients() -> Any:
+def require_transients(variant: str | None = None) -> Any:
     """mitransient for the variant that is set, its plugins registered.
+
+    ``variant``: set first, if given.
 
     Raises
     ------
     MissingExtraError without it; EngineError for a scalar variant, which it has no integrators for.
     """
+    if variant is not None:
+        mi.set_variant(variant)
     variant = mi.variant()
     if variant is None or variant.startswith("scalar"):
         raise EngineError(
@@ -55,8 +61,9 @@ def require_transients() -> Any:
     found = sys.modules.get(_NAME)
     if found is not None and _is_for_this_variant():
         return found
-    for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
-        del sys.modules[name]
+    if found is not None:
+        for name in [name for name in sys.modules if name.split(".")[0] == _NAME]:
+            del sys.modules[name]
     # an import of it chooses a variant for child processes too
     chosen = os.environ.get("MI_DEFAULT_VARIANT")
     try:
@@ -88,7 +95,7 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
     """
     require_transients()
     found = _counterpart(integrator)
-    if type(found).__name__ == "TransientPRBVolpathIntegrator":
+    if type(found).__name__ == _OWN[1]:
         _check_fog(scene, sensor)
     return found
 
@@ -117,6 +124,7 @@ def _check_fog(scene: Any, sensor: Any) -> None:
 
 def _counterpart(integrator: Any) -> Any:
     if type(integrator).__module__.startswith(f"{_NAME}."):
+        _check_own(integrator)
         return integrator
     known = integrator.class_name()  # the same of all that are written in Python
     name = known if known in _COUNTERPARTS else type(integrator).__name__
@@ -130,6 +138,20 @@ def _counterpart(integrator: Any) -> Any:
     if name == "DirectIntegrator":
         return _loaded({**entry, "max_depth": _DEPTH_OF_DIRECT})
     return _loaded({**entry, **depths_of(integrator)})
+
+
+def _check_own(integrator: Any) -> None:
+    name = type(integrator).__name__
+    if name not in _OWN:
+        raise SceneError(
+            f"expected {' or '.join(TRANSIENT_INTEGRATORS)}, got {name} of mitransient; it needs a "
+            "sensor of its own"
+        )
+    if integrator.camera_unwarp:
+        raise SceneError(
+            "expected whole lengths of paths, got camera_unwarp, which leaves the last way out; "
+            "leave it out of the integrator"
+        )
 
 
 def _loaded(entry: dict[str, Any]) -> Any:

@@ -1,0 +1,187 @@
+"""Pictures by range: cameras against lengths by hand, and what is drawn of frames and profiles."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.errors import ArgumentError
+from polywigner.figures import draw_range_profile, write_range_animation
+from polywigner.transforms.labelled import LabelledArray, LabelledArrays
+
+RADAR = [
+    pytest.mark.drjit,
+    pytest.mark.llvm,
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        importlib.util.find_spec("mitransient") is None, reason="mitransient is not installed"
+    ),
+]
+
+SCENE = """<scene version="3.0.0">
+    <integrator type="path"><integer name="max_depth" value="2"/></integrator>
+    <sensor type="perspective" id="camera">
+        <float name="fov" value="20"/><float name="near_clip" value="2"/>
+        <transform name="to_world">
+            <lookat origin="3, 0, 0" target="3, 0, 10" up="0, 1, 0"/>
+        </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="8"/><integer name="height" value="6"/>
+            <string name="pixel_format" value="luminance"/><rfilter type="box"/>
+        </film>
+        <sampler type="independent"><integer name="sample_count" value="16"/></sampler>
+    </sensor>
+    <sensor type="wigner_receiver" id="rx">
+        <string name="aperture" value="square.wkt"/><string name="frequency" value="94 GHz"/>
+        <string name="bandwidth" value="1 GHz"/><string name="temperature" value="290 K"/>
+        <film type="hdrfilm">
+            <integer name="width" value="1"/><integer name="height" value="1"/>
+            <rfilter type="box"/>
+        </film>
+        <sampler type="independent"><integer name="sample_count" value="256"/></sampler>
+    </sensor>
+    <shape type="wigner">
+        <string name="aperture" value="square.wkt"/><string name="frequency" value="94 GHz"/>
+        <string name="estimator" value="exact"/><string name="power" value="1 W"/>
+    </shape>
+    <shape type="rectangle">
+        <transform name="to_world">
+            <rotate y="1" angle="180"/><scale value="8"/><translate z="10"/>
+        </transform>
+    </shape>
+</scene>"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    (tmp_path / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    path = tmp_path / "scene.xml"
+    path.write_text(SCENE)
+    return path
+
+
+class TestCameras:
+    pytestmark = RADAR
+
+    def test_frames_are_where_paths_are_as_long_and_add_up_to_the_picture(
+        self, scene: Path
+    ) -> None:
+        pm = pytest.importorskip("polywigner.mitsuba")
+        loaded = pm.load_scene(scene, "llvm_ad_mono")
+        edges = np.linspace(9.0, 12.0, 61)
+        told: list[tuple[int, int]] = []
+        frames = pm.range_frames(
+            loaded, edges, spp=64, seed=3, progress=lambda *step: told.append(step)
+        )
+        radiance = frames["radiance"].values
+        assert radiance.shape == (60, 6, 8) and told[-1] == (4, 4)
+        total = radiance.sum(axis=0) + frames["before"].values + frames["after"].values
+        picture = pm.render(loaded, spp=64, seed=5)[..., 0]
+        np.testing.assert_allclose(total.mean(), picture.mean(), rtol=0.02)
+        # the ray in the middle of each pixel, from a camera whose near clip is 2 m
+        half = math.tan(math.radians(10.0))
+        x = 10.0 * half * (np.arange(8) - 3.5) / 4
+        y = 10.0 * half * (np.arange(6) - 2.5) / 4
+        away = np.hypot(10.0, np.hypot(x, y[:, None]))
+        expected = (away + np.hypot(10.0, np.hypot(3.0 - x, y[:, None]))) / 2
+        middles = frames["range"].values
+        found = (radiance * middles[:, None, None]).sum(axis=0) / radiance.sum(axis=0)
+        np.testing.assert_allclose(found, expected, atol=0.06)
+        with pytest.raises(ArgumentError, match="range_profile"):
+            pm.range_frames(loaded, edges, sensor=1)
+
+    def test_commands_write_what_functions_return(self, scene: Path, tmp_path: Path) -> None:
+        xarray = pytest.importorskip("xarray")
+        out = tmp_path / "out" / "echo"
+        words = [str(scene), "--variant", "llvm_ad_mono", "--range", "9 m to 15 m", "--out"]
+        assert main(["receive", *words, str(out), "--bins", "60"]) == 0
+        record = json.loads(out.with_name("echo.json").read_text())
+        with xarray.open_dataset(out.with_name("echo_range.nc")) as profile:
+            power = profile["power"].values
+            np.testing.assert_allclose(profile["range_edge"].values, np.linspace(9, 15, 61))
+            assert profile["power"].attrs["units"] == "W"
+            total = float(power.sum() + profile["before"] + profile["after"])
+        np.testing.assert_allclose(record["ranges"]["receivers"][0]["power_w"], power)
+        np.testing.assert_allclose(total, record["receivers"][0]["scattered_w"], rtol=1e-12)
+        assert power[:10].max() == 0 < power[10]
+        assert main(["render", *words, str(out), "--bins", "3", "--spp", "4"]) == 0
+        with xarray.open_dataset(out.with_name("echo_range.nc")) as frames:
+            assert frames["radiance"].shape == (3, 6, 8)
+        names = sorted(path.name for path in out.parent.iterdir())
+        assert names == [
+            "echo.exr", "echo.json", "echo.png", "echo_range.gif", "echo_range.nc",
+            "echo_range.png",
+        ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--range", "5 m"], "two lengths"),
+        (["--range", "2 m to 1 m"], "larger length"),
+        (["--range", "-1 m to 1 m"], "zero or more"),
+        (["--range", "0 m to 1 s"], "length"),
+        (["--range", "0 m to 1 m", "--bins", "0"], "--bins from 1"),
+        (["--bins", "5"], "add a --range"),
+    ],
+)
+@pytest.mark.parametrize("command", ["receive", "render"])
+def test_bad_ranges_are_one_sentence(
+    command: str, words: list[str], message: str, scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([command, str(scene), *words]) == 2
+    errors = capsys.readouterr().err
+    assert message in errors and errors.count("\n") == 1
+    assert sorted(path.name for path in scene.parent.iterdir()) == ["scene.xml", "square.wkt"]
+
+
+def profile(**other: Any) -> LabelledArrays:
+    edges = np.linspace(0.0, 4.0, 5)
+    values = {
+        "power": np.array([0.0, 1e-6, -1e-9, 1e-8]),
+        "standard_error": np.full(4, 1e-9),
+        "noise_power": np.array(1e-11),
+        **other,
+    }
+    arrays = {name: LabelledArray(np.array(v), ()) for name, v in values.items()}
+    return LabelledArrays(arrays, {"range_edge": LabelledArray(edges, ("range_edge",))})
+
+
+def test_a_profile_is_drawn_in_dbm_with_the_noise() -> None:
+    axes = draw_range_profile(profile(), floor_db=-40.0).axes[0]
+    drawn = axes.patches[-1].get_data().values
+    np.testing.assert_allclose(drawn, [-85.0, -30.0, -85.0, -50.0])
+    assert axes.lines[0].get_ydata()[0] == pytest.approx(-80.0)
+    assert axes.get_xlabel().endswith("(m)") and "dBm" in axes.get_ylabel()
+    quiet = draw_range_profile(profile(noise_power=np.array(np.nan)), floor_db=-40.0).axes[0]
+    assert quiet.get_ylim()[0] == pytest.approx(-70.0) and not quiet.lines
+    for bad in (None, pw.shapes.square(1.0)):
+        with pytest.raises(ArgumentError, match="range_profile"):
+            draw_range_profile(bad)
+    with pytest.raises(ArgumentError, match="receivers"):
+        draw_range_profile(profile(), 1)
+
+
+def test_an_animation_has_a_frame_for_each_bin(tmp_path: Path) -> None:
+    from PIL import Image
+
+    radiance = np.zeros((3, 4, 4))
+    radiance[0, :2], radiance[1, 2:] = 1.0, 0.1
+    arrays = {"radiance": LabelledArray(radiance, ("range", "row", "column"))}
+    edges = {"range_edge": LabelledArray(np.linspace(1.0, 4.0, 4), ("range_edge",))}
+    path = tmp_path / "frames.partial"
+    write_range_animation(LabelledArrays(arrays, edges), path, floor_db=-20.0, title="echo")
+    with Image.open(path) as found:
+        assert found.format == "GIF" and found.n_frames == 3
+    with pytest.raises(ArgumentError, match="range_frames"):
+        write_range_animation(None, path)
+    with pytest.raises(ArgumentError, match="milliseconds"):
+        write_range_animation(LabelledArrays(arrays, edges), path, milliseconds=0)
