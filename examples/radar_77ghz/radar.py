@@ -183,7 +183,7 @@ def main() -> None:
 
     signal = beat_signal(cloud, responses, speckle(len(responses[0]), rng))
     doppler = range_doppler(signal)
-    angle = np.mean([range_angle(one) for one in _draws_of_angle(cloud, responses, rng)], axis=0)
+    angle = np.mean([range_angle(one) for one in draws_of_angle(cloud, responses, rng)], axis=0)
     for name, place in POSTS.items():
         distance, cosine = seen_at(pose, place)
         x, y = (
@@ -205,7 +205,7 @@ def main() -> None:
     print(asked.out)
 
 
-def _draws_of_angle(cloud: Any, responses: np.ndarray, rng: np.random.Generator) -> Any:
+def draws_of_angle(cloud: Any, responses: np.ndarray, rng: np.random.Generator) -> Any:
     """Beat signals (elements, 1, samples) of 64 draws, of one chirp each."""
     fast = within_chirp(cloud["path_length"].values)
     own = responses * np.sqrt(cloud["intensity"].values)
