@@ -67,7 +67,7 @@ patterns = {
     "elevation": np.abs(pw.fourier(column, np.stack([zero, nu], axis=-1))) ** 2,
 }
 figure, panels = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
-for element in array.elements:
+for element in array.elements_in_plane:
     for patch in element.polygons.geoms:
         panels[0].fill(*(1e3 * np.array(patch.exterior.xy)), "C1")
 panels[0].set(aspect="equal", xlabel="x (mm)", ylabel="y (mm)", title="Twelve columns of patches")
@@ -202,7 +202,7 @@ distances = np.linalg.norm(ways, axis=1) - RADIUS
 figure, axes = plt.subplots(figsize=(8, 3.8), layout="constrained")
 axes.stairs(dbm(profile["power"].values), edges, label="range_profile", baseline=None)
 axes.stairs(dbm(sorted_cloud), edges, label="scatterers", ls="--", baseline=None)
-noise = received.noise_power / (128 * 64)
+noise = (received.noise_power or 0) / (128 * 64)
 axes.axhline(dbm(noise), color="0.4", ls=":", label="noise after 128 x 64 samples")
 for k, distance in enumerate(distances):
     axes.axvline(distance, color="red", lw=0.6)

@@ -125,8 +125,8 @@ def expected_profile(ranges: np.ndarray, power: np.ndarray) -> np.ndarray:
 def seen_at(pose: np.ndarray, place: tuple[float, float]) -> tuple[float, float]:
     """Range (m) of a post's face and its direction cosine along the array, analytically."""
     way = np.array([*place, pose[2, 3]]) - pose[:3, 3]
-    distance = np.linalg.norm(way)
-    return distance - RADIUS, way @ pose[:3, 0] / distance
+    distance = float(np.linalg.norm(way))
+    return distance - RADIUS, float(way @ pose[:3, 0]) / distance
 
 
 def peak_near(picture: np.ndarray, x: int, y: int, reach: int) -> tuple[int, int]:
