@@ -257,7 +257,7 @@ assert np.allclose(trace / ELEMENTS, sorted_cloud, rtol=0.01)
 # :math:`w_k = \exp(2\pi i x_k\alpha/\lambda)` and receives
 # :math:`w^T R\,w^*/12`. A taper lowers its sidelobes (left). Capon's beam takes for each direction
 # and range the weights that let through all of that direction and as little as possible of the
-# rest, which sharpens the picture (right).
+# rest, noise included, which sharpens the picture (right).
 
 cosines = np.linspace(-0.8, 0.8, 161)
 steering = np.exp(2j * np.pi * np.outer(cosines, across) / WAVELENGTH)

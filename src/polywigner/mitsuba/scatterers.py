@@ -30,8 +30,9 @@ Floats = NDArray[np.float64]
 # Rays for each scatterer: more find more to choose from.
 _RAYS = 4
 _FEWEST_RAYS = 4096
-# A gigabyte of values, and some of rays.
-_MOST = 10_000_000
+# A gigabyte or two of events.
+_MOST = 1_000_000
+_MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
 
 
@@ -93,8 +94,8 @@ def scatterers(
         unit; radiance that is not finite. ArgumentError : no scene, several receivers and none
         named, ids that are not there, other arguments out of range.
     """
-    size = _counted("count", count)
-    asked = max(_RAYS * size, _FEWEST_RAYS) if rays is None else _counted("rays", rays)
+    size = _counted("count", count, _MOST)
+    asked = max(_RAYS * size, _FEWEST_RAYS) if rays is None else _counted("rays", rays, _MOST_RAYS)
     depth = None if max_depth is None else _depth(max_depth)
     given = asked_of(None, seed, None, 0, 1e-6, None, None, None)
     rng = np.random.default_rng(given.seed)
@@ -186,11 +187,11 @@ def _velocity(name: str, value: ArrayLike) -> Floats:
     return found
 
 
-def _counted(name: str, value: Any) -> int:
+def _counted(name: str, value: Any, most: int) -> int:
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ArgumentError(f"expected {name} as a whole number, got {value!r}")
-    if not 1 <= value <= _MOST:
-        raise ArgumentError(f"expected {name} from 1 to {_MOST}, got {value}")
+    if not 1 <= value <= most:
+        raise ArgumentError(f"expected {name} from 1 to {most}, got {value}")
     return int(value)
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.mitsuba.scattering_events import Events, Motion, events_of
+from polywigner.mitsuba.scattering_steps import Paths
 from polywigner.mitsuba.unseen import wigner_emitters
 
 __all__ = ["BATCHES", "Cloud", "cloud_of"]
@@ -96,8 +97,8 @@ def _batch(
     parts = []
     for start in range(0, count, _WAVEFRONT):
         own = draws[start : start + _WAVEFRONT]
-        ray, watts, solid_angle = _rays(sensor, own)
-        for events in events_of(scene, ray, rng, own[:, 4:], depth - 1, meets_lights, motion):
+        paths, watts, solid_angle = _paths(sensor, own)
+        for events in events_of(scene, paths, rng, own[:, 4:], depth - 1, meets_lights, motion):
             value = events.radiance * (solid_angle / count)[events.ray]
             power = value * watts[events.ray]
             if not np.isfinite(power).all():
@@ -111,27 +112,22 @@ def _batch(
     return found, power, intensity
 
 
-def _rays(sensor: Any, draws: Floats) -> tuple[Any, Floats, Floats]:
-    """Rays that leave a receiver; W per radiance and solid angle; the solid angle of each."""
+def _paths(sensor: Any, draws: Floats) -> tuple[Any, Floats, Floats]:
+    """Paths that leave a receiver; W per radiance and solid angle; the solid angle of each."""
     if not dr.is_jit_v(mi.Float):
         looks = [_looking(sensor, row) for row in draws.tolist()]
-        rays, watts, densities = zip(*looks, strict=True)
-        return list(rays), np.array(watts), 1.0 / np.array(densities)
-    ray, watts, density = _looking(sensor, [mi.Float(column.tolist()) for column in draws.T])
-    dr.eval(ray, watts, density)
+        paths, watts, densities = zip(*looks, strict=True)
+        return list(paths), np.array(watts), 1.0 / np.array(densities)
+    one, watts, density = _looking(sensor, [mi.Float(column.tolist()) for column in draws.T])
+    dr.eval(one, watts, density)
     found = [np.array(value, np.float64) for value in (watts, density)]
-    return ray, found[0], 1.0 / found[1]
+    return one, found[0], 1.0 / found[1]
 
 
 def _looking(sensor: Any, draws: Any) -> tuple[Any, Any, Any]:
     angles, density = sensor.directions.sample(mi.Point2f(draws[0], draws[1]))
-    # colours alike: the film of a spectral variant is that of one narrow band
     ray, watts, share = sensor.look_along(angles, 0.0, draws[4], mi.Point2f(draws[2], draws[3]))
-    return mi.Ray3f(ray), watts * _luminance(share, ray), density
-
-
-def _luminance(share: Any, ray: Any) -> Any:
-    return mi.luminance(mi.unpolarized_spectrum(mi.Spectrum(share)), ray.wavelengths)
+    return Paths.along(mi.Ray3f(ray), share, 0.0 * density), watts, density
 
 
 def _evenly(count: int, rng: np.random.Generator) -> Floats:

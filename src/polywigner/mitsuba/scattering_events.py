@@ -11,7 +11,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.mitsuba.scattering_steps import SAMPLES, Paths, Steps
+from polywigner.mitsuba.scattering_steps import SAMPLES, Steps
 
 __all__ = ["Events", "Motion", "events_of"]
 
@@ -66,22 +66,22 @@ class Events:
 
 def events_of(
     scene: Any,
-    ray: Any,
+    paths: Any,
     rng: np.random.Generator,
     first: Floats,
     most_bounces: int,
     meets_lights: bool,
     motion: Motion | None,
 ) -> Iterator[Events]:
-    """The events of rays, step by step.
+    """The events of paths, step by step.
 
-    ``ray`` : one of many rays, or a list of single ones in a scalar variant. ``first`` : (n, 2)
+    ``paths`` : all in one, or a list of single ones in a scalar variant. ``first`` : (n, 2)
     uniform numbers for the lights at the first surface.
     """
     state = _start(len(first))  # what the next event of each ray will say
     speeds = np.tile(np.zeros(3) if motion is None else motion.receiver, (len(first), 1))
     yield state.part(slice(0))
-    for alive, found in _walk(scene, ray, rng, first, Steps(scene, most_bounces, meets_lights)):
+    for alive, found in _walk(paths, rng, first, Steps(scene, most_bounces, meets_lights)):
         here = _arrived(state.part(alive), found)
         before = speeds[alive]
         own = before
@@ -159,17 +159,11 @@ def _lights(
 
 
 def _walk(
-    scene: Any, ray: Any, rng: np.random.Generator, first: Floats, steps: Steps
+    paths: Any, rng: np.random.Generator, first: Floats, steps: Steps
 ) -> Iterator[tuple[Any, dict[str, Any]]]:
     """(numbers of rays, what they found) of each step."""
     count = len(first)
-    if dr.is_jit_v(mi.Float):
-        paths = Paths.along(ray, dr.zeros(mi.Float, count))
-        alive: Any = np.arange(count)
-        dr.eval(paths)
-    else:
-        several = [Paths.along(one, 0.0) for one in ray]
-        alive = np.arange(count)
+    alive = np.arange(count)
     for number in range(_MOST_STEPS):
         draws = rng.random((count, SAMPLES))
         if number == 0:
@@ -183,11 +177,11 @@ def _walk(
                 return
         else:
             pairs = [
-                steps(several[k], row) for k, row in zip(alive, draws[alive].tolist(), strict=True)
+                steps(paths[k], row) for k, row in zip(alive, draws[alive].tolist(), strict=True)
             ]
             yield alive, _columns([found for _, found in pairs])
             for k, (path, _) in zip(alive, pairs, strict=True):
-                several[k] = path
+                paths[k] = path
             alive = alive[[path.active for path, _ in pairs]]
             if not len(alive):
                 return

@@ -23,6 +23,8 @@ SAMPLES = 6
 # From this bounce on, paths end by chance in proportion to what they carry, as in Mitsuba.
 _ROULETTE = 5
 _SURVIVORS = 0.95
+# The integral of the eye's sensitivity over wavelengths, in nm, as Mitsuba's films have it.
+_CIE_Y = 106.7502593994140625
 
 
 def number_of(kind: str, thing: Any) -> Any:
@@ -49,11 +51,11 @@ class Paths:
     """Whether no sample of a light can take this direction."""
 
     @classmethod
-    def along(cls, ray: Any, zero: Any) -> Paths:
-        """Paths that start with rays from a receiver; ``zero``: of their number."""
+    def along(cls, ray: Any, share: Any, zero: Any) -> Paths:
+        """Paths that start with rays from a receiver, and that of colours; so many zeros."""
         there = zero == 0.0
         none = dr.zeros(mi.SurfaceInteraction3f, dr.width(zero))
-        return cls(ray, there, mi.Spectrum(1.0) + zero, mi.UInt32(zero), none, zero, there)
+        return cls(ray, there, mi.Spectrum(share) + zero, mi.UInt32(zero), none, zero, there)
 
 
 class Steps:
@@ -167,4 +169,5 @@ def _smaller(value: Any, limit: float) -> Any:
 
 def _brightness(spectrum: Any, si: Any) -> Any:
     """The radiance of all colours, as films of one channel take it."""
-    return mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
+    value = mi.luminance(mi.unpolarized_spectrum(spectrum), si.wavelengths)
+    return value / _CIE_Y if dr.size_v(type(si.wavelengths)) else value
