@@ -61,8 +61,15 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
-        scripts.append("radar_77ghz")
+        scripts = [
+            "first_picture",
+            "projections",
+            "tapers",
+            "inverse_design",
+            "estimators",
+            "ranges",
+            "radar_77ghz",
+        ]
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
@@ -76,6 +83,8 @@ def main(names: list[str]) -> None:
                 made = radar(Path(folder))
             elif name == "estimators":
                 made = estimators(Path(folder))
+            elif name == "ranges":
+                made = ranges(Path(folder))
             elif name in near:
                 made = near_field(Path(folder)) / f"{name.removeprefix('near_field_')}.png"
             elif name in paper:
@@ -133,6 +142,30 @@ def estimators(folder: Path) -> Path:
     axes[2].legend()
     figure.savefig(folder / "estimators.png", dpi=110)
     return folder / "estimators.png"
+
+
+def ranges(folder: Path) -> Path:
+    """The street by range: six bins of a metre."""
+    import mitsuba as mi
+
+    import polywigner.mitsuba as pwm
+    from polywigner.figures import level_db, picture_peak
+
+    scene = pwm.load_scene(EXAMPLES / "street_77ghz" / "scene.xml", pwm.choose_variant())
+    camera = mi.traverse(scene.sensors()[0])
+    camera["film.size"] = (256, 192)
+    camera.update()
+    frames = pwm.range_frames(scene, np.arange(6.0, 22.0), spp=64)["radiance"].values
+    peak = max(picture_peak(frame) or 0.0 for frame in frames)
+    figure, axes = plt.subplots(2, 3, figsize=(9, 4.6), layout="constrained")
+    for panel, first in zip(axes.flat, (7, 9, 10, 12, 14, 18), strict=True):
+        levels = level_db(frames[first - 6], peak, -40)
+        shown = panel.imshow(levels, "inferno", vmin=-40, vmax=0)
+        panel.set_title(f"{first} to {first + 1} m", fontsize=9)
+        panel.set_axis_off()
+    figure.colorbar(shown, ax=axes, label="radiance, dB below the peak of all bins")
+    figure.savefig(folder / "ranges.png", dpi=110)
+    return folder / "ranges.png"
 
 
 def shaded_floor(estimator: str) -> dict:

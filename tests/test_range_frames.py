@@ -102,7 +102,7 @@ class TestCameras:
         xarray = pytest.importorskip("xarray")
         out = tmp_path / "out" / "echo"
         words = [str(scene), "--variant", "llvm_ad_mono", "--range", "9 m to 15 m", "--out"]
-        assert main(["receive", *words, str(out), "--bins", "60"]) == 0
+        assert main(["receive", *words, str(out), "--bins", "60", "--resumable"]) == 0
         record = json.loads(out.with_name("echo.json").read_text())
         with xarray.open_dataset(out.with_name("echo_range.nc")) as profile:
             power = profile["power"].values

@@ -272,7 +272,9 @@ def test_other_variants_and_renders_in_the_same_process_are_left_as_they_are() -
     for variant in ("llvm_ad_rgb", "llvm_ad_mono", "llvm_ad_rgb"):
         mi.set_variant(variant)
         scene = scene_of(
-            tx=emitter(), rx=receiver(estimator="wigner"), plate=plate(2.0, at(0.0, 37.5))
+            tx=emitter(),
+            rx=receiver(estimator="wigner", film=(3, 2)),
+            plate=plate(2.0, at(0.0, 37.5)),
         )
         steady = pm.received_power(scene, spp=1024)
         found = pm.range_profile(scene, [37.0, 38.0], spp=1024)

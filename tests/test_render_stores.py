@@ -147,7 +147,7 @@ def test_another_picture_is_not_mixed_with_the_parts_that_are_there(
 def test_sets_of_passes_of_a_sensor_that_has_no_strips_add_up_to_the_same_bits(
     scene: Path, tmp_path: Path, llvm: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("polywigner.mitsuba.parts._WAVEFRONT", 8 * 64)
+    monkeypatch.setattr("polywigner.mitsuba.parts.WAVEFRONT", 8 * 64)
     store = tmp_path / "parts.zarr"
     # Mitsuba puts one pixel on the film of a radiance meter alone
     text = scene.read_text().replace('name="width" value="8"', 'name="width" value="1"')

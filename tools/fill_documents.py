@@ -25,7 +25,15 @@ PART = re.compile(r"(<!-- filled: (\S+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
 TABLE = re.compile(r"(?:^\|.*\|\n)+", re.MULTILINE)
 ENTRY = re.compile(r"^@\w+\{([\w-]+),\n(.*?)^\}", re.MULTILINE | re.DOTALL)
 FIELD = re.compile(r"^\s*(\w+)\s*=\s*\{(.*)\},?$", re.MULTILINE)
-ACCENTS = {r"{\~n}": "ñ", r"{\'e}": "é", "---": ", ", "--": "–", "``": "“", "''": "”"}
+ACCENTS = {
+    r"{\'O}": "Ó",
+    r"{\~n}": "ñ",
+    r"{\'e}": "é",
+    "---": ", ",
+    "--": "–",
+    "``": "“",
+    "''": "”",
+}
 
 
 def references() -> str:

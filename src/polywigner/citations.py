@@ -20,6 +20,7 @@ METHODS: dict[str, tuple[str, ...]] = {
     "radiometry": ("walther1968radiometry",),
     "propagation": ("walther1968radiometry", "miyamoto1962generalization"),
     "rendering": ("walther1968radiometry", "jakob2022mitsuba", "jakob2022drjit"),
+    "range": ("jakob2022mitsuba", "jakob2022drjit", "royo2025mitransient"),
     "llvm": ("jakob2022drjit",),
     "tapers": ("taylor1955line",),
     "arrays": ("skolnik1964statistically", "barnett2019nufft"),
@@ -33,8 +34,8 @@ def cite(*methods: str) -> str:
     Parameters
     ----------
     methods : "fourier", "wigner", "ambiguity", "otf", "radiometry", "propagation", "rendering",
-        "llvm" (the compiled engine), "tapers" (Taylor), "arrays" (thinned ones; the interpolation
-        of weights); none: the paper and polywigner alone.
+        "range" (profiles and pictures), "llvm" (the compiled engine), "tapers" (Taylor), "arrays"
+        (thinned ones; the interpolation of weights); none: the paper and polywigner alone.
 
     Returns
     -------

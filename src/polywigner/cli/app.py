@@ -195,8 +195,8 @@ def cite(
         list[str] | None,
         typer.Argument(
             metavar="METHOD",
-            help="fourier, wigner, ambiguity, otf, radiometry, propagation, rendering, tapers, "
-            "arrays (default: the paper and this software).",
+            help="fourier, wigner, ambiguity, otf, radiometry, propagation, rendering, range, "
+            "tapers, arrays (default: the paper and this software).",
         ),
     ] = None,
 ) -> None:

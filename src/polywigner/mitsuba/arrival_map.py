@@ -16,6 +16,7 @@ from polywigner.mitsuba.parts import seed_of
 from polywigner.mitsuba.received_power import receivers_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME, receiver_class
 from polywigner.mitsuba.rendering import default_integrator
+from polywigner.mitsuba.transients import is_transient
 from polywigner.mitsuba.unseen import unseen
 
 __all__ = ["arrival_map"]
@@ -39,7 +40,9 @@ def arrival_map(scene: Any, receiver: int, seed: int = 0) -> NDArray[np.float64]
     sensor.scene = scene
     try:
         with unseen(scene), silent():
-            integrator = scene.integrator() or mi.load_dict({"type": default_integrator(scene)})
+            integrator = scene.integrator()
+            if integrator is None or is_transient(integrator):
+                integrator = mi.load_dict({"type": default_integrator(scene)})
             own = seed_of(seed)
             found = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp, seed=own)
             image = np.array(found, dtype=np.float64)

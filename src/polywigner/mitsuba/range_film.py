@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.mitsuba.films import film_of, fineness
+from polywigner.mitsuba.films import fineness
 from polywigner.mitsuba.parts import CAMERAS, WAVEFRONT, seed_of
-from polywigner.mitsuba.receiver import RECEIVER_NAME, is_receiver, receiver_class
+from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.transients import require_transients
 
 __all__ = ["sorted_by_range"]
@@ -35,10 +35,10 @@ def sorted_by_range(
     """What a sensor reads by the lengths of paths: (height, width, bins + 2), in its own unit.
 
     ``edges``: of bins, in units of the scene. The first number is of all shorter paths, the last of
-    longer ones. Films of receivers are taken as one pixel; other films keep size and crop, with a
-    box filter.
+    longer ones. Films of receivers are summed up to one pixel; other films keep size and crop, with
+    a box filter.
     """
-    width, height = (1, 1) if is_receiver(sensor) else sensor.film().crop_size()
+    width, height = sensor.film().crop_size()
     passes = math.ceil(spp / max(1, WAVEFRONT // (int(width) * int(height))))
     total: Any = 0.0
     for index in range(passes):
@@ -59,10 +59,10 @@ def _rendered(
 ) -> Floats:
     """What is rendered in one go, with the samples of :func:`polywigner.mitsuba.render`."""
     factor = fineness(sensor, spp)
-    own = _whole(scene, sensor, factor) if is_receiver(sensor) else sensor
-    ranged = _ranged(own, edges)
+    ranged = _ranged(sensor, edges, factor)
     try:
-        integrator.render(scene, ranged, seed=seed, spp=math.ceil(spp / factor**2))
+        with receiving(scene):
+            integrator.render(scene, ranged, seed=seed, spp=math.ceil(spp / factor**2))
         found = ranged.film().found()
     except RuntimeError as error:
         cause = error.__cause__ or error
@@ -71,23 +71,19 @@ def _rendered(
         ) from error
     finally:
         ranged.release()
-    return np.asarray(found.mean(axis=(0, 1), keepdims=True)) if is_receiver(sensor) else found
+    if is_receiver(sensor):
+        return np.asarray(found.sum(axis=(0, 1), keepdims=True) / factor**2)
+    return np.asarray(found)
 
 
-def _whole(scene: Any, receiver: Any, factor: int) -> Any:
-    """The same receiver with a film that reads all of its power: the mean of so many pixels."""
-    props = mi.Properties(RECEIVER_NAME)
-    props["film"], props["sampler"] = mi.load_dict(film_of(factor, factor)), receiver.sampler()
-    found = receiver_class(mi.variant())(receiver.spec, props)
-    found.fineness, found.scene = factor, scene
-    return found
-
-
-def _ranged(own: Any, edges: Floats) -> Any:
-    """A sensor that looks as this one and has a film by range."""
+def _ranged(own: Any, edges: Floats, factor: int) -> Any:
+    """A sensor that looks as this one and has a film by range, of so many times the pixels."""
     film = own.film()
-    size, window, offset = film.size(), film.crop_size(), film.crop_offset()
-    count = int(window[0]) * int(window[1]) * (len(edges) + 1)
+    size, window, offset = (
+        [int(pair[0]) * factor, int(pair[1]) * factor]
+        for pair in (film.size(), film.crop_size(), film.crop_offset())
+    )
+    count = window[0] * window[1] * (len(edges) + 1)
     if count > _MOST_SUMS:
         raise ArgumentError(
             f"expected at most {_MOST_SUMS} bins of all pixels, got {count}; use fewer bins or "
@@ -95,8 +91,8 @@ def _ranged(own: Any, edges: Floats) -> Any:
         )
     about = mi.Properties("range_film")
     for name, pair in (("", size), ("crop_", window)):
-        about[f"{name}width"], about[f"{name}height"] = int(pair[0]), int(pair[1])
-    about["crop_offset_x"], about["crop_offset_y"] = int(offset[0]), int(offset[1])
+        about[f"{name}width"], about[f"{name}height"] = pair
+    about["crop_offset_x"], about["crop_offset_y"] = offset
     about["rfilter"] = mi.load_dict({"type": "box"})
     base = require_transients().films.transient_hdr_film.TransientHDRFilm
     ranged_film = _film_class(base, mi.variant())(about, edges)
@@ -200,9 +196,7 @@ def _sensor_class(variant: str) -> Any:
             return self._looks.bbox()
 
         def release(self) -> None:
-            """Let go of the scene, which it would keep alive."""
-            if is_receiver(self._looks):
-                self._looks.scene = None
+            """Let go of the sensor and its film."""
             self._looks = self._sorts = None
 
     return RangeSensor

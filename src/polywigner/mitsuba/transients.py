@@ -17,7 +17,7 @@ from polywigner.errors import EngineError, MissingExtraError, SceneError, instal
 from polywigner.mitsuba.rendering import depths_of
 from polywigner.mitsuba.scenes import translate_error
 
-__all__ = ["TRANSIENT_INTEGRATORS", "require_transients", "transient_integrator"]
+__all__ = ["TRANSIENT_INTEGRATORS", "is_transient", "require_transients", "transient_integrator"]
 
 _NAME = "mitransient"
 _PATH, _VOLUME = "transient_path", "transient_prbvolpath"
@@ -83,6 +83,11 @@ def _is_for_this_variant() -> bool:
     return films is not None and issubclass(films.TransientHDRFilm, mi.Film)
 
 
+def is_transient(integrator: Any) -> bool:
+    """Whether an integrator is one of mitransient."""
+    return type(integrator).__module__.startswith(f"{_NAME}.")
+
+
 def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
     """The integrator that follows the same paths as this one and tells their lengths.
 
@@ -123,7 +128,7 @@ def _check_fog(scene: Any, sensor: Any) -> None:
 
 
 def _counterpart(integrator: Any) -> Any:
-    if type(integrator).__module__.startswith(f"{_NAME}."):
+    if is_transient(integrator):
         _check_own(integrator)
         return integrator
     known = integrator.class_name()  # the same of all that are written in Python
