@@ -66,7 +66,11 @@ def corner() -> dict[str, Any]:
     }
 
 
-@pytest.fixture(params=["scalar_rgb", pytest.param("llvm_ad_mono", marks=pytest.mark.llvm)])
+# Compilers take the time: the quick tests are those of plain arrays.
+COMPILED = pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])
+
+
+@pytest.fixture(params=["scalar_rgb", COMPILED])
 def variant(request: pytest.FixtureRequest) -> str:
     mi.set_variant(request.param)
     return request.param
