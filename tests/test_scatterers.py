@@ -94,8 +94,8 @@ def apart(cloud: Any, expected: float, error: float = 0.0) -> float:
 def test_powers_add_up_to_the_received_power(variant: str, estimator: str) -> None:
     scene = scene_of(estimator, floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
     is_scalar = variant == "scalar_rgb"
-    found = pm.received_power(scene, spp=256 if is_scalar else 1 << 14)
-    cloud = pm.scatterers(scene, 100, rays=512 if is_scalar else 1 << 14)
+    found = pm.received_power(scene, spp=128 if is_scalar else 1 << 14)
+    cloud = pm.scatterers(scene, 100, rays=256 if is_scalar else 1 << 14)
     assert len(cloud["power"].values) == 100
     assert apart(cloud, found.scattered, found.standard_error) < SIGMAS
     assert cloud.attrs["standard_error"] < 0.25 * found.scattered
@@ -207,7 +207,7 @@ def test_a_null_surface_is_no_scatterer_and_lets_paths_pass(variant: str) -> Non
 
 def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it(plain: None) -> None:
     scene = scene_of("wigner", 3, **corner())
-    cloud = pm.scatterers(scene, 4000, rays=1024)
+    cloud = pm.scatterers(scene, 4000, rays=256)
     twice = cloud["bounces"].values == 2
     assert twice.any() and set(np.unique(cloud["bounces"].values)) == {1, 2}
     place = cloud["position"].values
@@ -253,7 +253,7 @@ def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed(plain: No
     back = plate([0, 0, -0.5], [1, 0, 0], 0, 2.0)
     lamp = {"type": "point", "position": [0, 0, -0.1], "intensity": spectrum(1.0)}
     scene = scene_of("wigner", 3, mirror=mirror, back=back, lamp=lamp)
-    cloud = pm.scatterers(scene, 400, rays=256, velocities={"mirror": (5.0, 7.0, -1.0)})
+    cloud = pm.scatterers(scene, 400, rays=128, velocities={"mirror": (5.0, 7.0, -1.0)})
     by_mirror = (cloud["emitter"].values == "lamp") & (cloud["bounces"].values == 2)
     assert by_mirror.any() and set(cloud["shape"].values[by_mirror]) == {"mirror"}
     # y and x of its velocity are along it; the path goes there and back under the angle theta
