@@ -67,8 +67,8 @@ def main(names: list[str]) -> None:
             "projections",
             "tapers",
             "estimators",
-            "shadow_of_a_plate",
             "ranges",
+            "radar_77ghz",
         ]
         scripts += SCRIPTS
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
@@ -80,6 +80,8 @@ def main(names: list[str]) -> None:
                 made = tapers(Path(folder))
             elif name in SCRIPTS:
                 made = by_script(name, Path(folder))
+            elif name == "radar_77ghz":
+                made = radar(Path(folder))
             elif name == "estimators":
                 made = estimators(Path(folder))
             elif name == "ranges":
@@ -203,6 +205,12 @@ def by_script(name: str, folder: Path) -> Path:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script), str(folder)], env=environment, check=True)
     return folder / f"{name}.png"
+
+
+def radar(folder: Path) -> Path:
+    script, out = EXAMPLES / "radar_77ghz" / "radar.py", folder / "radar.png"
+    subprocess.run([sys.executable, str(script), "--out", str(out)], check=True)
+    return out
 
 
 def near_field(folder: Path) -> Path:

@@ -70,6 +70,8 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/outline/frame.py", "NEEDLE_ASPECT"): DIGITS,
     ("kernels/outline/lines.py", "NEARLY_PARALLEL"): DIGITS,
     ("kernels/outline/lines.py", "_SAME_OFFSET"): DIGITS,
+    ("mitsuba/scatterers.py", "_NO_LIMIT"): REFUSED,
+    ("mitsuba/scattering_steps.py", "_ROULETTE"): SPARED,
     ("mitsuba/equivalent_sources.py", "_ERROR"): DIGITS,
     ("mitsuba/equivalent_sources.py", "_ROUNDING"): DIGITS,
     ("mitsuba/exact.py", "AWAY"): DIGITS,

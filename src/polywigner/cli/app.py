@@ -9,7 +9,7 @@ import typer
 from polywigner.cli.app_far_fields import pattern, rcs
 from polywigner.cli.app_fields import propagate, volume
 from polywigner.cli.app_rays import rays
-from polywigner.cli.app_scenes import receive, render
+from polywigner.cli.app_scenes import receive, render, scatterers
 from polywigner.cli.options import (
     AllowOutside,
     Array,
@@ -61,6 +61,7 @@ def _polywigner(
 
 app.command()(render)
 app.command()(receive)
+app.command()(scatterers)
 
 
 @app.command()

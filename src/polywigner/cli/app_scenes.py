@@ -8,7 +8,7 @@ import typer
 
 from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Threads
 
-__all__ = ["receive", "render"]
+__all__ = ["receive", "render", "scatterers"]
 
 
 def render(
@@ -150,5 +150,63 @@ def receive(
         resumable=resumable,
         threads=threads,
         scheduler=scheduler,
+        out=out,
+    )
+
+
+def scatterers(
+    scene: Annotated[
+        str,
+        typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
+    ],
+    count: Annotated[int, typer.Option(help="Scatterers wanted.")] = 20_000,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    receiver: Annotated[
+        str | None, typer.Option(help="Id of the receiver (default: the only one).")
+    ] = None,
+    max_depth: Annotated[
+        int | None,
+        typer.Option(help="Longest path: 2 is one reflection, -1 no limit (default: the scene's)."),
+    ] = None,
+    rays: Annotated[
+        int | None, typer.Option(help="From the receiver (default: four times --count).")
+    ] = None,
+    velocity: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="ID=VX,VY,VZ in m/s of a shape, an emitter or the receiver; several times for "
+            "more."
+        ),
+    ] = None,
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None,
+    define: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
+    ] = None,
+    out: Annotated[
+        str | None,
+        typer.Option(help="File or folder; .csv (default), .vtp for ParaView, or .nc."),
+    ] = None,
+) -> None:
+    """Write what a receiver gets of a scene as a cloud of scatterers, for radar signal chains.
+
+    Each has a place, a normal, a power in W, the length of its path, the ids of its shape and of
+    its emitter, and with --velocity what its path grows by per second.
+    """
+    from polywigner.cli.scatterers import run_scatterers
+
+    run_scatterers(
+        scene,
+        count=count,
+        seed=seed,
+        receiver=receiver,
+        max_depth=max_depth,
+        rays=rays,
+        velocities=velocity or [],
+        variant=variant,
+        define=define or [],
         out=out,
     )

@@ -23,7 +23,7 @@ __all__ = [
 ]
 
 _KNOWN_SUFFIXES = (
-    ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".zarr",
+    ".png", ".exr", ".json", ".npz", ".nc", ".vti", ".vtp", ".zarr",
     ".csv", ".txt", ".ffd", ".cut", ".msi", ".pln", ".dat",
 )  # fmt: skip
 

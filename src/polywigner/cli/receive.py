@@ -30,6 +30,7 @@ from polywigner.cli.scenes import (
     check_samples,
     check_threads,
     counted_bar,
+    scene_definition,
     versions_of,
 )
 from polywigner.cli.sources import frequency_text, short_name
@@ -92,7 +93,7 @@ def run_receive(
     ------
     PolywignerError : input that cannot be used; nothing is written then.
     """
-    defined = dict(_definition(text) for text in define)
+    defined = dict(scene_definition(text) for text in define)
     settings = ReceiveSettings(
         scene, spp, seed, variant, reflections, accuracy, bandwidth, temperature, noise_figure,
         range_text, bins, defined, floor_db, resumable, threads, scheduler,
@@ -175,15 +176,6 @@ def run_receive(
         print(ranges_text(profile, found))
     for path in files:
         print(path)
-
-
-def _definition(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not (name and equals):
-        raise ArgumentError(
-            f"expected --define as NAME=VALUE of a $parameter of the scene, got {text!r}"
-        )
-    return name, value
 
 
 def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> Any:

@@ -18,6 +18,7 @@ __all__ = [
     "check_samples",
     "check_threads",
     "counted_bar",
+    "scene_definition",
     "versions_of",
 ]
 
@@ -58,6 +59,16 @@ def check_threads(threads: int | None) -> None:
         from polywigner.geometry.arguments import checked_count
 
         checked_count(threads, "--threads", 1, MOST_THREADS)
+
+
+def scene_definition(text: str) -> tuple[str, str]:
+    """Name and value of ``--define``; ArgumentError for other texts."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise ArgumentError(
+            f"expected --define as NAME=VALUE of a $parameter of the scene, got {text!r}"
+        )
+    return name, value
 
 
 @contextmanager

@@ -10,6 +10,8 @@ to every Mitsuba variant. It never sets a variant.
 - ``plugins``: both made known to Mitsuba
 - ``received_power``: what receivers get; ``direct_light`` by ``links``, ``mirrors`` and
   ``visibility``; ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
+- ``scatterers``: lit scenes as clouds, by ``scattering_steps``, ``scattering_events`` and
+  ``scattering_cloud``; ``scatterer_files``; ``covariances`` of arrays that receive them
 - ``range_profile``, ``range_frames``: by lengths of paths, with the integrators of ``transients``
   and ``range_film``
 - ``exact``: exact irradiances in its place, for points that a source lights
@@ -23,6 +25,7 @@ from polywigner.toolchain import llvm
 
 llvm.require_drjit()  # before the next imports, which load Dr.Jit
 
+from polywigner.mitsuba.covariances import covariance, element_responses  # noqa: E402
 from polywigner.mitsuba.obliquity import OBLIQUITIES  # noqa: E402
 from polywigner.mitsuba.plugins import register  # noqa: E402
 from polywigner.mitsuba.range_frames import range_frames  # noqa: E402
@@ -32,6 +35,8 @@ from polywigner.mitsuba.received_power import received_power, received_powers  #
 from polywigner.mitsuba.receiver import receiving  # noqa: E402
 from polywigner.mitsuba.receiver_entry import receiver  # noqa: E402
 from polywigner.mitsuba.rendering import render  # noqa: E402
+from polywigner.mitsuba.scatterer_files import write_scatterers  # noqa: E402
+from polywigner.mitsuba.scatterers import scatterers  # noqa: E402
 from polywigner.mitsuba.scene_renders import render_file  # noqa: E402
 from polywigner.mitsuba.scenes import (  # noqa: E402
     aperture,
@@ -51,6 +56,8 @@ __all__ = [
     "ReceivedPower",
     "aperture",
     "choose_variant",
+    "covariance",
+    "element_responses",
     "has_wigner_emitter",
     "load_scene",
     "range_frames",
@@ -62,5 +69,7 @@ __all__ = [
     "register_source",
     "render",
     "render_file",
+    "scatterers",
     "translate_error",
+    "write_scatterers",
 ]

@@ -70,7 +70,7 @@ def receiver_class(variant: str) -> Any:
             self._place()
             radiator, unit = spec.radiator, spec.scene_unit
             source = radiator.centred
-            self._directions = directions_of(m, source, spec.wavelength, spec.obliquity)
+            self.directions = directions_of(m, source, spec.wavelength, spec.obliquity)
             self._inverse = opaque(m, 1.0 / spec.wavelength)
             if spec.estimator == "exact":
                 self._exact = ExactField(m, source, spec.wavelength, spec.obliquity)
@@ -112,6 +112,19 @@ def receiver_class(variant: str) -> Any:
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
         ) -> Any:
             angles, solid_angle = self._looks(sample2)
+            ray, weight, share = self.look_along(angles, time, sample1, sample3, active)
+            return ray, share * spectrum(m, weight * solid_angle, active)
+
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> Any:
+            ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
+            return m.Ray3f(ray), weight
+
+        def look_along(
+            self, angles: Any, time: Any, sample1: Any, sample3: Any, active: Any = True
+        ) -> tuple[Any, Any, Any]:
+            """A ray, W per radiance and solid angle that it stands for, and that of colours."""
             direction = direction_of(m, angles)
             ray = m.RayDifferential3f()
             ray.time = time
@@ -127,13 +140,7 @@ def receiver_class(variant: str) -> Any:
                 weight = self._signed_weight(x, direction) / per_area
             zero = dr.zeros(m.SurfaceInteraction3f)
             ray.wavelengths, share = self.sample_wavelengths(zero, sample1, active)
-            return ray, share * spectrum(m, weight * solid_angle, active)
-
-        def sample_ray(
-            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> Any:
-            ray, weight = self.sample_ray_differential(time, sample1, sample2, sample3, active)
-            return m.Ray3f(ray), weight
+            return ray, weight, share
 
         def _looks(self, sample: Any) -> tuple[Any, Any]:
             """Angles of a direction for a place on the film, and the solid angle it stands for.
@@ -144,7 +151,7 @@ def receiver_class(variant: str) -> Any:
             fine = self.fineness
             width, height = (int(n) // fine for n in film.size())
             if width * height == 1:
-                angles, density = self._directions.sample(sample)
+                angles, density = self.directions.sample(sample)
                 return angles, 1.0 / density
             corner, size = film.crop_offset(), film.crop_size()
             place = m.Point2f(

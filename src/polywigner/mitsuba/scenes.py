@@ -168,6 +168,7 @@ def load_scene(
     path: str | Path,
     variant: str | None = None,
     sampler: str | None = None,
+    merge: bool = True,
     **parameters: Any,
 ) -> Any:
     """A Mitsuba scene from its XML file, ready to render.
@@ -177,6 +178,7 @@ def load_scene(
     path: Mitsuba XML.
     variant: set first, if given; default: the variant that is set, or :func:`choose_variant`.
     sampler: plugin such as ``multijitter``, in place of the one of every sensor.
+    merge: make one mesh of all that have one BSDF; it has no id then.
     parameters: values of the file's ``$parameters``.
 
     Returns the ``mi.Scene``; its folder serves to find the files it names.
@@ -195,7 +197,7 @@ def load_scene(
     try:
         with resolving(file) as resolve, threads_for_openexr():
             check_scene_file(file, parameters, resolve)
-            scene = _instantiate(file, sampler, parameters)
+            scene = _instantiate(file, sampler, merge, parameters)
     except (RuntimeError, ValueError) as error:
         raise translate_error(error) from None
     if not isinstance(scene, mi.Scene):
@@ -236,7 +238,9 @@ def _bsdf_entry(bsdf: Any) -> dict[str, Any]:
     return dict(bsdf)
 
 
-def _instantiate(file: Path, sampler: str | None, parameters: Mapping[str, Any]) -> Any:
+def _instantiate(
+    file: Path, sampler: str | None, merge: bool, parameters: Mapping[str, Any]
+) -> Any:
     """``mi.load_file``, with a look at the parsed scene before it is built."""
     config = mi.parser.ParserConfig(mi.variant())
     texts = {name: str(value) for name, value in parameters.items()}
@@ -247,7 +251,8 @@ def _instantiate(file: Path, sampler: str | None, parameters: Mapping[str, Any])
     if sampler is not None:
         _replace_samplers(state, sampler)
     mi.parser.transform_merge_equivalent(config, state)
-    mi.parser.transform_merge_meshes(config, state)
+    if merge:
+        mi.parser.transform_merge_meshes(config, state)
     return mi.parser.instantiate(config, state)
 
 

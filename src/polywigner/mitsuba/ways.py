@@ -12,7 +12,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-__all__ = ["trace_way"]
+__all__ = ["share_unobstructed", "trace_way"]
 
 # More null surfaces than this on a way count as a wall.
 _MOST_PASSED = 64
@@ -55,6 +55,13 @@ def trace_way(
         share = share * dr.select(met, passed * _reflectance(it, met), 0.0)
     it, passed, _ = _first_surface(scene, it.spawn_ray_to(points[-1]), medium)
     return dr.select(it.is_valid(), 0.0, share * passed)
+
+
+def share_unobstructed(scene: Any, si: Any, point: Any) -> Any:
+    """The share of power that passes from a point to a surface, through null surfaces, no fog."""
+    medium = mi.MediumPtr(None) if dr.is_jit_v(mi.Float) else None
+    it, passed, _ = _first_surface(scene, si.spawn_ray_to(point), medium)
+    return dr.select(it.is_valid(), 0.0, passed)
 
 
 def _first_surface(

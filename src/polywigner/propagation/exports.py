@@ -28,7 +28,7 @@ from polywigner.propagation.stores_files import recent_zarr, required
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["write_netcdf", "write_vti", "write_zarr"]
+__all__ = ["in_place", "write_netcdf", "write_vti", "write_zarr"]
 
 # Samples read at a time for a VTK file.
 _SLAB = 1 << 24
@@ -71,7 +71,7 @@ def write_netcdf(dataset: Stored, path: str | os.PathLike[str]) -> None:
     # Chunks of a store in turn, which takes no longer: once one is found to be damaged, no thread
     # that is still writing makes the scratch file again.
     in_turn = {"scheduler": "synchronous"} if _is_store(dataset) else {}
-    with _whole(checked_path(path), dataset) as scratch, required("dask").config.set(**in_turn):
+    with in_place(checked_path(path), dataset) as scratch, required("dask").config.set(**in_turn):
         found.to_netcdf(scratch, engine="h5netcdf")
 
 
@@ -131,7 +131,7 @@ def write_vti(dataset: Stored, path: str | os.PathLike[str]) -> None:
     # Our own forty lines: VTK's writer, a package of 600 MB, wants all of an image in memory.
     found = _real_parts(_opened(dataset))
     image = _image_of(found)
-    with _whole(checked_path(path), dataset) as scratch, scratch.open("wb") as file:
+    with in_place(checked_path(path), dataset) as scratch, scratch.open("wb") as file:
         file.write(_header(found, image).encode())
         for name in found.data_vars:
             _append(file, found[name], image)
@@ -143,7 +143,7 @@ def _is_store(dataset: Stored) -> bool:
 
 
 @contextmanager
-def _whole(path: Path, dataset: Stored) -> Iterator[Path]:
+def in_place(path: Path, dataset: Stored | None = None) -> Iterator[Path]:
     """A scratch file, put in place once the block is done.
 
     Raises ArgumentError on OSError, StoreError for damaged chunks of what the block reads.

@@ -1,0 +1,187 @@
+"""What the elements of a receiving array get of a cloud of scatterers, and its covariance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Aperture
+from polywigner.illumination import Array
+from polywigner.mitsuba.radiator import radiator_of
+from polywigner.propagation.amplitudes import amplitude
+
+__all__ = ["covariance", "element_responses"]
+
+Complexes = NDArray[np.complex128]
+
+# Places at a time: the responses of all elements to them take some tens of megabytes.
+_CHUNK = 1 << 16
+# Fields are those of float32 sensors, but finer: 1e-6 of the incident field.
+_TOLERANCE = 1e-6
+
+
+def element_responses(
+    cloud: Any,
+    elements: Array | Aperture | Sequence[Aperture],
+    *,
+    to_world: ArrayLike | None = None,
+) -> Complexes:
+    """How strongly each element of a receiving array receives each scatterer, with its phase.
+
+    e_kn = lambda U_k(y_n)/sqrt(N_k), with U_k the exact field (docs/receivers.md, (RX8)) that
+    element k would send to the scatterer's place y_n, by the obliquity of the cloud's receiver, and
+    N_k = int abs(u_k)^2. By reciprocity the element receives the power
+    intensity_n abs(e_kn)^2 of the scatterer, and sqrt(intensity_n) e_kn times a random number of
+    variance 1 is a draw of its amplitude: speckle. The phase is that of the way from the first
+    surface, exp(+ikR).
+
+    Parameters
+    ----------
+    cloud : a dataset of :func:`scatterers`.
+    elements : an Array, each element of which counts alone and with its own illumination but
+        without its weight; or a sequence of apertures.
+    to_world : (4, 4) pose of the plane of the elements, translation in m; default: that of the
+        receiver of the cloud.
+
+    Returns
+    -------
+    (elements, scatterers) complex, in m: its squared modulus times W/sr is W.
+
+    Scatterers behind the plane, or that the obliquity leaves in the dark, have responses of zero.
+
+    Raises
+    ------
+    ArgumentError : no cloud, no elements, no pose; SceneError for elements that cannot radiate.
+    """
+    places, _, attrs = _checked(cloud)
+    sources = _sources(elements)
+    pose = _pose(attrs["to_world"] if to_world is None else to_world)
+    return _responses(places, sources, pose, attrs)
+
+
+def covariance(
+    cloud: Any,
+    elements: Array | Aperture | Sequence[Aperture],
+    *,
+    to_world: ArrayLike | None = None,
+    ranges: ArrayLike | None = None,
+) -> Complexes:
+    """The covariance of what the elements of an array receive of a scene, by range gates.
+
+    R_kl = sum_n intensity_n e_kn conj(e_ln) with the responses e of :func:`element_responses`: the
+    mean of a_k conj(a_l) over draws of speckle a. R_kk is the power that element k receives in W
+    and the trace that of all of them; an array with weights w receives, of one field,
+    w^T R conj(w) / sum(abs(w)^2), if its elements are alike.
+
+    Parameters
+    ----------
+    cloud, elements, to_world : as for :func:`element_responses`.
+    ranges : (gates + 1,) edges of the gates in m of range, half of ``path_length``, ascending;
+        None: all of the cloud.
+
+    Returns
+    -------
+    (elements, elements) complex, Hermitian, in W; with ``ranges`` (gates, elements, elements).
+
+    A cloud that was drawn for a receiver like one element serves best: scatterers are where that
+    one receives from.
+
+    Raises
+    ------
+    ArgumentError : as :func:`element_responses`, and for ranges that do not ascend.
+    """
+    places, intensity, attrs = _checked(cloud)
+    sources = _sources(elements)
+    pose = _pose(attrs["to_world"] if to_world is None else to_world)
+    if ranges is None:
+        gates, count = np.zeros(len(intensity), np.intp), 1
+    else:
+        edges = _edges(ranges)
+        count = len(edges) - 1
+        # the last gate has both of its edges
+        half = np.asarray(cloud["path_length"].values) / 2
+        gates = np.searchsorted(edges, half, side="right") - 1
+        gates[half == edges[-1]] = count - 1
+        inside = (gates >= 0) & (gates < count)
+        places, intensity, gates = places[inside], intensity[inside], gates[inside]
+    order = np.argsort(gates, kind="stable")
+    result = np.zeros((count, len(sources), len(sources)), np.complex128)
+    for start in range(0, len(order), _CHUNK):
+        part = order[start : start + _CHUNK]
+        found = _responses(places[part], sources, pose, attrs)
+        bounds = np.searchsorted(gates[part], np.arange(count + 1))
+        for gate in np.flatnonzero(np.diff(bounds)):
+            within = slice(bounds[gate], bounds[gate + 1])
+            own = found[:, within]
+            result[gate] += (own * intensity[part][within]) @ own.conj().T
+    return result[0] if ranges is None else result
+
+
+def _responses(places: Any, sources: list[Aperture], pose: Any, attrs: dict[str, Any]) -> Complexes:
+    own = (places - pose[:3, 3]) @ pose[:3, :3]
+    front = own[:, 2] > 0.0
+    result = np.zeros((len(sources), len(places)), np.complex128)
+    if not front.any():
+        return result
+    wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
+    for row, source in zip(result, sources, strict=True):
+        energy = radiator_of(source, obliquity).energy
+        field = amplitude(source, own[front], wavelength, obliquity, tolerance=_TOLERANCE)
+        row[front] = field * (wavelength / math.sqrt(energy))
+    return result
+
+
+def _checked(cloud: Any) -> tuple[Any, Any, dict[str, Any]]:
+    """Places, intensities and attributes of a cloud."""
+    names = ("position", "intensity", "path_length")
+    try:
+        places, intensity, _ = (np.asarray(cloud[name].values, np.float64) for name in names)
+        attrs = {name: cloud.attrs[name] for name in ("wavelength", "obliquity", "to_world")}
+    except (AttributeError, KeyError, TypeError, IndexError, ValueError):
+        raise ArgumentError(
+            f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__} "
+            "without its variables and attributes"
+        ) from None
+    return places, intensity, attrs
+
+
+def _sources(elements: Any) -> list[Aperture]:
+    if isinstance(elements, Array):
+        return list(elements.elements_in_plane)
+    found = [elements] if isinstance(elements, Aperture) else elements
+    if (
+        not isinstance(found, Sequence)
+        or not found
+        or not all(isinstance(element, Aperture) for element in found)
+    ):
+        raise ArgumentError(
+            f"expected elements as an Array or a sequence of apertures, got {elements!r}"
+        )
+    return list(found)
+
+
+def _pose(value: Any) -> NDArray[np.float64]:
+    try:
+        found = np.asarray(value, np.float64)
+        found = found.reshape(4, 4) if found.shape == (16,) else found
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    turn = found[:3, :3] if found.shape == (4, 4) else np.zeros((3, 3))
+    if not (np.isfinite(found).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-5)):
+        raise ArgumentError(f"expected to_world as a rigid (4, 4) pose in m, got {value!r}")
+    return found
+
+
+def _edges(ranges: Any) -> NDArray[np.float64]:
+    try:
+        found = np.asarray(ranges, np.float64)
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    if found.ndim != 1 or len(found) < 2 or not (np.diff(found) > 0.0).all():
+        raise ArgumentError(f"expected ranges as two or more ascending edges in m, got {ranges!r}")
+    return found

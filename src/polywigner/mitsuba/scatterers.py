@@ -1,0 +1,272 @@
+"""The lit scene as a cloud of scatterers, for programs that make radar signals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError, SceneError
+from polywigner.illumination import Array
+from polywigner.mitsuba.placed_sources import placed_emitter
+from polywigner.mitsuba.received_power import chosen, matched, receivers_of
+from polywigner.mitsuba.receiver import receiving
+from polywigner.mitsuba.receiving_arguments import asked_of
+from polywigner.mitsuba.rendering import depths_of
+from polywigner.mitsuba.scattering_cloud import BATCHES, Cloud, cloud_of
+from polywigner.mitsuba.scattering_events import Motion
+from polywigner.mitsuba.scattering_steps import number_of
+from polywigner.mitsuba.unseen import unseen
+from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
+
+__all__ = ["scatterers"]
+
+Floats = NDArray[np.float64]
+
+# Rays for each scatterer: more find more to choose from.
+_RAYS = 4
+_FEWEST_RAYS = 4096
+# A gigabyte or two of events.
+_MOST = 1_000_000
+_MOST_RAYS = 10_000_000
+_NO_LIMIT = 2**20
+
+
+def scatterers(
+    scene: Any,
+    count: int,
+    *,
+    seed: int = 0,
+    velocities: Mapping[str, ArrayLike] | None = None,
+    max_depth: int | None = None,
+    receiver: int | str | None = None,
+    rays: int | None = None,
+) -> Labelled:
+    """A lit scene as its receiver gets it: a cloud of points with power, path length and velocity.
+
+    Rays leave the receiver as those of the ``wigner_receiver`` sensor do and are scattered from
+    surface to surface; at each of them a light is sampled. Each light found is a scatterer: it
+    stands at the first surface that the receiver sees, and its path is the whole one. Of these,
+    ``count`` are kept by chance, strong ones rather than weak ones, with powers that make up for
+    the others: the sum over the cloud is an unbiased estimate of ``received_power(...).scattered``.
+    What comes straight from a coherent source is not in it. docs/scatterers.md.
+
+    Parameters
+    ----------
+    scene : a ``mi.Scene`` with a ``wigner_receiver`` sensor and lights, without fog.
+    count : scatterers wanted; there are fewer where rays find fewer.
+    seed : of the random numbers, zero or more.
+    velocities : (3,) in m/s by the ids of shapes, emitters and the receiver; others stand still.
+        Mitsuba merges meshes of one BSDF, and their ids are lost, unless the scene is loaded by
+        ``load_scene(path, merge=False)`` or ``mi.load_dict(entries, optimize=False)``.
+    max_depth : longest path as Mitsuba's integrators count, 2 is one reflection; -1: no limit.
+        Default: that of the scene's integrator.
+    receiver : as for :func:`received_power`.
+    rays : from the receiver; default: four times ``count``, at least 4096.
+
+    Returns
+    -------
+    xarray.Dataset over ``scatterer`` if xarray can be imported, else a LabelledArrays as of
+    :func:`polywigner.projections`, with
+
+    - ``position``, ``normal`` (scatterer, axis): of the first surface, in m; the normal is on the
+      receiver's side
+    - ``power`` in W that the receiver gets; with the estimator ``wigner`` some are negative
+    - ``intensity`` in W/sr towards the receiver: :func:`element_responses` says what others in its
+      place would receive
+    - ``path_length`` in m, from the emitter over all bounces to the receiver; half of it is the
+      range. Infinite for the light of an environment
+    - ``bounces``: surfaces on the path; 0 for a light that the receiver sees itself
+    - ``shape``, ``emitter``: ids of the first surface and of the light
+    - with ``velocities``: ``velocity`` (scatterer, axis) of the first surface, and ``path_rate``
+      in m/s, by which the whole path grows: minus the Doppler shift times the wavelength
+
+    Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
+    obliquity, estimator, rays, seed, and ``standard_error`` of the sum of powers in W.
+
+    Raises
+    ------
+    SceneError : no receiver, no light, fog; an emitter of another wavelength, obliquity or scene
+        unit; radiance that is not finite. ArgumentError : no scene, several receivers and none
+        named, ids that are not there, other arguments out of range.
+    """
+    size = _counted("count", count, _MOST)
+    asked = max(_RAYS * size, _FEWEST_RAYS) if rays is None else _counted("rays", rays, _MOST_RAYS)
+    depth = None if max_depth is None else _depth(max_depth)
+    given = asked_of(None, seed, None, 0, 1e-6, None, None, None)
+    rng = np.random.default_rng(given.seed)
+    found = receivers_of(scene)
+    number = chosen(found, receiver)
+    sensor = found[number][1]
+    (place,) = matched(scene, [number], given).places
+    _check_air(scene, sensor)
+    names = _Names.of(scene, place.name)
+    motion = None if velocities is None else names.motion(velocities, place.scene_unit)
+    depth = _longest_path(scene.integrator()) if depth is None else depth
+    with unseen(scene), receiving(scene):
+        cloud = cloud_of(scene, sensor, asked, depth, rng, motion)
+    cloud = cloud.thinned(size, rng, isinstance(place.source, Array))
+    about = {
+        "receiver": place.name,
+        "wavelength": place.wavelength,
+        "frequency": SPEED_OF_LIGHT / place.wavelength,
+        "to_world": place.pose.ravel().tolist(),
+        "obliquity": place.obliquity,
+        "estimator": sensor.spec.estimator,
+        "rays": -(-asked // BATCHES) * BATCHES,
+        "seed": given.seed,
+        "standard_error": cloud.standard_error,
+    }
+    return labelled(_described(cloud, names, motion, place.scene_unit, about))
+
+
+@dataclass(frozen=True)
+class _Names:
+    """Ids of shapes and lights by the numbers that rays know them by."""
+
+    shapes: dict[int, str]
+    lights: dict[int, str]
+    receiver: str
+
+    @classmethod
+    def of(cls, scene: Any, receiver: str) -> _Names:
+        shapes = {
+            _number("Shape", shape): shape.id() or f"shape {k}"
+            for k, shape in enumerate(scene.shapes())
+        }
+        lights, coherent = {}, 0
+        for k, light in enumerate(scene.emitters()):
+            name = light.id() or f"light {k}"
+            if getattr(type(light), "is_wigner", False):
+                name = placed_emitter(light, coherent).name
+                coherent += 1
+            elif light.get_shape() is not None:
+                name = light.get_shape().id() or name
+            lights[_number("Emitter", light)] = name
+        return cls(shapes, lights, receiver)
+
+    def motion(self, velocities: Mapping[str, ArrayLike], unit: float) -> Motion:
+        """Velocities in scene units by numbers; ArgumentError for unknown ids and other values."""
+        if not isinstance(velocities, Mapping):
+            raise ArgumentError(
+                f"expected velocities as a mapping of ids to (vx, vy, vz), got {velocities!r}"
+            )
+        found = {name: _velocity(name, value) / unit for name, value in velocities.items()}
+        known = {*self.shapes.values(), *self.lights.values(), self.receiver}
+        for name in found:
+            if name not in known:
+                raise ArgumentError(
+                    f"expected velocities of {', '.join(map(repr, sorted(known)))}, got one of "
+                    f"{name!r}; Mitsuba merges meshes of one BSDF: load the scene by "
+                    "load_scene(path, merge=False), or mi.load_dict(entries, optimize=False)"
+                )
+        return Motion(
+            {number: found[name] for number, name in self.shapes.items() if name in found},
+            {number: found[name] for number, name in self.lights.items() if name in found},
+            found.get(self.receiver, np.zeros(3)),
+        )
+
+
+def _number(kind: str, thing: Any) -> int:
+    return int(np.ravel(np.array(number_of(kind, thing)))[0])
+
+
+def _velocity(name: str, value: ArrayLike) -> Floats:
+    try:
+        found = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise ArgumentError(
+            f"expected the velocity of {name!r} as three finite numbers in m/s, got {value!r}"
+        )
+    return found
+
+
+def _counted(name: str, value: Any, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ArgumentError(f"expected {name} as a whole number, got {value!r}")
+    if not 1 <= value <= most:
+        raise ArgumentError(f"expected {name} from 1 to {most}, got {value}")
+    return int(value)
+
+
+def _depth(value: Any) -> int:
+    """The longest path in segments."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ArgumentError(f"expected max_depth as a whole number, got {value!r}")
+    if value == -1:
+        return _NO_LIMIT
+    if not 1 <= value <= _NO_LIMIT:
+        raise ArgumentError(
+            f"expected max_depth from 1 to {_NO_LIMIT}, or -1 for no limit, got {value}; 2 is one "
+            "reflection"
+        )
+    return int(value)
+
+
+def _longest_path(integrator: Any) -> int:
+    """What an integrator says of its longest path."""
+    if integrator is None:
+        return _NO_LIMIT
+    if integrator.class_name() == "DirectIntegrator":
+        return 2
+    depth = depths_of(integrator)["max_depth"]
+    return depth if 0 < depth < _NO_LIMIT else _NO_LIMIT
+
+
+def _check_air(scene: Any, sensor: Any) -> None:
+    if sensor.get_medium() is not None or any(s.is_medium_transition() for s in scene.shapes()):
+        raise SceneError(
+            "expected a scene without fog, whose drops are no scatterers here, got one with a "
+            "medium; leave it out, or use received_power"
+        )
+
+
+def _described(
+    cloud: Cloud, names: _Names, motion: Motion | None, unit: float, about: dict[str, Any]
+) -> LabelledArrays:
+    from polywigner import __version__
+
+    events = cloud.events
+    along = {
+        "power": (cloud.power, "W", "power towards the receiver"),
+        "intensity": (cloud.intensity, "W/sr", "radiant intensity towards the receiver"),
+        "path_length": (unit * events.length, "m", "path from emitter to receiver"),
+        "bounces": (events.bounces, "1", "surfaces on the path"),
+        "shape": (_named(names.shapes, events.shape), "", "id of the first surface"),
+        "emitter": (_named(names.lights, events.light), "", "id of the light"),
+    }
+    in_space = {
+        "position": (unit * events.place, "m", "first surface that the receiver sees"),
+        "normal": (events.normal, "1", "normal of the first surface"),
+    }
+    if motion is not None:
+        speeds = np.zeros_like(events.place)
+        for number, velocity in motion.shapes.items():
+            speeds[events.shape == number] = unit * velocity
+        in_space["velocity"] = (speeds, "m/s", "velocity of the first surface")
+        along["path_rate"] = (unit * events.rate, "m/s", "growth of the path per second")
+    dims = dict.fromkeys(in_space, ("scatterer", "axis")) | dict.fromkeys(along, ("scatterer",))
+    return LabelledArrays(
+        {
+            name: LabelledArray(
+                np.ascontiguousarray(values),
+                dims[name],
+                ({"units": units} if units else {}) | {"long_name": meaning},
+            )
+            for name, (values, units, meaning) in (in_space | along).items()
+        },
+        {"axis": LabelledArray(np.array(["x", "y", "z"]), ("axis",))},
+        about | {"polywigner_version": __version__},
+    )
+
+
+def _named(names: dict[int, str], numbers: NDArray[np.int64]) -> NDArray[np.str_]:
+    unique, inverse = np.unique(numbers, return_inverse=True)
+    texts = np.array([names.get(int(n), "") for n in unique] or [""], np.str_)
+    return np.asarray(texts[inverse.reshape(numbers.shape)])

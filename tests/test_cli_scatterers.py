@@ -1,0 +1,91 @@
+"""``polywigner scatterers`` writes clouds, and refuses what it cannot use with one sentence."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polywigner.cli import main
+
+pytestmark = pytest.mark.drjit
+pytest.importorskip("mitsuba")
+
+SCENE = """<scene version="3.0.0">
+    <default name="height" value="1"/>
+    <integrator type="path"><integer name="max_depth" value="2"/></integrator>
+    <shape type="wigner" id="tx">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+    </shape>
+    <sensor type="wigner_receiver" id="rx">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+        <string name="estimator" value="wigner"/>
+        <transform name="to_world"><translate x="0.1"/></transform>
+        <film type="hdrfilm">
+            <integer name="width" value="1"/><integer name="height" value="1"/>
+            <rfilter type="box"/>
+        </film>
+    </sensor>
+    <shape type="rectangle" id="floor">
+        <transform name="to_world">
+            <rotate x="1" angle="180"/><scale value="2"/><translate z="$height"/>
+        </transform>
+    </shape>
+</scene>
+"""
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    (tmp_path / "square.wkt").write_text("POLYGON ((-1 -1, 1 -1, 1 1, -1 1, -1 -1))")
+    path = tmp_path / "street.xml"
+    path.write_text(SCENE)
+    return path
+
+
+def run(scene: Path, *options: str) -> int:
+    words = ["scatterers", str(scene), "--variant", "scalar_rgb", "--count", "10", "--rays", "32"]
+    return main([*words, *options])
+
+
+def test_a_cloud_is_written_and_summed_up(scene: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    out = scene.with_name("cloud.csv")
+    options = ("--define", "height=2", "--velocity", "floor=0,0,-1", "--out", str(out))
+    assert run(scene, *options) == 0
+    said = capfd.readouterr().out
+    assert "receiver      rx" in said and said.rstrip().endswith(str(out))
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 10 and {row["shape"] for row in rows} == {"floor"}
+    assert np.allclose([float(row["position_z"]) for row in rows], 2.0, atol=1e-5)
+    assert all(-2 <= float(row["path_rate"]) < 0 for row in rows)
+    assert run(scene, "--out", str(scene.with_name("cloud.vtp"))) == 0
+    assert scene.with_name("cloud.vtp").read_bytes().startswith(b'<?xml version="1.0"?>\n<VTKFile')
+    assert run(scene, "--out", f"{scene.parent}/folder/") == 0
+    assert (scene.parent / "folder" / "street_scatterers.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--count", "0"), "expected count from 1"),
+        (("--velocity", "floor=fast"), "--velocity: expected ID=VX,VY,VZ"),
+        (("--velocity", "flor=1,2,3"), "got one of 'flor'"),
+        (("--out", "cloud.png"), "--out: expected a file of .csv, .vtp, .nc"),
+        (("--define", "height"), "--define"),
+        (("--receiver", "nobody"), "receiver as one of"),
+        (("--max-depth", "0"), "max_depth from 1"),
+    ],
+)
+def test_bad_input_ends_with_one_sentence_and_code_two(
+    scene: Path, options: tuple[str, ...], message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    before = set(scene.parent.iterdir())
+    assert run(scene, *options) == 2
+    said = capfd.readouterr().err
+    assert message in said and said.count("\n") == 1
+    assert set(scene.parent.iterdir()) == before

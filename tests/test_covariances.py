@@ -1,0 +1,191 @@
+"""Covariances of arrays that receive clouds of scatterers, against closed forms and powers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from mpmath import besselj
+
+import polywigner as pw
+from polywigner.errors import ArgumentError
+from polywigner.transforms.labelled import LabelledArray, LabelledArrays
+
+pytestmark = pytest.mark.drjit
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+WAVELENGTH = 3.893e-3
+ELEMENT = pw.shapes.square(0.4 * WAVELENGTH)
+PLACES = (np.arange(12) - 5.5) * WAVELENGTH * 0.75
+ARRAY = pw.Array([ELEMENT.moved((x, 0.0)) for x in PLACES], np.exp(0.3j * np.arange(12)))
+DISTANCE, RADIUS = 5.0, 0.5
+
+# Of Airy's formula for a disc of this angle: cosines are not constant, and places are drawn.
+AIRY = 0.01
+SIGMAS = 5.0
+# Fields of a tolerance of 1e-6, sums of thousands.
+FIELDS = 1e-5
+# Elements at places of their own, instead of at that of the receiver.
+FRAME = 1e-3
+# Of clouds whose rays go elsewhere, too.
+OTHERS = 0.03
+
+
+def cloud(place: Any, intensity: Any, path: Any = None) -> Any:
+    """Scatterers for a receiver at the origin that looks along z."""
+    values = {
+        "position": np.asarray(place, float),
+        "intensity": np.asarray(intensity, float),
+        "path_length": np.asarray(np.ones(len(place)) if path is None else path, float),
+    }
+    return LabelledArrays(
+        {name: LabelledArray(v, ("scatterer", "axis")[: v.ndim]) for name, v in values.items()},
+        {},
+        {
+            "wavelength": WAVELENGTH,
+            "obliquity": "rayleigh-sommerfeld-1",
+            "to_world": np.eye(4).ravel().tolist(),
+        },
+    )
+
+
+def disc(count: int = 4000) -> np.ndarray:
+    """Places that fill a disc evenly: a sunflower."""
+    k = np.arange(count) + 0.5
+    angle, radius = k * np.pi * (3 - np.sqrt(5)), RADIUS * np.sqrt(k / count)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0 * k + DISTANCE], axis=1)
+
+
+def airy() -> np.ndarray:
+    """Of the first element with each: 2 J1(z)/z, with the phase of waves from the disc's middle."""
+    sine = RADIUS / np.hypot(RADIUS, DISTANCE)
+    apart = 2 * np.pi / WAVELENGTH * sine * (PLACES - PLACES[0])
+    modulus = np.array([1.0 if z == 0 else float(2 * besselj(1, z) / z) for z in apart])
+    turn = np.exp(1j * np.pi / WAVELENGTH / DISTANCE * (PLACES[0] ** 2 - PLACES**2))
+    return modulus * turn
+
+
+def degree(matrix: np.ndarray) -> np.ndarray:
+    diagonal = np.sqrt(np.diag(matrix).real)
+    return matrix / np.outer(diagonal, diagonal)
+
+
+def test_a_disc_gives_airys_coherence() -> None:
+    """Van Cittert and Zernike."""
+    found = degree(pm.covariance(cloud(disc(), np.ones(4000)), ARRAY))
+    assert np.abs(found[0] - airy()).max() < AIRY
+    # the first zero of Airy's function is passed
+    assert found[0, -1].real < 0
+
+
+def test_a_covariance_is_hermitian_and_not_negative() -> None:
+    found = pm.covariance(cloud(disc(300), np.linspace(0, 1, 300)), ARRAY)
+    assert np.allclose(found, found.conj().T, rtol=1e-12, atol=1e-12 * abs(found).max())
+    assert np.linalg.eigvalsh(found).min() > -1e-12 * abs(found).max()
+
+
+def test_responses_are_fields_by_reciprocity() -> None:
+    """A small source of known power at the place couples as the response says."""
+    place = np.array([[0.3, -0.2, 1.0]])
+    (response,) = pm.element_responses(cloud(place, [1.0]), ELEMENT)[0]
+    source = pw.shapes.square(WAVELENGTH / 100)
+    turned = np.diag([-1.0, 1.0, -1.0, 1.0])
+    turned[:3, 3] = place
+    b = pw.coupling(ELEMENT, source, turned, WAVELENGTH, method="rayleigh-sommerfeld-2")
+    field = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-2")
+    # b = U A_s/sqrt(N_t A_s): the source receives the field there
+    assert b == pytest.approx(field * np.sqrt(source.area / ELEMENT.area), rel=1e-3)
+    first = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-1")
+    assert response == pytest.approx(first * WAVELENGTH / np.sqrt(ELEMENT.area), rel=FIELDS)
+
+
+def test_gates_add_up_and_hold_what_is_in_them() -> None:
+    place = disc(200)
+    path = np.linspace(2.0, 10.0, 200)
+    whole = cloud(place, np.ones(200), path)
+    edges = [1.0, 2.5, 4.0, 5.0]
+    gates = pm.covariance(whole, ARRAY, ranges=edges)
+    assert gates.shape == (3, 12, 12)
+    assert np.allclose(gates.sum(axis=0), pm.covariance(whole, ARRAY), rtol=1e-9)
+    inside = (path / 2 >= 2.5) & (path / 2 < 4.0)
+    part = cloud(place[inside], np.ones(inside.sum()), path[inside])
+    assert np.allclose(gates[1], pm.covariance(part, ARRAY), rtol=1e-9)
+    assert not pm.covariance(whole, ARRAY, ranges=[6.0, 7.0]).any()
+
+
+def test_elements_count_each_alone_and_places_behind_them_for_nothing() -> None:
+    place = np.concatenate([disc(50), disc(50) * [1, 1, -1]])
+    found = pm.element_responses(cloud(place, np.ones(100)), ARRAY)
+    assert not found[:, 50:].any() and found[:, :50].all()
+    alone = pm.element_responses(cloud(place, np.ones(100)), list(ARRAY.elements_in_plane))
+    assert np.array_equal(found, alone)
+    shifted = np.eye(4)
+    shifted[0, 3] = PLACES[3]
+    moved = pm.element_responses(cloud(place, np.ones(100)), ELEMENT, to_world=shifted)
+    assert np.allclose(moved[0], found[3], rtol=1e-4, atol=1e-6 * abs(found).max())
+
+
+def test_the_mean_over_speckle_is_the_covariance() -> None:
+    whole = cloud(disc(100), np.linspace(0.5, 2.0, 100))
+    responses = pm.element_responses(whole, ARRAY) * np.sqrt(whole["intensity"].values)
+    rng = np.random.default_rng(0)
+    draws = (rng.standard_normal((100, 4000, 2)) @ [1, 1j]) / np.sqrt(2)
+    received = responses @ draws
+    mean = received @ received.conj().T / 4000
+    expected = pm.covariance(whole, ARRAY)
+    # elements of a matrix of means of 4000
+    assert np.abs(mean - expected).max() < SIGMAS * abs(expected).max() / np.sqrt(4000)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"cloud": {"power": 1}}, "expected a cloud"),
+        ({"elements": []}, "expected elements"),
+        ({"elements": "ab"}, "expected elements"),
+        ({"to_world": 2 * np.eye(4)}, "rigid"),
+        ({"ranges": [1.0]}, "ascending edges"),
+        ({"ranges": [2.0, 1.0]}, "ascending edges"),
+    ],
+)
+def test_bad_arguments_are_refused(change: dict[str, Any], message: str) -> None:
+    given = {"cloud": cloud(disc(3), np.ones(3)), "elements": ARRAY} | change
+    with pytest.raises(ArgumentError, match=message):
+        pm.covariance(given.pop("cloud"), given.pop("elements"), **given)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+@pytest.mark.parametrize("kind", ["element", "wide", "array"])
+def test_covariances_of_a_scene_are_received_powers(kind: str) -> None:
+    """Of clouds drawn for an element, for a wider source in its place, and for the whole array."""
+    mi.set_variant("llvm_ad_mono")
+    turn = mi.ScalarTransform4f().translate([0, 0, DISTANCE]).rotate([1, 0, 0], 180)
+
+    def scene(source: Any) -> Any:
+        return mi.load_dict(
+            {
+                "type": "scene",
+                "integrator": {"type": "path", "max_depth": 2},
+                "tx": pm.aperture(ELEMENT, WAVELENGTH, power=1.0, estimator="exact"),
+                "rx": pm.receiver(source, WAVELENGTH),
+                "disc": {"type": "disk", "to_world": turn.scale(RADIUS)},
+            }
+        )
+
+    wide = pw.shapes.square(3 * WAVELENGTH)
+    source = {"element": ELEMENT, "wide": wide, "array": ARRAY}[kind]
+    found = pm.scatterers(scene(source), 20_000, rays=1 << 20)
+    matrix = pm.covariance(found, ARRAY)
+    element, whole = (pm.received_power(scene(each), spp=1 << 18) for each in (ELEMENT, ARRAY))
+    trace, beamed = np.trace(matrix).real / 12, ARRAY.weights @ matrix @ ARRAY.weights.conj()
+    if kind == "element":
+        error = np.hypot(element.standard_error, found.attrs["standard_error"])
+        assert abs(trace - element.scattered) < SIGMAS * error
+        assert trace == pytest.approx(float(found["power"].values.sum()), rel=FRAME)
+    assert trace == pytest.approx(element.scattered, rel=OTHERS)
+    assert beamed.real / 12 == pytest.approx(whole.scattered, rel=OTHERS)
+    if kind == "wide":
+        assert np.abs(degree(matrix)[0] - airy()).max() < AIRY

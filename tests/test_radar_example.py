@@ -1,0 +1,108 @@
+"""The radar's maps in the example against geometry, its draws of speckle against range profiles."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytestmark = [pytest.mark.drjit, pytest.mark.llvm, pytest.mark.slow]
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+SCRIPT = Path(__file__).parents[1] / "examples" / "radar_77ghz" / "radar.py"
+
+# Speckle of a bin: the mean of n draws of an exponential distribution is off by 1/sqrt(n).
+SIGMAS = 5.0
+# Bins down to this of the peak; below are few scatterers.
+WEAK = 1e-3
+
+
+@pytest.fixture(scope="module")
+def radar() -> Any:
+    spec = importlib.util.spec_from_file_location("radar", SCRIPT)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    mi.set_variant("llvm_ad_mono")
+    return module
+
+
+@pytest.fixture(scope="module")
+def scene(radar: Any) -> Any:
+    return pm.load_scene(SCRIPT.with_name("radar.xml"), "llvm_ad_mono", merge=False)
+
+
+@pytest.fixture(scope="module")
+def cloud(radar: Any, scene: Any) -> Any:
+    return radar.cloud_of(scene, 20_000)
+
+
+@pytest.fixture(scope="module")
+def responses(radar: Any, cloud: Any) -> np.ndarray:
+    return pm.element_responses(cloud, radar.array())
+
+
+def test_posts_are_within_one_bin_of_where_they_stand(
+    radar: Any, cloud: Any, responses: np.ndarray
+) -> None:
+    pose = np.reshape(cloud.attrs["to_world"], (4, 4))
+    draws = radar.draws_of_angle(cloud, responses, np.random.default_rng(1))
+    picture = np.mean([radar.range_angle(draw) for draw in draws], axis=0)
+    for place in radar.POSTS.values():
+        distance, cosine = radar.seen_at(pose, place)
+        column, row = (
+            int(np.abs(axis - value).argmin())
+            for axis, value in ((radar.RANGES, distance), (radar.COSINES, cosine))
+        )
+        # the wall is nearby, in range and in angle
+        found = radar.peak_near(picture, column, row, 2)
+        assert abs(found[1] - column) <= 1 and abs(found[0] - row) <= 1
+
+
+def test_the_car_is_where_and_as_fast_as_it_is(
+    radar: Any, cloud: Any, responses: np.ndarray
+) -> None:
+    rng = np.random.default_rng(1)
+    signal = radar.beat_signal(cloud, responses, radar.speckle(responses.shape[1], rng))
+    picture = radar.range_doppler(signal)
+    picture[np.abs(radar.SPEEDS) < 2] = 0.0
+    row, column = np.unravel_index(picture.argmax(), picture.shape)
+    # its front stands at x = 18 m, beside the axis
+    assert abs(radar.RANGES[column] - 18.0) <= 0.5
+    assert abs(radar.SPEEDS[row] - radar.CAR_SPEED) <= radar.SPEEDS[1] - radar.SPEEDS[0]
+
+
+def test_the_mean_of_draws_is_the_range_profile(
+    radar: Any, scene: Any, cloud: Any, responses: np.ndarray
+) -> None:
+    pytest.importorskip("mitransient")
+    mean = radar.mean_profile(cloud, responses, np.random.default_rng(2))
+    edges = np.arange(0.0, 46.0, 0.05)
+    profile = pm.range_profile(scene, edges, spp=1 << 20)
+    expected = radar.expected_profile(profile["range"].values, profile["power"].values)
+    strong = expected > WEAK * expected.max()
+    off = (mean / expected - 1)[strong] * np.sqrt(radar.DRAWS)
+    assert np.abs(off).max() < SIGMAS
+    assert off.std() < 1.4
+    # all bins together: of hundreds of independent ones
+    assert mean.sum() == pytest.approx(float(profile["scattered"].values), rel=0.03)
+
+
+def test_a_cloud_in_bins_is_the_range_profile(scene: Any, cloud: Any) -> None:
+    pytest.importorskip("mitransient")
+    edges = np.arange(0.0, 46.0, 0.5)
+    profile = pm.range_profile(scene, edges, spp=1 << 18)
+    half, power = cloud["path_length"].values / 2, cloud["power"].values
+    binned, _ = np.histogram(half, edges, weights=power)
+    squares, _ = np.histogram(half, edges, weights=power**2)
+    counts, _ = np.histogram(half, edges)
+    error = np.hypot(np.sqrt(squares), profile["standard_error"].values)[counts > 30]
+    off = (binned - profile["power"].values)[counts > 30] / error
+    assert len(off) > 30 and np.abs(off).max() < SIGMAS and off.std() < 1.3
+    total = float(profile["scattered"].values)
+    error = np.hypot(cloud.attrs["standard_error"], float(profile["scattered_error"].values))
+    assert abs(power.sum() - total) < SIGMAS * error

@@ -1,0 +1,346 @@
+"""Clouds of scatterers: their sum against received powers, their paths against geometry."""
+
+from __future__ import annotations
+
+import csv
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.errors import ArgumentError, SceneError
+
+pytestmark = pytest.mark.drjit
+pm = pytest.importorskip("polywigner.mitsuba")
+import mitsuba as mi  # noqa: E402 (after the package, which chooses the LLVM library)
+
+WAVELENGTH = 3.19e-3
+SQUARE = pw.shapes.square(3e-3)
+
+# Standard errors of clouds and renders are known to 18 %.
+SIGMAS = 5.0
+# Places of a scene come in single precision, rays start a little off surfaces.
+SINGLE = 1e-5
+
+
+def spectrum(value: float) -> dict[str, Any]:
+    return {"type": "spectrum", "value": value}
+
+
+def rough(albedo: float) -> dict[str, Any]:
+    return {"type": "diffuse", "reflectance": spectrum(albedo)}
+
+
+def plate(place: list[float], axis: list[int], angle: float, size: float, **bsdf: Any) -> Any:
+    """Looking along z before it is turned."""
+    transform = mi.ScalarTransform4f().translate(place).rotate(axis, angle).scale(size)
+    return {"type": "rectangle", "to_world": transform, "bsdf": bsdf or rough(0.5)}
+
+
+def shifted(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def scene_of(estimator: str = "exact", depth: int = 2, source: Any = SQUARE, **things: Any) -> Any:
+    """A transmitter at the origin that looks along z, a receiver 0.1 m beside it."""
+    entries = {
+        "type": "scene",
+        "integrator": {"type": "path", "max_depth": depth},
+        "tx": pm.aperture(SQUARE, WAVELENGTH, power=1.0, estimator=estimator),
+        "rx": pm.receiver(source, WAVELENGTH, to_world=shifted(0.1), estimator=estimator),
+    }
+    return mi.load_dict(entries | things, optimize=False)
+
+
+def corner() -> dict[str, Any]:
+    """A floor ahead and a wall beside it."""
+    return {
+        "floor": plate([0, 0, 1.0], [1, 0, 0], 180, 2.0),
+        "wall": plate([0.5, 0, 0], [0, 1, 0], -90, 2.0, **rough(0.8)),
+    }
+
+
+# Compilers take the time: the quick tests are those of plain arrays.
+COMPILED = pytest.param("llvm_ad_mono", marks=[pytest.mark.llvm, pytest.mark.slow])
+
+
+@pytest.fixture(params=["scalar_rgb", COMPILED])
+def variant(request: pytest.FixtureRequest) -> str:
+    mi.set_variant(request.param)
+    return request.param
+
+
+@pytest.fixture
+def plain() -> None:
+    mi.set_variant("scalar_rgb")
+
+
+def apart(cloud: Any, expected: float, error: float = 0.0) -> float:
+    """How far the power is off, in standard errors."""
+    power = float(cloud["power"].values.sum())
+    return abs(power - expected) / math.hypot(cloud.attrs["standard_error"], error)
+
+
+# ---- power -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("estimator", [pytest.param("exact", marks=pytest.mark.slow), "wigner"])
+def test_powers_add_up_to_the_received_power(variant: str, estimator: str) -> None:
+    scene = scene_of(estimator, floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    is_scalar = variant == "scalar_rgb"
+    found = pm.received_power(scene, spp=128 if is_scalar else 1 << 14)
+    cloud = pm.scatterers(scene, 100, rays=256 if is_scalar else 1 << 14)
+    assert len(cloud["power"].values) == 100
+    assert apart(cloud, found.scattered, found.standard_error) < SIGMAS
+    assert cloud.attrs["standard_error"] < 0.25 * found.scattered
+    if estimator == "exact":
+        assert (cloud["power"].values > 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+def test_powers_of_three_reflections_and_other_lights_add_up(estimator: str) -> None:
+    mi.set_variant("llvm_ad_mono")
+    things = corner() | {
+        "lamp": plate([-0.5, 0, 0.5], [0, 1, 0], 90, 0.1)
+        | {"emitter": {"type": "area", "radiance": spectrum(1e-3)}},
+        "mirror": plate([-1.0, 0, 0.5], [0, 1, 0], 90, 0.3, type="conductor", material="none"),
+        "veil": plate(
+            [0.1, 0, 0.5], [1, 0, 0], 180, 0.2, type="mask", opacity=0.5, bsdf=rough(0.5)
+        ),
+        "sky": {"type": "point", "position": [0, 0.5, 0.5], "intensity": spectrum(1e-3)},
+    }
+    scene = scene_of(estimator, 4, **things)
+    found = pm.received_power(
+        scene, spp=1 << 18, integrator=mi.load_dict({"type": "volpath", "max_depth": 4})
+    )
+    cloud = pm.scatterers(scene, 20_000, rays=1 << 18)
+    assert apart(cloud, found.scattered, found.standard_error) < SIGMAS
+    assert set(np.unique(cloud["bounces"].values)) == {0, 1, 2, 3}
+    assert set(cloud["emitter"].values) == {"tx", "lamp", "sky"}
+    for part in found.contributions:
+        own = cloud["power"].values[cloud["emitter"].values == part.name].sum()
+        if part.name == "tx":
+            assert own == pytest.approx(part.scattered, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_the_spread_of_seeds_is_the_standard_error() -> None:
+    mi.set_variant("llvm_ad_mono")
+    scene = scene_of("wigner", 3, **corner())
+    clouds = [pm.scatterers(scene, 500, seed=seed, rays=4096) for seed in range(32)]
+    sums = [float(cloud["power"].values.sum()) for cloud in clouds]
+    told = math.sqrt(np.mean([cloud.attrs["standard_error"] ** 2 for cloud in clouds]))
+    # a spread of 32 is known to 13 %, errors of 16 batches to 18 % each
+    assert np.std(sums, ddof=1) == pytest.approx(told, rel=0.4)
+    expected = pm.received_power(scene, spp=1 << 18)
+    assert np.mean(sums) == pytest.approx(
+        expected.scattered, abs=SIGMAS * math.hypot(told / math.sqrt(32), expected.standard_error)
+    )
+
+
+def test_one_seed_gives_one_cloud(variant: str) -> None:
+    scene = scene_of("wigner", floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    first, again, other = (pm.scatterers(scene, 50, seed=s, rays=256) for s in (3, 3, 4))
+    for name in first.data_vars:
+        assert np.array_equal(first[name].values, again[name].values), name
+    assert not np.array_equal(first["power"].values, other["power"].values)
+
+
+# ---- places and paths --------------------------------------------------------------------------
+
+
+def test_places_and_paths_are_those_of_the_geometry(variant: str) -> None:
+    floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
+    cloud = pm.scatterers(scene_of(floor=floor), 60, rays=128)
+    place = cloud["position"].values
+    assert np.allclose(place[:, 2], 1.0, atol=SINGLE)
+    assert np.allclose(cloud["normal"].values, [0, 0, -1], atol=SINGLE)
+    assert set(cloud["shape"].values) == {"floor"} and set(cloud["emitter"].values) == {"tx"}
+    assert set(cloud["bounces"].values) == {1}
+    ways = np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
+    # both apertures are 3 mm wide
+    assert np.abs(cloud["path_length"].values - ways).max() < 4.3e-3
+
+
+def test_a_scene_in_millimetres_has_the_cloud_of_one_in_metres(plain: None) -> None:
+    clouds = []
+    for unit in (1.0, 1e-3):
+        options = {"estimator": "wigner", "scene_unit": unit}
+        entries = {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": 2},
+            "tx": pm.aperture(SQUARE, WAVELENGTH, power=1.0, **options),
+            "rx": pm.receiver(SQUARE, WAVELENGTH, to_world=shifted(0.1 / unit), **options),
+            "floor": plate([0, 0, 1.0 / unit], [1, 0, 0], 180, 2.0 / unit),
+        }
+        clouds.append(
+            pm.scatterers(mi.load_dict(entries), 20, rays=32, velocities={"rx": (1, 2, 3)})
+        )
+    for name in ("position", "power", "intensity", "path_length", "path_rate"):
+        one, other = (cloud[name].values for cloud in clouds)
+        # single precision, of signed radiances more
+        assert np.allclose(one, other, rtol=2e-3, atol=2e-4 * np.abs(one).max()), name
+
+
+def test_a_null_surface_is_no_scatterer_and_lets_paths_pass(variant: str) -> None:
+    floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
+    veil = plate([0, 0, 0.4], [1, 0, 0], 180, 3.0, type="null")
+    open_cloud = pm.scatterers(scene_of("wigner", floor=floor), 400, rays=128)
+    behind = pm.scatterers(scene_of("wigner", floor=floor, veil=veil), 400, rays=128)
+    assert set(behind["shape"].values) == {"floor"} and set(behind["bounces"].values) == {1}
+    power, error = float(open_cloud["power"].values.sum()), open_cloud.attrs["standard_error"]
+    assert apart(behind, power, error) < SIGMAS and error < 0.2 * power
+    # the same rays; lights at the end of each are drawn anew
+    straight = np.linalg.norm(behind["position"].values, axis=1)
+    back = np.linalg.norm(behind["position"].values - [0.1, 0, 0], axis=1)
+    assert np.abs(behind["path_length"].values - straight - back).max() < 4.3e-3
+
+
+def test_a_path_of_two_bounces_stands_where_the_receiver_sees_it(plain: None) -> None:
+    scene = scene_of("wigner", 3, **corner())
+    cloud = pm.scatterers(scene, 4000, rays=256)
+    twice = cloud["bounces"].values == 2
+    assert twice.any() and set(np.unique(cloud["bounces"].values)) == {1, 2}
+    place = cloud["position"].values
+    on_wall = cloud["shape"].values == "wall"
+    assert np.allclose(place[on_wall, 0], 0.5, atol=SINGLE)
+    straight = np.linalg.norm(place, axis=1) + np.linalg.norm(place - [0.1, 0, 0], axis=1)
+    # the way by a second surface is longer
+    assert (cloud["path_length"].values > straight - 4.3e-3).all()
+    assert (cloud["path_length"].values[twice] > straight[twice] + 1e-4).mean() > 0.95
+
+
+def test_the_second_bounce_needs_its_depth(plain: None) -> None:
+    scene = scene_of("wigner", 3, **corner())
+    assert set(pm.scatterers(scene, 400, rays=64, max_depth=2)["bounces"].values) == {1}
+    assert len(pm.scatterers(scene, 400, rays=64, max_depth=1)["power"].values) == 0
+    without = scene_of("wigner", -1, **corner())
+    assert pm.scatterers(without, 4000, rays=64)["bounces"].values.max() > 3
+
+
+# ---- velocity ----------------------------------------------------------------------------------
+
+
+def test_paths_grow_as_geometry_says(plain: None) -> None:
+    floor = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0)
+    speeds = {"floor": (1.0, 2.0, 3.0), "tx": (0.5, 0.0, -1.0), "rx": (0.0, -2.0, 0.25)}
+    cloud = pm.scatterers(scene_of("wigner", floor=floor), 100, rays=64, velocities=speeds)
+    place = cloud["position"].values
+    assert np.array_equal(cloud["velocity"].values, np.tile([1.0, 2.0, 3.0], (len(place), 1)))
+
+    def lengths(t: float) -> np.ndarray:
+        y = place + t * np.array(speeds["floor"])
+        ends = [t * np.array(speeds["tx"]), [0.1, 0, 0] + t * np.array(speeds["rx"])]
+        return sum(np.linalg.norm(y - end, axis=1) for end in ends)
+
+    rate = (lengths(1e-4) - lengths(-1e-4)) / 2e-4
+    # directions are those of places on apertures of 3 mm, 1 m away
+    assert np.abs(cloud["path_rate"].values - rate).max() < 3e-3 * 2 * 4
+
+
+def test_a_mirror_that_comes_nearer_shifts_the_path_by_twice_its_speed(plain: None) -> None:
+    """Rough floor behind the receiver, seen in a mirror ahead: only the mirror moves."""
+    mirror = plate([0, 0, 1.0], [1, 0, 0], 180, 2.0, type="conductor", material="none")
+    back = plate([0, 0, -0.5], [1, 0, 0], 0, 2.0)
+    lamp = {"type": "point", "position": [0, 0, -0.1], "intensity": spectrum(1.0)}
+    scene = scene_of("wigner", 3, mirror=mirror, back=back, lamp=lamp)
+    cloud = pm.scatterers(scene, 400, rays=128, velocities={"mirror": (5.0, 7.0, -1.0)})
+    by_mirror = (cloud["emitter"].values == "lamp") & (cloud["bounces"].values == 2)
+    assert by_mirror.any() and set(cloud["shape"].values[by_mirror]) == {"mirror"}
+    # y and x of its velocity are along it; the path goes there and back under the angle theta
+    down = cloud["position"].values[by_mirror] - [0.1, 0, 0]
+    cosine = down[:, 2] / np.linalg.norm(down, axis=1)
+    assert np.allclose(cloud["path_rate"].values[by_mirror], -2 * cosine, atol=0.01)
+
+
+# ---- files -------------------------------------------------------------------------------------
+
+
+def test_files_hold_the_cloud(plain: None, tmp_path: Path) -> None:
+    scene = scene_of("wigner", 3, **corner())
+    cloud = pm.scatterers(scene, 20, rays=64, velocities={"wall": (1, 0, 0)})
+    pm.write_scatterers(cloud, tmp_path / "cloud.csv")
+    with (tmp_path / "cloud.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 20
+    for name in ("power", "path_length", "path_rate"):
+        assert [float(row[name]) for row in rows] == cloud[name].values.tolist()
+    assert [float(row["position_z"]) for row in rows] == cloud["position"].values[:, 2].tolist()
+    assert [row["shape"] for row in rows] == cloud["shape"].values.tolist()
+
+    pm.write_scatterers(cloud, tmp_path / "cloud.vtp")
+    head, data = (tmp_path / "cloud.vtp").read_bytes().split(b'<AppendedData encoding="raw">\n_', 1)
+    root = ET.fromstring(head + b"</VTKFile>")
+    arrays = {array.get("Name"): array for array in root.iter("DataArray")}
+    for name, kind in (("power", "<f8"), ("position", "<f8"), ("shape", "<i8")):
+        start = int(arrays[name].get("offset", ""))
+        size = int(np.frombuffer(data, "<u8", 1, start)[0])
+        values = np.frombuffer(data, kind, size // 8, start + 8)
+        if name == "shape":
+            text = bytes(map(int, (arrays["shape_names"].text or "").split())).decode()
+            names = text.split("\0")
+            assert [names[k] for k in values] == cloud["shape"].values.tolist()
+        else:
+            assert np.array_equal(values, cloud[name].values.ravel())
+    assert not list(tmp_path.glob("*.partial"))
+
+
+def test_other_files_and_other_data_are_refused(plain: None, tmp_path: Path) -> None:
+    scene = scene_of("wigner", floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    cloud = pm.scatterers(scene, 5, rays=16)
+    with pytest.raises(ArgumentError, match=r"expected a file of \.vtp, \.csv, \.nc"):
+        pm.write_scatterers(cloud, tmp_path / "cloud.ply")
+    with pytest.raises(ArgumentError, match="expected a cloud"):
+        pm.write_scatterers({"power": 1}, tmp_path / "cloud.csv")
+    with pytest.raises(ArgumentError, match="expected to write"):
+        pm.write_scatterers(cloud, Path(__file__) / "cloud.csv")
+    assert not list(tmp_path.iterdir())
+
+
+# ---- refusals ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"count": 0}, "count from 1"),
+        ({"count": 2.5}, "count as a whole number"),
+        ({"count": 10, "rays": 10**9}, "rays from 1"),
+        ({"count": 10, "seed": -1}, "seed of zero or more"),
+        ({"count": 10, "max_depth": 0}, "max_depth from 1"),
+        ({"count": 10, "receiver": "nobody"}, "receiver as one of"),
+        (
+            {"count": 10, "velocities": {"flor": (1, 0, 0)}},
+            "'floor', 'rx', 'tx', got one of 'flor'",
+        ),
+        ({"count": 10, "velocities": {"floor": (1, 0)}}, "three finite numbers"),
+        ({"count": 10, "velocities": [(1, 0, 0)]}, "a mapping of ids"),
+    ],
+)
+def test_arguments_out_of_range_are_refused(
+    plain: None, options: dict[str, Any], message: str
+) -> None:
+    scene = scene_of("wigner", floor=plate([0, 0, 1.0], [1, 0, 0], 180, 2.0))
+    with pytest.raises(ArgumentError, match=message):
+        pm.scatterers(scene, **options)
+
+
+def test_fog_and_darkness_are_refused_and_emptiness_is_not(plain: None) -> None:
+    fog = {"type": "homogeneous", "sigma_t": 0.1}
+    box = {"type": "cube", "bsdf": {"type": "null"}, "interior": fog}
+    with pytest.raises(SceneError, match="without fog"):
+        pm.scatterers(scene_of("wigner", box=box), 10)
+    dark = mi.load_dict({"type": "scene", "rx": pm.receiver(SQUARE, WAVELENGTH)})
+    with pytest.raises(SceneError, match="with light"):
+        pm.scatterers(dark, 10)
+    empty = pm.scatterers(scene_of("wigner"), 10, rays=32)
+    assert len(empty["power"].values) == 0 and empty.attrs["standard_error"] == 0
