@@ -34,7 +34,6 @@ from polywigner.cli.scenes import (
     versions_of,
 )
 from polywigner.cli.sources import frequency_text, short_name
-from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_noise
 
 __all__ = ["run_receive"]
