@@ -28,6 +28,7 @@ from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
+from polywigner.propagation.mixtures import is_mixture, mean_over_mixture
 from polywigner.propagation.places import (
     METHODS,
     check_reach,
@@ -52,6 +53,8 @@ _FLOOR = 1e-3
 _TOLERANCE = 1e-3
 # Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
+# Of means over tilts and wavelengths, as a share of the tolerance: a tenth of the floor.
+_OF_MIXTURE = 1e-4
 # Edges from which on rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
@@ -76,6 +79,7 @@ def irradiance(
     sampling: Sampling = "gauss",
     samples: int | None = None,
     seed: int | np.random.Generator | None = None,
+    bandwidth: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -114,6 +118,8 @@ def irradiance(
         "monte-carlo", for study, with a ``seed``. They draw as many ``samples`` as given (for Sobol
         rounded up to 16 times a power of two) instead of a tolerance; else 16384, and twice as many
         until the estimate of each point's error is within the tolerance, up to 2^18.
+    bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
+        of the wavelength (docs/coherence.md, (PC7)). None: light of the one wavelength.
     precision, engine : see :func:`polywigner.fourier`.
 
     Returns
@@ -144,14 +150,15 @@ def irradiance(
     """
     how: dict[str, Any]
     checked_method(method, ("wigner", *METHODS, "auto"))
+    mixed = is_mixture(source, bandwidth)
     if method == "auto":
         method = checked_obliquity(obliquity, checked_order(order))
         method, obliquity = ("wigner", "paper") if method == "paper" else (method, None)
     if has_derivatives(source, points, wavelength):
-        if sampling != "gauss" or return_error:
+        if sampling != "gauss" or return_error or mixed:
             raise ArgumentError(
-                "expected Gauss rules and no return_error with derivatives; pass "
-                "drjit.detach(...) of what needs none"
+                "expected Gauss rules, coherent light of one wavelength and no return_error with "
+                "derivatives; pass drjit.detach(...) of what needs none"
             )
         allowed = checked_tolerance(tolerance)
         if method == "wigner":
@@ -172,8 +179,18 @@ def irradiance(
     if is_drjit(points):
         how = {"obliquity": obliquity, "order": order, "tolerance": tolerance, "samples": samples}
         how |= {"return_error": return_error, "sampling": sampling, "seed": seed}
+        how |= {"bandwidth": bandwidth}
         compute = partial(irradiance, source, wavelength=wavelength, method=method, **how)
         return evaluate_hosted(compute, "points", points, 3, precision=precision, engine=engine)
+    if mixed:
+        how = {"obliquity": obliquity, "order": order, "tolerance": tolerance, "samples": samples}
+        how |= {"sampling": sampling, "seed": seed, "precision": precision, "engine": engine}
+
+        def compute_one(one: Any, length: float) -> Any:
+            return irradiance(one, points, length, method, return_error=return_error, **how)
+
+        share = _OF_MIXTURE * (checked_tolerance(tolerance) if method == "wigner" else _SINGLE)
+        return mean_over_mixture(compute_one, source, wavelength, bandwidth, share, return_error)
     source = checked_source(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)

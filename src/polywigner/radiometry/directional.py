@@ -13,18 +13,23 @@ from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
+from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_directions,
     checked_positions,
     checked_source,
 )
+from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.transforms import fourier, wigner
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["Normalisation", "radiance", "radiant_intensity"]
 
 Normalisation = Literal["si", "paper"]
+
+# Of the mean over a band, as a share of the largest intensity.
+_BAND_ERROR = 1e-12
 
 
 def _radiance_units(arguments: dict[str, Any]) -> str:
@@ -94,6 +99,7 @@ def radiant_intensity(
     direction: ArrayLike,
     wavelength: float,
     *,
+    bandwidth: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -106,6 +112,8 @@ def radiant_intensity(
     source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
     direction : (..., 3) unit vectors with z >= 0.
     wavelength : in m.
+    bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
+        of the wavelength (docs/coherence.md, (PC7)). None: light of the one wavelength.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -124,6 +132,11 @@ def radiant_intensity(
     radiator = checked_source(source)
     length = checked_wavelength(wavelength)
     directions = checked_directions(direction)
+    if bandwidth is not None:
+        band = checked_bandwidth(bandwidth, length)
+        parts = wavelengths_of_band(length, band, largest_lag(radiator), _BAND_ERROR)
+        how: dict[str, Any] = {"precision": precision, "engine": engine}
+        return sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
     found = fourier(radiator, directions[..., :2] / length, precision=precision, engine=engine)
     intensity = directions[..., 2] * np.square(np.abs(found) / length)
     return intensity.astype(found.real.dtype, copy=False)[()]
