@@ -78,6 +78,13 @@ class Wavefront:
         return self.coherence_width == np.inf
 
     @property
+    def coherent(self) -> Any:
+        """The source as it is in coherent light: without a curved wave the source itself."""
+        if self.is_flat:
+            return self.source
+        return self._with(coherence_width=np.inf)
+
+    @property
     def bounds(self) -> Any:
         """The box of the source."""
         return self.source.bounds

@@ -14,6 +14,7 @@ from polywigner.execution import Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
+from polywigner.mitsuba.mixtures import Wave
 from polywigner.mitsuba.obliquity import emission_factor, emissions
 from polywigner.transforms import fourier
 
@@ -45,16 +46,16 @@ class WignerSum:
         """Whether the source's own W makes it up."""
         return len(self._terms) == 1
 
-    def at(self, x: Any, direction: Any, inverse: Any, own: Callable[..., Any] | None) -> Any:
+    def at(self, x: Any, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Any:
         """The sum at positions (2D) and directions (3D unit vectors) of the source's frame.
 
-        In m^2 for fields of unit 1; zero behind. ``inverse``: of the wavelength. ``own``: W in the
-        place of that of the fields, of operations and four coordinates.
+        In m^2 for fields of unit 1; zero behind. ``own``: W in the place of that of the fields, of
+        operations and four coordinates.
         """
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
         place = (x.x * self._unit, x.y * self._unit)
-        frequency = (direction.x * inverse, direction.y * inverse)
+        frequency = _frequency(direction, wave)
         density = 0.0
         for kernel, tables, forms in self._terms:
             point = (*place, *frequency)
@@ -67,11 +68,11 @@ class WignerSum:
             return kernel(self._ops, tables, *point)[0]
         return kernel_with_derivatives(kernel, self._ops, tables, point, Traced())[0]
 
-    def integral(self, direction: Any, inverse: Any, own: Callable[..., Any] | None) -> Any:
+    def integral(self, direction: Any, wave: Wave, own: Callable[..., Any] | None) -> Any:
         """The integral over positions, |F|^2 in the place of W, in m^4; ``own``: |F|^2."""
         front = direction.z > 0.0
         cosine = dr.select(front, direction.z, 1.0)
-        frequency = self._m.Vector2f(direction.x * inverse, direction.y * inverse)
+        frequency = self._m.Vector2f(*_frequency(direction, wave))
         total = 0.0
         for field, forms in self._fields:
             square = own(self._ops, *frequency) if own else self._square(field, frequency)
@@ -82,3 +83,11 @@ class WignerSum:
         """|F|^2."""
         amplitude = fourier(field, frequency if self._jit else [frequency.x, frequency.y])
         return amplitude.real * amplitude.real + amplitude.imag * amplitude.imag
+
+
+def _frequency(direction: Any, wave: Wave) -> tuple[Any, Any]:
+    """The two spatial frequencies at which a tilted wave leaves in a direction."""
+    along = (direction.x * wave.inverse, direction.y * wave.inverse)
+    if wave.tilt is None:
+        return along
+    return along[0] - wave.tilt.x, along[1] - wave.tilt.y

@@ -13,7 +13,7 @@ from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.transforms.coherence import coherent_source, is_partly_coherent, tilts_of
 
-__all__ = ["is_mixture", "mean_over_mixture"]
+__all__ = ["is_mixture", "mean_over_mixture", "parts_of"]
 
 
 def is_mixture(source: Any, bandwidth: Any) -> bool:
@@ -35,15 +35,15 @@ def mean_over_mixture(
     irradiance that there could be.
     """
     total: Any = 0.0
-    for one, length, weight in _parts(source, checked_wavelength(wavelength), bandwidth, error):
+    for one, length, weight in parts_of(source, checked_wavelength(wavelength), bandwidth, error):
         total = total + weight * np.asarray(compute(one, length))
     return (total[0][()], total[1][()]) if return_error else total[()]
 
 
-def _parts(
+def parts_of(
     source: Any, wavelength: float, bandwidth: float | None, error: float
 ) -> Iterator[tuple[Any, float, float]]:
-    """Coherent sources, wavelengths and weights."""
+    """Coherent sources, wavelengths in m, and weights, whose mean is that of the mixture."""
     band = [(wavelength, 1.0)]
     if bandwidth is not None:
         flat = source.source if isinstance(source, Wavefront) else source
