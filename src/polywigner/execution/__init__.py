@@ -17,6 +17,7 @@ module               what is in it
 ``sums``             weighted sums over places, for many points
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
+``drjit_linear``     components of several points, and points of components
 ``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``hosted_slopes``    the same with derivatives that the host computes as well
@@ -42,6 +43,7 @@ from polywigner.execution.choice import (
 )
 from polywigner.execution.drjit_arrays import evaluate_traced
 from polywigner.execution.drjit_hosted import evaluate_hosted
+from polywigner.execution.drjit_linear import PointKind, components_of_all
 from polywigner.execution.drjit_points import host_points, in_plane, is_drjit, shifted_points
 from polywigner.execution.drjit_results import product_of_complex, times_complex
 from polywigner.execution.end_slopes import with_end_slopes
@@ -89,6 +91,7 @@ __all__ = [
     "NumpyOperations",
     "Parameter",
     "Parameters",
+    "PointKind",
     "Precision",
     "ScalarOperations",
     "Traced",
@@ -98,6 +101,7 @@ __all__ = [
     "checked_engine",
     "checked_precision",
     "complex_numbers",
+    "components_of_all",
     "evaluate",
     "evaluate_hosted",
     "evaluate_on_grid",

@@ -10,12 +10,14 @@ from polywigner.geometry.array_types import Points
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import phase_space_of
+from polywigner.transforms.wavefronts import takes_wavefronts
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
 
 
 @takes_xarray("x", "xi", units="1", long_name="autocorrelation R(x, xi)")
+@takes_wavefronts
 def autocorrelation(
     source: PhaseSpaceSource,
     x: Points,
@@ -57,6 +59,7 @@ def autocorrelation(
 
 
 @takes_xarray("x", "nu", units=content_units, long_name="Wigner function W(x, nu)")
+@takes_wavefronts
 def wigner(
     source: PhaseSpaceSource | Differentiable,
     x: Points,
@@ -102,6 +105,7 @@ def wigner(
 
 
 @takes_xarray("upsilon", "xi", units=content_units, long_name="ambiguity function A(upsilon, xi)")
+@takes_wavefronts
 def ambiguity(
     source: PhaseSpaceSource | Differentiable,
     upsilon: Points,
@@ -145,6 +149,7 @@ def ambiguity(
 
 
 @takes_xarray("x", units=content_units, long_name="position marginal R_x(x)")
+@takes_wavefronts
 def position_marginal(
     source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -176,6 +181,7 @@ def position_marginal(
 
 
 @takes_xarray("xi", units=content_units, long_name="lag marginal R_xi(xi)")
+@takes_wavefronts
 def lag_marginal(
     source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
