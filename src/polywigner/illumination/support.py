@@ -99,7 +99,7 @@ def moved_source(source: _Source, shift: NDArray[np.float64]) -> _Source:
     return Array([element.moved(shift) for element in source.elements_in_plane], source.weights)
 
 
-def tilted_source(source: _Source, frequency: ArrayLike) -> _Source:
+def tilted_source(source: Any, frequency: ArrayLike) -> Any:
     """A source of the plane (or of the line) with its field times exp(2 pi i frequency.x)."""
     tilt = Illumination([1.0], np.atleast_2d(np.asarray(frequency, dtype=np.float64)))
     if not tilt.frequencies.any():

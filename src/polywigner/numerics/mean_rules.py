@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable
 from functools import lru_cache
 from itertools import count
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,8 @@ def normal_rule(reach: float, error: float) -> Rule:
     """Nodes (n,) and weights (n,) for the mean over t of mean 0 and standard deviation 1."""
     tail = math.sqrt(2 * math.log(2 / error))
     half = math.ceil(tail * (reach + tail) / (2 * math.pi))
+    nodes: Any
+    weights: Any
     by_gauss = _fewest(lambda n: _hermite_remainder(n, reach), error, below=2 * half + 1)
     if by_gauss is not None:
         nodes, weights = np.polynomial.hermite_e.hermegauss(by_gauss)

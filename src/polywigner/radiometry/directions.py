@@ -12,11 +12,20 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import shape_of
 from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.wavefront import Wavefront
 from polywigner.illumination import Array
 
-__all__ = ["PlaneSource", "checked_directions", "checked_positions", "checked_source"]
+__all__ = [
+    "PlaneSource",
+    "Radiator",
+    "checked_directions",
+    "checked_positions",
+    "checked_radiator",
+    "checked_source",
+]
 
 PlaneSource = Aperture | Array
+Radiator = PlaneSource | Wavefront
 
 # As in illumination.directions: directions that passed through single precision pass.
 _UNIT = 1e-6
@@ -46,6 +55,14 @@ def checked_source(source: Any) -> PlaneSource:
             "needs an area"
         )
     return source
+
+
+def checked_radiator(source: Any) -> Radiator:
+    """As :func:`checked_source`, with a wave on it that is curved or partly coherent, or not."""
+    if isinstance(source, Wavefront):
+        checked_source(source.source)
+        return source
+    return checked_source(source)
 
 
 def checked_directions(directions: Any) -> NDArray[np.float64]:

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.radiometry.directions import PlaneSource
+from polywigner.geometry.wavefront import Wavefront
+from polywigner.radiometry.directions import Radiator
 from polywigner.radiometry.progress import progress_bar
 
 __all__ = ["directions_and_weights", "largest_lag"]
@@ -36,8 +37,10 @@ _LONG = 1 << 25
 _PANEL = 400.0
 
 
-def largest_lag(source: PlaneSource) -> float:
+def largest_lag(source: Radiator) -> float:
     """Largest distance of two points of the source, in m; of many elements a little more."""
+    if isinstance(source, Wavefront):
+        return largest_lag(source.source)
     if isinstance(source, Aperture):
         return source.diameter
     if source.repeated is not None and isinstance(source.repeated[0], Aperture):

@@ -64,9 +64,7 @@ def is_partly_coherent(source: Any) -> bool:
 def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
     """The source in coherent light: a Wavefront if its wave is curved; times exp(2 pi i tilt.x)."""
     flat = source.source if tilt is None else tilted_source(source.source, tilt)
-    if source.is_flat:
-        return flat
-    return Wavefront(flat, source.curvature, source.centre)
+    return Wavefront(flat, source.curvature, source.centre).coherent
 
 
 def degree_of_coherence(source: Wavefront, xi: Any) -> Any:

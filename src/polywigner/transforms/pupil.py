@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_length, checked_row
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["mtf", "otf"]
@@ -69,7 +70,7 @@ def otf(
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
-    kernel = kernels.kernel_for("ambiguity", source)
+    kernel = kernels.kernel_for("ambiguity", flat_of(source))
     radius = _pupil_radius(source) if pupil_radius is None else _number(pupil_radius)
     if not 0.0 < radius < np.inf:
         raise ArgumentError(f"expected a pupil_radius above zero, got {pupil_radius!r}")
@@ -138,7 +139,7 @@ def mtf(
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     share = _shares(weights, lengths.size)
-    dimension = kernels.kernel_for("ambiguity", source).dimension
+    dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     aberration = _checked_waves(defocus) * float(share @ lengths)
@@ -181,7 +182,8 @@ def _number(value: Any) -> float:
         return float("nan")
 
 
-def _pupil_radius(source: PhaseSpaceSource) -> float:
+def _pupil_radius(source: PhaseSpaceSource | Wavefront) -> float:
+    source = flat_of(source)
     if isinstance(source, Slits):
         return float(np.abs(source.intervals).max())
     if isinstance(source, Aperture):
@@ -189,9 +191,10 @@ def _pupil_radius(source: PhaseSpaceSource) -> float:
     return max(_pupil_radius(element) for element in source.elements_in_plane)
 
 
-def _energy(source: PhaseSpaceSource) -> float:
+def _energy(source: PhaseSpaceSource | Wavefront) -> float:
     """The integral of |u|^2, A(0, 0)."""
-    dimension = kernels.kernel_for("ambiguity", source).dimension
+    source = flat_of(source)
+    dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
     energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
     if isinstance(source, Array):
         contents = [_energy(element) for element in source.elements_in_plane]

@@ -22,6 +22,7 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry import Wavefront
 from polywigner.transforms.arguments import checked_points, in_plane, transform
+from polywigner.transforms.coherence import is_partly_coherent, partly_coherent
 from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
 
 __all__ = ["checked_wavefront", "flat_of", "sheared", "takes_wavefronts"]
@@ -42,6 +43,8 @@ def takes_wavefronts(function: F) -> F:
         given = dict(zip(names, args, strict=False)) | kwargs
         inspect.signature(function).bind(**given)  # its TypeError for what is missing
         how = {name: value for name, value in given.items() if name != "source"}
+        if is_partly_coherent(source):
+            return partly_coherent(wrapper, source, how)
         return of_wavefront(checked_wavefront(source), **how)
 
     return wrapper  # type: ignore[return-value]
