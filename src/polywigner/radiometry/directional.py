@@ -10,16 +10,17 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_directions,
     checked_positions,
-    checked_source,
+    checked_radiator,
 )
 from polywigner.transforms import fourier, wigner
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["Normalisation", "radiance", "radiant_intensity"]
@@ -34,7 +35,7 @@ def _radiance_units(arguments: dict[str, Any]) -> str:
 @takes_frequency
 @takes_xarray("x", "direction", units=_radiance_units, long_name="radiance L(x, s)")
 def radiance(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     x: ArrayLike,
     direction: ArrayLike,
     wavelength: float,
@@ -52,7 +53,8 @@ def radiance(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved wave.
     x : (..., 2) positions in m, outside of the source too: in its automean.
     direction : (..., 3) unit vectors with z >= 0; broadcasts against ``x``.
     wavelength : in m.
@@ -74,7 +76,7 @@ def radiance(
     >>> round(float(pw.radiance(pw.shapes.square(10e-3), (0, 0), (0, 0, 1), 3.2e-3)), 3)  # W/m^2/sr
     39.063
     """
-    radiator = checked_source(source)
+    radiator = checked_radiator(source)
     length = checked_wavelength(wavelength)
     if not isinstance(normalisation, str) or normalisation not in get_args(Normalisation):
         raise ArgumentError(f'expected normalisation to be "si" or "paper", got {normalisation!r}')
@@ -82,7 +84,8 @@ def radiance(
     found = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
     scale = 1.0
     if normalisation == "paper":
-        area = radiator.area if isinstance(radiator, Aperture) else radiator.support.area
+        flat = flat_of(radiator)
+        area = flat.area if isinstance(flat, Aperture) else flat.support.area
         scale = 1 / (4 * math.pi * area)
     return found * found.dtype.type(scale / length**2)
 
@@ -90,7 +93,7 @@ def radiance(
 @takes_frequency
 @takes_xarray("direction", units="W sr-1", long_name="radiant intensity")
 def radiant_intensity(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     direction: ArrayLike,
     wavelength: float,
     *,
@@ -103,7 +106,8 @@ def radiant_intensity(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved wave.
     direction : (..., 3) unit vectors with z >= 0.
     wavelength : in m.
     precision, engine : see :func:`fourier`.
@@ -121,7 +125,7 @@ def radiant_intensity(
     >>> round(float(pw.radiant_intensity(pw.shapes.square(10e-3), (0, 0, 1), 3.2e-3)), 6)  # W/sr
     0.000977
     """
-    radiator = checked_source(source)
+    radiator = checked_radiator(source)
     length = checked_wavelength(wavelength)
     directions = checked_directions(direction)
     found = fourier(radiator, directions[..., :2] / length, precision=precision, engine=engine)
