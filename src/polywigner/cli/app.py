@@ -11,6 +11,7 @@ from polywigner.cli.app_scenes import receive, render
 from polywigner.cli.options import (
     AllowOutside,
     Array,
+    Curved,
     DbFloor,
     Focus,
     Frequency,
@@ -74,6 +75,7 @@ def transform(
     window: Window = None,
     steering: Steering = None,
     focus: Focus = None,
+    curved: Curved = None,
     frequency: Annotated[
         str | None,
         typer.Option(
@@ -106,7 +108,7 @@ def transform(
     run_transform(
         aperture,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus),
+        feeding=feeding_of(taper, array, window, steering, focus, curved),
         frequency=frequency,
         wavelength=wavelength,
         x=x,

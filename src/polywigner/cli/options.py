@@ -11,6 +11,7 @@ __all__ = [
     "Against",
     "AllowOutside",
     "Array",
+    "Curved",
     "DbFloor",
     "EngineName",
     "Focus",
@@ -78,6 +79,12 @@ Steering = Annotated[
 Focus = Annotated[
     str | None, typer.Option(help="Of the array: a point, such as '0 mm, 0 mm, 80 mm'.")
 ]
+Curved = Annotated[
+    str | None,
+    typer.Option(
+        help="Radius of a curved wave, or one along x and one along y: '60 mm', '60 mm, inf'."
+    ),
+]
 Frequency = Annotated[str | None, typer.Option(help="Such as '94 GHz'.")]
 Wavelength = Annotated[str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")]
 DbFloor = Annotated[float, typer.Option(help="Lowest level of the picture, dB below its peak.")]
@@ -133,6 +140,7 @@ def feeding_of(
     window: str | None,
     steering: str | None,
     focus: str | None,
+    curved: str | None,
 ) -> dict[str, str | None]:
     """The texts of these options by their names."""
     return {
@@ -141,4 +149,5 @@ def feeding_of(
         "window": window,
         "steering": steering,
         "focus": focus,
+        "curved": curved,
     }

@@ -26,13 +26,13 @@ __all__ = ["curved_field"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# So many Gauss nodes along each side of a cell have 13 digits of waves of two turns there, and of
-# the static field of places as far away as the cell is long.
-_NODES, _TURNS = 14, 2.0
+# So many Gauss nodes along each side of a cell have 13 digits of waves of four turns there, and of
+# the static field of places half as far away as the cell is long.
+_NODES, _TURNS = 20, 4.0
 # Rounding of a sum, relative to the sum of the moduli.
 _ROUNDING = 1e-13
 # Pairs of a point and a cell: so many nodes at a time, points at a time, and the most in all.
-_BLOCK, _POINTS, _MOST_PAIRS = 1 << 10, 1 << 9, 1 << 24
+_BLOCK, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
 def curved_field(
@@ -111,7 +111,7 @@ def _cells(
 def _are_small(
     wave: Wavefront, part: _Part, cells: Floats, points: Floats, wavelength: float
 ) -> NDArray[np.bool_]:
-    """Whether the phase turns twice at most across a cell, and the point is as far as it is long."""
+    """Whether phases turn four times at most across a cell, at most twice as long as far."""
     sides = cells - np.roll(cells, 1, axis=1)
     size = np.linalg.norm(sides, axis=2).max(axis=1)
     away = cells - points[:, None, :2]
@@ -126,7 +126,7 @@ def _are_small(
         own = np.linalg.norm(slopes + kappa, axis=2).max(axis=1)
         highest = np.maximum(highest, own)
     rate = highest + np.minimum(size / near, 1.0) / wavelength
-    return np.asarray((rate * size <= _TURNS) & (size <= near))
+    return np.asarray((rate * size <= _TURNS) & (size <= 2 * near))
 
 
 def _quartered(cells: Floats) -> Floats:

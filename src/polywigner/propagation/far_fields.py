@@ -67,7 +67,9 @@ def far_field(
 
 @takes_frequency
 def radiated_power(
-    source: PlaneSource | Wavefront, wavelength: float, obliquity: Obliquity = "rayleigh-sommerfeld-1"
+    source: PlaneSource | Wavefront,
+    wavelength: float,
+    obliquity: Obliquity = "rayleigh-sommerfeld-1",
 ) -> float:
     """Power that leaves through the far hemisphere, P = int |E|^2 dOmega (docs/patterns.md, (RP2)).
 
@@ -76,7 +78,8 @@ def radiated_power(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved wave.
     wavelength : in m.
     obliquity : as of :func:`radiation_pattern`.
 
@@ -113,7 +116,9 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
         )
 
 
-def powers_of(source: PlaneSource | Wavefront, wavelength: float, obliquity: str) -> tuple[float, float]:
+def powers_of(
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: str
+) -> tuple[float, float]:
     """The radiated power and int |u|^2, in W.
 
     Raises IlluminationError for a source that radiates nothing.

@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_length, checked_row
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["mtf", "otf"]
@@ -28,7 +29,7 @@ _PER_MM = 1e3
 
 @takes_xarray("xi", units="1", long_name="optical transfer function")
 def otf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Wavefront,
     xi: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
@@ -45,7 +46,8 @@ def otf(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
-        the axis passes through the origin.
+        the axis passes through the origin. With a curved wave, which is defocus as well: w of it is
+        a^2/(2 wavelength radius).
     xi : (..., d) lags in the pupil in m; at the image distance z, the frequency xi/(lambda z).
     defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves.
     pupil_radius : a in m; default: the largest distance of a vertex from the origin. For a disc of
@@ -69,7 +71,7 @@ def otf(
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
-    kernel = kernels.kernel_for("ambiguity", source)
+    kernel = kernels.kernel_for("ambiguity", flat_of(source))
     radius = _pupil_radius(source) if pupil_radius is None else _number(pupil_radius)
     if not 0.0 < radius < np.inf:
         raise ArgumentError(f"expected a pupil_radius above zero, got {pupil_radius!r}")
@@ -91,7 +93,7 @@ def otf(
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
 def mtf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Wavefront,
     frequency: ArrayLike,
     wavelength: ArrayLike,
     focal_length: float,
@@ -109,7 +111,8 @@ def mtf(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil; or
+        one with a curved wave.
     frequency : (..., d) in the image, in cycles per mm.
     wavelength : in m, or (k,) of a polychromatic source.
     focal_length : in m, or the distance of the image from the pupil.
@@ -138,7 +141,7 @@ def mtf(
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     share = _shares(weights, lengths.size)
-    dimension = kernels.kernel_for("ambiguity", source).dimension
+    dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     aberration = _checked_waves(defocus) * float(share @ lengths)
@@ -181,7 +184,8 @@ def _number(value: Any) -> float:
         return float("nan")
 
 
-def _pupil_radius(source: PhaseSpaceSource) -> float:
+def _pupil_radius(source: PhaseSpaceSource | Wavefront) -> float:
+    source = flat_of(source)
     if isinstance(source, Slits):
         return float(np.abs(source.intervals).max())
     if isinstance(source, Aperture):
@@ -189,8 +193,9 @@ def _pupil_radius(source: PhaseSpaceSource) -> float:
     return max(_pupil_radius(element) for element in source.elements_in_plane)
 
 
-def _energy(source: PhaseSpaceSource) -> float:
+def _energy(source: PhaseSpaceSource | Wavefront) -> float:
     """The integral of |u|^2, A(0, 0)."""
+    source = flat_of(source)
     dimension = kernels.kernel_for("ambiguity", source).dimension
     energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
     if isinstance(source, Array):

@@ -24,7 +24,7 @@ from polywigner.geometry import Wavefront
 from polywigner.transforms.arguments import checked_points, in_plane, transform
 from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
 
-__all__ = ["checked_wavefront", "flat_of", "sheared", "takes_wavefronts"]
+__all__ = ["POINTS_OF", "as_flat", "checked_wavefront", "flat_of", "sheared", "takes_wavefronts"]
 
 POINTS_OF = {
     "autocorrelation": ("x", "xi"),
@@ -69,6 +69,29 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
             f"{wave.coherence_width:g} m; use its .source, or a sum over coherent sources"
         )
     return wave
+
+
+def as_flat(
+    wave: Wavefront, function: str, points: Sequence[Any]
+) -> tuple[Any, str, tuple[Any, ...]]:
+    """The flat source, the transform and NumPy's points that a call with a Wavefront comes to.
+
+    Raises ArgumentError for F, which is no call of another transform.
+    """
+    checked_wavefront(wave)
+    none = np.zeros(wave.dimension)
+    if function == "autocorrelation":
+        return wave.source, function, tuple(_checked(wave, function, x=points[0], xi=points[1]))
+    if function in ("wigner", "position_marginal"):
+        x, nu = _checked(wave, "wigner", x=points[0], nu=[*points, none][1])
+        return wave.source, "wigner", (x, nu - _slope(wave, x))
+    if function in ("ambiguity", "lag_marginal"):
+        upsilon, xi = _checked(wave, "ambiguity", upsilon=[none, *points][-2], xi=points[-1])
+        return wave.source, "ambiguity", (upsilon - xi @ wave.curvature, xi)
+    raise ArgumentError(
+        "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes along "
+        "the edges, on NumPy: there is no choice to explain"
+    )
 
 
 def sheared(wave: Wavefront, nu: Any, x: Any) -> Any:
