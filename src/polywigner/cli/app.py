@@ -11,6 +11,8 @@ from polywigner.cli.app_scenes import receive, render
 from polywigner.cli.options import (
     AllowOutside,
     Array,
+    Coherence,
+    Curved,
     DbFloor,
     Focus,
     Frequency,
@@ -74,6 +76,8 @@ def transform(
     window: Window = None,
     steering: Steering = None,
     focus: Focus = None,
+    curved: Curved = None,
+    coherence: Coherence = None,
     frequency: Annotated[
         str | None,
         typer.Option(
@@ -106,7 +110,7 @@ def transform(
     run_transform(
         aperture,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus),
+        feeding=feeding_of(taper, array, window, steering, focus, curved, coherence),
         frequency=frequency,
         wavelength=wavelength,
         x=x,

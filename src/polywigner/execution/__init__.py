@@ -47,7 +47,7 @@ from polywigner.execution.drjit_linear import PointKind, components_of_all
 from polywigner.execution.drjit_points import host_points, in_plane, is_drjit, shifted_points
 from polywigner.execution.drjit_results import product_of_complex, times_complex
 from polywigner.execution.end_slopes import with_end_slopes
-from polywigner.execution.evaluation import evaluate, explained
+from polywigner.execution.evaluation import Shear, evaluate, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted_slopes import TracedField, hosted_field
@@ -94,6 +94,7 @@ __all__ = [
     "PointKind",
     "Precision",
     "ScalarOperations",
+    "Shear",
     "Traced",
     "TracedField",
     "UnrolledOperations",

@@ -15,8 +15,8 @@ from polywigner.execution.drjit_points import (
     tensor_components,
 )
 from polywigner.execution.drjit_results import as_complex, as_tensor_of, product_of_complex
-from polywigner.numerics.trigonometry import cos_sin_turns
 from polywigner.execution.operations import DrjitOperations
+from polywigner.numerics.trigonometry import cos_sin_turns
 
 __all__ = ["PointKind", "components_of_all"]
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Wavefront
-from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.illumination.obliquities import takes_slopes
+from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.propagation.mixtures import parts_of
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.bands import checked_bandwidth

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import Points
 from polywigner.geometry.frequency import takes_frequency
@@ -22,7 +22,8 @@ from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.boundary import boundary_field
-from polywigner.propagation.far_fields import far_field
+from polywigner.propagation.curved_fields import curved_field
+from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
@@ -35,6 +36,7 @@ from polywigner.propagation.places import (
     warn_of_missed,
 )
 from polywigner.transforms import Differentiable
+from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["DEFAULT_TOLERANCE", "amplitude", "checked_amplitude_tolerance"]
@@ -53,7 +55,7 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 @takes_frequency
 @takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U")
 def amplitude(
-    source: Aperture | Array | Differentiable,
+    source: Aperture | Array | Wavefront | Differentiable,
     points: Points,
     wavelength: float,
     method: Method = "rayleigh-sommerfeld-1",
@@ -76,7 +78,8 @@ def amplitude(
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
-        :func:`differentiable` one.
+        :func:`differentiable` one; or one with a curved wave, whose exact field is a sum over
+        places in the opening rather than along its edges (docs/curved.md, (Q7)).
     points : (..., 3) in m, z > 0; or a Dr.Jit array for results as those of :func:`fourier` are.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
         field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
@@ -159,15 +162,18 @@ def amplitude(
     double = execution.checked_precision(precision) != "single"
     execution.checked_engine(engine)
     allowed = checked_amplitude_tolerance(tolerance, double)
-    radiator = radiator_of(source)
+    radiator = radiator_of(flat_of(source))
     check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     flat = places.reshape(-1, 3)
     if name == "fraunhofer":
         kind = checked_method(obliquity or "rayleigh-sommerfeld-1", tuple(SHARES))
-        warn_of_slopes(source, length, kind)
+        check_slopes(source, kind)
+        warn_of_slopes(flat_of(source), length, kind)
         x, y = radiator.centre.tolist()
         directions, distance, turns = _seen_from_centre((x, y), length, flat)
-        centred = moved_source(source, -radiator.centre)
+        curved = isinstance(source, Wavefront)
+        shift = -radiator.centre
+        centred = source.moved(shift) if curved else moved_source(source, shift)
         pattern = far_field(centred, directions, length, kind, precision=precision, engine=engine)
         values = pattern * np.exp(2j * math.pi * turns) / (distance * length)  # (B7)
         errors = _FOURIER_ERROR[double] * radiator.content / length**2 / distance
@@ -176,6 +182,8 @@ def amplitude(
             f'expected an obliquity with method="fraunhofer" only, got {obliquity!r} with {name!r};'
             " the other methods have their own"
         )
+    elif isinstance(source, Wavefront):
+        values, errors = curved_field(checked_wavefront(source), flat, length, name)
     else:
         warn_of_slopes(source, length, name)
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)

@@ -19,7 +19,7 @@ from polywigner.execution import (
     evaluate_hosted,
     is_drjit,
 )
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import DrJitArray, Points
 from polywigner.geometry.frequency import takes_frequency
@@ -27,6 +27,7 @@ from polywigner.geometry.plausibility import warn_caller
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.propagation.amplitudes import DEFAULT_TOLERANCE, amplitude
+from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
 from polywigner.propagation.mixtures import is_mixture, mean_over_mixture
 from polywigner.propagation.places import (
@@ -40,8 +41,9 @@ from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate, by_gauss
 from polywigner.propagation.rays_sampling import Sampling, by_samples
 from polywigner.propagation.rays_traced import traced_irradiance
-from polywigner.radiometry.directions import checked_source
+from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms import Differentiable, lag_marginal
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["checked_order", "checked_tolerance", "irradiance"]
@@ -67,7 +69,7 @@ _THIRD_ORDER_FROM = 0.9
 @takes_frequency
 @takes_xarray("points", units="W m-2", long_name="irradiance |U|^2")
 def irradiance(
-    source: Aperture | Array | Differentiable,
+    source: Aperture | Array | Wavefront | Differentiable,
     points: Points,
     wavelength: float | DrJitArray,
     method: str = "wigner",
@@ -94,7 +96,7 @@ def irradiance(
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
-        illuminations.
+        illuminations; or one with a curved wave.
     points : (..., 3) in m, z > 0; or a Dr.Jit array for values in one.
     wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
         the numbers of a :func:`differentiable` source, but for vertices with order 3; by the other
@@ -191,7 +193,7 @@ def irradiance(
 
         share = _OF_MIXTURE * (checked_tolerance(tolerance) if method == "wigner" else _SINGLE)
         return mean_over_mixture(compute_one, source, wavelength, bandwidth, share, return_error)
-    source = checked_source(source)
+    radiator = checked_radiator(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
     if method != "wigner":
@@ -199,12 +201,16 @@ def irradiance(
         how = {"precision": precision, "engine": engine, "obliquity": obliquity}
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
             how["tolerance"] = tolerance
-        return _squared(source, places, length, method, return_error, how)
+        return _squared(radiator, places, length, method, return_error, how)
+    source, curved = flat_of(radiator), _curved(radiator)
+    if curved:
+        check_slopes(radiator, checked_obliquity(obliquity, order))
     name = checked_obliquity(obliquity, checked_order(order))
     allowed = checked_tolerance(tolerance)
     checked_engine(engine)
     double = checked_precision(precision) != "single"
-    rays = Rays(weighted_sources(source, name, length, order), length, order, engine, double)
+    fields = weighted_sources(source, name, length, order)
+    rays = Rays(fields, length, order, engine, double, curved)
     xmin, ymin, xmax, ymax = source.bounds
     check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
@@ -220,8 +226,16 @@ def irradiance(
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
 
 
+def _curved(source: Any) -> tuple[float, ...]:
+    """Curvatures and centre of a wave, as rays have them; () of a flat one."""
+    if not isinstance(source, Wavefront) or source.is_flat:
+        return ()
+    (xx, xy), (_, yy) = source.curvature.tolist()
+    return (xx, xy, yy, *source.centre.tolist())
+
+
 def _squared(
-    source: Aperture | Array,
+    source: Aperture | Array | Wavefront,
     points: Values,
     wavelength: float,
     method: Any,

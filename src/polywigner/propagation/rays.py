@@ -40,6 +40,8 @@ class Rays:
     order: int
     engine: Engine
     double: bool
+    curved: tuple[float, ...] = ()
+    """Of a curved wave on all sources: Q_xx, Q_xy, Q_yy, and its centre."""
 
     def irradiance(self, rule: Rule, points: Values) -> Values:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
@@ -52,7 +54,7 @@ class Rays:
                     places,
                     weights,
                     points,
-                    (self.wavelength, *forms),
+                    (self.wavelength, *forms, *self.curved),
                     double=self.double,
                     engine=self.engine,
                 )
@@ -88,7 +90,8 @@ class Rays:
         total: Any = 0.0
         place, point = places.T[:, None, :], points.T[:, :, None]
         for source, forms in self.sources:
-            constants = [np.array(value) for value in (self.wavelength, *forms)]
+            numbers = (self.wavelength, *forms, *self.curved)
+            constants = [np.array(value) for value in numbers]
             (values,) = execution.evaluate(
                 ray_kernel(source, self.order),
                 source,

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_precision
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.directions import (
-    Radiator,
+    PlaneSource,
     checked_directions,
     checked_positions,
     checked_radiator,
@@ -42,7 +42,7 @@ def _radiance_units(arguments: dict[str, Any]) -> str:
 @takes_frequency
 @takes_xarray("x", "direction", units=_radiance_units, long_name="radiance L(x, s)")
 def radiance(
-    source: Radiator,
+    source: PlaneSource | Wavefront,
     x: ArrayLike,
     direction: ArrayLike,
     wavelength: float,
@@ -60,7 +60,8 @@ def radiance(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved wave.
     x : (..., 2) positions in m, outside of the source too: in its automean.
     direction : (..., 3) unit vectors with z >= 0; broadcasts against ``x``.
     wavelength : in m.
@@ -82,7 +83,7 @@ def radiance(
     >>> round(float(pw.radiance(pw.shapes.square(10e-3), (0, 0), (0, 0, 1), 3.2e-3)), 3)  # W/m^2/sr
     39.063
     """
-    radiator = checked_radiator(source)
+    radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     if not isinstance(normalisation, str) or normalisation not in get_args(Normalisation):
         raise ArgumentError(f'expected normalisation to be "si" or "paper", got {normalisation!r}')
@@ -99,7 +100,7 @@ def radiance(
 @takes_frequency
 @takes_xarray("direction", units="W sr-1", long_name="radiant intensity")
 def radiant_intensity(
-    source: Radiator,
+    source: PlaneSource | Wavefront,
     direction: ArrayLike,
     wavelength: float,
     *,
@@ -113,7 +114,8 @@ def radiant_intensity(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved wave.
     direction : (..., 3) unit vectors with z >= 0.
     wavelength : in m.
     bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
@@ -133,7 +135,7 @@ def radiant_intensity(
     >>> round(float(pw.radiant_intensity(pw.shapes.square(10e-3), (0, 0, 1), 3.2e-3)), 6)  # W/sr
     0.000977
     """
-    radiator = checked_radiator(source)
+    radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     directions = checked_directions(direction)
     if bandwidth is not None:

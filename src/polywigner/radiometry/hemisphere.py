@@ -18,10 +18,10 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture
-from polywigner.geometry.wavefront import Wavefront
-from polywigner.radiometry.directions import Radiator
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.radiometry.directions import PlaneSource
 from polywigner.radiometry.progress import progress_bar
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["directions_and_weights", "largest_lag"]
 
@@ -37,10 +37,9 @@ _LONG = 1 << 25
 _PANEL = 400.0
 
 
-def largest_lag(source: Radiator) -> float:
+def largest_lag(source: PlaneSource | Wavefront) -> float:
     """Largest distance of two points of the source, in m; of many elements a little more."""
-    if isinstance(source, Wavefront):
-        return largest_lag(source.source)
+    source = flat_of(source)
     if isinstance(source, Aperture):
         return source.diameter
     if source.repeated is not None and isinstance(source.repeated[0], Aperture):

@@ -108,9 +108,7 @@ def _bent(
     return found * np.sign(np.linalg.det(turn))  # exchanged axes turn outlines over
 
 
-def _nearly_flat(
-    element: Aperture | Slits, q: Floats, axes: Floats, nu: Floats
-) -> Complex:
+def _nearly_flat(element: Aperture | Slits, q: Floats, axes: Floats, nu: Floats) -> Complex:
     """exp(i pi q x^2) = pi^-1/2 int exp(-t^2 + 2 t s x) dt, s^2 = i pi q, by Gauss and Hermite."""
     roots = np.sqrt(1j * math.pi * q) / (1j * math.pi)
     total = np.zeros(len(nu), np.complex128)

@@ -29,7 +29,7 @@ _PER_MM = 1e3
 
 @takes_xarray("xi", units="1", long_name="optical transfer function")
 def otf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Wavefront,
     xi: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
@@ -46,7 +46,8 @@ def otf(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
-        the axis passes through the origin.
+        the axis passes through the origin. With a curved wave, which is defocus as well: w of it is
+        a^2/(2 wavelength radius).
     xi : (..., d) lags in the pupil in m; at the image distance z, the frequency xi/(lambda z).
     defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves.
     pupil_radius : a in m; default: the largest distance of a vertex from the origin. For a disc of
@@ -92,7 +93,7 @@ def otf(
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
 def mtf(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Wavefront,
     frequency: ArrayLike,
     wavelength: ArrayLike,
     focal_length: float,
@@ -110,7 +111,8 @@ def mtf(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil; or
+        one with a curved wave.
     frequency : (..., d) in the image, in cycles per mm.
     wavelength : in m, or (k,) of a polychromatic source.
     focal_length : in m, or the distance of the image from the pupil.
@@ -194,7 +196,7 @@ def _pupil_radius(source: PhaseSpaceSource | Wavefront) -> float:
 def _energy(source: PhaseSpaceSource | Wavefront) -> float:
     """The integral of |u|^2, A(0, 0)."""
     source = flat_of(source)
-    dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
+    dimension = kernels.kernel_for("ambiguity", source).dimension
     energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
     if isinstance(source, Array):
         contents = [_energy(element) for element in source.elements_in_plane]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
-from polywigner.geometry import Aperture, Slits, automean
+from polywigner.geometry import Aperture, Slits, Wavefront, automean
 from polywigner.geometry.arguments import checked_generator
 from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
@@ -18,6 +18,7 @@ from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["Weights", "in_phase", "sample_automean"]
 
@@ -28,7 +29,7 @@ Element = Aperture | Slits
 
 
 def sample_automean(
-    source: PhaseSpaceSource,
+    source: PhaseSpaceSource | Wavefront,
     samples: int | ArrayLike,
     weights: Weights = "uniform",
     *,
@@ -55,7 +56,8 @@ def sample_automean(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either; or one with another wave, of
+        which only the flat source matters.
     samples : how many, or the numbers to map, each in [0, 1): (n, d) for ``"uniform"``, (n, 2 d)
         for ``"marginal"`` (the first d numbers make a, the others b).
     weights : the density.
@@ -76,6 +78,7 @@ def sample_automean(
     >>> places.shape, round(float(weights.sum()), 6)
     ((100, 2), 100.0)
     """
+    source = flat_of(source)  # a curved wave has the same support and modulus
     dimension = kernel_for("position_marginal", source).dimension
     if weights not in get_args(Weights):
         names = " or ".join(f'"{name}"' for name in get_args(Weights))

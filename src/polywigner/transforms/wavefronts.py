@@ -25,7 +25,13 @@ from polywigner.transforms.arguments import checked_points, in_plane, transform
 from polywigner.transforms.coherence import is_partly_coherent, partly_coherent
 from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
 
-__all__ = ["checked_wavefront", "flat_of", "sheared", "takes_wavefronts"]
+__all__ = ["POINTS_OF", "as_flat", "checked_wavefront", "flat_of", "sheared", "takes_wavefronts"]
+
+POINTS_OF = {
+    "autocorrelation": ("x", "xi"),
+    "wigner": ("x", "nu"),
+    "ambiguity": ("upsilon", "xi"),
+}
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -68,10 +74,31 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     return wave
 
 
+def as_flat(
+    wave: Wavefront, function: str, points: Sequence[Any]
+) -> tuple[Any, str, tuple[Any, ...]]:
+    """The flat source, the transform and NumPy's points that a call with a Wavefront comes to.
+
+    Raises ArgumentError for F, which is no call of another transform.
+    """
+    checked_wavefront(wave)
+    none = np.zeros(wave.dimension)
+    if function == "autocorrelation":
+        return wave.source, function, tuple(_checked(wave, function, x=points[0], xi=points[1]))
+    if function in ("wigner", "position_marginal"):
+        x, nu = _checked(wave, "wigner", x=points[0], nu=[*points, none][1])
+        return wave.source, "wigner", (x, nu - _slope(wave, x))
+    if function in ("ambiguity", "lag_marginal"):
+        upsilon, xi = _checked(wave, "ambiguity", upsilon=[none, *points][-2], xi=points[-1])
+        return wave.source, "ambiguity", (upsilon - xi @ wave.curvature, xi)
+    raise ArgumentError(
+        "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes along "
+        "the edges, on NumPy: there is no choice to explain"
+    )
+
+
 def sheared(wave: Wavefront, nu: Any, x: Any) -> Any:
-    """nu - Q (x - c), where the flat source has the value of the curved one; any kind of array."""
-    if not (execution.is_drjit(nu) or execution.is_drjit(x)):
-        return nu - _slope(wave, x)
+    """nu - Q (x - c), where the flat source has the value of the curved one; Dr.Jit's arrays."""
     found, kind = execution.components_of_all([("nu", nu), ("x", x)], wave.dimension)
     return kind.points([a - b for a, b in zip(found[0], _slopes(wave, found[1]), strict=True)])
 
@@ -85,9 +112,7 @@ def _slopes(wave: Wavefront, x: Sequence[Any]) -> list[Any]:
     """The components of Q (x - c)."""
     inner = [c - o for c, o in zip(x, wave.centre.tolist(), strict=True)]
     return [
-        sum(c * q for c, q in zip(inner, row, strict=True) if q or len(row) == 1)
-        if any(row)
-        else 0.0 * inner[0]
+        sum((c * q for c, q in zip(inner, row, strict=True) if q), 0.0)
         for row in wave.curvature.tolist()
     ]
 
@@ -103,7 +128,7 @@ def _checked(wave: Wavefront, what: str, **points: Any) -> list[Any]:
 
 def _autocorrelation(wave: Wavefront, x: Any, xi: Any, **how: Any) -> Any:
     x, xi = _checked(wave, "autocorrelation", x=x, xi=xi)
-    value = _flat("autocorrelation", wave, [("x", x), ("xi", xi)], outputs=2, **how)
+    value = _flat("autocorrelation", wave, [x, xi], 2, **how)
     if not (execution.is_drjit(x) or execution.is_drjit(xi)):
         return _turned(value, np.sum(_slope(wave, x) * xi, axis=-1))
     found, kind = execution.components_of_all([("x", x), ("xi", xi)], wave.dimension)
@@ -113,7 +138,7 @@ def _autocorrelation(wave: Wavefront, x: Any, xi: Any, **how: Any) -> Any:
 
 def _wigner(wave: Wavefront, x: Any, nu: Any, **how: Any) -> Any:
     x, nu = _checked(wave, "wigner", x=x, nu=nu)
-    return _flat("wigner", wave, [("x", x), ("nu", sheared(wave, nu, x))], **how)
+    return _of_sheared("wigner", wave, x, nu, 1, how)
 
 
 def _position_marginal(wave: Wavefront, x: Any, **how: Any) -> Any:
@@ -123,8 +148,7 @@ def _position_marginal(wave: Wavefront, x: Any, **how: Any) -> Any:
 def _ambiguity(wave: Wavefront, upsilon: Any, xi: Any, **how: Any) -> Any:
     upsilon, xi = _checked(wave, "ambiguity", upsilon=upsilon, xi=xi)
     about_origin = wave._with(centre=np.zeros(wave.dimension))
-    points = [("upsilon", sheared(about_origin, upsilon, xi)), ("xi", xi)]
-    value = _flat("ambiguity", wave, points, outputs=2, **how)
+    value = _of_sheared("ambiguity", about_origin, xi, upsilon, 2, how)
     slope = wave.curvature @ wave.centre
     if not slope.any():
         return value
@@ -169,12 +193,32 @@ def _spectrum(wave: Wavefront, nu: Any, precision: str | None) -> Any:
     return values.astype(np.complex64)[()] if single else values[()]
 
 
+def _of_sheared(
+    name: str, wave: Wavefront, place: Any, frequency: Any, outputs: int, how: dict[str, Any]
+) -> Any:
+    """W or A of the flat source at a place and at the frequency less that of the wave there."""
+    leads, d = name == "wigner", wave.dimension
+    if execution.is_drjit(place) or execution.is_drjit(frequency):
+        pair = [place, sheared(wave, frequency, place)]
+        return _flat(name, wave, pair if leads else pair[::-1], outputs, **how)
+
+    def shear(components: Sequence[Any]) -> Sequence[Any]:
+        first, second = list(components[:d]), list(components[d:])
+        x, nu = (first, second) if leads else (second, first)
+        moved = [n - s for n, s in zip(nu, _slopes(wave, x), strict=True)]
+        return [*x, *moved] if leads else [*moved, *x]
+
+    points = [place, frequency] if leads else [frequency, place]
+    return _flat(name, wave, points, outputs, shear=shear, **how)
+
+
 def _flat(
-    name: str, wave: Wavefront, points: Sequence[tuple[str, Any]], outputs: int = 1, **how: Any
+    name: str, wave: Wavefront, points: Sequence[Any], outputs: int, shear: Any = None, **how: Any
 ) -> Any:
     """A transform of the flat source."""
+    named = list(zip(POINTS_OF[name], points, strict=True))
     precision, engine = how.get("precision"), how.get("engine", "auto")
-    return transform(name, wave.source, points, precision, engine, outputs=outputs)
+    return transform(name, wave.source, named, precision, engine, outputs=outputs, shear=shear)
 
 
 def _turned(value: Any, turns: Any) -> Any:

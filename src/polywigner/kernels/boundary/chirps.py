@@ -3,9 +3,9 @@
 In the axes of Q, with q1 the larger curvature and Green's theorem,
 
     int int exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x) dx dy
-        = closed int E(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,    E' = exp(i pi q1 x^2 - 2 pi i nu_x x)
+        = closed int E(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,
 
-where E is a Fresnel integral. The second curvature may be anything from -q1 to q1, zero included:
+where E, the integral of exp(i pi q1 x^2 - 2 pi i nu_x x), is a Fresnel integral. The second curvature may be anything from -q1 to q1, zero included:
 spherical, cylindrical and saddle-shaped waves are one formula. The integrand is entire, and
 Gauss's rules converge as soon as they resolve its turns. Source: (Q5) of docs/curved.md.
 """
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,9 +92,7 @@ def _along(begin: Floats, edge: Floats, q: Floats, nu: Floats, count: int) -> Co
     share = (edge[:, 1, None] * weights).ravel()
     (q1, q2), (nu1, nu2) = (a.T[:, :, None] for a in (q, nu))
     step, rest = primitive(q1, nu1, x)
-    return np.asarray(
-        ((step + rest) * np.exp(1j * math.pi * ((q2 * y - 2 * nu2) * y))) @ share
-    )
+    return np.asarray(((step + rest) * np.exp(1j * math.pi * ((q2 * y - 2 * nu2) * y))) @ share)
 
 
 @lru_cache(maxsize=32)
