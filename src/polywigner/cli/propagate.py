@@ -54,6 +54,7 @@ def run_propagate(
     wavelength: str | None,
     reading: Reading,
     feeding: Mapping[str, str | None],
+    bandwidth: str | None,
     engine: str,
     precision: str | None,
     floor_db: float,
@@ -97,6 +98,7 @@ def run_propagate(
     place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))
     how = {
         "quantity": "amplitude" if amplitude else "irradiance",
+        "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
         "tolerance": accuracy,
         "engine": engine,
         "precision": precision,

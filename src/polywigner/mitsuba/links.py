@@ -59,6 +59,8 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 def coupled_share(parts: FacingParts, tolerance: float) -> float:
     """|b|^2: received over emitted power with nothing in between, both as int |u|^2.
 
+    Of partly coherent sources and of a band of frequencies its mean.
+
     Raises SceneError where the link is too much work, or too near, and where it has no boundary
     condition at both ends.
     """
@@ -67,11 +69,15 @@ def coupled_share(parts: FacingParts, tolerance: float) -> float:
     _check_obliquity(link, emitter.obliquity, receiver.obliquity)
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
+    share = 0.0
     try:
-        b = coupling(emitter.source, receiver.source, pose, emitter.wavelength, method, tolerance)
+        for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
+            for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
+                b = coupling(sent, taken, pose, wavelength, method, tolerance)
+                share += weight * other * abs(b) ** 2
     except PolywignerError as error:
         raise SceneError(f"{link}: {error}") from None
-    return float(abs(b) ** 2 * parts.share)
+    return float(share * parts.share)
 
 
 def _check_obliquity(link: str, one: str, other: str) -> None:

@@ -24,7 +24,7 @@ from polywigner.propagation.mixtures import parts_of
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.bands import checked_bandwidth
 
-__all__ = ["PLAIN", "DrawnWaves", "Mixture", "Wave", "mixture_of"]
+__all__ = ["PLAIN", "DrawnWaves", "Mixture", "Wave", "check_mixture", "mixture_of"]
 
 # Error of means over tilts and wavelengths where a number is asked for, as a share of the largest.
 _ERROR = 1e-7
@@ -41,6 +41,14 @@ class Mixture:
     """In m; infinite: coherent."""
     bandwidth: float | None = None
     """In Hz, of the light; None: one wavelength."""
+
+    def __str__(self) -> str:
+        parts = []
+        if self.coherence_width < math.inf:
+            parts.append(f"a source that is coherent over {self.coherence_width:g} m")
+        if self.bandwidth is not None:
+            parts.append(f"a bandwidth of {self.bandwidth:g} Hz")
+        return " and ".join(parts) or "coherent light of one wavelength"
 
     @property
     def is_plain(self) -> bool:
@@ -60,15 +68,13 @@ PLAIN = Mixture()
 
 
 def mixture_of(
-    source: Any, wavelength: float, width: float | None, bandwidth: float | None
+    source: Any, wavelength: float, bandwidth: float | None = None
 ) -> tuple[Any, Mixture]:
-    """The coherent source, and the mixture that a source and the parameters beside it ask for.
+    """The source in coherent light, and the mixture that its light is; ``bandwidth`` in Hz.
 
-    Raises SceneError for numbers out of range.
+    Raises SceneError for a bandwidth out of range.
     """
     try:
-        if width is not None:
-            source = source.partially_coherent(width)
         if bandwidth is not None:
             bandwidth = checked_bandwidth(bandwidth, wavelength)
     except PolywignerError as error:

@@ -13,6 +13,7 @@ from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.support import mirrored_source
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.mixtures import PLAIN, Mixture
 from polywigner.mitsuba.placement import matrix_of
 from polywigner.quantities import SPEED_OF_LIGHT
 
@@ -37,6 +38,8 @@ class PlacedSource:
     obliquity: str
     scene_unit: float
     power: float = 0.0
+    mixture: Mixture = PLAIN
+    """Of its light."""
     medium: Any = None
     """Fog that the source stands in, as the sensor says; None: none."""
 
@@ -113,7 +116,15 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
-    return PlacedSource(name, spec.source, pose, wavelength, spec.obliquity, spec.scene_unit)
+    return PlacedSource(
+        name,
+        spec.source,
+        pose,
+        wavelength,
+        spec.obliquity,
+        spec.scene_unit,
+        mixture=spec.mixture,
+    )
 
 
 def _single(value: Any, known: float) -> float:

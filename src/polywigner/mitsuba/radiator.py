@@ -14,6 +14,7 @@ from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source, mutual_support
+from polywigner.mitsuba.mixtures import PLAIN, Mixture
 from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import powers_of
@@ -73,8 +74,11 @@ def emitted_power(
     obliquity: str,
     power: float | None,
     radiated_power: float | None,
+    mixture: Mixture = PLAIN,
 ) -> float:
     """The emitter's int |u|^2, in W, of either power in W; that of the field as it is for neither.
+
+    ``mixture``: what the light is, of which the radiated power is the mean.
 
     Raises SceneError for both, and for a source that radiates nothing.
     """
@@ -86,10 +90,14 @@ def emitted_power(
             "aperture, radiated_power what leaves through the hemisphere in front"
         )
     try:
-        radiated, energy = powers_of(radiator.source, wavelength, obliquity)
+        found = [
+            (powers_of(source, length, obliquity), weight)
+            for source, length, weight in mixture.parts(radiator.source, wavelength)
+        ]
     except PolywignerError as error:
         raise SceneError(str(error)) from None
-    return radiated_power * energy / radiated
+    radiated = sum(weight * power for (power, _), weight in found)
+    return radiated_power * found[0][0][1] / radiated
 
 
 # A scene entry is checked when it is made, and read when the scene is loaded.

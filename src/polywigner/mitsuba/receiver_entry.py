@@ -10,12 +10,13 @@ import mitsuba as mi
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import check_estimator
 from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.mixtures import check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_range
 from polywigner.mitsuba.radiator import radiator_of
@@ -61,7 +62,7 @@ def receiver(
     film: None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
         the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
         Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
-    bandwidth, temperature, noise_figure: of the noise of the receiver: Hz, K and dB, or texts such
+    bandwidth, temperature, noise_figure: of the noise (what is received is that of the wavelength) of the receiver: Hz, K and dB, or texts such
         as "1 GHz", "290 K" and "3 dB".
     scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
     sampling: density of positions with the estimator ``wigner``, see
@@ -75,15 +76,17 @@ def receiver(
     ------
     ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
+    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron | Wavefront):
         source = Aperture(source)
-    radiator = radiator_of(source, obliquity)
     length, unit = parse_length(wavelength), parse_length(scene_unit)
+    coherent, mixture = mixture_of(source, length)
+    radiator = radiator_of(coherent, obliquity)
+    check_mixture(mixture, coherent, length, obliquity, estimator)
     check_estimator(estimator, radiator.source, length, obliquity, False, False)
     check_range(radiator, length, 1.0, unit)
     entry: dict[str, Any] = {
         "type": RECEIVER_NAME,
-        "source": register_source(radiator.source),
+        "source": register_source(source),
         "wavelength": length,
         "obliquity": obliquity,
         "estimator": estimator,

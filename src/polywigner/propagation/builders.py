@@ -29,7 +29,7 @@ from polywigner.propagation.stores_layout import (
     source_attrs,
     source_settings,
 )
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 
 if TYPE_CHECKING:
     import xarray
@@ -234,7 +234,10 @@ def volume(
         return dataset(source, grid, settings, options.get("progress"), chunks)
     if len(settings.methods) != 1:
         raise ArgumentError(f"expected one method for a store, got {settings.methods}")
-    radiator, sizes = checked_source(source), _stored_chunks(chunks, shape_of_grid(grid))
+    radiator, sizes = (
+        checked_radiator(source, partly=True),
+        _stored_chunks(chunks, shape_of_grid(grid)),
+    )
     # Every chunk by the same engine, wherever it is computed.
     engine = resolved(settings.engine, max(_COMPILED, math.prod(sizes)))
     settings = replace(settings, engine=engine)

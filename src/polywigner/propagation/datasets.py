@@ -24,7 +24,7 @@ from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.stores_files import required
 from polywigner.propagation.stores_layout import Index, chunks_within, source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.progress import progress_bar
 
 __all__ = ["FieldBlock", "dataset", "described", "field_on"]
@@ -56,6 +56,8 @@ def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSe
         return np.asarray(field if settings.quantity == "amplitude" else np.angle(field))
     if method == "wigner":
         how["order"] = settings.order
+    if settings.bandwidth is not None:
+        how["bandwidth"] = settings.bandwidth
     return np.asarray(irradiance(source, points, settings.wavelength, **how))
 
 
@@ -105,7 +107,7 @@ def dataset(
     asked for. Raises ArgumentError for other chunks, MissingExtraError without xarray or dask.
     """
     xarray = required("xarray")
-    radiator = checked_source(source)
+    radiator = checked_radiator(source, partly=True)
     blocks = [FieldBlock(radiator, grid, method, settings) for method in settings.methods]
     with _warnings_once():
         arrays = [
