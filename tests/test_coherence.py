@@ -216,7 +216,7 @@ def test_what_has_a_phase_is_refused(ask: Any) -> None:
 
 @pytest.mark.parametrize("bandwidth", [0.0, -1e9, 2e15, "wide"])
 def test_a_bandwidth_is_a_positive_number_below_twice_the_carrier(bandwidth: Any) -> None:
-    with pytest.raises(ArgumentError, match="expected a?.*bandwidth"):
+    with pytest.raises(ArgumentError, match="bandwidth"):
         pw.radiant_intensity(SQUARE, (0, 0, 1), WAVELENGTH, bandwidth=bandwidth)
 
 
