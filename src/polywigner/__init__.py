@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         uniform,
         write_source,
     )
+    from polywigner.optics import FirstOrder
     from polywigner.propagation import (
         AxisSampling,
         BeamMetrics,
@@ -95,6 +96,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Aperture": "polywigner.geometry",
     "Array": "polywigner.illumination",
+    "FirstOrder": "polywigner.optics",
     "Illumination": "polywigner.illumination",
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
@@ -170,6 +172,7 @@ __all__ = [
     "BeamMetrics",
     "CutMetrics",
     "EnergyBudget",
+    "FirstOrder",
     "Illumination",
     "Polyhedron",
     "Sampling",
