@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import check_estimator
@@ -75,7 +75,7 @@ def receiver(
     ------
     ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
+    if not isinstance(source, Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron):
         source = Aperture(source)
     radiator = radiator_of(source, obliquity)
     length, unit = parse_length(wavelength), parse_length(scene_unit)

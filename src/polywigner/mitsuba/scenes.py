@@ -13,7 +13,7 @@ import mitsuba as mi
 import numpy.typing as npt
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
@@ -96,7 +96,7 @@ def aperture(
     ------
     GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron):
+    if not isinstance(source, Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron):
         source = Aperture(source)
     antithetic = check_flag("antithetic", antithetic)
     control_variate = check_flag("control_variate", control_variate)

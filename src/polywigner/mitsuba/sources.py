@@ -11,7 +11,7 @@ import threading
 from collections import OrderedDict
 
 from polywigner.errors import SceneError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.files.encoding import json_of, table_of
 
@@ -37,7 +37,7 @@ def register_source(source: Aperture | Array) -> str:
     ------
     SceneError for anything but an Aperture or an Array.
     """
-    if not isinstance(source, Aperture | Array):
+    if not isinstance(source, Aperture | Array | Wavefront):
         raise SceneError(
             f"expected an Aperture or an Array, got {type(source).__name__}; make one with "
             "polywigner.Aperture(vertices)"
