@@ -21,7 +21,7 @@ ROOMS = [
     ("errors", "interruption"),
     ("quantities", "citations"),
     ("geometry",),
-    ("illumination",),
+    ("illumination", "optics"),
     ("toolchain", "numerics", "plans"),
     ("kernels",),
     ("execution",),

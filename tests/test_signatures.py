@@ -8,7 +8,7 @@ import pytest
 
 import polywigner as pw
 
-CLASSES = (pw.Aperture, pw.Array, pw.Slits, pw.Illumination, pw.Polyhedron)
+CLASSES = (pw.Aperture, pw.Array, pw.Slits, pw.Illumination, pw.Polyhedron, pw.FirstOrder)
 OF_OPERATORS = {"__init__", "__call__"}
 
 

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         uniform,
         write_source,
     )
+    from polywigner.optics import FirstOrder
     from polywigner.propagation import (
         AxisSampling,
         BeamMetrics,
@@ -49,6 +50,7 @@ if TYPE_CHECKING:
         amplitude,
         beam_metrics,
         hemisphere,
+        horns,
         irradiance,
         line,
         plane,
@@ -94,6 +96,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Aperture": "polywigner.geometry",
     "Array": "polywigner.illumination",
+    "FirstOrder": "polywigner.optics",
     "Illumination": "polywigner.illumination",
     "Polyhedron": "polywigner.geometry",
     "Slits": "polywigner.geometry",
@@ -137,6 +140,7 @@ _HOMES = {
     "AxisSampling": "polywigner.propagation",
     "Sampling": "polywigner.propagation",
     "suggest_sampling": "polywigner.propagation",
+    "horns": "polywigner.propagation",
     "line": "polywigner.propagation",
     "plane": "polywigner.propagation",
     "hemisphere": "polywigner.propagation",
@@ -168,6 +172,7 @@ __all__ = [
     "BeamMetrics",
     "CutMetrics",
     "EnergyBudget",
+    "FirstOrder",
     "Illumination",
     "Polyhedron",
     "Sampling",
@@ -192,6 +197,7 @@ __all__ = [
     "fourier",
     "fourier_taper",
     "hemisphere",
+    "horns",
     "irradiance",
     "lag_marginal",
     "lag_slice",

@@ -27,6 +27,7 @@ from polywigner.cli.sources import (
 )
 from polywigner.cli.where import Place, parse_place, place_text
 from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_frequency
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

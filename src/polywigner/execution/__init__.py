@@ -44,7 +44,13 @@ from polywigner.execution.choice import (
 from polywigner.execution.drjit_arrays import evaluate_traced
 from polywigner.execution.drjit_hosted import evaluate_hosted
 from polywigner.execution.drjit_linear import PointKind, components_of_all
-from polywigner.execution.drjit_points import host_points, in_plane, is_drjit, shifted_points
+from polywigner.execution.drjit_points import (
+    combined_points,
+    host_points,
+    in_plane,
+    is_drjit,
+    shifted_points,
+)
 from polywigner.execution.drjit_results import product_of_complex, times_complex
 from polywigner.execution.end_slopes import with_end_slopes
 from polywigner.execution.evaluation import Shear, evaluate, explained
@@ -101,6 +107,7 @@ __all__ = [
     "check_not_stopped",
     "checked_engine",
     "checked_precision",
+    "combined_points",
     "complex_numbers",
     "components_of_all",
     "evaluate",

@@ -99,6 +99,11 @@ class Wavefront:
         """This source behind one more diffuser, see :meth:`Aperture.partially_coherent`."""
         return with_coherence(self, width)
 
+    def on(self, source: Any, shift: ArrayLike | None = None) -> Wavefront:
+        """This wave, shifted by (d,), on another flat source."""
+        moved = 0.0 if shift is None else checked_shift(shift, self.dimension)
+        return self._with(source=source, centre=self.centre + moved)
+
     def moved(self, shift: ArrayLike) -> Wavefront:
         """The source and its wave shifted by (d,)."""
         offset = checked_shift(shift, self.dimension)

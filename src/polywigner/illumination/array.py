@@ -78,6 +78,16 @@ class Array:
         self.__dict__["weights"] = checked_weights(weights, len(found))
         self.__dict__["repeated"] = None
 
+    @classmethod
+    def _repeated(
+        cls, element: Aperture | Slits, places: NDArray[np.float64], weights: NDArray[Any]
+    ) -> Array:
+        """Copies of an element at places (n, d), with weights (n,) that are checked already."""
+        array: Array = object.__new__(cls)
+        array.__dict__["repeated"] = (element, places)
+        array.__dict__["weights"] = weights
+        return array
+
     @cached_property
     def elements(self) -> tuple[Element, ...]:
         """The sources, each with its own field."""
@@ -296,7 +306,4 @@ def phased_array(
         )
     dimension = 1 if isinstance(element, Slits) else 2
     places, amplitudes = checked_sites(positions, weights, dimension)
-    array = object.__new__(Array)
-    array.__dict__["repeated"] = (element, places)
-    array.__dict__["weights"] = amplitudes
-    return array
+    return Array._repeated(element, places, amplitudes)

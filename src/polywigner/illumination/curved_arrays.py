@@ -18,7 +18,7 @@ from polywigner.geometry import Wavefront
 from polywigner.illumination.sites import checked_weights
 from polywigner.illumination.waves import Illumination
 
-__all__ = ["array_of_waves", "copies_of_wave", "has_waves"]
+__all__ = ["array_of_waves", "copies_of_wave", "has_waves", "tilted_source"]
 
 # Curvatures of elements that were turned, or read, differ by rounding.
 _SAME = 1e-12
@@ -65,7 +65,23 @@ def _tilted(source: Any, wave: Wavefront, away: NDArray[np.float64]) -> tuple[An
     slope = wave.curvature @ away
     turns = float((wave.centre - away / 2) @ slope)
     phase = complex(np.exp(2j * np.pi * (turns - round(turns))))
-    if not slope.any():
-        return source, phase
-    tilt, own = Illumination([1.0], -slope[None]), source.illumination
-    return source.with_illumination(tilt if own is None else own * tilt), phase
+    return tilted_source(source, -slope), phase
+
+
+def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
+    """A flat source times exp(2 pi i kappa.x), kappa (d,)."""
+    if not kappa.any():
+        return source
+    if hasattr(source, "with_illumination"):
+        tilt, own = Illumination([1.0], kappa[None]), source.illumination
+        return source.with_illumination(tilt if own is None else own * tilt)
+    if source.repeated is None:
+        elements = [tilted_source(element, kappa) for element in source.elements_in_plane]
+        return type(source)(elements, source.weights)
+    # each copy brings its element's tilt along
+    (element, positions), make = source.repeated, type(source)._repeated
+    return make(
+        tilted_source(element, kappa),
+        positions,
+        source.weights * np.exp(2j * np.pi * (positions @ kappa)),
+    )

@@ -6,15 +6,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.lattices import lattice_of
-from polywigner.illumination.waves import Illumination, restored
+from polywigner.illumination.waves import restored
 
-__all__ = ["mirrored_source", "moved_source", "mutual_support", "tilted_source"]
+__all__ = ["mirrored_source", "moved_source", "mutual_support"]
 
 _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 
@@ -97,22 +97,6 @@ def moved_source(source: _Source, shift: NDArray[np.float64]) -> _Source:
         element, positions = source.repeated
         return phased_array(element, positions + shift, source.weights)
     return Array([element.moved(shift) for element in source.elements_in_plane], source.weights)
-
-
-def tilted_source(source: Any, frequency: ArrayLike) -> Any:
-    """A source of the plane (or of the line) with its field times exp(2 pi i frequency.x)."""
-    tilt = Illumination([1.0], np.atleast_2d(np.asarray(frequency, dtype=np.float64)))
-    if not tilt.frequencies.any():
-        return source
-    if not isinstance(source, Array):
-        field = source.illumination
-        return source.with_illumination(tilt if field is None else field * tilt)
-    if source.repeated is not None:
-        element, positions = source.repeated
-        weights = source.weights * tilt(positions)
-        return phased_array(tilted_source(element, frequency), positions, weights)
-    elements = [tilted_source(element, frequency) for element in source.elements_in_plane]
-    return Array(elements, source.weights)
 
 
 def mirrored_source(source: Any) -> Any:

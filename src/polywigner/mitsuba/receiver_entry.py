@@ -62,8 +62,8 @@ def receiver(
     film: None: one pixel, which reads the received power in W. (n, m): a map of n x m pixels over
         the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
         Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
-    bandwidth, temperature, noise_figure: of the noise (what is received is that of the wavelength) of the receiver: Hz, K and dB, or texts such
-        as "1 GHz", "290 K" and "3 dB".
+    bandwidth, temperature, noise_figure: of the noise of the receiver: Hz, K and dB, or texts such
+        as "1 GHz", "290 K" and "3 dB". What is received is that of the one wavelength.
     scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
     sampling: density of positions with the estimator ``wigner``, see
         :func:`polywigner.mitsuba.aperture`.
@@ -76,7 +76,7 @@ def receiver(
     ------
     ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron | Wavefront):
+    if not isinstance(source, Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron):
         source = Aperture(source)
     length, unit = parse_length(wavelength), parse_length(scene_unit)
     coherent, mixture = mixture_of(source, length)

@@ -22,6 +22,7 @@ from polywigner.illumination import Array
 from polywigner.mitsuba.radiator import Radiator
 from polywigner.transforms import position_marginal
 from polywigner.transforms.sampling import in_phase
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = [
     "SAMPLINGS",
@@ -125,7 +126,7 @@ def positions_of(m: Any, radiator: Radiator, sampling: str, unit: float) -> Posi
     places = np.stack(np.meshgrid(*axes), axis=-1)
     values = np.zeros(places.shape[:-1])
     for *shift, weight in radiator.shifts:
-        shifted = position_marginal(in_phase(radiator.centred), places + shift)
+        shifted = position_marginal(in_phase(flat_of(radiator.centred)), places + shift)
         values += weight * np.maximum(shifted, 0.0)
     density = np.sqrt(values) if sampling == "root-marginal" else values
     steps = (high - low) / counts

@@ -101,7 +101,7 @@ def aperture(
     ------
     GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    if not isinstance(source, Aperture | Array | PlacedAperture | Slits | Polyhedron | Wavefront):
+    if not isinstance(source, Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron):
         source = Aperture(source)
     antithetic = check_flag("antithetic", antithetic)
     control_variate = check_flag("control_variate", control_variate)

@@ -13,7 +13,6 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import Points
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
@@ -21,6 +20,8 @@ from polywigner.illumination.obliquities import SHARES, BoundaryCondition, warn_
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
+from polywigner.optics import FirstOrder
+from polywigner.propagation.behind import field_behind
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.curved_fields import curved_field
 from polywigner.propagation.far_fields import check_slopes, far_field
@@ -30,6 +31,7 @@ from polywigner.propagation.places import (
     METHODS,
     Method,
     check_reach,
+    checked_amplitude_tolerance,
     checked_method,
     checked_points,
     checked_wavelength,
@@ -39,15 +41,12 @@ from polywigner.transforms import Differentiable
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["DEFAULT_TOLERANCE", "amplitude", "checked_amplitude_tolerance"]
+__all__ = ["amplitude"]
 
 # Points at a time: temporary arrays stay in the cache of one core.
 _BLOCK = 1 << 12
 _OPS = execution.NumpyOperations(double=True)
 
-# By default, and the least that can be asked for: some tens of roundings.
-DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
-_LEAST = {True: 1e-13, False: 1e-6}
 # Error of the Fourier transform, relative to the content.
 _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 
@@ -60,6 +59,7 @@ def amplitude(
     wavelength: float,
     method: Method = "rayleigh-sommerfeld-1",
     *,
+    through: FirstOrder | None = None,
     tolerance: float | None = None,
     obliquity: BoundaryCondition | None = None,
     return_error: bool = False,
@@ -80,13 +80,18 @@ def amplitude(
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
         :func:`differentiable` one; or one with a curved wave, whose exact field is a sum over
         places in the opening rather than along its edges (docs/curved.md, (Q7)).
-    points : (..., 3) in m, z > 0; or a Dr.Jit array for results as those of :func:`fourier` are.
+    points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array for results as
+        those of :func:`fourier` are.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
         field (docs/gradients.md, (G5) to (G7)); "fraunhofer" has none.
     wavelength : in m.
     method : "rayleigh-sommerfeld-1" (the field in the opening is given), "rayleigh-sommerfeld-2"
         (its normal derivative is), "kirchhoff" (their mean), "fresnel" (parabolic waves, for
         points near the axis), "fraunhofer" (the far field, about the source's centre).
+    through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the field
+        is Collins' integral (L4), instead of a ``method``, without exp(ikL) of the path L along the
+        axis. An image (B = 0) is u itself. Behind systems of other curvatures along one axis than
+        along the other, NumPy sums it up. No derivatives.
     tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of
         |u| area/(wavelength distance), which is what the field would be if all of the source were
         in phase (within a wavelength with the static field, |u| area/(2 pi distance^2)). Default
@@ -121,6 +126,13 @@ def amplitude(
     >>> round(float(abs(pw.amplitude(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3))), 4)
     0.3103
     """
+    if through is not None:
+        others: dict[str, object] = {"obliquity": obliquity}
+        others["method"] = None if method in ("rayleigh-sommerfeld-1", "fresnel") else method
+        return field_behind(
+            source, points, wavelength, through, tolerance, others,
+            return_error=return_error, precision=precision, engine=engine,
+        )  # fmt: skip
     if has_derivatives(source, points, wavelength):
         if return_error or obliquity is not None:
             raise ArgumentError(
@@ -192,19 +204,6 @@ def amplitude(
     shape = places.shape[:-1]
     result = values.reshape(shape).astype(np.complex128 if double else np.complex64)[()]
     return (result, errors.reshape(shape)[()]) if return_error else result
-
-
-def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
-    """A tolerance that :func:`amplitude` can keep; ArgumentError for others."""
-    if tolerance is None:
-        return DEFAULT_TOLERANCE[double]
-    least = _LEAST[double]
-    meaning = f"a number from {least:g} to 0.1"
-    number = checked_number(tolerance, "tolerance", meaning)
-    if not least <= number <= 0.1:
-        hint = "" if number > 0.1 or double else '; precision="double" has 1e-13'
-        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}{hint}")
-    return number
 
 
 def _seen_from_centre(

@@ -26,6 +26,7 @@ Indices = NDArray[np.intp]
 
 # An edge costs about as much as so many terms of other kernels, for the choice of an engine.
 _TERMS = 16
+_PARAXIAL = ("fresnel", "collins")
 # Most turns of phase on half a panel of Fresnel fields.
 _FRESNEL_TURNS = 60.0
 _MOST_ROWS = 1 << 20
@@ -81,9 +82,10 @@ def boundary_field(
     """The field at points (n, 3), an estimate of its error, and what was allowed, all (n,).
 
     ``tolerance``: what is allowed as a fraction of the incident amplitude or, where that is less,
-    of what could come from all of the source.
+    of what could come from all of the source. ``method`` "collins": Fresnel's field without the
+    phase of its distance.
     """
-    paraxial = method == "fresnel"
+    paraxial = method in _PARAXIAL
     # phases of Fresnel's parabolas far off the axis are worth float64 in any case
     edges = sum(e.edges for e in radiator.elements)
     engine = resolved(engine, len(points), _TERMS * edges)
@@ -170,14 +172,15 @@ def _share_of_field(method: str) -> float:
 
 def _kernel(method: str) -> Kernel:
     share = _share_of_field(method)
-    edge_sum = fresnel_edge_sum if method == "fresnel" else integrals.edge_sum
+    paraxial = method in _PARAXIAL
+    edge_sum = fresnel_edge_sum if paraxial else integrals.edge_sum
     return Kernel(
         name=f"boundary integral, {method}",
         dimension=3,
-        tables=lambda panels, double: _tables(panels, double, share, method == "fresnel"),
+        tables=lambda panels, double: _tables(panels, double, share, paraxial),
         enter=integrals.enter,
         edge_sum=edge_sum,
-        leave=integrals.leave,
+        leave=integrals.leave_phase if method == "collins" else integrals.leave,
     )
 
 

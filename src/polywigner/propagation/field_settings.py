@@ -12,9 +12,13 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.illumination.obliquities import checked_obliquity
-from polywigner.propagation.amplitudes import checked_amplitude_tolerance
 from polywigner.propagation.irradiances import checked_order, checked_tolerance
-from polywigner.propagation.places import METHODS, checked_method, checked_name
+from polywigner.propagation.places import (
+    METHODS,
+    checked_amplitude_tolerance,
+    checked_method,
+    checked_name,
+)
 from polywigner.radiometry.bands import checked_bandwidth
 
 __all__ = ["WITH_OBLIQUITY", "FieldOptions", "FieldSettings", "Quantity", "checked_settings"]

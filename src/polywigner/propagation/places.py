@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.geometry.arguments import checked_wavelength, shape_of
+from polywigner.geometry.arguments import checked_number, checked_wavelength, shape_of
 from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
+    "DEFAULT_TOLERANCE",
     "LARGEST",
     "METHODS",
     "Method",
     "check_reach",
+    "checked_amplitude_tolerance",
     "checked_method",
     "checked_name",
     "checked_points",
@@ -31,6 +33,12 @@ Method = Literal[
 
 METHODS: tuple[str, ...] = get_args(Method)
 """Methods for a field, an amplitude with a phase."""
+
+DEFAULT_TOLERANCE = {True: 1e-9, False: 1e-5}
+"""Of fields, in double and in single precision."""
+
+# The least that can be asked for: some tens of roundings.
+_LEAST = {True: 1e-13, False: 1e-6}
 
 
 def checked_points(points: Any) -> NDArray[np.float64]:
@@ -87,6 +95,19 @@ def check_reach(points: NDArray[np.float64], size: float, wavelength: float, ray
                 f"expected lengths{method} between {1 / reach:g} and {reach:g} m, got {name} of "
                 f"{length:.3g} m; use a unit in which they are"
             )
+
+
+def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
+    """A tolerance that :func:`amplitude` can keep; ArgumentError for others."""
+    if tolerance is None:
+        return DEFAULT_TOLERANCE[double]
+    least = _LEAST[double]
+    meaning = f"a number from {least:g} to 0.1"
+    number = checked_number(tolerance, "tolerance", meaning)
+    if not least <= number <= 0.1:
+        hint = "" if number > 0.1 or double else '; precision="double" has 1e-13'
+        raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}{hint}")
+    return number
 
 
 def checked_method(method: Any, allowed: Sequence[str] = METHODS) -> str:

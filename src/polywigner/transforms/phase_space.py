@@ -7,7 +7,9 @@ from typing import Any
 from polywigner import kernels
 from polywigner.execution import Engine, Precision
 from polywigner.geometry.array_types import Points
+from polywigner.optics import FirstOrder
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
+from polywigner.transforms.through import before
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import phase_space_of
 from polywigner.transforms.wavefronts import takes_wavefronts
@@ -65,6 +67,8 @@ def wigner(
     x: Points,
     nu: Points,
     *,
+    through: FirstOrder | None = None,
+    wavelength: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -81,6 +85,9 @@ def wigner(
         either; or of :func:`differentiable`.
     x : (..., d) positions in m.
     nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
+    through : a :class:`FirstOrder` between the source and the plane of ``x`` and ``nu``: W there is
+        that of the source where the ray came from, (L2). Of slits, one that keeps x and y apart.
+    wavelength : in m, with ``through`` only.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -98,6 +105,8 @@ def wigner(
     >>> round(float(pw.wigner(square, (0.5, 0.0), (0.0, 0.0))), 12)  # the area of the lag slice
     8.0
     """
+    if through is not None or wavelength is not None:
+        x, nu = before("wigner", source, through, wavelength, ("x", x), ("nu", nu))
     points = [("x", x), ("nu", nu)]
     if isinstance(source, Differentiable):
         return phase_space_of("wigner", source, points, precision, engine)
@@ -111,6 +120,8 @@ def ambiguity(
     upsilon: Points,
     xi: Points,
     *,
+    through: FirstOrder | None = None,
+    wavelength: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -125,6 +136,9 @@ def ambiguity(
         either; or of :func:`differentiable`.
     upsilon : (..., d) real frequency shifts in 1/m.
     xi : (..., d) lags in m; broadcasts against ``upsilon``.
+    through : a :class:`FirstOrder` between the source and the plane of the lags, (L3). Of slits,
+        one that keeps x and y apart.
+    wavelength : in m, with ``through`` only.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -142,6 +156,10 @@ def ambiguity(
     >>> float(pw.ambiguity(square, (0.0, 0.0), (1.0, 0.0)).real)  # the overlap of two squares
     2.0
     """
+    if through is not None or wavelength is not None:
+        xi, upsilon = before(
+            "ambiguity", source, through, wavelength, ("xi", xi), ("upsilon", upsilon)
+        )
     points = [("upsilon", upsilon), ("xi", xi)]
     if isinstance(source, Differentiable):
         return phase_space_of("ambiguity", source, points, precision, engine)

@@ -24,6 +24,7 @@ from polywigner.geometry import Wavefront
 from polywigner.transforms.arguments import checked_points, in_plane, transform
 from polywigner.transforms.coherence import is_partly_coherent, partly_coherent
 from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
+from polywigner.transforms.through import before
 
 __all__ = ["POINTS_OF", "as_flat", "checked_wavefront", "flat_of", "sheared", "takes_wavefronts"]
 
@@ -136,7 +137,21 @@ def _autocorrelation(wave: Wavefront, x: Any, xi: Any, **how: Any) -> Any:
     return kind.turned(value, sum(a * b for a, b in products))
 
 
+def _before(
+    name: str, wave: Wavefront, x: Any, nu: Any, how: dict[str, Any]
+) -> tuple[Any, Any, dict[str, Any]]:
+    """Points as they were before a system, and the options without it."""
+    rest = {key: how[key] for key in how if key not in ("through", "wavelength")}
+    through, wavelength = how.get("through"), how.get("wavelength")
+    if through is None and wavelength is None:
+        return x, nu, rest
+    (first, second), flat = POINTS_OF[name], wave.source
+    named = ((first, x), (second, nu)) if name == "wigner" else ((second, x), (first, nu))
+    return (*before(name, flat, through, wavelength, *named), rest)
+
+
 def _wigner(wave: Wavefront, x: Any, nu: Any, **how: Any) -> Any:
+    x, nu, how = _before("wigner", wave, x, nu, how)
     x, nu = _checked(wave, "wigner", x=x, nu=nu)
     return _of_sheared("wigner", wave, x, nu, 1, how)
 
@@ -146,6 +161,7 @@ def _position_marginal(wave: Wavefront, x: Any, **how: Any) -> Any:
 
 
 def _ambiguity(wave: Wavefront, upsilon: Any, xi: Any, **how: Any) -> Any:
+    xi, upsilon, how = _before("ambiguity", wave, xi, upsilon, how)
     upsilon, xi = _checked(wave, "ambiguity", upsilon=upsilon, xi=xi)
     about_origin = wave._with(centre=np.zeros(wave.dimension))
     value = _of_sheared("ambiguity", about_origin, xi, upsilon, 2, how)

@@ -34,6 +34,7 @@ __all__ = [
     "enter",
     "free_wave",
     "leave",
+    "leave_phase",
     "lengthwise",
     "offset_of",
     "rounded_turns",
@@ -91,6 +92,11 @@ def leave(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values
     real, imag, error = sums
     cosine, sine = cos_sin_turns(ops, inner[8])
     return real * cosine - imag * sine, real * sine + imag * cosine, error
+
+
+def leave_phase(ops: Any, frame: BoundaryFrame, inner: Values, sums: Values) -> Values:
+    """The field without the phase of the distance from the centre, and its error."""
+    return sums
 
 
 def edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:

@@ -1,0 +1,360 @@
+"""The ray matrix of a first-order optical system."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NoReturn, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.display import shown_as_html
+from polywigner.geometry.field import turned_points
+from polywigner.geometry.numbers import real_numbers
+
+__all__ = ["FirstOrder", "restored"]
+
+Matrix = NDArray[np.float64]
+
+# Of each element of a matrix as it is given, and of each product.
+_ULP = 2.0**-52
+# Relative to the products that conditions are sums of: a matrix typed to ten digits passes, one
+# with a wrong sign or a forgotten element does not.
+_SYMPLECTIC = 1e-9
+_ONE = np.eye(2)
+
+
+@final
+class FirstOrder:
+    """A first-order optical system: its ray matrix [[A, B], [C, D]], symplectic.
+
+    A ray at x (m) with the direction cosines s = lambda nu leaves it at A x + B s, with the
+    direction cosines C x + D s. Systems compose with ``@``, as matrices do: the right one acts
+    first. Source: M. J. Bastiaans, J. Opt. Soc. Am. 69, 1710 (1979).
+
+    Parameters
+    ----------
+    matrix
+        (4, 4) real, acting on (x, y, s_x, s_y), or (2, 2) for a system that is rotationally
+        symmetric; A and D without unit, B in m, C in 1/m.
+
+    Raises
+    ------
+    ArgumentError for what is no such matrix of finite numbers, and for one that is not symplectic.
+
+    >>> import polywigner as pw
+    >>> pw.FirstOrder.free_space(0.2) @ pw.FirstOrder.lens(0.2)
+    FirstOrder([[0.0, 0.2], [-5.0, 1.0]])
+    """
+
+    matrix: Matrix
+    """(4, 4), read-only."""
+    rounding: Matrix
+    """(4, 4): bounds on what rounding has made of the elements. In a product what is no larger is
+    set to zero, so that an image that is composed of lenses and distances is one."""
+
+    def __init__(self, matrix: ArrayLike) -> None:
+        try:
+            given = real_numbers(matrix)
+        except ValueError as error:
+            raise ArgumentError(f"expected a ray matrix of real numbers, got {error}") from None
+        if given.shape not in ((2, 2), (4, 4)):
+            raise ArgumentError(
+                f"expected a ray matrix of shape (4, 4), or (2, 2), got {given.shape}"
+            )
+        if not np.isfinite(given).all():
+            raise ArgumentError("expected a ray matrix of finite numbers, got inf or nan")
+        _check_symplectic(given)
+        full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
+        _set(self, full, _ULP * abs(full))
+
+    @classmethod
+    def free_space(cls, z: float) -> FirstOrder:
+        """The way from one plane to another, z behind it, in m; back to it where z < 0.
+
+        >>> import polywigner as pw
+        >>> pw.FirstOrder.free_space(0.1)
+        FirstOrder([[1.0, 0.1], [0.0, 1.0]])
+        """
+        return cls([[1.0, checked_number(z, "z", "a distance in m")], [0.0, 1.0]])
+
+    @classmethod
+    def lens(cls, f: float | tuple[float, float], angle: float = 0.0) -> FirstOrder:
+        """A thin lens, or a pair of crossed cylindrical lenses.
+
+        Parameters
+        ----------
+        f : focal length in m, negative of a diverging lens; or (f_x, f_y), ``inf`` for an axis
+            along which it is flat.
+        angle : of the lens's x axis to that of the plane, in radians, counter-clockwise.
+
+        Raises
+        ------
+        ArgumentError for a focal length of zero and for what is no number.
+
+        >>> import polywigner as pw
+        >>> pw.FirstOrder.lens((0.5, float("inf"))).C.tolist()
+        [[-2.0, 0.0], [0.0, 0.0]]
+        """
+        expected = "expected f as a focal length in m other than 0, or a pair (f_x, f_y) of them"
+        lengths = _checked_pair(f, f"{expected}, inf for none")
+        if not lengths.all():
+            raise ArgumentError(f"{expected}, inf for none, got {f!r}")
+        with np.errstate(over="ignore"):
+            powers = -1.0 / lengths + 0.0
+        if not np.isfinite(powers).all():
+            raise ArgumentError(f"{expected}, inf for none, got {f!r}, whose inverse overflows")
+        axes = turned_points(_ONE, angle)  # rows: the axes of the lens
+        if powers[0] == powers[1]:
+            return cls([[1.0, 0.0], [powers[0], 1.0]])
+        return cls(np.block([[_ONE, 0.0 * _ONE], [axes.T @ np.diag(powers) @ axes, _ONE]]))
+
+    @classmethod
+    def magnifier(cls, m: float | tuple[float, float]) -> FirstOrder:
+        """An image m times as large as its object, upside down where m < 0; or (m_x, m_y).
+
+        Raises ArgumentError for a magnification of zero and for what is no number.
+
+        >>> import polywigner as pw
+        >>> pw.FirstOrder.magnifier(-2.0)
+        FirstOrder([[-2.0, 0.0], [0.0, -0.5]])
+        """
+        expected = "expected m as a magnification other than 0, or a pair (m_x, m_y) of them"
+        scales = _checked_pair(m, expected)
+        if not (np.isfinite(scales) & (scales != 0)).all():
+            raise ArgumentError(f"{expected}, got {m!r}")
+        zero = 0.0 * _ONE
+        return cls(np.block([[np.diag(scales), zero], [zero, np.diag(1.0 / scales)]]))
+
+    @classmethod
+    def fourier(cls, f: float) -> FirstOrder:
+        """From the front to the back focal plane of a lens: the field there is F(x/(lambda f)).
+
+        Parameters
+        ----------
+        f : focal length in m, other than 0.
+
+        Raises
+        ------
+        ArgumentError for what is no such number.
+
+        >>> import polywigner as pw
+        >>> pw.FirstOrder.fourier(0.5)
+        FirstOrder([[0.0, 0.5], [-2.0, 0.0]])
+        """
+        return cls.fractional(1.0, f)
+
+    @classmethod
+    def fractional(cls, order: float, f: float) -> FirstOrder:
+        """The fractional Fourier transformer, which turns phase space by ``order`` quarter turns.
+
+        Orders add up: 1 is :meth:`fourier`, 2 an image upside down, 4 the identity. Source:
+        A. W. Lohmann, J. Opt. Soc. Am. A 10, 2181 (1993).
+
+        Parameters
+        ----------
+        order : a, of an angle a pi/2 between (x, f s) and (x', f s').
+        f : the scale in m, other than 0: the focal length of the transformer of order 1.
+
+        Raises
+        ------
+        ArgumentError for what are no such numbers.
+
+        >>> import polywigner as pw
+        >>> half = pw.FirstOrder.fractional(0.5, 0.3)
+        >>> (half @ half).A.round(15).tolist()
+        [[0.0, 0.0], [0.0, 0.0]]
+        """
+        meaning = "a length in m other than 0"
+        scale = checked_number(f, "f", meaning)
+        if scale == 0 or not math.isfinite(1.0 / scale):
+            raise ArgumentError(f"expected f as {meaning}, got {f!r}")
+        quarters = checked_number(order, "order", "a number of quarter turns")
+        turned = turned_points(np.array([[1.0, 0.0]]), math.remainder(quarters, 4.0) * math.pi / 2)
+        cosine, sine = turned[0].tolist()
+        return cls([[cosine, scale * sine], [-sine / scale, cosine]])
+
+    @classmethod
+    def rotation(cls, angle: float) -> FirstOrder:
+        """A turn of the plane about its axis, such as a prism's; counter-clockwise.
+
+        Parameters
+        ----------
+        angle : in radians.
+
+        Raises
+        ------
+        ArgumentError for what is no number.
+
+        >>> import math
+        >>> import polywigner as pw
+        >>> pw.FirstOrder.rotation(math.pi / 2).A.tolist()
+        [[0.0, -1.0], [1.0, 0.0]]
+        """
+        turn = turned_points(_ONE, angle).T + 0.0
+        return cls(np.block([[turn, 0.0 * _ONE], [0.0 * _ONE, turn]]))
+
+    @property
+    def A(self) -> Matrix:
+        """(2, 2): output positions by input positions, without unit."""
+        return self.matrix[:2, :2]
+
+    @property
+    def B(self) -> Matrix:
+        """(2, 2): output positions by input directions, in m; zero for an image."""
+        return self.matrix[:2, 2:]
+
+    @property
+    def C(self) -> Matrix:
+        """(2, 2): output directions by input positions, in 1/m."""
+        return self.matrix[2:, :2]
+
+    @property
+    def D(self) -> Matrix:
+        """(2, 2): output directions by input directions, without unit."""
+        return self.matrix[2:, 2:]
+
+    @property
+    def inverse(self) -> FirstOrder:
+        """The system that undoes this one: [[D^T, -B^T], [-C^T, A^T]]."""
+        swap = np.array([2, 3, 0, 1])
+        signs = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((2, 2)))
+        matrix, rounding = (m.T[swap][:, swap] for m in (self.matrix, self.rounding))
+        return restored(signs * matrix + 0.0, rounding)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether it is rotationally symmetric: each block a number times the unit matrix."""
+        blocks = (self.A, self.B, self.C, self.D)
+        return all(b[0, 0] == b[1, 1] and not (b[0, 1] or b[1, 0]) for b in blocks)
+
+    def rays(self, x: ArrayLike, s: ArrayLike) -> tuple[Matrix, Matrix]:
+        """Where rays leave the system, and in which directions.
+
+        Parameters
+        ----------
+        x : (..., 2) positions in m.
+        s : (..., 2) direction cosines lambda nu; broadcasts against ``x``.
+
+        Returns
+        -------
+        (..., 2) positions and (..., 2) direction cosines.
+
+        Raises
+        ------
+        ArgumentError for other than real numbers of these shapes.
+
+        >>> import polywigner as pw
+        >>> x, s = pw.FirstOrder.lens(0.5).rays((0.01, 0.0), (0.0, 0.0))
+        >>> s.tolist()
+        [-0.02, 0.0]
+        """
+        places, directions = _checked_vectors("x", x), _checked_vectors("s", s)
+        try:
+            places, directions = np.broadcast_arrays(places, directions)
+        except ValueError:
+            raise ArgumentError(
+                f"expected x and s of shapes that broadcast, got {places.shape} and "
+                f"{directions.shape}"
+            ) from None
+        found = np.concatenate([places, directions], axis=-1) @ self.matrix.T
+        return found[..., :2], found[..., 2:]
+
+    def __matmul__(self, other: FirstOrder) -> FirstOrder:
+        """The system that is ``other`` followed by this one."""
+        if not isinstance(other, FirstOrder):
+            return NotImplemented
+        with np.errstate(over="ignore", invalid="ignore"):
+            product = _product(self.matrix, other.matrix)
+        if not np.isfinite(product).all():
+            raise ArgumentError("expected systems whose product is finite, got one that overflows")
+        first, second = abs(self.matrix), abs(other.matrix)
+        rounding = _product(self.rounding + _ULP * first, second)
+        rounding += _product(first, other.rounding)
+        return restored(np.where(abs(product) <= rounding, 0.0, product), rounding)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, FirstOrder):
+            return NotImplemented
+        return np.array_equal(self.matrix, other.matrix)
+
+    def __hash__(self) -> int:
+        return hash((self.matrix + 0.0).tobytes())
+
+    def __repr__(self) -> str:
+        shown = self.matrix[::2, ::2] if self.is_symmetric else self.matrix
+        return f"FirstOrder({(shown + 0.0).tolist()})"
+
+    def _repr_html_(self) -> str:
+        rows = [(name, str((getattr(self, name) + 0.0).tolist())) for name in "ABCD"]
+        return shown_as_html("FirstOrder", rows)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return restored, (np.array(self.matrix), np.array(self.rounding))
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise AttributeError(f"a FirstOrder cannot be changed ({name}); build a new one")
+
+    def __delattr__(self, name: str) -> NoReturn:
+        raise AttributeError(f"a FirstOrder cannot be changed ({name}); build a new one")
+
+
+def restored(matrix: Matrix, rounding: Matrix) -> FirstOrder:
+    """A system of a matrix (4, 4) that is known to be symplectic: products keep that, rounded."""
+    system = FirstOrder.__new__(FirstOrder)
+    _set(system, matrix, rounding)
+    return system
+
+
+def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
+    for name, value in (("matrix", matrix), ("rounding", rounding)):
+        value.setflags(write=False)
+        object.__setattr__(system, name, value)
+
+
+def _product(first: Matrix, second: Matrix) -> Matrix:
+    """The product of matrices by rounded products: fused ones differ between machines."""
+    return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)
+
+
+def _check_symplectic(matrix: Matrix) -> None:
+    """A^T C and B^T D symmetric, A^T D - C^T B = 1, each within rounding of its products."""
+    half = len(matrix) // 2
+    a, b = matrix[:half, :half], matrix[:half, half:]
+    c, d = matrix[half:, :half], matrix[half:, half:]
+    conditions = (
+        ("A^T C - C^T A = 0", a.T @ c - c.T @ a, abs(a).T @ abs(c)),
+        ("B^T D - D^T B = 0", b.T @ d - d.T @ b, abs(b).T @ abs(d)),
+        ("A^T D - C^T B = 1", a.T @ d - c.T @ b - np.eye(half), 1 + abs(a).T @ abs(d)),
+    )
+    for law, found, size in conditions:
+        wrong = float(abs(found).max())
+        if wrong > _SYMPLECTIC * float(size.max()):
+            raise ArgumentError(
+                f"expected a symplectic ray matrix, {law}, got one that misses it by {wrong:.3g}; "
+                "give A to D of rays (x, s), s the direction cosines, to ten digits, or compose "
+                "the system of free_space, lens and magnifier"
+            )
+
+
+def _checked_pair(value: Any, expected: str) -> Matrix:
+    """One number or two, as two; infinite ones are let through."""
+    try:
+        numbers = real_numbers(value)
+    except ValueError as error:
+        raise ArgumentError(f"{expected}, got {error}") from None
+    if numbers.shape not in ((), (2,)) or np.isnan(numbers).any():
+        raise ArgumentError(f"{expected}, got {value!r}")
+    return np.broadcast_to(numbers, 2)
+
+
+def _checked_vectors(name: str, value: Any) -> Matrix:
+    try:
+        array = real_numbers(value)
+    except ValueError as error:
+        raise ArgumentError(f"expected {name} as real numbers (..., 2), got {error}") from None
+    if array.ndim == 0 or array.shape[-1] != 2:
+        raise ArgumentError(f"expected {name} of shape (..., 2), got {array.shape}")
+    return array

@@ -1,0 +1,192 @@
+"""Fields behind first-order systems: Collins' integral, by the rank of B. Source: (L4) to (L7)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError
+from polywigner.illumination import Array
+from polywigner.numerics.chirps import waves_of_turns
+from polywigner.optics import FirstOrder
+from polywigner.propagation.astigmatic import Chirp, astigmatic_integral, line_integral
+from polywigner.propagation.boundary import boundary_field
+from polywigner.propagation.panels import Radiator
+from polywigner.transforms import autocorrelation, fourier
+
+__all__ = ["collins_field"]
+
+Floats = NDArray[np.float64]
+Found = tuple[NDArray[np.complex128], Floats, Floats]
+
+# Curvatures along all axes that differ by less, relative to what rounding makes of them, are equal.
+_EQUAL = 8 * 2.0**-52
+# Of closed forms, relative to the content, in double and in single precision.
+_CLOSED = {True: 1e-13, False: 2e-6}
+# Most turns of phase along an outline whose Fresnel field is summed up.
+_MOST_TURNS = 1e6
+
+
+def collins_field(
+    source: Any,
+    radiator: Radiator,
+    points: Floats,
+    wavelength: float,
+    system: FirstOrder,
+    tolerance: float,
+    double: bool,
+    engine: str,
+) -> Found:
+    """The field at points (n, 2), an estimate of its error, and what was allowed, all (n,).
+
+    ``tolerance``: what is allowed as a fraction of the field of an image or, where that is less, of
+    what could come from all of the source.
+    """
+    left, scale, right = np.linalg.svd(system.B)
+    none = scale <= np.linalg.norm(system.rounding[:2, 2:])
+    if none.all():
+        return _image(radiator, source, points, wavelength, system, double)
+    if none[1]:
+        return _line_image(radiator, points, wavelength, system, left, float(scale[0]), right)
+    inverse = np.linalg.inv(system.B)
+    bend, slopes = inverse @ system.A, points @ inverse.T
+    front = _front(system.B) / (wavelength * math.sqrt(abs(np.linalg.det(system.B))))
+    out = waves_of_turns(_turns(system.D @ inverse, points, wavelength)) * front
+    if not (abs(system.A) > system.rounding[:2, :2]).any():
+        how: dict[str, Any] = {"precision": None if double else "single", "engine": engine}
+        values = np.asarray(fourier(source, slopes / wavelength, **how))
+        errors = np.full(len(points), _CLOSED[double] * radiator.content)
+        allowed = tolerance * np.full(len(points), radiator.content)
+    else:
+        curvature, axes = np.linalg.eigh((bend + bend.T) / 2)
+        middle = float(curvature.mean())
+        spread = np.linalg.cond(system.B) * _EQUAL * abs(curvature).max()
+        if abs(bend - middle * np.eye(2)).max() <= spread:
+            values, errors, allowed = _by_fresnel(
+                radiator, slopes, wavelength, middle, tolerance, double, engine
+            )
+        else:
+            order = np.argsort(-abs(curvature))
+            axes = axes[:, order] * [1.0, np.linalg.det(axes[:, order])]
+            chirp = Chirp(axes, curvature[order], wavelength)
+            values, errors = astigmatic_integral(radiator, chirp, slopes, tolerance)
+            bright = abs(curvature[0] * curvature[1]) * radiator.content
+            whole = wavelength * radiator.amplitude / math.sqrt(abs(curvature.prod()) or 1.0)
+            least = whole if bright else radiator.content
+            allowed = np.full(len(points), tolerance * min(least, radiator.content))
+    size = abs(front)
+    return out * values, size * errors, size * allowed
+
+
+def _turns(form: Floats, points: Floats, wavelength: float) -> Floats:
+    """Half of y^T form y, in wavelengths."""
+    return np.asarray(0.5 * ((points @ form.T) * points).sum(axis=1) / wavelength)
+
+
+def _front(matrix: Floats) -> complex:
+    """1/sqrt(i) for each axis, 1/sqrt(-i) for one along which a matrix is negative."""
+    if np.linalg.det(matrix) < 0:
+        return 1.0
+    return -1j if np.trace(matrix) >= 0 else 1j
+
+
+def _by_fresnel(
+    radiator: Radiator, slopes: Floats, wavelength: float, curvature: float,
+    tolerance: float, double: bool, engine: str,
+) -> Found:  # fmt: skip
+    """The integral of the chirp of one curvature: a Fresnel field at z = 1/curvature.
+
+    Only z times the wavelength matters: the source's size is taken for the latter, so that panels
+    are as long as edges.
+    """
+    if curvature < 0:
+        mirrored = tuple(
+            replace(
+                element,
+                amplitudes=element.amplitudes.conj(),
+                frequencies=-element.frequencies,
+                weights=element.weights.conj(),
+            )
+            for element in radiator.elements
+        )
+        conjugate = replace(radiator, elements=mirrored)
+        values, errors, allowed = _by_fresnel(
+            conjugate, -slopes, wavelength, -curvature, tolerance, double, engine
+        )
+        return values.conj(), errors, allowed
+    unit = float((radiator.high - radiator.low).max())
+    z = wavelength / (curvature * unit)
+    places = np.column_stack([slopes / curvature, np.full(len(slopes), z)])
+    _check_turns(radiator, places, unit)
+    found = boundary_field(radiator, places, unit, "collins", tolerance, double, engine)
+    centre = radiator.centre
+    turns = ((0.5 * curvature * centre - slopes) @ centre) / wavelength
+    scale = unit * z
+    return 1j * scale * waves_of_turns(turns) * found[0], scale * found[1], scale * found[2]
+
+
+def _check_turns(radiator: Radiator, places: Floats, unit: float) -> None:
+    aside = np.maximum(places[:, :2] - radiator.low, radiator.high - places[:, :2])
+    slope = np.linalg.norm(aside, axis=1) / places[:, 2] + unit * radiator.highest_frequency
+    turns = radiator.perimeter / unit * float(slope.max(initial=0.0))
+    if not turns <= _MOST_TURNS:
+        raise ArgumentError(
+            f"expected a system with up to {_MOST_TURNS:.3g} turns of phase along the outline, got "
+            f"{turns:.3g}; take points nearer to the light, or a plane farther from an image"
+        )
+
+
+def _image(
+    radiator: Radiator, source: Any, points: Floats, wavelength: float, system: FirstOrder,
+    double: bool,
+) -> Found:  # fmt: skip
+    """B = 0: the field of the source, magnified, with the phase of a lens."""
+    inverse = np.linalg.inv(system.A)
+    front = 1j * _front(system.A) if np.linalg.det(system.A) > 0 else -1j
+    front = front / math.sqrt(abs(np.linalg.det(system.A)))
+    values = _field_at(source, points @ inverse.T)
+    values = values * waves_of_turns(_turns(system.C @ inverse, points, wavelength)) * front
+    errors = np.full(len(points), abs(front) * _CLOSED[double] * radiator.amplitude)
+    return values, errors, np.full(len(points), math.inf)
+
+
+def _field_at(source: Any, x: Floats) -> NDArray[np.complex128]:
+    """u itself; points on the boundary as in :func:`autocorrelation`."""
+    if isinstance(source, Array):
+        parts = zip(source.elements_in_plane, source.weights.tolist(), strict=True)
+        total = np.zeros(len(x), np.complex128)
+        for element, weight in parts:
+            total += weight * _field_at(element, x)
+        return total
+    inside = autocorrelation(source.with_illumination(None), x, (0.0, 0.0), engine="numpy")
+    field = source.illumination
+    return np.asarray(inside if field is None else inside * field(x))
+
+
+def _line_image(
+    radiator: Radiator, points: Floats, wavelength: float, system: FirstOrder,
+    left: Floats, b: float, right: Floats,
+) -> Found:  # fmt: skip
+    """B of rank 1: an image along one axis, Collins' integral along the other."""
+    # B = left diag(b, 0) right, by rotations that are as near to each other as can be
+    left, right = left.copy(), right.copy()
+    left[:, 1] *= np.linalg.det(left)
+    right[1] *= np.linalg.det(right)
+    if np.trace(right @ left) < 0:
+        left, b = -left, -b
+    a, c, d = (left.T @ block @ right.T for block in (system.A, system.C, system.D))
+    (y1, y2), size = (points @ left).T, float(a[1, 1])
+    chirp = Chirp(right.T, np.array([a[0, 0] / b, 0.0]), wavelength)
+    x2 = y2 / size
+    values = line_integral(radiator, chirp, x2, (y1 - a[0, 1] * x2) / b)
+    own = (c[1, 1] - d[1, 0] * a[0, 1] / b) / size
+    turns = ((0.5 * d[0, 0] * y1 + d[1, 0] * y2) * y1 / b + 0.5 * own * y2 * y2) / wavelength
+    front = np.exp(-0.25j * math.pi * math.copysign(1.0, b)) * (1.0 if size > 0 else -1j)
+    front = front / math.sqrt(abs(wavelength * b * size))
+    width = float(np.linalg.norm(radiator.high - radiator.low))
+    error = np.full(len(points), abs(front) * _CLOSED[True] * radiator.amplitude * width)
+    return front * waves_of_turns(turns) * values, error, np.full(len(points), math.inf)

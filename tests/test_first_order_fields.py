@@ -1,0 +1,356 @@
+"""Fields behind first-order systems: Collins' integral against references, quadrature and W."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+
+import polywigner as pw
+from oracles.references import read_json
+from polywigner.errors import ArgumentError
+from polywigner.numerics.chirps import chirp_integral
+
+REFERENCE = read_json("curved")
+WAVELENGTH = REFERENCE["wavelength"]
+SQUARE = pw.shapes.square(10e-3)
+SHAPES = {
+    "square": SQUARE,
+    "L": pw.Aperture(
+        [(-6e-3, -6e-3), (6e-3, -6e-3), (6e-3, -2e-3), (-2e-3, -2e-3), (-2e-3, 6e-3), (-6e-3, 6e-3)]
+    ),
+    "TE10 square": SQUARE.with_illumination(pw.cosine_taper(10e-3)),
+}
+# What the references are to be met within.
+REFERENCED = 1e-10
+# Against quadrature with rules that resolve every turn twice over, relative to the largest field.
+QUADRATURE = 1e-11
+SEED = 5
+
+TAPERED = SHAPES["L"].with_illumination(
+    pw.Illumination([1.0, 0.4 - 0.3j], [(20.0, -10.0), (-60.0, 35.0)])
+)
+HOLED = pw.Aperture(
+    shapely.Polygon(
+        [(-6e-3, -5e-3), (5e-3, -4e-3), (4e-3, 6e-3)],
+        [[(-1e-3, -1e-3), (1e-3, -1e-3), (1e-3, 1e-3)]],
+    )
+)
+PAIR = pw.phased_array(pw.shapes.square(2e-3), [(-2e-3, 0.0), (2e-3, 1e-3)], [1.0, 0.5j])
+MIXED = pw.Array([pw.shapes.triangle(3e-3, 4e-3), SQUARE.moved((0.02, 0.01))], [1.0 - 0.5j, 0.3])
+SOURCES = {"waves": TAPERED, "hole": HOLED, "lattice": PAIR, "two outlines": MIXED}
+
+SPACE = pw.FirstOrder.free_space(0.05)
+ASTIGMATIC = {
+    "both curved one way": SPACE @ pw.FirstOrder.lens((0.2, -0.3), 0.4),
+    "curved both ways": SPACE @ pw.FirstOrder.lens((0.03, 0.2), 0.4),
+    "curved the other way": SPACE @ pw.FirstOrder.lens((0.02, 0.03), -1.0),
+    "a line focus": SPACE @ pw.FirstOrder.lens((0.05, math.inf), 0.7),
+    "nearly a line focus": SPACE @ pw.FirstOrder.lens((0.05 + 1e-13, 0.2)),
+    "an oblique one": pw.FirstOrder.lens((0.1, 0.2), 0.3)
+    @ SPACE
+    @ pw.FirstOrder.rotation(0.5)
+    @ pw.FirstOrder.lens((0.06, 0.11), 1.2)
+    @ SPACE,
+    "a mirror": pw.FirstOrder.magnifier((-1.0, 1.0)) @ SPACE @ pw.FirstOrder.lens((0.1, 0.2)),
+}
+SYMMETRIC = {
+    "free space": SPACE,
+    "converging": SPACE @ pw.FirstOrder.lens(0.03),
+    "turned": SPACE @ pw.FirstOrder.rotation(0.4) @ pw.FirstOrder.lens(0.2),
+    "focus": SPACE @ pw.FirstOrder.lens(0.05),
+    "back": pw.FirstOrder.free_space(-0.06),
+}
+
+
+def points(count: int, size: float, seed: int = SEED) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-size, size, (count, 2))
+
+
+def nodes_on(source) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 2) on a source, and the field there times the area that belongs to each."""
+    if isinstance(source, pw.Array):
+        parts = [nodes_on(element) for element in source.elements_in_plane]
+        fields = [w * f for (_, f), w in zip(parts, source.weights, strict=True)]
+        return np.concatenate([x for x, _ in parts]), np.concatenate(fields)
+    at, weights = np.polynomial.legendre.leggauss(36)
+    at, weights = (at + 1) / 2, weights / 2
+    s, t = (v.ravel() for v in np.meshgrid(at, at))
+    share = np.outer(weights, weights).ravel() * s
+    places, areas = [], []
+    for ring in source.rings:  # fans: holes run the other way round
+        for first, second in pairwise(ring[1:]):
+            a, b = first - ring[0], second - first
+            places.append(ring[0] + s[:, None] * (a + t[:, None] * b))
+            areas.append(share * (a[0] * b[1] - a[1] * b[0]))
+    x, area = np.concatenate(places), np.concatenate(areas)
+    return x, area if source.illumination is None else area * source.illumination(x)
+
+
+def quadrature(source, system, y):
+    """Collins' integral with its phase, but for the sign of the root of det B."""
+    x, field = nodes_on(source)
+    inverse = np.linalg.inv(system.B)
+    form = ((x @ (inverse @ system.A)) * x).sum(axis=1) - 2 * (y @ inverse.T) @ x.T
+    form = form + (((y @ (system.D @ inverse)) * y).sum(axis=1))[:, None]
+    value = np.exp(1j * np.pi / WAVELENGTH * form) @ field
+    return value / (1j * WAVELENGTH * np.sqrt(complex(np.linalg.det(system.B))))
+
+
+@pytest.mark.parametrize("case", REFERENCE["collins"], ids=lambda c: f"{c['shape']} A={c['A']}")
+def test_collins_integral_of_the_references(case) -> None:
+    a, b, d = case["A"], case["B"], case["D"]
+    system = pw.FirstOrder([[a, b], [(a * d - 1) / b, d]])
+    source, expected = SHAPES[case["shape"]], complex(*case["value"])
+    field = pw.amplitude(source, case["y"], WAVELENGTH, through=system)
+    assert abs(field - expected) < REFERENCED
+    light = pw.irradiance(source, case["y"], WAVELENGTH, through=system)
+    assert light == pytest.approx(abs(expected) ** 2, abs=REFERENCED)
+
+
+@pytest.mark.parametrize("case", REFERENCE["curved_fourier"], ids=lambda c: c["shape"])
+def test_a_lens_and_its_focal_plane_give_the_transform_of_a_curved_wave(case) -> None:
+    """F of u exp(i pi |x|^2/(lambda radius)): a lens of f = -radius, then a Fourier transformer."""
+    system = pw.FirstOrder.fourier(1.0) @ pw.FirstOrder.lens(-case["radius"])
+    nu, source = np.array(case["nu"]), SHAPES[case["shape"]]
+    field = pw.amplitude(source, WAVELENGTH * nu, WAVELENGTH, through=system, tolerance=1e-12)
+    found = 1j * WAVELENGTH * field
+    assert abs(found - complex(*case["value"])) < 1e-11 * source.area
+
+
+@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
+@pytest.mark.parametrize(
+    "system", {**ASTIGMATIC, **SYMMETRIC}.values(), ids=[*ASTIGMATIC, *SYMMETRIC]
+)
+def test_collins_integral_is_that_of_quadrature(source, system) -> None:
+    y = points(8, 0.01)
+    found, error = pw.amplitude(
+        source, y, WAVELENGTH, through=system, tolerance=1e-12, return_error=True
+    )
+    expected = quadrature(source, system, y)
+    largest = abs(expected).max()
+    turn = np.sign((found / expected).real.sum())  # of the root
+    assert abs(found - turn * expected).max() < QUADRATURE * largest
+    assert error.max() < QUADRATURE * max(largest, 1.0)
+
+
+def test_free_space_is_fresnels_field_without_the_phase_of_the_axis() -> None:
+    y = points(10, 0.01)
+    places = np.column_stack([y, np.full(len(y), 0.05)])
+    expected = pw.amplitude(TAPERED, places, WAVELENGTH, "fresnel")
+    found = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE)
+    assert found * np.exp(2j * np.pi * 0.05 / WAVELENGTH) == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_focal_plane_has_the_fourier_transform_of_the_front_one() -> None:
+    f, y = 0.08, points(20, 0.02)
+    lens = pw.FirstOrder.free_space(f) @ pw.FirstOrder.lens(f) @ pw.FirstOrder.free_space(f)
+    for system in (lens, pw.FirstOrder.fourier(f)):
+        for source in SOURCES.values():
+            light = pw.irradiance(source, y, WAVELENGTH, through=system)
+            expected = abs(pw.fourier(source, y / (WAVELENGTH * f)) / (WAVELENGTH * f)) ** 2
+            assert light == pytest.approx(expected, abs=1e-10 * expected.max())
+
+
+def test_a_4f_system_shows_the_aperture_upside_down() -> None:
+    f = 0.08
+    lens = pw.FirstOrder.free_space(f) @ pw.FirstOrder.lens(f) @ pw.FirstOrder.free_space(f)
+    y = points(200, 8e-3)
+    light = pw.irradiance(SHAPES["L"], y, WAVELENGTH, through=lens @ lens)
+    inside = shapely.contains_xy(SHAPES["L"].polygons, *(-y.T))
+    assert 0 < inside.sum() < 200 and np.array_equal(light, inside.astype(float))
+
+
+def test_an_image_is_the_source_magnified_with_the_phase_of_a_lens() -> None:
+    image = pw.FirstOrder.lens(0.3) @ pw.FirstOrder.magnifier((-2.0, -2.0))
+    y = points(50, 0.01)
+    inside = shapely.contains_xy(SHAPES["L"].polygons, *(y.T / -2))
+    expected = TAPERED.illumination(y / -2) * inside / -2.0
+    expected = expected * np.exp(-1j * np.pi * (y**2).sum(axis=1) / (WAVELENGTH * 0.3))
+    assert pw.amplitude(TAPERED, y, WAVELENGTH, through=image) == pytest.approx(expected, abs=1e-12)
+    pair = pw.amplitude(MIXED, y, WAVELENGTH, through=pw.FirstOrder.magnifier(1.0))
+    assert set(np.round(pair, 12)) <= {0.0, 1.0 - 0.5j, 0.3}
+
+
+def test_fields_close_to_an_image_and_to_a_focus_pass_over_into_them() -> None:
+    x = np.array([[-4e-3, -4.2e-3], [1e-3, -5e-3]])
+    for m, turn in ((1.0, 0.0), (-1.5, 0.4)):
+        image = pw.FirstOrder.rotation(turn) @ pw.FirstOrder.magnifier(m)
+        y = x @ image.A.T
+        at_image = pw.amplitude(TAPERED, y, WAVELENGTH, through=image)
+        for z in (1e-6, -1e-6):
+            near = pw.amplitude(TAPERED, y, WAVELENGTH, through=image @ pw.FirstOrder.free_space(z))
+            # edges that are thousand Fresnel zones away make ripples of a thousandth
+            assert near == pytest.approx(at_image, abs=0.03)
+    y = points(5, 1e-3)
+    focus = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE @ pw.FirstOrder.lens(0.05))
+    for excess in (1e-16, 1e-14, -1e-12, 1e-10):
+        lens = pw.FirstOrder.lens(0.05 * (1 + excess))
+        near = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE @ lens)
+        assert near == pytest.approx(focus, abs=1e-9 + 10 * abs(excess))
+        crossed = pw.FirstOrder.lens((0.05 * (1 + excess), 0.05 * (1 - 2e-9)))
+        near = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE @ crossed)
+        assert near == pytest.approx(focus, abs=1e-7)
+
+
+def test_a_cylindrical_lens_images_one_axis_and_leaves_the_other_to_diffraction() -> None:
+    """Separable: of a rectangle a step along one axis, Collins' integral along the other."""
+    f, plane = 0.05, pw.FirstOrder.free_space(0.1)
+    across = plane @ pw.FirstOrder.lens((f, math.inf)) @ plane  # images x, upside down
+    rectangle = pw.shapes.rectangle(8e-3, 6e-3)
+    y = points(40, 6e-3)
+    found = pw.amplitude(rectangle, y, WAVELENGTH, through=across)
+    b = WAVELENGTH * across.B[1, 1]
+    along = [
+        chirp_integral(end, 1 / b, y[:, 1] / b) * np.exp(1j * np.pi * y[:, 1] ** 2 / b)
+        for end in (3e-3, -3e-3)
+    ]
+    image = (
+        -1j
+        * (abs(y[:, 0]) < 4e-3)
+        * np.exp(-1j * np.pi * y[:, 0] ** 2 * -across.C[0, 0] / WAVELENGTH)
+    )
+    expected = image * (along[0] - along[1]) * np.exp(-0.25j * np.pi) / math.sqrt(b)
+    assert found == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
+def test_an_image_along_an_oblique_axis_is_the_limit_of_systems_near_it(source) -> None:
+    """|U| at a plane a little behind: ripples of Fresnel's integral away from edges."""
+    turned = pw.FirstOrder.rotation(0.3)
+    plane = pw.FirstOrder.free_space(0.1)
+    system = plane @ pw.FirstOrder.lens((0.05, 0.2), 0.9) @ turned @ plane
+    assert np.linalg.matrix_rank(system.B, tol=1e-12) == 1
+    y = points(200, 6e-3)
+    at_image = pw.amplitude(source, y, WAVELENGTH, through=system)
+    near = pw.amplitude(source, y, WAVELENGTH, through=system @ pw.FirstOrder.free_space(1e-7))
+    # next to an edge's image the step is rippled
+    turn = np.sign(np.median((near / np.where(at_image, at_image, 1.0)).real))
+    assert np.median(abs(turn * near - at_image)) < 2e-3
+    assert np.count_nonzero(at_image) > 20
+
+
+@pytest.mark.parametrize("through", [*ASTIGMATIC.values()][:3] + [*SYMMETRIC.values()][:2])
+def test_irradiance_is_the_wigner_functions_marginal(through) -> None:
+    """int W dnu along the ray from each x of the source: nu out of y = A x + lambda B nu."""
+    source, y = SQUARE, points(4, 6e-3)
+    # W has kinks where lag slices change: along x = 0 and y = 0 only, for a square
+    at, weights = np.polynomial.legendre.leggauss(40)
+    side = np.concatenate([(at - 1), (at + 1)]) * 2.5e-3
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    area = np.outer(*2 * [np.tile(weights, 2)]).ravel() * 2.5e-3**2
+    nu = (y[:, None] - grid @ through.A.T) @ np.linalg.inv(through.B).T / WAVELENGTH
+    x_out = np.broadcast_to(y[:, None], nu.shape)
+    nu_out = grid @ through.C.T / WAVELENGTH + nu @ through.D.T
+    w = pw.wigner(source, x_out, nu_out, through=through, wavelength=WAVELENGTH)
+    marginal = (w @ area) / (WAVELENGTH**2 * abs(np.linalg.det(through.B)))
+    light = pw.irradiance(source, y, WAVELENGTH, through=through, tolerance=1e-11)
+    assert light == pytest.approx(marginal, rel=1e-9, abs=1e-9)
+
+
+def test_power_goes_through_a_system_undiminished() -> None:
+    """Behind a telescope of cylinders in the far field of a tapered square, by the sampling law."""
+    source = SHAPES["TE10 square"]
+    system = pw.FirstOrder.fourier(0.05) @ pw.FirstOrder.lens((0.3, -0.2), 0.4)
+    step = WAVELENGTH * 0.05 / 20e-3  # band limited: twice the source's width in its conjugate
+    axis = np.arange(-160, 161) * step
+    grid = np.stack(np.meshgrid(axis[::4], axis[::4] + 0.3 * step), axis=-1)
+    small = SQUARE.scaled(0.25).with_illumination(pw.cosine_taper(2.5e-3))
+    light = pw.irradiance(small, grid, WAVELENGTH, through=system)
+    assert light.sum() * (4 * step) ** 2 == pytest.approx(2.5e-3**2 / 2, rel=0.02)
+
+
+def test_two_systems_in_turn_give_the_field_of_their_product() -> None:
+    """Composition, by the irradiance: a turn behind it, an inverse that gives the aperture back."""
+    y = points(20, 8e-3)
+    turn = pw.FirstOrder.rotation(0.7)
+    first = ASTIGMATIC["curved both ways"]
+    light = pw.irradiance(HOLED, y, WAVELENGTH, through=first)
+    turned = pw.irradiance(HOLED, y @ turn.A.T, WAVELENGTH, through=turn @ first)
+    assert turned == pytest.approx(light, abs=1e-9)
+    back = pw.irradiance(HOLED, y, WAVELENGTH, through=first.inverse @ first)
+    inside = shapely.contains_xy(HOLED.polygons, *y.T)
+    assert np.array_equal(back, inside.astype(float))
+
+
+def test_four_equal_fractions_of_a_transform_are_the_identity_for_fields() -> None:
+    """Orders 1/2 and 3/2 of a centred square differ by a turn of half a circle: equal light."""
+    y, f = points(20, 8e-3), 0.04
+    half, three = (pw.FirstOrder.fractional(a, f) for a in (0.5, 1.5))
+    light = pw.irradiance(SHAPES["L"], y, WAVELENGTH, through=half)
+    mirrored = pw.amplitude(SHAPES["L"], -y, WAVELENGTH, through=pw.FirstOrder.fractional(2.5, f))
+    assert light == pytest.approx(abs(mirrored) ** 2, abs=1e-9)
+    assert pw.irradiance(SQUARE, y, WAVELENGTH, through=three) == pytest.approx(
+        pw.irradiance(SQUARE, y, WAVELENGTH, through=half), abs=1e-9
+    )
+
+
+def test_light_of_short_waves_far_from_its_edges_takes_many_turns_of_phase() -> None:
+    """A pupil of 10 mm at 500 nm, between the line foci of an astigmatic lens."""
+    system = pw.FirstOrder.free_space(0.1) @ pw.FirstOrder.lens((0.095, 0.105))
+    y = np.array([[1e-4, 2e-4], [0.0, 0.0], [-3e-4, 1e-4], [2e-3, 0.0]])
+    found = pw.amplitude(SQUARE, y, 500e-9, through=system)
+    # separable
+    expected = np.ones(4, complex)
+    for k in range(2):
+        b = 500e-9 * 0.1
+        ends = [chirp_integral(end, system.A[k, k] / b, y[:, k] / b) for end in (5e-3, -5e-3)]
+        expected *= (ends[0] - ends[1]) * np.exp(1j * np.pi * y[:, k] ** 2 / b)
+    expected /= 1j * 500e-9 * 0.1
+    assert abs(found - expected).max() < 1e-9 * abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (dict(points=(0.0, 0.0, 0.1)), r"\(\.\.\., 2\) with through=.*z is the system's"),
+        (dict(points=(0.0, math.nan)), "finite points"),
+        (dict(points="there"), "real numbers"),
+        (dict(method="kirchhoff"), "expected no method with through="),
+        (dict(obliquity="kirchhoff"), "expected no obliquity with through="),
+        (dict(through="lens"), "polywigner.FirstOrder, got str"),
+        (dict(source=pw.Slits([(0.0, 1.0)])), "Aperture or Array"),
+        (dict(tolerance=1e-15), "tolerance"),
+        (dict(through=pw.FirstOrder.free_space(1e-9)), "turns of phase along the outline"),
+        (
+            dict(through=pw.FirstOrder.free_space(1e-9) @ pw.FirstOrder.lens((0.1, 0.2))),
+            "turns of phase along an edge",
+        ),
+    ],
+)
+def test_what_cannot_be_had_is_refused_in_one_sentence(call, message) -> None:
+    given = dict(source=SQUARE, points=(0.0, 0.0), wavelength=WAVELENGTH, through=SPACE) | call
+    with pytest.raises(ArgumentError, match=message):
+        pw.amplitude(**given)
+
+
+def test_rays_options_have_no_meaning_behind_a_system() -> None:
+    for name, value in (("order", 3), ("samples", 100), ("seed", 1), ("obliquity", "kirchhoff")):
+        with pytest.raises(ArgumentError, match=f"expected no {name} with through="):
+            pw.irradiance(SQUARE, (0.0, 0.0), WAVELENGTH, through=SPACE, **{name: value})
+
+
+def test_single_precision_frequencies_and_labels_are_taken() -> None:
+    xarray = pytest.importorskip("xarray")
+    y = points(6, 5e-3)
+    fields = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE)
+    single = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE, precision="single")
+    assert single.dtype == np.complex64 and abs(single - fields).max() < 1e-5
+    labelled = xarray.DataArray(y, dims=("place", "xy"))
+    found = pw.irradiance(TAPERED, labelled, WAVELENGTH, through=SPACE)
+    assert found.dims == ("place",) and found.values == pytest.approx(abs(fields) ** 2, abs=1e-9)
+    hertz = pw.SPEED_OF_LIGHT / WAVELENGTH
+    assert pw.amplitude(TAPERED, y, frequency=hertz, through=SPACE) == pytest.approx(fields)
+
+
+@pytest.mark.llvm
+def test_compiled_points_give_compiled_fields(llvm) -> None:
+    from drjit.llvm import Array2f64, TensorXf64
+
+    y = points(6, 5e-3)
+    expected = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE)
+    found = pw.amplitude(TAPERED, Array2f64(*y.T), WAVELENGTH, through=SPACE)
+    assert found.numpy() == pytest.approx(expected)
+    light = pw.irradiance(TAPERED, TensorXf64(y), WAVELENGTH, through=SPACE)
+    assert light.numpy() == pytest.approx(abs(expected) ** 2, abs=1e-9)
