@@ -62,6 +62,7 @@ def main(names: list[str]) -> None:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
         scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
+        scripts.append("partial_coherence")
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
@@ -71,6 +72,8 @@ def main(names: list[str]) -> None:
                 made = tapers(Path(folder))
             elif name == "inverse_design":
                 made = inverse_design(Path(folder))
+            elif name == "partial_coherence":
+                made = partial_coherence(Path(folder))
             elif name == "estimators":
                 made = estimators(Path(folder))
             elif name in near:
@@ -168,6 +171,12 @@ def inverse_design(folder: Path) -> Path:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script), str(folder)], env=environment, check=True)
     return folder / "inverse_design.png"
+
+
+def partial_coherence(folder: Path) -> Path:
+    script = EXAMPLES / "partial_coherence" / "partial_coherence.py"
+    subprocess.run([sys.executable, str(script), "--out", str(folder)], check=True)
+    return folder / "fringes.png"
 
 
 def near_field(folder: Path) -> Path:

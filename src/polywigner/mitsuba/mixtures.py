@@ -1,7 +1,7 @@
 """Light that is a mixture of waves: partly coherent, or of a band of frequencies.
 
 Each sample is light of one wave: one tilt of the normal density that the width of coherence
-stands for, and one frequency of the flat band (docs/coherence.md, (PC2), (PC7)). Both are drawn by
+stands for, and one frequency of the flat band (docs/coherence.md, (PC2), (PC6)). Both are drawn by
 hashing the place and the receiver or direction of the sample, so that whoever asks for the same
 sample again, as integrators with derivatives do, finds the same wave. It takes no other evaluation.
 """

@@ -129,7 +129,7 @@ def irradiance(
         rounded up to 16 times a power of two) instead of a tolerance; else 16384, and twice as many
         until the estimate of each point's error is within the tolerance, up to 2^18.
     bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
-        of the wavelength (docs/coherence.md, (PC7)). None: light of the one wavelength.
+        of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
     precision, engine : see :func:`polywigner.fourier`.
 
     Returns

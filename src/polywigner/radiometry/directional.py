@@ -119,7 +119,7 @@ def radiant_intensity(
     direction : (..., 3) unit vectors with z >= 0.
     wavelength : in m.
     bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
-        of the wavelength (docs/coherence.md, (PC7)). None: light of the one wavelength.
+        of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
     precision, engine : see :func:`fourier`.
 
     Returns
