@@ -29,9 +29,7 @@ class WignerSum:
     positions.
     """
 
-    def __init__(
-        self, m: Any, source: Any, wavelength: float, obliquity: str, unit: float
-    ) -> None:
+    def __init__(self, m: Any, source: Any, wavelength: float, obliquity: str, unit: float) -> None:
         self._m, self._jit, self._unit = m, dr.is_jit_v(m.Float), unit
         self._ops = ops_for(m.Float)
         self._terms = []
