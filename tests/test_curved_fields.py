@@ -44,13 +44,14 @@ def test_a_wave_of_no_curvature_has_the_field_of_the_flat_source(method: Any) ->
 
 @pytest.mark.parametrize("method", ["fresnel", "rayleigh-sommerfeld-1", "kirchhoff"])
 def test_far_away_every_field_of_a_horn_is_its_far_field(method: Any) -> None:
-    point = (1.0, 2.0, 1000.0)
+    point = (100.0, 200.0, 1e5)
     found = pw.amplitude(HORN, point, WAVELENGTH, method)
     far = pw.amplitude(HORN, point, WAVELENGTH, "fraunhofer")
-    if method != "fresnel":  # whose distance is another one
-        assert found == pytest.approx(far, rel=3e-5)
+    if method == "rayleigh-sommerfeld-1":  # Fresnel's distance is another one
+        assert found == pytest.approx(far, rel=1e-6, abs=0.0)
     # the slopes of Kirchhoff's waves are not along the axis
-    assert abs(found) == pytest.approx(abs(far), rel=3e-2 if method == "kirchhoff" else 1e-5)
+    share = {"kirchhoff": 3e-2, "fresnel": 1e-5}.get(method, 1e-6)
+    assert abs(found) == pytest.approx(abs(far), rel=share, abs=0.0)
 
 
 def test_the_field_of_a_horn_on_its_axis_is_an_integral_over_its_mouth() -> None:
@@ -84,7 +85,7 @@ def test_a_curved_wave_is_a_lens_before_free_space() -> None:
         assert np.abs(ratio - ratio[0]).max() < 1e-9  # the default tolerance
 
 
-@pytest.mark.parametrize(("order", "decibels"), [(1, 0.02), (3, 2e-4)])
+@pytest.mark.parametrize(("order", "decibels"), [(1, 0.01), (3, 1e-5)])
 def test_wigner_rays_of_a_horn_add_up_to_its_irradiance(order: int, decibels: float) -> None:
     points = np.array([(0, 0, 0.12), (20e-3, 10e-3, 0.15)])
     exact = pw.irradiance(HORN, points, WAVELENGTH, "auto")
@@ -95,7 +96,7 @@ def test_wigner_rays_of_a_horn_add_up_to_its_irradiance(order: int, decibels: fl
 def test_the_third_order_falls_with_the_fourth_power_of_the_distance() -> None:
     horn = pw.shapes.rectangle(12e-3, 9e-3).curved((25e-3, -40e-3), WAVELENGTH)
     errors = []
-    for z in (0.05, 0.1):
+    for z in (0.06, 0.12):
         point = (0.2 * z, 0.1 * z, z)
         exact = pw.irradiance(horn, point, WAVELENGTH, "auto")
         rays = pw.irradiance(horn, point, WAVELENGTH, order=3, tolerance=1e-9)
@@ -113,8 +114,8 @@ def test_power_is_that_of_the_spectrum_in_front() -> None:
     radiance = pw.radiance(HORN, (1e-3, 0), (0.1, 0, np.sqrt(0.99)), WAVELENGTH)
     flat = pw.wigner(MOUTH, (1e-3, 0), (0.1 / WAVELENGTH - 1e-3 / (20e-3 * WAVELENGTH), 0))
     assert radiance == pytest.approx(flat / WAVELENGTH**2, rel=1e-12)
-    flux = pw.flux_vector(HORN, (2e-3, 1e-3), WAVELENGTH)
-    assert flux[0] > 0 < flux[1]  # it diverges
+    flux = pw.flux_vector(HORN, (2e-3, 0.0), WAVELENGTH)
+    assert flux[0] > 0.05 * flux[2] > 0  # it diverges
 
 
 def test_a_pattern_is_that_of_the_spectrum() -> None:
@@ -178,7 +179,7 @@ def test_directivities_are_those_of_the_textbook(s: float) -> None:
 
 @pytest.mark.parametrize("s", PHASE_ERRORS)
 def test_universal_curves_are_those_of_the_textbook(s: float) -> None:
-    """|F| over that of a horn without a phase error, along b1 sin(theta) and along a1 sin(theta)."""
+    """F over that of a horn without a phase error, along b1 sin(theta) and a1 sin(theta)."""
     a1, b1 = 5.5, 2.75
     sines = np.linspace(0, 0.9, 7)
     horn = pw.horns.pyramidal(a1, b1, a1**2 / (8 * s), b1**2 / (8 * s), 1.0)
@@ -188,7 +189,7 @@ def test_universal_curves_are_those_of_the_textbook(s: float) -> None:
     along_h = pw.fourier(horn, np.stack([sines, none], axis=-1)) / axis
 
     def chirp(width: float, nu: float) -> complex:
-        """The integral of exp(i pi x^2/radius - 2 pi i nu x) over a width, by Fresnel's integrals."""
+        """The integral of exp(i pi x^2/radius - 2 pi i nu x), by Fresnel's integrals."""
         radius = width**2 / (8 * s)
         ends = [np.sqrt(2 / radius) * (edge - nu * radius) for edge in (-width / 2, width / 2)]
         found = (fresnel(ends[1]) - fresnel(ends[0])) * np.sqrt(radius / 2)
@@ -213,8 +214,9 @@ def best_width(of: Any) -> float:
 
 
 def test_optimum_horns_are_the_published_ones() -> None:
-    """The optimum phase parameters 1.2593 and 1.0246 of S. J. Orfanidis, "Electromagnetic Waves and
-    Antennas" (2016), chapter 21, and 51 % aperture efficiency, Balanis (13-54), to their digits."""
+    """The optimum phase parameters of S. J. Orfanidis, "Electromagnetic Waves and Antennas" (2016),
+    chapter 21, 1.2593 and 1.0246 (1.02455 to one digit more), and the horn of Balanis, example
+    13.6, designed for 22.6 dB by 51 % aperture efficiency."""
     radius = 30.0
     unit = np.sqrt(2 * radius)
 
@@ -225,10 +227,14 @@ def test_optimum_horns_are_the_published_ones() -> None:
         return pw.horns.directivity(pw.horns.e_plane(0.5, share * unit, radius, 1.0), 1.0)
 
     assert round(best_width(h), 4) == 1.2593
-    assert round(best_width(e), 4) == 1.0246
-    a1, b1 = np.sqrt(3 * radius), np.sqrt(2 * radius)  # Balanis' rounded optimum
-    horn = pw.horns.pyramidal(a1, b1, radius, radius, 1.0)
-    assert round(pw.horns.directivity(horn, 1.0) / (4 * np.pi * a1 * b1), 2) == 0.51
+    assert best_width(e) == pytest.approx(1.0246, abs=6e-5)
+    centimetres = 16.370, 12.859, 32.753, 30.316
+    a1, b1, rho_h, rho_e = (0.01 * length for length in centimetres)
+    wavelength = 0.3 / 11
+    horn = pw.horns.pyramidal(a1, b1, rho_h, rho_e, wavelength)
+    ratio = pw.horns.directivity(horn, wavelength)
+    assert round(10 * np.log10(ratio), 1) == 22.6
+    assert round(ratio * wavelength**2 / (4 * np.pi * a1 * b1), 2) == 0.51
 
 
 def test_horns_that_are_none_are_refused() -> None:
@@ -245,7 +251,7 @@ def test_source_files_keep_curved_waves(tmp_path: Path, suffix: str) -> None:
         assert pw.read_source(tmp_path / f"wave.{suffix}") == wave
 
 
-HEAD = 'frequency = "94 GHz"\nkind = "aperture"\nshape = {name = "square", side = "10 mm"}\n'
+HEAD = 'frequency = "94 GHz"\nkind = "aperture"\nshape = {name = "square", a = "10 mm"}\n'
 
 
 def test_source_files_are_written_by_hand(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from itertools import pairwise
 from typing import Any
 
 import mpmath
@@ -171,7 +172,7 @@ def test_the_projection_of_w_is_the_square_of_the_spectrum() -> None:
             / 2
             * weight
             @ pw.wigner(wave, ((a + b) / 2 + (b - a) / 2 * node)[:, None], [nu])
-            for a, b in zip(kinks[:-1], kinks[1:], strict=True)
+            for a, b in pairwise(kinks)
         )
         assert total == pytest.approx(abs(pw.fourier(wave, [nu])) ** 2, rel=1e-12, abs=0.0)
 
