@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_length, checked_wavelength
+from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.field import checked_shift, turned_points
 from polywigner.geometry.numbers import real_numbers
 
@@ -89,6 +90,20 @@ class Wavefront:
         """The box of the source."""
         return self.source.bounds
 
+    @property
+    def area(self) -> float:
+        """Area of the aperture in m^2; arrays and slits have none."""
+        return float(self.source.area)
+
+    @property
+    def diameter(self) -> float:
+        """Largest distance of two points of an aperture, or of slits, in m."""
+        return float(self.source.diameter)
+
+    def plot(self, ax: Any = None, unit: str = "mm") -> Any:
+        """The outline of an aperture, see :meth:`Aperture.plot`."""
+        return self.source.plot(ax, unit)
+
     def curved(
         self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
     ) -> Wavefront:
@@ -140,6 +155,15 @@ class Wavefront:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Wavefront, (self.source, self.curvature, self.centre, self.coherence_width)
+
+    def _repr_html_(self) -> str:
+        rows = [("source", repr(self.source))]
+        if not self.is_flat:
+            size = " ".join(f"{q:.6g}" for q in self.curvature.ravel().tolist())
+            rows += [("curvature", f"{size} /m²"), ("centre", f"{self.centre.tolist()} m")]
+        if not self.is_coherent:
+            rows.append(("coherent over", length_text(self.coherence_width)))
+        return shown_as_html("Wavefront", rows, getattr(self.source, "rings", ()))
 
     def __setattr__(self, name: str, value: object) -> NoReturn:
         raise AttributeError(f"a Wavefront cannot be changed ({name}); build a new one")

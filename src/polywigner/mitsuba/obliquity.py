@@ -51,9 +51,7 @@ def depends_on_wavelength(source: Any, name: str) -> bool:
     return takes_slopes(name) and any(field is not None for field in fields)
 
 
-def emissions(
-    source: Any, wavelength: float, name: str
-) -> list[tuple[Any, Forms]]:
+def emissions(source: Any, wavelength: float, name: str) -> list[tuple[Any, Forms]]:
     """Sources whose W, each times h of its forms, add up to the radiance times wavelength^2.
 
     Raises IlluminationError where nothing radiates, because all waves graze the aperture, and

@@ -183,9 +183,10 @@ def amplitude(
         warn_of_slopes(flat_of(source), length, kind)
         x, y = radiator.centre.tolist()
         directions, distance, turns = _seen_from_centre((x, y), length, flat)
-        curved = isinstance(source, Wavefront)
-        shift = -radiator.centre
-        centred = source.moved(shift) if curved else moved_source(source, shift)
+        flat_field = moved_source(flat_of(source), -radiator.centre)
+        centred = (
+            source.on(flat_field, -radiator.centre) if isinstance(source, Wavefront) else flat_field
+        )
         pattern = far_field(centred, directions, length, kind, precision=precision, engine=engine)
         values = pattern * np.exp(2j * math.pi * turns) / (distance * length)  # (B7)
         errors = _FOURIER_ERROR[double] * radiator.content / length**2 / distance

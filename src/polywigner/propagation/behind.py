@@ -22,8 +22,8 @@ from polywigner.propagation.places import (
     checked_wavelength,
     warn_of_missed,
 )
-from polywigner.transforms.wavefronts import checked_wavefront
 from polywigner.transforms.through import checked_system
+from polywigner.transforms.wavefronts import checked_wavefront
 
 __all__ = ["field_behind", "squared_field"]
 

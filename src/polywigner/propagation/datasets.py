@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import kernel_threads
+from polywigner.geometry import Wavefront
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.field_settings import WITH_OBLIQUITY, FieldSettings
 from polywigner.propagation.grids import Grid, shape_of_grid
@@ -43,7 +44,9 @@ _LONG_NAMES = {
 }
 
 
-def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSettings) -> Values:
+def field_on(
+    source: PlaneSource | Wavefront, points: Values, method: str, settings: FieldSettings
+) -> Values:
     """The quantity of the settings at points (..., 3), by one of the methods: values (...)."""
     how: dict[str, Any] = {"method": method}
     how |= {"precision": settings.precision, "engine": settings.engine}
@@ -65,7 +68,7 @@ def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSe
 class FieldBlock:
     """The values of a method on any part of a grid; can be sent to other processes."""
 
-    source: PlaneSource
+    source: PlaneSource | Wavefront
     grid: Grid
     method: str
     settings: FieldSettings

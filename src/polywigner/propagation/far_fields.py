@@ -33,7 +33,7 @@ _DARK = 1e-12
 
 
 def far_field(
-    source: PlaneSource | Wavefront,
+    source: Any,
     directions: NDArray[np.float64],
     wavelength: float,
     obliquity: str,

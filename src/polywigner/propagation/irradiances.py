@@ -229,26 +229,27 @@ def irradiance(
         if checked_tolerance(tolerance) < DEFAULT_TOLERANCE[precision != "single"]:
             how["tolerance"] = tolerance
         return _squared(radiator, places, length, method, return_error, how)
-    source, curved = flat_of(radiator), _curved(radiator)
+    flat_source: Any = flat_of(radiator)
+    curved = _curved(radiator)
     if curved:
         check_slopes(radiator, checked_obliquity(obliquity, order))
     name = checked_obliquity(obliquity, checked_order(order))
     allowed = checked_tolerance(tolerance)
     checked_engine(engine)
     double = checked_precision(precision) != "single"
-    fields = weighted_sources(source, name, length, order)
+    fields = weighted_sources(flat_source, name, length, order)
     rays = Rays(fields, length, order, engine, double, curved)
-    xmin, ymin, xmax, ymax = source.bounds
+    xmin, ymin, xmax, ymax = flat_source.bounds
     check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
-    _warn_where_invalid(source, flat, length, order)
-    edges = sum(len(ring) for e in source.elements_in_plane for ring in e.rings)
+    _warn_where_invalid(flat_source, flat, length, order)
+    edges = sum(len(ring) for e in flat_source.elements_in_plane for ring in e.rings)
     if sampling == "gauss" and edges > _MANY_EDGES:
         warn_caller(
             f"rays from {edges} edges take seconds; method='auto' gives the exact field, and is "
             "some hundred times as fast"
         )
-    found = _summed(source, rays, flat, allowed, sampling, samples, seed)
+    found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
     values = found.values.reshape(places.shape[:-1])[()]
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
 

@@ -47,7 +47,8 @@ def radiation_pattern(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
+        curved wave.
     wavelength : in m.
     theta : (n,) angles from the normal in rad, from -pi to pi; negative ones, for cuts, lie at the
         opposite phi.

@@ -10,7 +10,7 @@ import numpy as np
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites
 from polywigner.transforms.extremes import check_width, is_wide, within_reach
@@ -27,7 +27,7 @@ __all__ = [
     "transform",
 ]
 
-PhaseSpaceSource = Aperture | Slits | Array
+PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu
 

@@ -26,7 +26,7 @@ _ARGUMENTS = {
 
 
 def explain(
-    source: PhaseSpaceSource | Wavefront | Polyhedron,
+    source: PhaseSpaceSource | Polyhedron,
     *arguments: ArrayLike,
     function: str = "wigner",
     engine: execution.Engine = "auto",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Slits, Wavefront
+from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_length, checked_row
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
@@ -29,7 +29,7 @@ _PER_MM = 1e3
 
 @takes_xarray("xi", units="1", long_name="optical transfer function")
 def otf(
-    source: PhaseSpaceSource | Wavefront,
+    source: PhaseSpaceSource,
     xi: ArrayLike,
     defocus: float = 0.0,
     pupil_radius: float | None = None,
@@ -93,7 +93,7 @@ def otf(
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
 def mtf(
-    source: PhaseSpaceSource | Wavefront,
+    source: PhaseSpaceSource,
     frequency: ArrayLike,
     wavelength: ArrayLike,
     focal_length: float,
@@ -111,8 +111,8 @@ def mtf(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil; or
-        one with a curved wave.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
+        or one with a curved wave.
     frequency : (..., d) in the image, in cycles per mm.
     wavelength : in m, or (k,) of a polychromatic source.
     focal_length : in m, or the distance of the image from the pupil.
@@ -184,16 +184,16 @@ def _number(value: Any) -> float:
         return float("nan")
 
 
-def _pupil_radius(source: PhaseSpaceSource | Wavefront) -> float:
-    source = flat_of(source)
-    if isinstance(source, Slits):
-        return float(np.abs(source.intervals).max())
-    if isinstance(source, Aperture):
-        return float(np.hypot(*np.concatenate(source.rings).T).max())
-    return max(_pupil_radius(element) for element in source.elements_in_plane)
+def _pupil_radius(source: PhaseSpaceSource) -> float:
+    flat: Any = flat_of(source)
+    if isinstance(flat, Slits):
+        return float(np.abs(flat.intervals).max())
+    if isinstance(flat, Aperture):
+        return float(np.hypot(*np.concatenate(flat.rings).T).max())
+    return max(_pupil_radius(element) for element in flat.elements_in_plane)
 
 
-def _energy(source: PhaseSpaceSource | Wavefront) -> float:
+def _energy(source: PhaseSpaceSource) -> float:
     """The integral of |u|^2, A(0, 0)."""
     source = flat_of(source)
     dimension = kernels.kernel_for("ambiguity", source).dimension

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
-from polywigner.geometry import Aperture, Slits, Wavefront, automean
+from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.arguments import checked_generator
 from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
@@ -29,7 +29,7 @@ Element = Aperture | Slits
 
 
 def sample_automean(
-    source: PhaseSpaceSource | Wavefront,
+    source: PhaseSpaceSource,
     samples: int | ArrayLike,
     weights: Weights = "uniform",
     *,
@@ -95,7 +95,7 @@ def sample_automean(
     return points, position_marginal(bound, points, engine=engine) / content**2
 
 
-def in_phase(source: PhaseSpaceSource) -> PhaseSpaceSource:
+def in_phase(source: Any) -> Any:
     """The source with a constant field on each element, no smaller than its own and in phase."""
     if not isinstance(source, Array):
         return source.with_illumination(None)
@@ -129,7 +129,7 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
     return array
 
 
-def _elements(source: PhaseSpaceSource) -> list[tuple[Element, float]]:
+def _elements(source: Any) -> list[tuple[Element, float]]:
     """Slits or apertures, and the modulus of the field on each."""
     if isinstance(source, Array):
         moduli: list[float] = abs(source.weights).tolist()
@@ -138,7 +138,7 @@ def _elements(source: PhaseSpaceSource) -> list[tuple[Element, float]]:
     return [(source, 1.0)]
 
 
-def _support(source: PhaseSpaceSource) -> Element:
+def _support(source: Any) -> Element:
     """The automean, of slits as well."""
     if isinstance(source, Array) and source.dimension > 1:
         return automean(source.support)

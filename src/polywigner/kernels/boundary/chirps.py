@@ -5,9 +5,10 @@ In the axes of Q, with q1 the larger curvature and Green's theorem,
     int int exp(i pi (q1 x^2 + q2 y^2) - 2 pi i nu.x) dx dy
         = closed int E(x) exp(i pi q2 y^2 - 2 pi i nu_y y) dy,
 
-where E, the integral of exp(i pi q1 x^2 - 2 pi i nu_x x), is a Fresnel integral. The second curvature may be anything from -q1 to q1, zero included:
-spherical, cylindrical and saddle-shaped waves are one formula. The integrand is entire, and
-Gauss's rules converge as soon as they resolve its turns. Source: (Q5) of docs/curved.md.
+where E, the integral of exp(i pi q1 x^2 - 2 pi i nu_x x), is a Fresnel integral. The second
+curvature may be anything from -q1 to q1, zero included: spherical, cylindrical and saddle-shaped
+waves are one formula. The integrand is entire, and Gauss's rules converge as soon as they resolve
+its turns. Source: (Q5) of docs/curved.md.
 """
 
 from __future__ import annotations
