@@ -89,6 +89,8 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("mitsuba/traced.py", "_APART"): DIGITS,
     ("mitsuba/ways.py", "_STRAIGHT"): DIGITS,
     ("transforms/arguments.py", "_BLOCK"): MEMORY,
+    ("transforms/coherence.py", "_BLOCK"): MEMORY,
+    ("transforms/coherence.py", "_MOST_WIDTHS"): REFUSED,
     ("transforms/extremes.py", "_LARGEST_EXPONENT"): DIGITS,
     ("transforms/extremes.py", "_UNDERFLOW"): DIGITS,
     ("transforms/projection.py", "LARGEST_SAMPLES"): REFUSED,

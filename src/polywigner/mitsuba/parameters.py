@@ -102,7 +102,7 @@ def read_parameters(props: Any) -> EmitterSpec:
     bandwidth = given.optional("bandwidth", parse_frequency)
     source, mixture = mixture_of(given.source(wavelength), wavelength, bandwidth)
     radiator = radiator_of(source, obliquity, antithetic)
-    power = emitted_power(radiator, wavelength, obliquity, *powers, mixture=mixture)
+    power = emitted_power(radiator, wavelength, obliquity, powers[0], powers[1], mixture)
     check_range(radiator, wavelength, power, scene_unit)
     varied = given.flag("control_variate", False)
     estimator = given.text("estimator", ESTIMATORS[0])

@@ -126,7 +126,7 @@ def aperture(
     }
     check_nested([] if bsdf is None else ["bsdf"], entry["visible"])
     powers = [None if given is None else parse_power(given) for given in (power, radiated_power)]
-    watts = emitted_power(radiator, entry["wavelength"], obliquity, *powers, mixture=mixture)
+    watts = emitted_power(radiator, entry["wavelength"], obliquity, powers[0], powers[1], mixture)
     check_range(radiator, entry["wavelength"], watts, entry["scene_unit"])
     if to_world is not None:
         pose = rigid_pose(getattr(to_world, "matrix", to_world))

@@ -23,7 +23,7 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.transforms import fourier, wigner
-from polywigner.transforms.coherence import is_partly_coherent, mean_over_tilts
+from polywigner.transforms.coherence import mean_over_tilts
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -145,7 +145,7 @@ def radiant_intensity(
         return sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
     compute: Any = partial(_per_frequency, length, precision=precision, engine=engine)
     nu = directions[..., :2] / length
-    if is_partly_coherent(radiator):
+    if isinstance(radiator, Wavefront) and not radiator.is_coherent:
         double = checked_precision(precision) != "single"
         of_coherent = partial(compute, radiator.coherent)
         found = mean_over_tilts(of_coherent, radiator, nu, double=double)

@@ -10,7 +10,7 @@ rules of :mod:`polywigner.numerics.mean_rules` know how many tilts they need.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -95,13 +95,17 @@ def tilts_of(source: Wavefront, error: float) -> tuple[Values, Values]:
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 
-def partly_coherent(transform: Callable[..., Any], wave: Wavefront, given: dict[str, Any]) -> Any:
-    """A transform, one of W, A, R and the marginals, of a partly coherent source.
+def partly_coherent(
+    name: str,
+    transforms: Mapping[str, Callable[..., Any]],
+    wave: Wavefront,
+    given: Mapping[str, Any],
+) -> Any:
+    """The transform of this name, one of W, A, R and the marginals, of a partly coherent source.
 
-    ``transform``: the public function, which is asked for the coherent source. ``given``: its other
-    arguments by name. Raises IlluminationError for what there is in coherent light alone.
+    ``transforms``: by name, of coherent sources. ``given``: the arguments but the source, by name.
+    Raises IlluminationError for what there is in coherent light alone.
     """
-    name = transform.__name__
     if name not in _POINTS:
         raise IlluminationError(
             f"expected a coherent source for {name}, got one that is coherent over "
@@ -121,17 +125,12 @@ def partly_coherent(transform: Callable[..., Any], wave: Wavefront, given: dict[
     double = execution.checked_precision(how.get("precision")) != "single"
     coherent = coherent_source(wave)
     if name in _TIMES_DEGREE:
-        values = transform(coherent, *points, **how)
+        values = transforms[name](coherent, *points, **how)
         degree = degree_of_coherence(wave, points[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
     x, nu = (*points, np.zeros(dimension))[:2]
-    return mean_over_tilts(partial(_wigner, coherent, how), wave, nu, x, double=double)
-
-
-def _wigner(source: Any, how: dict[str, Any], x: Any, nu: Any) -> Any:
-    from polywigner.transforms.phase_space import wigner
-
-    return wigner(source, x, nu, **how)
+    compute = partial(transforms["wigner"], coherent, **how)
+    return mean_over_tilts(compute, wave, nu, x, double=double)
 
 
 def mean_over_tilts(

@@ -51,10 +51,15 @@ def takes_wavefronts(function: F) -> F:
         inspect.signature(function).bind(**given)  # its TypeError for what is missing
         how = {name: value for name, value in given.items() if name != "source"}
         if is_partly_coherent(source):
-            return partly_coherent(wrapper, source, how)
+            return partly_coherent(function.__name__, _PUBLIC, source, how)
         return of_wavefront(checked_wavefront(source), **how)
 
+    _PUBLIC[function.__name__] = wrapper
     return wrapper  # type: ignore[return-value]
+
+
+# What the decorator has made, which partly coherent sources are sums of.
+_PUBLIC: dict[str, Callable[..., Any]] = {}
 
 
 def flat_of(source: Any) -> Any:
