@@ -11,7 +11,6 @@ from polywigner.cli.app_scenes import receive, render
 from polywigner.cli.options import (
     AllowOutside,
     Array,
-    Coherence,
     Curved,
     DbFloor,
     Focus,
@@ -77,7 +76,6 @@ def transform(
     steering: Steering = None,
     focus: Focus = None,
     curved: Curved = None,
-    coherence: Coherence = None,
     frequency: Annotated[
         str | None,
         typer.Option(
@@ -110,7 +108,7 @@ def transform(
     run_transform(
         aperture,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus, curved, coherence),
+        feeding=feeding_of(taper, array, window, steering, focus, curved),
         frequency=frequency,
         wavelength=wavelength,
         x=x,

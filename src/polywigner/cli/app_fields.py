@@ -87,7 +87,6 @@ def pattern(
     steering: Steering = None,
     focus: Focus = None,
     curved: Curved = None,
-    coherence: Coherence = None,
     db_floor: DbFloor = -40.0,
     formats: Annotated[
         list[str] | None,
@@ -116,7 +115,7 @@ def pattern(
         frequency=frequency,
         wavelength=wavelength,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus, curved, coherence),
+        feeding=feeding_of(taper, array, window, steering, focus, curved),
         floor_db=db_floor,
         formats=formats or [],
         out=out,

@@ -151,7 +151,7 @@ def feeding_of(
     steering: str | None,
     focus: str | None,
     curved: str | None,
-    coherence: str | None,
+    coherence: str | None = None,
 ) -> dict[str, str | None]:
     """The texts of these options by their names."""
     return {
