@@ -28,12 +28,14 @@ from polywigner.figures.slices import (
     samples_needed,
     transform_slices,
 )
+from polywigner.figures.systems import SystemSlices, system_slices
 from polywigner.figures.transforms import draw_transforms
 from polywigner.figures.volumes import draw_volume
 
 __all__ = [
     "LARGEST_SAMPLES",
     "DirectArrival",
+    "SystemSlices",
     "TransformSlices",
     "draw_arrivals",
     "draw_hemispheres",
@@ -49,5 +51,6 @@ __all__ = [
     "outline_of",
     "picture_peak",
     "samples_needed",
+    "system_slices",
     "transform_slices",
 ]

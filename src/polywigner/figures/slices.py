@@ -15,6 +15,7 @@ from polywigner.illumination.support import mutual_support
 __all__ = [
     "LARGEST_SAMPLES",
     "TransformSlices",
+    "default_position",
     "outline_of",
     "samples_needed",
     "transform_slices",
@@ -82,7 +83,7 @@ def transform_slices(
             f"expected at most {LARGEST_SAMPLES} samples along an axis, got {samples}; use fewer"
         )
     aperture, support = outline_of(source), mutual_support(source)
-    position = _default_position(support, aperture.centre) if x is None else _point(x)
+    position = default_position(support, aperture.centre) if x is None else _point(x)
     lag = _default_lag(aperture) if xi is None else _point(xi)
     _check_supports(aperture, support, position, lag)
     half = _half_width(aperture, wavelength)
@@ -148,7 +149,7 @@ def _frozen(values: Any) -> NDArray[Any]:
     return array
 
 
-def _default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
+def default_position(support: pw.Aperture, middle: NDArray[np.float64]) -> tuple[float, float]:
     import shapely
 
     centre = shapely.Point(middle)

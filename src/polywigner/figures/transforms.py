@@ -24,6 +24,7 @@ from polywigner.figures.style import (
     signed_ticks,
     write_title,
 )
+from polywigner.figures.systems import SystemSlices, draw_system_panels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,7 +38,7 @@ _ACCENT = "#c1440e"
 
 
 def draw_transforms(
-    slices: TransformSlices,
+    slices: TransformSlices | SystemSlices,
     floor_db: float,
     title: str = "",
     *,
@@ -45,11 +46,15 @@ def draw_transforms(
 ) -> Any:
     """Six panels: the aperture with its automean, |F|^2, Re F, the lag slice, W and Re A.
 
+    Through a system four: the aperture, W over x and direction, and the light and W behind.
+
     Parameters
     ----------
-    slices : from :func:`polywigner.figures.transform_slices`.
+    slices : from :func:`polywigner.figures.transform_slices`, or through a system from
+        :func:`polywigner.figures.system_slices`.
     floor_db : lowest level of |F|^2, dB relative to |F(0)|^2, the largest value that the
-        transform of a uniform aperture has; of other sources, to the largest value shown.
+        transform of a uniform aperture has; of other sources, and of the light behind a system, to
+        the largest value shown.
     title : above the panels, before the wavelength.
     figure : matplotlib Figure or SubFigure to draw on; None: a new figure.
 
@@ -64,6 +69,12 @@ def draw_transforms(
     import matplotlib as mpl
 
     check_floor(floor_db)
+    if isinstance(slices, SystemSlices):
+        with mpl.rc_context(TYPOGRAPHY):
+            figure = figure_on(figure, 9.4, 7.2, spacing=0.04)
+            draw_system_panels(figure.subplots(2, 2), slices, floor_db)
+            write_title(figure, _heading(title, slices.wavelength, ""))
+        return figure
     unit = length_unit(slices.aperture.diameter)
     with mpl.rc_context(TYPOGRAPHY):
         figure = figure_on(figure, 11.6, 6.9, spacing=0.04)
@@ -183,9 +194,9 @@ def _point_text(point: tuple[float, float], unit: LengthUnit) -> str:
     return f"({first}, {second}) {unit.name}"
 
 
-def _heading(title: str, wavelength: float | None) -> str:
+def _heading(title: str, wavelength: float | None, note: str = ", dotted circle: |ν| = 1/λ") -> str:
     if wavelength is None:
         return title
     unit = length_unit(wavelength)
-    marked = f"λ = {wavelength / unit.metres:.4g} {unit.name}, dotted circle: |ν| = 1/λ"
+    marked = f"λ = {wavelength / unit.metres:.4g} {unit.name}{note}"
     return f"{title}; {marked}" if title else marked

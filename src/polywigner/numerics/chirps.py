@@ -2,7 +2,7 @@
 
 With the stationary place t0 = f/c and r = sqrt(pi |c|) (t - t0), the integral from t outwards,
 away from t0, is the chirp at t times T(|r|)/sqrt(pi |c|), T(r) = int_0^inf exp(i (2 r s + s^2)) ds,
-which is smooth and falls off as i/(2 r). Source: (L6).
+which is smooth and falls off as i/(2 r). Source: (O6).
 """
 
 from __future__ import annotations

@@ -13,6 +13,9 @@ module               what is in it
 ``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
+``behind``           fields behind first-order systems: ``collins`` by the rank of B,
+                     ``astigmatic`` of other curvatures along one axis than along the other;
+                     ``spread`` the light of a point behind a lens
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
 ``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
 ``beams``            what a data sheet says of a pattern: gain, beamwidths, sidelobes, from
@@ -37,6 +40,7 @@ from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.pattern_files import write_pattern
 from polywigner.propagation.patterns import radiation_pattern
 from polywigner.propagation.places import METHODS
+from polywigner.propagation.spread import psf
 from polywigner.propagation.stores_checks import verify_store
 from polywigner.propagation.suggestions import AxisSampling, Sampling, suggest_sampling
 from polywigner.propagation.wigner_tables import ambiguity_table, wigner_table
@@ -55,6 +59,7 @@ __all__ = [
     "irradiance",
     "line",
     "plane",
+    "psf",
     "radiated_power",
     "radiation_pattern",
     "suggest_sampling",

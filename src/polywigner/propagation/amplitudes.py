@@ -89,7 +89,7 @@ def amplitude(
         (its normal derivative is), "kirchhoff" (their mean), "fresnel" (parabolic waves, for
         points near the axis), "fraunhofer" (the far field, about the source's centre).
     through : a :class:`FirstOrder` from the source's plane to that of ``points``. There the field
-        is Collins' integral (L4), instead of a ``method``, without exp(ikL) of the path L along the
+        is Collins' integral (O4), instead of a ``method``, without exp(ikL) of the path L along the
         axis. An image (B = 0) is u itself. Behind systems of other curvatures along one axis than
         along the other, NumPy sums it up. No derivatives.
     tolerance : error allowed, as a fraction of the incident amplitude or, where that is less, of

@@ -1,4 +1,4 @@
-"""Fields behind first-order systems: Collins' integral, by the rank of B. Source: (L4) to (L7)."""
+"""Fields behind first-order systems: Collins' integral, by the rank of B. Source: (O4) to (O7)."""
 
 from __future__ import annotations
 
@@ -73,11 +73,9 @@ def collins_field(
             order = np.argsort(-abs(curvature))
             axes = axes[:, order] * [1.0, np.linalg.det(axes[:, order])]
             chirp = Chirp(axes, curvature[order], wavelength)
-            values, errors = astigmatic_integral(radiator, chirp, slopes, tolerance)
-            bright = abs(curvature[0] * curvature[1]) * radiator.content
-            whole = wavelength * radiator.amplitude / math.sqrt(abs(curvature.prod()) or 1.0)
-            least = whole if bright else radiator.content
-            allowed = np.full(len(points), tolerance * min(least, radiator.content))
+            allowed = np.full(len(points), tolerance * _brightest(radiator, chirp))
+            finer = tolerance * min(1.0, _brightest(radiator, chirp) / _along(radiator, chirp))
+            values, errors = astigmatic_integral(radiator, chirp, slopes, finer)
     size = abs(front)
     return out * values, size * errors, size * allowed
 
@@ -92,6 +90,21 @@ def _front(matrix: Floats) -> complex:
     if np.linalg.det(matrix) < 0:
         return 1.0
     return -1j if np.trace(matrix) >= 0 else 1j
+
+
+def _brightest(radiator: Radiator, chirp: Chirp) -> float:
+    """The integral where all of the source is in phase, or of its image by rays if that is less."""
+    s1, s2 = abs(chirp.curvature)
+    area = math.sqrt(s1 * s2) * radiator.content
+    rays = chirp.wavelength * radiator.amplitude
+    return rays / math.sqrt(s1 * s2) if area > rays else radiator.content
+
+
+def _along(radiator: Radiator, chirp: Chirp) -> float:
+    """What the integrals along edges add up to, but for their signs."""
+    width = math.sqrt(chirp.wavelength / abs(chirp.curvature[0]))
+    size = float(np.linalg.norm(radiator.high - radiator.low))
+    return radiator.amplitude * radiator.perimeter * min(width, size)
 
 
 def _by_fresnel(

@@ -86,7 +86,7 @@ def wigner(
     x : (..., d) positions in m.
     nu : (..., d) real spatial frequencies in 1/m; broadcasts against ``x``.
     through : a :class:`FirstOrder` between the source and the plane of ``x`` and ``nu``: W there is
-        that of the source where the ray came from, (L2). Of slits, one that keeps x and y apart.
+        that of the source where the ray came from, (O2). Of slits, one that keeps x and y apart.
     wavelength : in m, with ``through`` only.
     precision, engine : see :func:`fourier`.
 
@@ -136,7 +136,7 @@ def ambiguity(
         either; or of :func:`differentiable`.
     upsilon : (..., d) real frequency shifts in 1/m.
     xi : (..., d) lags in m; broadcasts against ``upsilon``.
-    through : a :class:`FirstOrder` between the source and the plane of the lags, (L3). Of slits,
+    through : a :class:`FirstOrder` between the source and the plane of the lags, (O3). Of slits,
         one that keeps x and y apart.
     wavelength : in m, with ``through`` only.
     precision, engine : see :func:`fourier`.

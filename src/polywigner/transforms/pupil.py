@@ -18,7 +18,7 @@ from polywigner.transforms.phase_space import ambiguity, lag_marginal
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["mtf", "otf"]
+__all__ = ["checked_pupil_radius", "checked_waves", "energy_of", "mtf", "otf", "shares_of"]
 
 # Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
 # cancel, and a value normalised by a hundred times that has hardly a digit.
@@ -72,10 +72,8 @@ def otf(
     0.75
     """
     kernel = kernels.kernel_for("ambiguity", flat_of(source))
-    radius = _pupil_radius(source) if pupil_radius is None else _number(pupil_radius)
-    if not 0.0 < radius < np.inf:
-        raise ArgumentError(f"expected a pupil_radius above zero, got {pupil_radius!r}")
-    waves = _checked_waves(defocus)
+    radius = checked_pupil_radius(source, pupil_radius)
+    waves = checked_waves(defocus)
     # Two divisions: the square of a radius may be too small or too large for a float.
     slope = -2.0 * waves / radius / radius
     if not np.isfinite(slope):
@@ -87,8 +85,8 @@ def otf(
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     if slope == 0.0:  # in focus it is an area, which takes no sines
-        return (lag_marginal(source, lags, **how) + 0j) / _energy(source)
-    return ambiguity(source, slope * lags, lags, **how) / _energy(source)
+        return (lag_marginal(source, lags, **how) + 0j) / energy_of(source)
+    return ambiguity(source, slope * lags, lags, **how) / energy_of(source)
 
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
@@ -140,11 +138,11 @@ def mtf(
     for length in lengths.tolist():
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
-    share = _shares(weights, lengths.size)
+    share = shares_of(weights, lengths.size)
     dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
-    aberration = _checked_waves(defocus) * float(share @ lengths)
+    aberration = checked_waves(defocus) * float(share @ lengths)
     total: Any = 0.0
     for part, length in zip(share, lengths.tolist(), strict=True):
         lags = np.asarray(cycles) * (_PER_MM * length * distance)
@@ -152,7 +150,7 @@ def mtf(
     return np.abs(total).astype(np.float64)[()]
 
 
-def _shares(weights: Any, count: int) -> NDArray[np.float64]:
+def shares_of(weights: Any, count: int) -> NDArray[np.float64]:
     """Weights (count,) as shares of their sum."""
     given = (
         np.ones(count) if weights is None else checked_row(weights, f"expected weights ({count},)")
@@ -167,7 +165,7 @@ def _shares(weights: Any, count: int) -> NDArray[np.float64]:
     return np.asarray(shares / shares.sum())
 
 
-def _checked_waves(defocus: Any) -> float:
+def checked_waves(defocus: Any) -> float:
     waves = _number(defocus)
     if not np.isfinite(waves):
         raise ArgumentError(f"expected a finite defocus in waves, got {defocus!r}")
@@ -184,6 +182,14 @@ def _number(value: Any) -> float:
         return float("nan")
 
 
+def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
+    """The radius given, else the largest distance of a vertex from the origin."""
+    radius = _pupil_radius(source) if given is None else _number(given)
+    if not 0.0 < radius < np.inf:
+        raise ArgumentError(f"expected a pupil_radius above zero, got {given!r}")
+    return radius
+
+
 def _pupil_radius(source: PhaseSpaceSource) -> float:
     flat: Any = flat_of(source)
     if isinstance(flat, Slits):
@@ -193,13 +199,13 @@ def _pupil_radius(source: PhaseSpaceSource) -> float:
     return max(_pupil_radius(element) for element in flat.elements_in_plane)
 
 
-def _energy(source: PhaseSpaceSource) -> float:
+def energy_of(source: PhaseSpaceSource) -> float:
     """The integral of |u|^2, A(0, 0)."""
     source = flat_of(source)
     dimension = kernels.kernel_for("ambiguity", source).dimension
     energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
     if isinstance(source, Array):
-        contents = [_energy(element) for element in source.elements_in_plane]
+        contents = [energy_of(element) for element in source.elements_in_plane]
         apart = float(abs(source.weights) ** 2 @ contents)
     if energy > _DARK * apart and energy > 0.0:
         return energy

@@ -1,4 +1,4 @@
-"""Points of phase space behind a first-order system, as points before it. Source: (L2), (L3)."""
+"""Points of phase space behind a first-order system, as points before it. Source: (O2), (O3)."""
 
 from __future__ import annotations
 
