@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import polywigner as pw
+from polywigner.cli import main
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.numerics.mean_rules import flat_rule, normal_product_rule, normal_rule
 from polywigner.quantities import SPEED_OF_LIGHT
@@ -223,3 +225,22 @@ def test_a_bandwidth_is_a_positive_number_below_twice_the_carrier(bandwidth: Any
 def test_a_width_of_too_many_tilts_is_refused_with_the_limit() -> None:
     with pytest.raises(ArgumentError, match="expected a width of coherence of at least"):
         pw.wigner(SQUARE.partially_coherent(1e-6), (0, 0), (0, 0))
+
+
+@pytest.mark.slow
+def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    outline = tmp_path / "square.wkt"
+    outline.write_text("POLYGON((-5 -5,5 -5,5 5,-5 5,-5 -5))")
+    place = "-40 mm, 0 mm, 300 mm to 40 mm, 0 mm, 300 mm"
+    asked = ["--coherence", "20 mm", "--bandwidth", "2 GHz", "--method", "rayleigh-sommerfeld-1"]
+    asked += ["--line", place, "--samples", "9", "--wavelength", "3.2 mm", "--out", str(tmp_path)]
+    assert main(["propagate", str(outline), *asked]) == 0
+    x = np.linspace(-0.04, 0.04, 9)
+    points = np.stack([x, 0 * x, np.full_like(x, 0.3)], axis=-1)
+    with xarray.open_dataset(tmp_path / "square.nc") as found:
+        values = found["rayleigh-sommerfeld-1"].values
+    partly = SQUARE.partially_coherent(20e-3)
+    expected = pw.irradiance(partly, points, WAVELENGTH, "rayleigh-sommerfeld-1", bandwidth=2e9)
+    assert np.allclose(values, expected, rtol=1e-6)

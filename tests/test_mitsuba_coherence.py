@@ -124,6 +124,23 @@ def test_mixtures_that_cannot_be_drawn_are_refused(how: dict[str, Any]) -> None:
         aperture(wavelength=WAVELENGTH, **how)
 
 
+def test_a_direct_link_is_the_mean_over_tilts_and_wavelengths() -> None:
+    """Far away it is Friis' formula, with the blurred intensity of the emitter."""
+    use("scalar_rgb")
+    from polywigner.mitsuba.links import coupled_share, facing_parts
+    from polywigner.mitsuba.mixtures import Mixture
+    from polywigner.mitsuba.placed_sources import PlacedSource
+
+    square, far, width = pw.shapes.square(6e-3), 20.0, 12e-3
+    about = (WAVELENGTH, "rayleigh-sommerfeld-1", 1.0)
+    emitter = PlacedSource("sent", square, np.eye(4), *about, mixture=Mixture(width, 2e9))
+    back = pose((0.0, 0.0, far), np.pi)
+    parts = facing_parts(emitter, PlacedSource("taken", square, back, *about))
+    intensity = pw.radiant_intensity(square.partially_coherent(width), (0, 0, 1), WAVELENGTH)
+    expected = intensity * square.area**2 / far**2 / square.area**2
+    assert coupled_share(parts, 1e-6) == pytest.approx(expected, rel=1e-3, abs=0)
+
+
 def test_a_receiver_by_exact_fields_is_coherent() -> None:
     use("scalar_rgb")
     from polywigner.mitsuba import receiver

@@ -61,7 +61,7 @@ def radiance(
     Parameters
     ----------
     source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved wave.
+        curved or partly coherent wave.
     x : (..., 2) positions in m, outside of the source too: in its automean.
     direction : (..., 3) unit vectors with z >= 0; broadcasts against ``x``.
     wavelength : in m.
@@ -115,7 +115,7 @@ def radiant_intensity(
     Parameters
     ----------
     source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved wave.
+        curved or partly coherent wave.
     direction : (..., 3) unit vectors with z >= 0.
     wavelength : in m.
     bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that

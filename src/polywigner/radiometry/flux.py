@@ -40,7 +40,7 @@ def flux_vector(
     Parameters
     ----------
     source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved wave.
+        curved or partly coherent wave.
     x : (..., 2) positions in m.
     wavelength : in m.
     engine : see :func:`fourier`.
@@ -88,7 +88,7 @@ def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine 
     Parameters
     ----------
     source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved wave.
+        curved or partly coherent wave.
     wavelength : in m.
     engine : see :func:`fourier`.
 
@@ -151,7 +151,7 @@ def energy_budget(
     Parameters
     ----------
     source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved wave.
+        curved or partly coherent wave.
     wavelength : in m.
     engine : see :func:`fourier`.
 

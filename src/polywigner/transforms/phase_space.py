@@ -36,7 +36,7 @@ def autocorrelation(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either; or one with a curved wave.
+        either; or one with a curved or partly coherent wave.
     x : (..., d) positions, the mean of the two points, in m.
     xi : (..., d) lags, their difference, in m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
@@ -176,7 +176,7 @@ def position_marginal(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either; or one with a curved wave.
+        either; or one with a curved or partly coherent wave.
     x : (..., d) positions in m.
     precision, engine : see :func:`fourier`.
 

@@ -110,7 +110,7 @@ def mtf(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
-        or one with a curved wave.
+        or one with a curved or partly coherent wave.
     frequency : (..., d) in the image, in cycles per mm.
     wavelength : in m, or (k,) of a polychromatic source.
     focal_length : in m, or the distance of the image from the pupil.
