@@ -271,3 +271,19 @@ def test_a_text_gives_a_source_its_curved_wave() -> None:
     assert fed(source, {"curved": "60 mm, inf"}, WAVELENGTH) == expected
     with pytest.raises(QuantityError, match="curved: expected a radius"):
         fed(source, {"curved": "1 mm, 2 mm, 3 mm"}, WAVELENGTH)
+
+
+def test_the_command_line_gives_a_horn_its_curved_wave(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from polywigner.cli.app import app
+
+    pw.write_source(MOUTH, tmp_path / "mouth.toml")
+    wanted = ["transform", str(tmp_path / "mouth.toml"), "--wavelength", "3.2 mm", "--samples", "9"]
+    out = ["--out", str(tmp_path / "horn")]
+    found = CliRunner().invoke(app, [*wanted, "--curved", "20 mm, 30 mm", *out])
+    assert not found.exit_code, found.output
+    values = np.load(tmp_path / "horn.npz")
+    nu = np.stack(np.meshgrid(values["frequency"], values["frequency"]), axis=-1)
+    assert np.abs(values["fourier"] - pw.fourier(HORN, nu)).max() < CLOSED
+    assert np.abs(values["wigner"] - pw.wigner(HORN, values["x"], nu)).max() < CLOSED
