@@ -3,8 +3,8 @@
 python benchmarks/coherence.py
 
 Wigner function of a square, a hexagon and two chevrons at 2000 random points, at one place with a
-grid of 64 x 64 frequencies, and the radiant intensity in 2000 directions; then a render. Widths of
-coherence as a share of the side of the source's box.
+grid of 64 x 64 frequencies, and the radiant intensity in 2000 directions. Widths of coherence as a
+share of the side of the source's box.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def main() -> None:
             tilts = len(tilts_of(partly, TILT_ERROR[True])[1])
             cells = []
             for what, call in calls.items():
-                took = fastest(lambda c=call, s=partly: c(s), 1)
+                took = fastest(lambda c=call, s=partly: c(s), 2)
                 cells.append(f"{1e3 * took:8.1f} ms  x {took / alone[what]:6.1f}")
             print(f"{name:14} {share:10g}  {tilts:5d}  " + "  ".join(cells), flush=True)
 
