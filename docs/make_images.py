@@ -53,6 +53,7 @@ COMMANDS = {
 }
 README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
 README_WIDTH = 560
+SCRIPTS = ("inverse_design", "fractional_fourier")  # which write NAME.png
 PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
 
 
@@ -61,7 +62,7 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
+        scripts = ["first_picture", "projections", "tapers", "estimators", *SCRIPTS]
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
@@ -69,8 +70,8 @@ def main(names: list[str]) -> None:
                 made = projections(Path(folder))
             elif name == "tapers":
                 made = tapers(Path(folder))
-            elif name == "inverse_design":
-                made = inverse_design(Path(folder))
+            elif name in SCRIPTS:
+                made = by_script(name, Path(folder))
             elif name == "estimators":
                 made = estimators(Path(folder))
             elif name in near:
@@ -163,11 +164,11 @@ def shaded_floor(estimator: str) -> dict:
     }  # fmt: skip
 
 
-def inverse_design(folder: Path) -> Path:
-    script = EXAMPLES / "inverse_design" / "inverse_design.py"
+def by_script(name: str, folder: Path) -> Path:
+    script = EXAMPLES / name / f"{name}.py"
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script), str(folder)], env=environment, check=True)
-    return folder / "inverse_design.png"
+    return folder / f"{name}.png"
 
 
 def near_field(folder: Path) -> Path:
