@@ -53,6 +53,7 @@ COMMANDS = {
 }
 README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
 README_WIDTH = 560
+SCRIPTS = ("inverse_design", "fractional_fourier")  # which write NAME.png
 PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
 
 
@@ -61,8 +62,12 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
+<<<<<<< HEAD
         scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
         scripts.append("partial_coherence")
+=======
+        scripts = ["first_picture", "projections", "tapers", "estimators", *SCRIPTS]
+>>>>>>> wt-c1
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
@@ -70,10 +75,15 @@ def main(names: list[str]) -> None:
                 made = projections(Path(folder))
             elif name == "tapers":
                 made = tapers(Path(folder))
+<<<<<<< HEAD
             elif name == "inverse_design":
                 made = inverse_design(Path(folder))
             elif name == "partial_coherence":
                 made = partial_coherence(Path(folder))
+=======
+            elif name in SCRIPTS:
+                made = by_script(name, Path(folder))
+>>>>>>> wt-c1
             elif name == "estimators":
                 made = estimators(Path(folder))
             elif name in near:
@@ -166,11 +176,11 @@ def shaded_floor(estimator: str) -> dict:
     }  # fmt: skip
 
 
-def inverse_design(folder: Path) -> Path:
-    script = EXAMPLES / "inverse_design" / "inverse_design.py"
+def by_script(name: str, folder: Path) -> Path:
+    script = EXAMPLES / name / f"{name}.py"
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script), str(folder)], env=environment, check=True)
-    return folder / "inverse_design.png"
+    return folder / f"{name}.png"
 
 
 def partial_coherence(folder: Path) -> Path:

@@ -119,12 +119,15 @@ def test_a_lens_and_its_focal_plane_give_the_transform_of_a_curved_wave(case) ->
     assert abs(found - complex(*case["value"])) < 1e-11 * source.area
 
 
-@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
-@pytest.mark.parametrize(
-    "system", {**ASTIGMATIC, **SYMMETRIC}.values(), ids=[*ASTIGMATIC, *SYMMETRIC]
-)
+SYSTEMS = {**ASTIGMATIC, **SYMMETRIC}
+CASES = [("waves", name) for name in SYSTEMS]
+CASES += [(s, n) for s in SOURCES for n in ("curved both ways", "turned") if s != "waves"]
+
+
+@pytest.mark.parametrize(("source", "system"), CASES)
 def test_collins_integral_is_that_of_quadrature(source, system) -> None:
-    y = points(8, 0.01)
+    source, system = SOURCES[source], SYSTEMS[system]
+    y = points(4, 0.01)
     found, error = pw.amplitude(
         source, y, WAVELENGTH, through=system, tolerance=1e-12, return_error=True
     )
@@ -175,14 +178,13 @@ def test_an_image_is_the_source_magnified_with_the_phase_of_a_lens() -> None:
 
 def test_fields_close_to_an_image_and_to_a_focus_pass_over_into_them() -> None:
     x = np.array([[-4e-3, -4.2e-3], [1e-3, -5e-3]])
-    for m, turn in ((1.0, 0.0), (-1.5, 0.4)):
+    for m, turn, z in ((1.0, 0.0, 2e-6), (-1.5, 0.4, -2e-6)):
         image = pw.FirstOrder.rotation(turn) @ pw.FirstOrder.magnifier(m)
         y = x @ image.A.T
         at_image = pw.amplitude(TAPERED, y, WAVELENGTH, through=image)
-        for z in (1e-6, -1e-6):
-            near = pw.amplitude(TAPERED, y, WAVELENGTH, through=image @ pw.FirstOrder.free_space(z))
-            # edges that are thousand Fresnel zones away make ripples of a thousandth
-            assert near == pytest.approx(at_image, abs=0.03)
+        near = pw.amplitude(TAPERED, y, WAVELENGTH, through=image @ pw.FirstOrder.free_space(z))
+        # edges that are hundreds of Fresnel zones away make ripples of a few hundredths
+        assert near == pytest.approx(at_image, abs=0.05)
     y = points(5, 1e-3)
     focus = pw.amplitude(TAPERED, y, WAVELENGTH, through=SPACE @ pw.FirstOrder.lens(0.05))
     for excess in (1e-16, 1e-14, -1e-12, 1e-10):
@@ -276,11 +278,12 @@ def test_irradiance_is_the_wigner_functions_marginal(through) -> None:
     assert light == pytest.approx(marginal, rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_power_goes_through_a_system_undiminished() -> None:
     """Behind a telescope of cylinders in the far field of a tapered square, by the sampling law."""
     system = pw.FirstOrder.fourier(0.05) @ pw.FirstOrder.lens((0.3, -0.2), 0.4)
     step = WAVELENGTH * 0.05 / 20e-3  # band limited: twice the source's width in its conjugate
-    axis = np.arange(-160, 161) * step
+    axis = np.arange(-100, 101) * step
     grid = np.stack(np.meshgrid(axis[::4], axis[::4] + 0.3 * step), axis=-1)
     small = SQUARE.scaled(0.25).with_illumination(pw.cosine_taper(2.5e-3))
     light = pw.irradiance(small, grid, WAVELENGTH, through=system)

@@ -127,3 +127,36 @@ def test_the_exact_estimator_is_refused_in_one_sentence(llvm: object) -> None:
             entry(HORN, WAVELENGTH, estimator="exact")
         with pytest.raises(SceneError, match="for a curved wave"):
             entry(HORN, WAVELENGTH, estimator="wigner", obliquity="kirchhoff")
+
+
+@pytest.mark.slow
+def test_the_direct_power_of_horns_is_their_coupling_by_a_mirror_too(llvm: object) -> None:
+    mi = use("llvm_ad_mono")
+    import polywigner.mitsuba as scenes
+
+    away = np.diag([-1.0, 1.0, -1.0, 1.0])
+    away[:3, 3] = 0.03, -0.02, 0.2
+    wave = {"estimator": "wigner"}
+    lights = {
+        "type": "scene",
+        "tx": scenes.aperture(HORN, WAVELENGTH, power=1.0, **wave),
+        "rx": scenes.receiver(HORN.source, WAVELENGTH, away, **wave),
+    }
+    found = scenes.received_power(mi.load_dict(lights), spp=4)
+    expected = abs(pw.coupling(HORN, HORN.source, away, WAVELENGTH)) ** 2
+    assert found.direct == pytest.approx(expected, rel=1e-5)
+    # both face a mirror, which shows the horn mirrored in x and behind it
+    beside = np.eye(4)
+    beside[:3, 3] = 0.05, 0.0, 0.0
+    lights["rx"] = scenes.receiver(HORN, WAVELENGTH, beside, **wave)
+    t = mi.ScalarTransform4f
+    mirror = t().translate([0, 0, 0.2]).rotate([1, 0, 0], 180).scale(1.0)
+    perfect = {"type": "conductor", "material": "none"}
+    lights["mirror"] = {"type": "rectangle", "to_world": mirror, "bsdf": perfect}
+    found = scenes.received_power(mi.load_dict(lights), spp=4)
+    image = np.diag([-1.0, 1.0, -1.0, 1.0])  # of the receiver, its x turned over
+    image[:3, 3] = 0.05, 0.0, 0.4
+    flipped = pw.shapes.rectangle(12e-3, 8e-3).with_illumination(pw.te_mode(12e-3, 8e-3))
+    flipped = flipped.curved((0.03, 0.05), WAVELENGTH, (-1e-3, 0.0)).moved((-2e-3, 1e-3))
+    expected = abs(pw.coupling(HORN, flipped, image, WAVELENGTH)) ** 2
+    assert found.direct == pytest.approx(expected, rel=1e-3)

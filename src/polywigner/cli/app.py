@@ -91,6 +91,13 @@ def transform(
         str | None,
         typer.Option(help="Lag of the ambiguity slice (default: one with a good overlap)."),
     ] = None,
+    through: Annotated[
+        str | None,
+        typer.Option(
+            help="Lenses behind it, such as 'space 50 mm, lens 50 mm, space 50 mm', in the order "
+            "of the light: shows W and the light behind them."
+        ),
+    ] = None,
     samples: Annotated[
         int | None,
         typer.Option(help="Samples along each frequency axis (default: 257, or up to 513)."),
@@ -113,6 +120,7 @@ def transform(
         wavelength=wavelength,
         x=x,
         xi=xi,
+        through=through,
         samples=samples,
         floor_db=db_floor,
         out=out,

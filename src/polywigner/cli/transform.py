@@ -18,11 +18,13 @@ from polywigner.cli.sources import (
     short_name,
     wavelength_from,
 )
+from polywigner.cli.systems import system_from
+from polywigner.errors import QuantityError
 from polywigner.quantities import parse_point
 
 if TYPE_CHECKING:
     from polywigner import Aperture
-    from polywigner.figures import TransformSlices
+    from polywigner.figures import SystemSlices, TransformSlices
 
 __all__ = ["run_transform"]
 
@@ -39,6 +41,7 @@ def run_transform(
     wavelength: str | None,
     x: str | None,
     xi: str | None,
+    through: str | None,
     samples: int | None,
     floor_db: float,
     out: str | None,
@@ -46,8 +49,8 @@ def run_transform(
     """Write NAME.png and NAME.npz for an aperture or source file and print their paths.
 
     Quantities are texts with units, such as ``"94 GHz"`` and ``"0 mm,2 mm"``; ``feeding`` holds
-    those of tapers, layouts and steering. ``samples`` None: 257, or as many as the lobes of the
-    transform need, up to 513.
+    those of tapers, layouts and steering, ``through`` a system behind it. ``samples`` None: 257, or
+    as many as the lobes of the transform need, up to 513.
 
     Raises
     ------
@@ -57,11 +60,20 @@ def run_transform(
     length = wavelength_from(frequency, wavelength)
     position = None if x is None else parse_point(x)
     lag = None if xi is None else parse_point(xi)
+    system = None if through is None else system_from(through)
+    if system is not None and (position or lag):
+        raise QuantityError("expected no --x and no --xi with --through; leave them out")
     files = targets(output_stem(out, Path(aperture).stem), (".png", ".npz"))
     check_writable(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
-    from polywigner.figures import draw_transforms, outline_of, transform_slices
+    from polywigner.figures import (
+        TransformSlices,
+        draw_transforms,
+        outline_of,
+        system_slices,
+        transform_slices,
+    )
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
@@ -69,14 +81,24 @@ def run_transform(
     outline = outline_of(source)
     if length is not None:
         check_wavelength(length, outline.diameter)
-    slices = transform_slices(source, position, lag, length, _samples(samples, outline, length))
     name = short_name(aperture)
+    slices: TransformSlices | SystemSlices
+    if system is None:
+        count = _samples(samples, outline, length)
+        slices = transform_slices(source, position, lag, length, count)
+    elif length is None:
+        raise QuantityError("expected a --frequency or --wavelength with --through, got none")
+    else:
+        slices = system_slices(source, system, length, samples or _FEWEST)
     title = name if length is None else f"{name}, {frequency_text(length)}"
     figure = draw_transforms(slices, floor_db, title=title)
     with writing(files) as (picture, values):
         figure.savefig(picture, format="png")
         with values.open("wb") as file:
-            _save_values(file, slices)
+            if isinstance(slices, TransformSlices):
+                _save_values(file, slices)
+            else:
+                _save_system(file, slices)
     for path in files:
         print(path)
 
@@ -136,6 +158,34 @@ def _save_values(file: Any, slices: TransformSlices) -> None:
         wavelength=np.asarray(np.nan if slices.wavelength is None else slices.wavelength),
         aperture_geojson=np.asarray(_geojson(slices.aperture)),
         automean_geojson=np.asarray(_geojson(slices.support)),
+        metadata=np.asarray(json.dumps(metadata)),
+    )
+
+
+def _save_system(file: Any, slices: SystemSlices) -> None:
+    """The arrays under their names, the ray matrix, and a JSON text ``metadata``."""
+    import numpy as np
+
+    import polywigner as pw
+
+    arrays = ("x", "nu", "before", "x_out", "nu_out", "behind", "across", "up", "light")
+    metadata = {
+        "axes": "before[j, i] at (x[i], nu[j]), behind[j, i] at (x_out[i], nu_out[j]): W; "
+        "light[j, i] at (across[i], up[j]): |U|^2 behind",
+        "units": {
+            "before": "m^2",
+            "behind": "m^2",
+            **dict.fromkeys(("x", "x_out", "across", "up", "wavelength"), "m"),
+            **dict.fromkeys(("nu", "nu_out"), "1/m"),
+        },
+        "polywigner": pw.__version__,
+    }
+    np.savez(
+        file,
+        **{name: getattr(slices, name) for name in arrays},
+        matrix=slices.system.matrix,
+        wavelength=np.asarray(slices.wavelength),
+        aperture_geojson=np.asarray(_geojson(slices.aperture)),
         metadata=np.asarray(json.dumps(metadata)),
     )
 

@@ -88,7 +88,7 @@ def system_slices(
     xmin, ymin, xmax, ymax = support.bounds
     width = np.array([xmax - xmin, ymax - ymin])
     sides = np.array([xmin, xmax]) + np.array([-0.1, 0.1]) * width[0]
-    x = np.linspace(*sides, samples)
+    x = _axis(sides, samples)
     nu = np.linspace(-_LOBES / width[0], _LOBES / width[0], samples)
     grid = np.meshgrid(x, nu)
     before = pw.wigner(source, _pairs(grid[0], middle[1]), _pairs(grid[1], 0.0))
@@ -182,10 +182,9 @@ def _draw_section(
     axes.set_ylabel(r"$\lambda\nu_x$ (mrad)")
 
 
-def _extent(x: Any, y: Any) -> tuple[float, ...]:
+def _extent(x: Any, y: Any) -> tuple[float, float, float, float]:
     """Edges of pixels whose middles are the samples."""
-    edges = []
-    for axis in (x, y):
-        half = (axis[-1] - axis[0]) / (len(axis) - 1) / 2
-        edges += [float(axis[0] - half), float(axis[-1] + half)]
-    return tuple(edges)
+    (left, right), (low, high) = (
+        np.array([-0.5, 0.5]) * (axis[1] - axis[0]) + axis[[0, -1]] for axis in (x, y)
+    )
+    return float(left), float(right), float(low), float(high)

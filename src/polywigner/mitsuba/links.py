@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.mitsuba.placed_sources import PlacedSource
 from polywigner.mitsuba.placement import PLACE_ERROR
@@ -93,13 +93,16 @@ def _check_obliquity(link: str, one: str, other: str) -> None:
         )
 
 
-def _part_in_front(
-    source: Aperture | Array, normal: Floats, place: Floats, rounding: float
-) -> Aperture | Array | None:
+def _part_in_front(source: Any, normal: Floats, place: Floats, rounding: float) -> Any:
     """The part of a source in z = 0 in front of the plane through ``place``; itself if that is all.
 
     ``rounding``: heights of no account, in m.
     """
+    if isinstance(source, Wavefront):
+        flat = _part_in_front(source.source, normal, place, rounding)
+        if flat is None or flat is source.source:
+            return None if flat is None else source
+        return source.on(flat)
     elements = source.elements_in_plane
     parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
     if all(part is element for part, element in zip(parts, elements, strict=True)):
@@ -130,5 +133,5 @@ def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
     return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
 
 
-def _energy(source: Aperture | Array) -> float:
+def _energy(source: Any) -> float:
     return float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))

@@ -13,6 +13,7 @@ from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.field import turned_points
 from polywigner.geometry.numbers import real_numbers
+from polywigner.optics.checks import check_symplectic, checked_pair, checked_vectors
 
 __all__ = ["FirstOrder", "restored"]
 
@@ -20,9 +21,6 @@ Matrix = NDArray[np.float64]
 
 # Of each element of a matrix as it is given, and of each product.
 _ULP = 2.0**-52
-# Relative to the products that conditions are sums of: a matrix typed to ten digits passes, one
-# with a wrong sign or a forgotten element does not.
-_SYMPLECTIC = 1e-9
 _ONE = np.eye(2)
 
 
@@ -66,7 +64,7 @@ class FirstOrder:
             )
         if not np.isfinite(given).all():
             raise ArgumentError("expected a ray matrix of finite numbers, got inf or nan")
-        _check_symplectic(given)
+        check_symplectic(given)
         full = np.asarray(np.kron(given, _ONE), np.float64) if len(given) == 2 else given
         _set(self, full, _ULP * abs(full))
 
@@ -99,7 +97,7 @@ class FirstOrder:
         [[-2.0, 0.0], [0.0, 0.0]]
         """
         expected = "expected f as a focal length in m other than 0, or a pair (f_x, f_y) of them"
-        lengths = _checked_pair(f, f"{expected}, inf for none")
+        lengths = checked_pair(f, f"{expected}, inf for none")
         if not lengths.all():
             raise ArgumentError(f"{expected}, inf for none, got {f!r}")
         with np.errstate(over="ignore"):
@@ -122,7 +120,7 @@ class FirstOrder:
         FirstOrder([[-2.0, 0.0], [0.0, -0.5]])
         """
         expected = "expected m as a magnification other than 0, or a pair (m_x, m_y) of them"
-        scales = _checked_pair(m, expected)
+        scales = checked_pair(m, expected)
         if not (np.isfinite(scales) & (scales != 0)).all():
             raise ArgumentError(f"{expected}, got {m!r}")
         zero = 0.0 * _ONE
@@ -251,7 +249,7 @@ class FirstOrder:
         >>> s.tolist()
         [-0.02, 0.0]
         """
-        places, directions = _checked_vectors("x", x), _checked_vectors("s", s)
+        places, directions = checked_vectors("x", x), checked_vectors("s", s)
         try:
             places, directions = np.broadcast_arrays(places, directions)
         except ValueError:
@@ -317,44 +315,3 @@ def _set(system: FirstOrder, matrix: Matrix, rounding: Matrix) -> None:
 def _product(first: Matrix, second: Matrix) -> Matrix:
     """The product of matrices by rounded products: fused ones differ between machines."""
     return np.asarray((first[:, :, None] * second).sum(axis=1), np.float64)
-
-
-def _check_symplectic(matrix: Matrix) -> None:
-    """A^T C and B^T D symmetric, A^T D - C^T B = 1, each within rounding of its products."""
-    half = len(matrix) // 2
-    a, b = matrix[:half, :half], matrix[:half, half:]
-    c, d = matrix[half:, :half], matrix[half:, half:]
-    conditions = (
-        ("A^T C - C^T A = 0", a.T @ c - c.T @ a, abs(a).T @ abs(c)),
-        ("B^T D - D^T B = 0", b.T @ d - d.T @ b, abs(b).T @ abs(d)),
-        ("A^T D - C^T B = 1", a.T @ d - c.T @ b - np.eye(half), 1 + abs(a).T @ abs(d)),
-    )
-    for law, found, size in conditions:
-        wrong = float(abs(found).max())
-        if wrong > _SYMPLECTIC * float(size.max()):
-            raise ArgumentError(
-                f"expected a symplectic ray matrix, {law}, got one that misses it by {wrong:.3g}; "
-                "give A to D of rays (x, s), s the direction cosines, to ten digits, or compose "
-                "the system of free_space, lens and magnifier"
-            )
-
-
-def _checked_pair(value: Any, expected: str) -> Matrix:
-    """One number or two, as two; infinite ones are let through."""
-    try:
-        numbers = real_numbers(value)
-    except ValueError as error:
-        raise ArgumentError(f"{expected}, got {error}") from None
-    if numbers.shape not in ((), (2,)) or np.isnan(numbers).any():
-        raise ArgumentError(f"{expected}, got {value!r}")
-    return np.broadcast_to(numbers, 2)
-
-
-def _checked_vectors(name: str, value: Any) -> Matrix:
-    try:
-        array = real_numbers(value)
-    except ValueError as error:
-        raise ArgumentError(f"expected {name} as real numbers (..., 2), got {error}") from None
-    if array.ndim == 0 or array.shape[-1] != 2:
-        raise ArgumentError(f"expected {name} of shape (..., 2), got {array.shape}")
-    return array

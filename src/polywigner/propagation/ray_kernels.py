@@ -57,7 +57,8 @@ def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
         inverse = 1.0 / ops.sqrt(square)
         scale = inverse / wavelength
         place = own or (x, y)
-        ray = nu = (along_x * scale, along_y * scale)
+        nu: Values = (along_x * scale, along_y * scale)
+        ray = nu
         if curved:
             (xx, xy, yy), (dx, dy) = curved[:3], (x - curved[3], y - curved[4])
             nu = nu[0] - (xx * dx + xy * dy), nu[1] - (xy * dx + yy * dy)

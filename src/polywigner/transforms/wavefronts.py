@@ -75,7 +75,8 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     if not wave.is_coherent:
         raise IlluminationError(
             "expected a coherent source, got one that is coherent over "
-            f"{wave.coherence_width:g} m; use its .source, or a sum over coherent sources"
+            f"{wave.coherence_width:g} m, of which there is no field with a phase; use "
+            "polywigner.irradiance or radiant_intensity, which take it"
         )
     return wave
 
