@@ -53,7 +53,7 @@ COMMANDS = {
 }
 README = ("patch_above_floor", "first_picture", "two_chevrons_volume")
 README_WIDTH = 560
-SCRIPTS = ("inverse_design", "fractional_fourier")  # which write NAME.png
+SCRIPTS = ("inverse_design", "fractional_fourier", "partial_coherence")  # which write NAME.png
 PAPER = ("render", "amp_spec", "error", "emitters")  # of `polywigner figures`, for docs/figures.md
 
 
@@ -62,12 +62,7 @@ def main(names: list[str]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         near = ["near_field_boresight", "near_field_off_axis"]
         paper = [f"paper_{name}" for name in PAPER]
-<<<<<<< HEAD
-        scripts = ["first_picture", "projections", "tapers", "inverse_design", "estimators"]
-        scripts.append("partial_coherence")
-=======
         scripts = ["first_picture", "projections", "tapers", "estimators", *SCRIPTS]
->>>>>>> wt-c1
         for name in names or [*scripts, *near, *paper, *COMMANDS]:
             if name == "first_picture":
                 made = first_picture(Path(folder))
@@ -75,15 +70,8 @@ def main(names: list[str]) -> None:
                 made = projections(Path(folder))
             elif name == "tapers":
                 made = tapers(Path(folder))
-<<<<<<< HEAD
-            elif name == "inverse_design":
-                made = inverse_design(Path(folder))
-            elif name == "partial_coherence":
-                made = partial_coherence(Path(folder))
-=======
             elif name in SCRIPTS:
                 made = by_script(name, Path(folder))
->>>>>>> wt-c1
             elif name == "estimators":
                 made = estimators(Path(folder))
             elif name in near:
@@ -181,12 +169,6 @@ def by_script(name: str, folder: Path) -> Path:
     environment = {**os.environ, "MPLBACKEND": "agg"}
     subprocess.run([sys.executable, str(script), str(folder)], env=environment, check=True)
     return folder / f"{name}.png"
-
-
-def partial_coherence(folder: Path) -> Path:
-    script = EXAMPLES / "partial_coherence" / "partial_coherence.py"
-    subprocess.run([sys.executable, str(script), "--out", str(folder)], check=True)
-    return folder / "fringes.png"
 
 
 def near_field(folder: Path) -> Path:

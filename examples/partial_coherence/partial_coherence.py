@@ -1,8 +1,8 @@
 """Fringes behind two slits fade as the light on them becomes incoherent.
 
-python partial_coherence.py [--out FOLDER]
+python partial_coherence.py [FOLDER]
 
-Two slits of 2 mm, 12 mm apart, at 94 GHz, and a floor 0.3 m away. Writes fringes.png: irradiance on
+Two slits of 2 mm, 12 mm apart, at 94 GHz, and a floor 0.3 m away. Writes partial_coherence.png: irradiance on
 the floor for several widths of coherence by exact fields, the same rendered with one random tilt
 for each sample, and the visibility against the degree of coherence. Prints the latter.
 """
@@ -82,7 +82,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path(), help="folder of the figure")
+    parser.add_argument("out", nargs="?", type=Path, default=Path(), help="folder of the figure")
     out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     figure = plt.figure(figsize=(9.5, 6.4), layout="constrained")
@@ -116,7 +116,7 @@ def main() -> None:
     curve.legend(fontsize=8)
     error = np.abs(np.array(found) - np.exp(-(ratio**2) / 2)).max()
     print(f"visibility and degree of coherence differ by at most {error:.1e}")
-    figure.savefig(out / "fringes.png", dpi=130)
+    figure.savefig(out / "partial_coherence.png", dpi=130)
 
 
 if __name__ == "__main__":
