@@ -2,9 +2,9 @@
 
 python partial_coherence.py [FOLDER]
 
-Two slits of 2 mm, 12 mm apart, at 94 GHz, and a floor 0.3 m away. Writes partial_coherence.png: irradiance on
-the floor for several widths of coherence by exact fields, the same rendered with one random tilt
-for each sample, and the visibility against the degree of coherence. Prints the latter.
+Two slits of 2 mm, 12 mm apart, at 94 GHz, and a floor 0.3 m away. Writes partial_coherence.png:
+irradiance on the floor for several widths of coherence by exact fields, the same rendered with one
+random tilt for each sample, and the visibility against the degree of coherence. Prints the latter.
 """
 
 from __future__ import annotations
