@@ -86,9 +86,10 @@ def _panels(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> NDArray[np.in
     for end in (begin, begin + edge):
         slopes = np.abs(q[:, None] * end - nu[:, None]) * np.abs(edge)
         most = np.maximum(most, slopes.sum(axis=2).max(axis=1))
-    if not (most <= _MOST_TURNS).all():
+    most = np.where(np.isfinite(most), most, 0.0)  # whose values are not numbers either
+    if (most > _MOST_TURNS).any():
         raise ArgumentError(
-            f"expected a curved wave of at most {_MOST_TURNS:.0e} turns of phase along an edge, got "
+            f"expected a curved wave of up to {_MOST_TURNS:.0e} turns of phase along an edge, got "
             f"{most.max():.2g}; take lower frequencies, or points of Fresnel's field farther away"
         )
     return np.asarray(2 ** np.ceil(np.log2(np.maximum(most / _TURNS, 1.0))), dtype=np.intp)
