@@ -273,6 +273,7 @@ def test_a_text_gives_a_source_its_curved_wave() -> None:
         fed(source, {"curved": "1 mm, 2 mm, 3 mm"}, WAVELENGTH)
 
 
+@pytest.mark.slow
 def test_the_command_line_gives_a_horn_its_curved_wave(tmp_path: Path) -> None:
     from typer.testing import CliRunner
 

@@ -255,6 +255,23 @@ def test_dr_jit_arrays_give_the_values_of_numpy(kind: str, llvm: Any) -> None:
         assert np.abs(found - function(wave, *points)).max() < TRACED
 
 
+@pytest.mark.drjit
+def test_derivatives_in_places_follow_the_wave(llvm: Any) -> None:
+    import drjit
+    import drjit.llvm.ad as ad
+
+    wave = ELL.curved((0.02, -0.03), WAVELENGTH, CENTRE)
+    x, nu = draws(4)
+    places = ad.Array2f64(*x.T)
+    drjit.enable_grad(places)
+    drjit.backward(drjit.sum(pw.wigner(wave, places, ad.Array2f64(*nu.T))))
+    step = 1e-7 * np.eye(2)
+    for k, found in enumerate(drjit.grad(places).numpy()):
+        ends = [pw.wigner(wave, x + sign * step[k], nu) for sign in (1, -1)]
+        expected = (ends[0] - ends[1]) / 2e-7
+        assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+
+
 def test_labelled_arrays_give_such() -> None:
     xarray = pytest.importorskip("xarray")
     wave = ELL.curved(0.02, WAVELENGTH)
@@ -288,6 +305,8 @@ def test_sources_with_curved_waves_are_values() -> None:
     [
         (lambda wave: pw.fourier(wave, [1j, 0]), "real nu for a curved wave"),
         (lambda wave: pw.fourier(wave, (0, 0), obliquity="paper"), "no obliquity"),
+        (lambda wave: pw.fourier(wave, [0, 1e9]), "turns of phase along an edge"),
+        (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "turns of phase"),
         (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),
         (lambda wave: pw.suggest_sampling(wave, "wigner"), "flat, coherent wave to suggest"),
         (lambda wave: pw.wigner(wave, [0, 0, 0], [0, 0]), r"x of shape \(\.\.\., 2\)"),
@@ -305,3 +324,8 @@ def test_fresnel_integrals_are_right_to_the_last_digits() -> None:
         expected = [complex(mpmath.erfc(mpmath.mpf(v) * turn) / 2) for v in t.tolist()]
     step, rest = fresnel_tail(t)
     assert np.abs(step + rest * np.exp(1j * t * t) - expected).max() < 5e-16
+
+
+def test_what_is_no_number_has_no_spectrum() -> None:
+    found = pw.fourier(SQUARE.curved(0.02, WAVELENGTH), [(np.nan, 0.0), (np.inf, 0.0), (0.0, 0.0)])
+    assert np.isnan(found[:2]).all() and np.isfinite(found[2])

@@ -40,10 +40,11 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
     """
     curvatures = np.broadcast_to(q, nu.shape)
     total = np.zeros(len(nu), np.complex128)
-    for element, shift, weight in _elements(source):
-        # a copy moved by s is the element itself, its wave about c - s
-        found = _of_element(element, curvatures, axes, centre - shift, nu)
-        total += weight * np.exp(-2j * math.pi * (nu @ shift)) * found
+    with np.errstate(invalid="ignore"):  # of frequencies that are no numbers
+        for element, shift, weight in _elements(source):
+            # a copy moved by s is the element itself, its wave about c - s
+            found = _of_element(element, curvatures, axes, centre - shift, nu)
+            total += weight * np.exp(-2j * math.pi * (nu @ shift)) * found
     return total
 
 

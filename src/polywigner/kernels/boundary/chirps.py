@@ -19,6 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.errors import ArgumentError
 from polywigner.numerics.fresnel_integrals import fresnel_tail
 
 __all__ = ["chirp_over_intervals", "chirp_over_rings", "primitive"]
@@ -28,6 +29,8 @@ Complex = NDArray[np.complex128]
 
 # A rule of so many nodes has 15 digits of a wave of so many turns.
 _NODES, _TURNS = 32, 7.0
+# Nodes of more are gigabytes for one point.
+_MOST_TURNS = 1e5
 # Nodes of all edges and points at a time: some 100 MiB.
 _BLOCK = 1 << 18
 
@@ -83,6 +86,12 @@ def _panels(begin: Floats, edge: Floats, q: Floats, nu: Floats) -> NDArray[np.in
     for end in (begin, begin + edge):
         slopes = np.abs(q[:, None] * end - nu[:, None]) * np.abs(edge)
         most = np.maximum(most, slopes.sum(axis=2).max(axis=1))
+    most = np.where(np.isfinite(most), most, 0.0)  # whose values are not numbers either
+    if (most > _MOST_TURNS).any():
+        raise ArgumentError(
+            f"expected a curved wave of up to {_MOST_TURNS:.0e} turns of phase along an edge, got "
+            f"{most.max():.2g}; take lower frequencies, or points of Fresnel's field farther away"
+        )
     return np.asarray(2 ** np.ceil(np.log2(np.maximum(most / _TURNS, 1.0))), dtype=np.intp)
 
 
