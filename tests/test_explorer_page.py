@@ -616,6 +616,12 @@ def test_the_tour_shows_what_it_speaks_of_and_no_picture_of_another_source(page:
     page.wait_until(lambda: page.text("tour") == "")
 
 
+def test_the_slider_of_the_width_of_coherence_blurs_w(page: Page) -> None:
+    page.set("coherence", "value", 5.0)
+    page.wait_until(lambda: page.state().coherence == 5.0 and page.is_ready())
+    assert page.text("message") == ""
+
+
 def test_two_visitors_have_states_of_their_own(browser: Any, address: str, page: Page) -> None:
     first = browser.current_window_handle
     page.set("steering", "value", "10 deg")

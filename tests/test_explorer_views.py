@@ -290,8 +290,9 @@ def test_the_first_cut_of_a_steered_array_goes_through_its_beam() -> None:
         HOLED.moved(order=3),
         State(unit="µm", wave="532 nm", taper="cosine", nu=(0.1, 0.02), x=(0.3, 0.1)),
         State(array="3 x 2, 12 mm", steering="10 deg, 30 deg", x=(6.0, 1.0)),
+        State(coherence=8.0, nu=(0.05, 0.0), x=(1.0, 0.5)),
     ],
-    ids=["holes", "taper", "array"],
+    ids=["holes", "taper", "array", "coherence"],
 )
 def test_a_snippet_computes_its_view_digit_for_digit(name: str, state: State) -> None:
     samples = 5 if name == "near" else SMALL
@@ -332,6 +333,19 @@ def test_texts_that_would_break_a_script_are_no_fields_and_give_none(text: str) 
     for name in ("taper", "array", "window", "steering"):
         with pytest.raises(PolywignerError):
             snippets.snippet(State().moved(**{name: text}), "fourier", SMALL)
+
+
+def test_a_width_of_coherence_blurs_w_and_lowers_the_transfer_function() -> None:
+    state = State(coherence=6.0)
+    assert from_query(to_query(state)) == state
+    source = views.light_of(state)
+    picture = views.wigner_at_position(state, SMALL)
+    grid = windows.square(picture.half, SMALL)
+    assert np.array_equal(picture.arrays["W"], pw.wigner(source, (0.0, 0.0), grid, engine="numpy"))
+    coherent = views.transfer(State(), SMALL).arrays["OTF"]
+    assert (np.abs(views.transfer(state, SMALL).arrays["OTF"]) <= np.abs(coherent)).all()
+    with pytest.raises(ArgumentError, match="at least a tenth"):
+        views.wigner_at_position(State(coherence=0.5), SMALL)
 
 
 def test_exported_outlines_are_read_back_as_the_same_aperture(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from polywigner.cli.app_scenes import receive, render, scatterers
 from polywigner.cli.options import (
     AllowOutside,
     Array,
+    Curved,
     DbFloor,
     Focus,
     Frequency,
@@ -77,6 +78,7 @@ def transform(
     window: Window = None,
     steering: Steering = None,
     focus: Focus = None,
+    curved: Curved = None,
     frequency: Annotated[
         str | None,
         typer.Option(
@@ -116,7 +118,7 @@ def transform(
     run_transform(
         aperture,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus),
+        feeding=feeding_of(taper, array, window, steering, focus, curved),
         frequency=frequency,
         wavelength=wavelength,
         x=x,

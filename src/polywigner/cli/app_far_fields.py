@@ -9,6 +9,7 @@ import typer
 from polywigner.cli.options import (
     AllowOutside,
     Array,
+    Curved,
     DbFloor,
     Focus,
     Frequency,
@@ -65,6 +66,7 @@ def pattern(
     window: Window = None,
     steering: Steering = None,
     focus: Focus = None,
+    curved: Curved = None,
     db_floor: DbFloor = -40.0,
     formats: Annotated[
         list[str] | None,
@@ -93,7 +95,7 @@ def pattern(
         frequency=frequency,
         wavelength=wavelength,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus),
+        feeding=feeding_of(taper, array, window, steering, focus, curved),
         floor_db=db_floor,
         formats=formats or [],
         out=out,

@@ -100,7 +100,7 @@ def rays(
         frequency=frequency,
         wavelength=wavelength,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus),
+        feeding=feeding_of(taper, array, window, steering, focus, None),
         formats=formats or [],
         out=out,
     )

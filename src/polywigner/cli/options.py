@@ -11,6 +11,9 @@ __all__ = [
     "Against",
     "AllowOutside",
     "Array",
+    "Bandwidth",
+    "Coherence",
+    "Curved",
     "DbFloor",
     "EngineName",
     "Focus",
@@ -78,6 +81,20 @@ Steering = Annotated[
 Focus = Annotated[
     str | None, typer.Option(help="Of the array: a point, such as '0 mm, 0 mm, 80 mm'.")
 ]
+Curved = Annotated[
+    str | None,
+    typer.Option(
+        help="Radius of a curved wave, or one along x and one along y: '60 mm', '60 mm, inf'."
+    ),
+]
+Coherence = Annotated[
+    str | None,
+    typer.Option(help="Width over which the source is coherent, such as '0.5 mm'."),
+]
+Bandwidth = Annotated[
+    str | None,
+    typer.Option(help="Of the light, such as '4 GHz': the mean over a flat band around it."),
+]
 Frequency = Annotated[str | None, typer.Option(help="Such as '94 GHz'.")]
 Wavelength = Annotated[str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")]
 DbFloor = Annotated[float, typer.Option(help="Lowest level of the picture, dB below its peak.")]
@@ -133,6 +150,8 @@ def feeding_of(
     window: str | None,
     steering: str | None,
     focus: str | None,
+    curved: str | None,
+    coherence: str | None = None,
 ) -> dict[str, str | None]:
     """The texts of these options by their names."""
     return {
@@ -141,4 +160,6 @@ def feeding_of(
         "window": window,
         "steering": steering,
         "focus": focus,
+        "curved": curved,
+        "coherence": coherence,
     }

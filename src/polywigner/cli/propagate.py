@@ -27,6 +27,7 @@ from polywigner.cli.sources import (
 )
 from polywigner.cli.where import Place, parse_place, place_text
 from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_frequency
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,6 +55,7 @@ def run_propagate(
     wavelength: str | None,
     reading: Reading,
     feeding: Mapping[str, str | None],
+    bandwidth: str | None,
     engine: str,
     precision: str | None,
     floor_db: float,
@@ -97,6 +99,7 @@ def run_propagate(
     place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))
     how = {
         "quantity": "amplitude" if amplitude else "irradiance",
+        "bandwidth": None if bandwidth is None else parse_frequency(bandwidth),
         "tolerance": accuracy,
         "engine": engine,
         "precision": precision,

@@ -21,6 +21,7 @@ from polywigner.cli.sources import (
 )
 from polywigner.cli.where import parse_box, parse_levels, parse_shape, shown
 from polywigner.errors import ArgumentError
+from polywigner.quantities import parse_frequency
 
 __all__ = ["run_verify", "run_volume"]
 
@@ -54,6 +55,7 @@ def run_volume(
     wavelength: str | None,
     reading: Reading,
     feeding: Mapping[str, str | None],
+    bandwidth: str | None,
     chunks: str | None,
     threads: int | None,
     scheduler: str | None,
@@ -87,6 +89,7 @@ def run_volume(
     sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
     asked = wavelength_from(frequency, wavelength)
+    band = None if bandwidth is None else parse_frequency(bandwidth)
     stem = output_stem(out, Path(source).stem)
     # the store is written in any case
     suffixes = tuple(suffix for suffix in format_suffixes(formats) if suffix != ".zarr")
@@ -113,6 +116,7 @@ def run_volume(
     check_wavelength(length, outline_of(radiator).diameter)
     for method in wanted:  # before the first is computed
         how: dict[str, Any] = {"engine": engine, "precision": precision, "tolerance": accuracy}
+        how |= {"bandwidth": band}
         checked_settings(length, cast(FieldOptions, how | method.options))
     nx, ny, nz = count or samples_of_box(radiator, corners, length)
     fields, written = {}, []
@@ -131,6 +135,7 @@ def run_volume(
             threads=threads,
             scheduler=scheduler,
             tolerance=accuracy,
+            bandwidth=band,
             **options,
         )
         fields[method.name] = found[method.method]

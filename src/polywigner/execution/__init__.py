@@ -17,6 +17,7 @@ module               what is in it
 ``sums``             weighted sums over places, for many points
 ``grids``            frequencies on a grid, from its axes
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
+``drjit_linear``     components of several points, and points of components
 ``drjit_points``     components of points of any kind, and ``drjit_results`` results of that kind
 ``drjit_hosted``     Dr.Jit arrays in and out of sums that the host adapts to each point
 ``hosted_slopes``    the same with derivatives that the host computes as well
@@ -43,6 +44,7 @@ from polywigner.execution.choice import (
 )
 from polywigner.execution.drjit_arrays import evaluate_traced
 from polywigner.execution.drjit_hosted import evaluate_hosted
+from polywigner.execution.drjit_linear import PointKind, components_of_all
 from polywigner.execution.drjit_points import (
     combined_points,
     host_points,
@@ -52,7 +54,7 @@ from polywigner.execution.drjit_points import (
 )
 from polywigner.execution.drjit_results import product_of_complex, times_complex
 from polywigner.execution.end_slopes import with_end_slopes
-from polywigner.execution.evaluation import evaluate, explained
+from polywigner.execution.evaluation import Shear, evaluate, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted_slopes import TracedField, hosted_field
@@ -97,8 +99,10 @@ __all__ = [
     "NumpyOperations",
     "Parameter",
     "Parameters",
+    "PointKind",
     "Precision",
     "ScalarOperations",
+    "Shear",
     "Traced",
     "TracedField",
     "UnrolledOperations",
@@ -107,6 +111,7 @@ __all__ = [
     "checked_precision",
     "combined_points",
     "complex_numbers",
+    "components_of_all",
     "evaluate",
     "evaluate_hosted",
     "evaluate_on_grid",

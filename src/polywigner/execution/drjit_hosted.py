@@ -49,12 +49,14 @@ def evaluate_hosted(
         )
     is_tensor = drjit.is_tensor_v(points)
     own = tuple(points.shape)
+    if dimension == 1 and len(own) == 1 and not is_tensor:  # one component: a Float
+        own = (1, *own)
     if own[-1 if is_tensor else 0] != dimension or not (is_tensor or len(own) == 2):
         raise ArgumentError(
             f"expected {name} with {dimension} components, got {type(points).__name__} of shape "
             f"{own}; use Array{dimension}f, components first, or a tensor (..., {dimension})"
         )
-    host = np.array(points.numpy(), np.float64)
+    host = np.array(points.numpy(), np.float64).reshape(own)
     found = compute(host if is_tensor else host.T, precision="double" if double else "single")
     parts = found if isinstance(found, tuple) else (found,)
     tensor = (type(points), own[:-1]) if is_tensor else None

@@ -6,7 +6,7 @@ Memory is bounded by the result plus one chunk: broadcast arguments are never ex
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,6 +34,7 @@ __all__ = ["evaluate", "explained"]
 _ROW_BLOCK = 1 << 18
 
 Array = npt.NDArray[Any]
+Shear = Callable[[Sequence[Array]], Sequence[Array]]
 
 
 def evaluate(
@@ -45,11 +46,13 @@ def evaluate(
     engine: str,
     outputs: int,
     into: Sequence[Array] | None = None,
+    shear: Shear | None = None,
 ) -> tuple[Array, ...]:
     """Results of a kernel for float64 or float32 components that broadcast to one shape.
 
     Arguments enter the frame in float64 whatever the precision of the sums. ``into``: arrays of
-    that shape and precision for the results, such as both parts of a complex one.
+    that shape and precision for the results, such as both parts of a complex one. ``shear``: to
+    the components that are meant, from those given; where slices are listed, block by block.
     """
     shape = np.broadcast_shapes(*(c.shape for c in components))
     dtype = np.float64 if double else np.float32
@@ -58,6 +61,11 @@ def evaluate(
         return results
     call = _call_of(kernel, source, components, double, engine)
     chosen = planned(call.request)
+    if shear is not None:
+        if chosen.way.name not in (LISTED, LISTED_COMPILED) or _one_place(call):
+            how: Any = {"double": double, "engine": engine, "outputs": outputs, "into": results}
+            return evaluate(kernel, source, shear(components), **how)
+        call = replace(call, shear=shear)
     if chosen.way.name == GRID:
         assert call.grid is not None
         call.grid.fill(results, _by_points(kernel, call.tables, components[:-2], double))
@@ -89,6 +97,11 @@ class _Call:
     """These pairs with each place a row, where slices are those of places."""
     grid: GridPlan | None
     request: Request
+    shear: Shear | None = None
+
+
+def _one_place(call: _Call) -> bool:
+    return call.by_places is None or call.by_places.rows == 1
 
 
 def _call_of(
@@ -146,7 +159,8 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     if name in (LISTED, LISTED_COMPILED):
         assert call.pairs is not None and call.by_places is not None
         targets = _targets(call.pairs, call.by_places, results)
-        return _by_parts(compute, call.kernel.tables(call.source, True), call.by_places, targets)
+        exact = call.kernel.tables(call.source, True)
+        return _by_parts(compute, exact, call.by_places, targets, call.shear)
     if name == POINTS_LISTED:
         assert isinstance(compute, OnNumpy)
         return compute.listed(call.kernel.tables(call.source, True), call.components, results)
@@ -187,14 +201,19 @@ def _targets(pairs: Pairs, by_places: Pairs, results: Sequence[Array]) -> list[A
 
 
 def _by_parts(
-    compute: OnNumpy | OnDrjit, exact: Tables, pairs: Pairs, targets: Sequence[Array]
+    compute: OnNumpy | OnDrjit,
+    exact: Tables,
+    pairs: Pairs,
+    targets: Sequence[Array],
+    shear: Shear | None,
 ) -> Launched:
     """The slice of each place listed once, from tables in double precision."""
     shared, host = _listed_by(compute.kernel), NumpyOperations(double=True)
     assert shared is not None
     size = compute.shared_block if pairs.rows > 1 else _ROW_BLOCK
     for block in pairs.blocks(size):
-        inner = compute.entered(pairs.block(*block))
+        arguments = pairs.block(*block)
+        inner = compute.entered(arguments if shear is None else shear(arguments))
         count = len(range(*block[0].indices(pairs.rows)))
         place = (np.broadcast_to(np.ravel(p), count) for p in inner[shared.place])
         (owners, table), is_real = shared.parts(host, exact, *place)

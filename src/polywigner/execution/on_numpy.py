@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -161,14 +161,23 @@ class OnNumpy:
         """Results for rows and columns in the frame, the parts of row k at ``ends[k:k + 2]``."""
         inner = tuple(np.asarray(a, self.ops.dtype) for a in inner)
         rows, columns = np.broadcast_shapes((len(ends) - 1, 1), *(a.shape for a in inner))
-        nu = [np.broadcast_to(f, (1, columns)) for f in inner[shared.frequency]]
-        run = shared.summed(self.ops, table.shape[1], is_real, *nu)
+        own = max(np.shape(f)[0] for f in inner[shared.frequency])  # rows, if each has its own
+        nu = [np.broadcast_to(f, (own, columns)) for f in inner[shared.frequency]]
+        run = shared.summed(self.ops, table.shape[1], is_real, *(f[:1, :1] for f in nu))
         sums = [np.zeros((rows, columns), self.ops.dtype) for _ in range(run.values)]
         table = table.astype(self.ops.dtype)
         with np.errstate(invalid="ignore", over="ignore"):
             for some in _slices(columns, CHUNK):
-                run = shared.summed(self.ops, table.shape[1], is_real, *(f[:, some] for f in nu))
-                _sum_parts(run, ends, table, [total[:, some] for total in sums])
+                at = [f[:, some] for f in nu]
+                run = shared.summed(self.ops, table.shape[1], is_real, *at)
+
+                def run_of(mine: Any, at: Any = at, run: PartSum = run) -> PartSum:
+                    if own == 1:
+                        return run
+                    rows = (f[mine] for f in at)
+                    return shared.summed(self.ops, table.shape[1], is_real, *rows)
+
+                _sum_parts(run_of, ends, table, [total[:, some] for total in sums])
             # what lies at infinity or is not a number is so in the result
             for argument in (*inner[shared.place], *nu):
                 if not np.isfinite(argument).all():
@@ -181,16 +190,19 @@ def _slices(length: int, step: int) -> Iterator[slice]:
     return (slice(k, k + step) for k in range(0, length, step))
 
 
-def _sum_parts(run: PartSum, ends: Array, table: Array, sums: Sequence[Array]) -> None:
+def _sum_parts(
+    run_of: Callable[[Any], PartSum], ends: Array, table: Array, sums: Sequence[Array]
+) -> None:
     """Fill in the sums (rows, columns) over each row's parts.
 
-    Rows with as many parts are taken together, so that nothing is computed in vain.
+    Rows with as many parts are taken together, so that nothing is computed in vain. ``run_of``:
+    (numbers of rows) -> how to sum at their frequencies.
     """
     counts = np.diff(ends)
     for count in np.unique(counts[counts > 0]):
         (rows,) = np.nonzero(counts == count)
         for some in _slices(len(rows), max(1, CHUNK // (sums[0].shape[1] * count))):
             parts = table[ends[rows[some]] + np.arange(count)[:, None]]
-            terms = run.term(*np.moveaxis(parts, -1, 0)[..., None])
+            terms = run_of(rows[some]).term(*np.moveaxis(parts, -1, 0)[..., None])
             for total, found in zip(sums, terms, strict=True):
                 total[rows[some]] = found.sum(axis=0)

@@ -12,12 +12,12 @@ __all__ = ["needed"]
 _SOURCE = frozenset({"rings", "unit", "wave", "taper", "array", "window", "steering"})
 _NEEDS: Mapping[str, frozenset[str]] = {
     "fourier": _SOURCE | {"reach", "part"},
-    "wigner_nu": _SOURCE | {"x", "reach"},
-    "wigner_x": _SOURCE | {"nu"},
-    "otf": _SOURCE | {"defocus"},
+    "wigner_nu": _SOURCE | {"x", "reach", "coherence"},
+    "wigner_x": _SOURCE | {"nu", "coherence"},
+    "otf": _SOURCE | {"defocus", "coherence"},
     "far": _SOURCE | {"reach"},
     "near": _SOURCE | {"distance", "order"},
-    "values": _SOURCE | {"x", "nu"},
+    "values": _SOURCE | {"x", "nu", "coherence"},
 }
 _PLAIN = State()
 _NAMES = tuple(field.name for field in fields(State))

@@ -36,8 +36,13 @@ class Result:
         return self.value.samples == final_samples(state, self.name)
 
 
-def stages(name: str, edges: int) -> tuple[int, ...]:
-    """The samples along each axis that a picture of a source of so many edges is shown with."""
+def stages(name: str, edges: int, partly: bool = False) -> tuple[int, ...]:
+    """The samples along each axis that a picture of a source of so many edges is shown with.
+
+    ``partly``: of one that is partly coherent.
+    """
+    if partly and name in ("wigner_nu", "wigner_x"):
+        return (_COARSE // 2, 2 * _COARSE)
     if name == "near":
         return (16, 48, 128) if edges <= _EDGES_OF_FINE_RAYS else (16, 32)
     return (views.SAMPLES,) if edges <= _EDGES_AT_ONCE else (_COARSE, views.SAMPLES)
@@ -45,15 +50,15 @@ def stages(name: str, edges: int) -> tuple[int, ...]:
 
 def final_samples(state: State, name: str) -> int:
     """The samples along each axis that a picture is shown with in the end."""
-    return stages(name, views.edges_of(state))[-1]
+    return stages(name, views.edges_of(state), state.coherence > 0)[-1]
 
 
-def queue(names: tuple[str, ...], edges: int) -> list[tuple[str, int]]:
+def queue(names: tuple[str, ...], edges: int, partly: bool = False) -> list[tuple[str, int]]:
     """Views in the order in which they are computed, with their samples along an axis (or 0)."""
     todo: list[tuple[int, str, int]] = []
     for name in names:
         if name in views.PICTURES:
-            todo += [(k, name, n) for k, n in enumerate(stages(name, edges))]
+            todo += [(k, name, n) for k, n in enumerate(stages(name, edges, partly))]
         else:
             todo.append((0, name, 0))
     return [(name, samples) for _, name, samples in sorted(todo, key=lambda entry: entry[0])]
@@ -71,7 +76,7 @@ def results(state: State, names: tuple[str, ...]) -> Iterator[Result | None]:
     except PolywignerError as error:
         yield Result("source", error=str(error))
         return
-    for name, samples in queue(names, views.edges_of(state)):
+    for name, samples in queue(names, views.edges_of(state), state.coherence > 0):
         if name == "near":
             yield from _near_results(state, samples)
         else:

@@ -50,6 +50,9 @@ def _source_lines(state: State) -> list[str]:
             "",
             f"source = fed(source, {feeding!r}, wavelength)",
         ]
+    if state.coherence:
+        width = state.metres(state.coherence)
+        lines.append(f"light = source.partially_coherent({width!r})")
     return [*lines, ""]
 
 
@@ -67,6 +70,7 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
     x, y = (state.metres(v) for v in state.x)
     nu = tuple(v * state.per_metre for v in state.nu)
     centre = windows.position_window(state)
+    light = "light" if state.coherence else "source"
     if name == "fourier":
         return [
             *_axis_lines(windows.frequency_half(state), count),
@@ -75,17 +79,17 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
     if name == "wigner_nu":
         return [
             *_axis_lines(windows.frequency_half(state), count),
-            f"values = pw.wigner(source, ({x!r}, {y!r}), grid, {engine})  # m^2",
+            f"values = pw.wigner({light}, ({x!r}, {y!r}), grid, {engine})  # m^2",
         ]
     if name == "wigner_x":
         return [
             *_axis_lines(centre[2], count, *centre[:2]),
-            f"values = pw.wigner(source, grid, {nu!r}, {engine})  # m^2",
+            f"values = pw.wigner({light}, grid, {nu!r}, {engine})  # m^2",
         ]
     if name == "otf":
         return [
             *_axis_lines(windows.lag_half(state), count),
-            f"values = pw.otf(source, grid, {state.defocus!r}, {engine})",
+            f"values = pw.otf({light}, grid, {state.defocus!r}, {engine})",
         ]
     if name == "near":
         return [

@@ -23,6 +23,7 @@ __all__ = [
     "aperture_of",
     "check_size",
     "check_upload",
+    "light_of",
     "polygons_of",
     "source_of",
     "state_of_file",
@@ -37,6 +38,9 @@ tenth."""
 
 MOST_ELEMENTS = 256
 """Most elements of an array: one visitor's picture must not keep the others waiting for long."""
+
+# Of the source's longer side: W of less is a sum over more than a thousand tilts.
+_LEAST_COHERENCE = 0.1
 
 _SUFFIXES = (".geojson", ".json", ".wkt", ".csv", ".svg", ".dxf", ".txt")
 
@@ -110,6 +114,26 @@ def source_of(state: State) -> Source:
     PolywignerError for what is no polygon, or cannot be fed so.
     """
     return _source(state.rings, state.per_metre, feeding_of(state), state.wavelength)
+
+
+def light_of(state: State) -> Source | pw.Wavefront:
+    """The source, coherent over the chosen width.
+
+    Raises
+    ------
+    ArgumentError for a width so small that a picture of W takes seconds.
+    """
+    source = source_of(state)
+    if state.coherence == 0:
+        return source
+    width = state.metres(state.coherence)
+    low, high = np.reshape(source.bounds, (2, 2))
+    if not width >= _LEAST_COHERENCE * (high - low).max():
+        raise ArgumentError(
+            f"expected a width of coherence of at least a tenth of the source in the page, got "
+            f"{state.coherence:g} {state.unit}; use polywigner.wigner for less"
+        )
+    return source.partially_coherent(width)
 
 
 def feeding_of(state: State) -> tuple[tuple[str, str], ...]:

@@ -31,6 +31,7 @@ LARGEST_QUERY = 48 * 1024
 """Bytes of a link: of a thousand vertices with all their digits."""
 
 _LONGEST_TEXT = 100
+_FROM_ZERO = ("coherence", "distance", "reach", "snap")
 _LARGEST = 1e12  # of any number, in units: nothing overflows in squares
 _SQUARE: tuple[Ring, ...] = (((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)),)
 
@@ -59,6 +60,8 @@ class State:
     """The chosen position, in units."""
     nu: Point = (0.0, 0.0)
     """The chosen spatial frequency, in cycles per unit."""
+    coherence: float = 0.0
+    """Width over which the source is coherent, in units; 0: all of it."""
     defocus: float = 0.0
     """W20 at the farthest vertex, in waves."""
     distance: float = 50.0
@@ -82,7 +85,7 @@ class State:
         object.__setattr__(self, "rings", _checked_rings(self.rings))
         for name in ("x", "nu"):
             object.__setattr__(self, name, _checked_point(name, getattr(self, name)))
-        for name, low in (("defocus", -_LARGEST), ("distance", 0), ("reach", 0), ("snap", 0)):
+        for name, low in (("defocus", -_LARGEST), *((n, 0) for n in _FROM_ZERO)):
             object.__setattr__(self, name, _checked_number(name, getattr(self, name), low))
         if not self.distance > 0 or self.reach > 1:
             raise ArgumentError("expected a distance above zero, and a reach of at most 1")

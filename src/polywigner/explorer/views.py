@@ -21,7 +21,7 @@ from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.execution import Engine
 from polywigner.explorer import windows
 from polywigner.explorer.needs import needed
-from polywigner.explorer.sources import source_of
+from polywigner.explorer.sources import light_of, source_of
 from polywigner.explorer.state import State
 from polywigner.figures.differences import difference_db
 from polywigner.geometry import Aperture
@@ -162,7 +162,7 @@ def wigner_at_position(state: State, samples: int = SAMPLES) -> Picture:
     """W(x, nu) over nu at the chosen position, in m^2."""
     half = windows.frequency_half(state)
     grid = windows.square(half, samples)
-    values = pw.wigner(source_of(state), _position(state), grid, engine=ENGINE)
+    values = pw.wigner(light_of(state), _position(state), grid, engine=ENGINE)
     return Picture("wigner_nu", (0.0, 0.0), half, "1/m", {"W": values}, "m²")
 
 
@@ -170,7 +170,7 @@ def wigner_at_frequency(state: State, samples: int = SAMPLES) -> Picture:
     """W(x, nu) over x at the chosen spatial frequency, in m^2."""
     x, y, half = windows.position_window(state)
     grid = windows.square(half, samples, x, y)
-    values = pw.wigner(source_of(state), grid, _frequency(state), engine=ENGINE)
+    values = pw.wigner(light_of(state), grid, _frequency(state), engine=ENGINE)
     return Picture("wigner_x", (x, y), half, "m", {"W": values}, "m²")
 
 
@@ -178,7 +178,7 @@ def transfer(state: State, samples: int = SAMPLES) -> Picture:
     """OTF over lags with the chosen defocus, complex, without unit: A(-2 w xi/a^2, xi)/A(0, 0)."""
     half = windows.lag_half(state)
     grid = windows.square(half, samples)
-    values = pw.otf(source_of(state), grid, state.defocus, engine=ENGINE)
+    values = pw.otf(light_of(state), grid, state.defocus, engine=ENGINE)
     return Picture("otf", (0.0, 0.0), half, "m", {"OTF": values}, "")
 
 
@@ -259,11 +259,12 @@ def far_field(state: State) -> Cuts:
 
 def values_at(state: State) -> dict[str, tuple[complex, str]]:
     """Exact values at the chosen position and frequency: name -> (value, unit)."""
-    source, x, nu = source_of(state), _position(state), _frequency(state)
+    source, light = source_of(state), light_of(state)
+    x, nu = _position(state), _frequency(state)
     return {
         "F(ν)": (complex(pw.fourier(source, nu, engine=ENGINE)), "m²"),
-        "W(x, ν)": (complex(pw.wigner(source, x, nu, engine=ENGINE)), "m²"),
-        "W(x, 0)": (complex(pw.position_marginal(source, x, engine=ENGINE)), "m²"),
+        "W(x, ν)": (complex(pw.wigner(light, x, nu, engine=ENGINE)), "m²"),
+        "W(x, 0)": (complex(pw.position_marginal(light, x, engine=ENGINE)), "m²"),
         "∫|u|² dx": (complex(pw.lag_marginal(source, (0.0, 0.0), engine=ENGINE)), "m²"),
     }
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 import polywigner as pw
 from polywigner.errors import ArgumentError
 from polywigner.illumination.support import mutual_support
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = [
     "LARGEST_SAMPLES",
@@ -37,7 +38,7 @@ class TransformSlices:
     (frequency[i], frequency[j]). ``frequency`` (n,) in 1/m is the axis of nu and of upsilon.
     """
 
-    source: pw.Aperture | pw.Array
+    source: pw.Aperture | pw.Array | pw.Wavefront
     aperture: pw.Aperture
     """The outline of the source: of an array, that of all elements."""
     support: pw.Aperture
@@ -52,7 +53,7 @@ class TransformSlices:
 
 
 def transform_slices(
-    source: pw.Aperture | pw.Array,
+    source: pw.Aperture | pw.Array | pw.Wavefront,
     x: ArrayLike | None = None,
     xi: ArrayLike | None = None,
     wavelength: float | None = None,
@@ -62,7 +63,8 @@ def transform_slices(
 
     Parameters
     ----------
-    source : an aperture with its field, or an array of apertures in the plane z = 0; metres.
+    source : an aperture with its field, or an array of apertures in the plane z = 0; or one with a
+        curved wave; metres.
     x : (2,) m, inside the automean; None: the middle of the bounds where that is inside, else a
         point inside.
     xi : (2,) m, a lag at which the aperture overlaps itself; None: a quarter of the width, or of
@@ -82,7 +84,7 @@ def transform_slices(
         raise ArgumentError(
             f"expected at most {LARGEST_SAMPLES} samples along an axis, got {samples}; use fewer"
         )
-    aperture, support = outline_of(source), mutual_support(source)
+    aperture, support = outline_of(source), mutual_support(flat_of(source))
     position = default_position(support, aperture.centre) if x is None else _point(x)
     lag = _default_lag(aperture) if xi is None else _point(xi)
     _check_supports(aperture, support, position, lag)
@@ -103,8 +105,12 @@ def transform_slices(
     )
 
 
-def outline_of(source: pw.Aperture | pw.Array) -> pw.Aperture:
-    """The aperture itself, or the union of an array's elements; ArgumentError for others."""
+def outline_of(source: pw.Aperture | pw.Array | pw.Wavefront) -> pw.Aperture:
+    """The aperture itself, or the union of an array's elements; ArgumentError for others.
+
+    Of a source with a curved wave that of its flat source.
+    """
+    source = flat_of(source)
     if isinstance(source, pw.Aperture):
         return source
     if not isinstance(source, pw.Array) or source.dimension == 1:
@@ -113,7 +119,7 @@ def outline_of(source: pw.Aperture | pw.Array) -> pw.Aperture:
     return source.support
 
 
-def _in_plane(source: pw.Aperture | pw.Array) -> pw.Aperture | pw.Array:
+def _in_plane(source: Any) -> Any:
     """A source whose Fourier transform takes two-component nu."""
     if isinstance(source, pw.Array) and source.dimension == 3:
         return pw.Array(source.elements_in_plane, source.weights)

@@ -23,6 +23,7 @@ from polywigner.figures.style import (
     signed_ticks,
 )
 from polywigner.illumination.support import mutual_support
+from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,7 +83,7 @@ def system_slices(
         raise ArgumentError(
             f"expected from 2 to {LARGEST_SAMPLES} samples along an axis, got {samples}"
         )
-    aperture, support = outline_of(source), mutual_support(source)
+    aperture, support = outline_of(source), mutual_support(flat_of(source))
     middle = np.array(default_position(support, aperture.centre))
     xmin, ymin, xmax, ymax = support.bounds
     width = np.array([xmax - xmin, ymax - ymin])

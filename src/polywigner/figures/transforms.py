@@ -25,6 +25,7 @@ from polywigner.figures.style import (
     write_title,
 )
 from polywigner.figures.systems import SystemSlices, draw_system_panels
+from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +93,7 @@ def draw_transforms(
 
 def _draw_supports(axes: Axes, slices: TransformSlices, unit: LengthUnit) -> None:
     support = slices.support.polygons
-    array = isinstance(slices.source, pw.Array)
+    array = isinstance(flat_of(slices.source), pw.Array)
     names = ("W is 0 outside", "elements") if array else ("automean", "aperture")
     overlap = pw.position_slice(slices.aperture, slices.xi)
     draw_polygons(axes, support, unit, facecolor=_TINT, edgecolor="none", label=names[0])

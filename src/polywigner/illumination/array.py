@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Sequence
 from functools import cached_property
-from typing import Any, NoReturn, final
+from typing import Any, NoReturn, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ from polywigner.geometry.grid import union_on_grid
 from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.wavefront import Wavefront, with_coherence, with_curvature
 from polywigner.illumination.copies import shifted_copies
+from polywigner.illumination.curved_arrays import array_of_waves, copies_of_wave, has_waves
 from polywigner.illumination.elements import Element, checked_elements, in_plane, placed
 from polywigner.illumination.sites import Sites, checked_sites, checked_weights
 
@@ -38,7 +39,8 @@ class Array:
     ----------
     elements
         Sources of one space: Slits alone, or any mix of apertures, placed apertures and polyhedra.
-        Apertures without a pose lie in the plane z = 0.
+        Apertures without a pose lie in the plane z = 0. Of elements with curved waves of one
+        curvature, in a list, it is a :class:`Wavefront` on the array of all.
     weights
         (n,) complex amplitude of each element; default: all 1.
 
@@ -64,11 +66,27 @@ class Array:
     repeated: tuple[Aperture | Slits, NDArray[np.float64]] | None
     """The one element and the positions (n, d) of its copies, if made by `phased_array`."""
 
+    def __new__(cls, elements: Any = (), weights: Any = None) -> Any:
+        """An array; of elements with curved waves of one curvature a curved wave on an array."""
+        if has_waves(elements):
+            return array_of_waves(Array, elements, weights)
+        return object.__new__(cls)
+
     def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
         found = checked_elements(elements)
         self.__dict__["elements"] = found
         self.__dict__["weights"] = checked_weights(weights, len(found))
         self.__dict__["repeated"] = None
+
+    @classmethod
+    def _repeated(
+        cls, element: Aperture | Slits, places: NDArray[np.float64], weights: NDArray[Any]
+    ) -> Array:
+        """Copies of an element at places (n, d), with weights (n,) that are checked already."""
+        array: Array = object.__new__(cls)
+        array.__dict__["repeated"] = (element, places)
+        array.__dict__["weights"] = weights
+        return array
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
@@ -239,9 +257,23 @@ class Array:
         return f"Array({counts}, {uniform})"
 
 
+@overload
 def phased_array(
     element: Aperture | Slits, positions: ArrayLike, weights: ArrayLike | None = None
-) -> Array:
+) -> Array: ...
+
+
+@overload
+def phased_array(
+    element: Wavefront, positions: ArrayLike, weights: ArrayLike | None = None
+) -> Wavefront: ...
+
+
+def phased_array(
+    element: Aperture | Slits | Wavefront,
+    positions: ArrayLike,
+    weights: ArrayLike | None = None,
+) -> Array | Wavefront:
     """One element many times: copies of it, its field included, shifted to the positions.
 
     The same field as `Array([element.moved(p) for p in positions], weights)`, at a fraction of the
@@ -249,7 +281,8 @@ def phased_array(
 
     Parameters
     ----------
-    element : an Aperture, or Slits, with its own illumination.
+    element : an Aperture, or Slits, with its own illumination; or one with a curved wave, of which
+        each copy has its own, tilted one: an array of any elements behind one curved wave.
     positions : (n, d) shifts in m, d = 2 for an aperture; for slits (n, 1) or (n,).
     weights : (n,) complex; default: all 1.
 
@@ -263,6 +296,9 @@ def phased_array(
     >>> len(pw.phased_array(pw.shapes.square(1.5e-3), places))
     64
     """
+    if isinstance(element, Wavefront):
+        found = checked_sites(positions, weights, element.dimension)
+        return copies_of_wave(Array, element, *found)
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(
             f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "
@@ -270,7 +306,4 @@ def phased_array(
         )
     dimension = 1 if isinstance(element, Slits) else 2
     places, amplitudes = checked_sites(positions, weights, dimension)
-    array = object.__new__(Array)
-    array.__dict__["repeated"] = (element, places)
-    array.__dict__["weights"] = amplitudes
-    return array
+    return Array._repeated(element, places, amplitudes)

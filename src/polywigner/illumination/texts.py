@@ -16,18 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, QuantityError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import layouts, tapers
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.directions import unit_vector
-from polywigner.illumination.files.values import at, shown
+from polywigner.illumination.files.values import at, radius_of, shown
 from polywigner.illumination.waves import Illumination
 from polywigner.illumination.weights import focusing_weights, steering_weights, window_weights
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
 __all__ = ["FEEDING", "direction", "fed"]
 
-FEEDING = ("taper", "array", "window", "steering", "focus")
+FEEDING = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
 """Names that :func:`fed` knows."""
 
 _LONGEST = 100
@@ -62,8 +62,11 @@ def fed(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
         - `steering`: a beam towards (theta, phi): "20 deg", "20 deg, 90 deg"; of an array by the
           weights of its elements, of an aperture by its field
         - `focus`: a point (x, y, z) at which the waves of all elements are in phase
+        - `curved`: the radius of a curved wave about the middle of the source, or one along x and
+          one along y: "60 mm", "60 mm, inf", "-80 mm" (towards a focus)
+        - `coherence`: the width over which the source is coherent: "0.5 mm"
     wavelength
-        In metres, for steering and focus.
+        In metres, for steering, focus and curved waves.
 
     Raises
     ------
@@ -88,7 +91,26 @@ def fed(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
         if name in texts:
             with at(name):
                 source = _turned(source, name, texts[name], wavelength)
+    if "curved" in texts:
+        with at("curved"):
+            source = _curved(source, texts["curved"], wavelength)
+    if "coherence" in texts:
+        with at("coherence"):
+            source = source.partially_coherent(parse_length(texts["coherence"]))
     return source
+
+
+def _curved(source: Any, text: str, wavelength: float | None) -> Wavefront:
+    if wavelength is None:
+        raise ArgumentError("expected a frequency or a wavelength with it, got none")
+    radii = [radius_of(part) for part in _parts(text)]
+    if len(radii) not in (1, 2) or not isinstance(source, Aperture | Array):
+        raise QuantityError(
+            'expected a radius, or two, of an aperture or array, such as "60 mm" or "60 mm, inf", '
+            f"got {shown(text)} of {type(source).__name__}"
+        )
+    low, high = np.reshape(source.bounds, (2, -1))
+    return source.curved(radii[0] if len(radii) == 1 else radii, wavelength, (low + high) / 2)
 
 
 def _taper(text: str, aperture: Aperture) -> Illumination:
@@ -147,6 +169,8 @@ def _turned(source: Any, name: str, text: str, wavelength: float | None) -> Any:
     if wavelength is None:
         raise ArgumentError("expected a frequency or a wavelength with it, got none")
     array = isinstance(source, Array)
+    if isinstance(source, Wavefront):
+        raise ArgumentError("expected a source with a flat wave, got a curved one; steer it before")
     if array and source.repeated is None:
         raise ArgumentError(
             "expected an aperture or a phased array of equal elements, got an array of any "

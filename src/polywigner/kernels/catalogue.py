@@ -12,7 +12,7 @@ from polywigner.kernels.arrays import distant_sums, lattice_arrays, scattered_ar
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.distant_parts import distant_parts
 from polywigner.kernels.functions import line, plane, products, simplices, space
-from polywigner.kernels.functions.moments import LAG_MOMENTS
+from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 
@@ -32,6 +32,7 @@ _KERNELS: dict[tuple[str, type], Kernel] = {
     ("wigner", Slits): line.WIGNER,
     ("wigner", Aperture): plane.WIGNER,
     ("lag moments", Aperture): LAG_MOMENTS,
+    ("lag moments along", Aperture): LAG_MOMENTS_ALONG,
     ("ambiguity", Slits): line.AMBIGUITY,
     ("ambiguity", Aperture): plane.AMBIGUITY,
     ("position_marginal", Slits): line.POSITION_MARGINAL,

@@ -28,6 +28,7 @@ from polywigner.errors import SceneError
 from polywigner.mitsuba.emitter_sampling import sampled_emitter_class, spectrum
 from polywigner.mitsuba.exact import FIXED, ExactField
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.mixtures import DrawnWaves, Wave
 from polywigner.mitsuba.numbers import opaque
 from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.mitsuba.parameters import EmitterSpec, check_range
@@ -84,6 +85,7 @@ def emitter_class(variant: str) -> Any:
             self._source = radiator.centred
             self._is_dispersive = depends_on_wavelength(self._source, spec.obliquity)
             self._sum = self._sum_at(wavelength)
+            self._waves = DrawnWaves(m, spec.mixture)
             self._traced = TracedSource(m, radiator)
             self._exact: Any = None
             self._cells: Any = None
@@ -180,14 +182,17 @@ def emitter_class(variant: str) -> Any:
 
         # ---- the radiance --------------------------------------------------------------------
 
-        def _radiance(self, x: Any, direction: Any) -> Any:
+        def _wave(self, x: Any, place: Any) -> Wave:
+            """The wave of the sample at x (2D) for a receiver at a point, or into a direction."""
+            return self._waves.wave(1.0 / _value(self.wavelength, jit), x, place)
+
+        def _radiance(self, x: Any, direction: Any, wave: Wave) -> Any:
             """L at positions x (2D) and directions (3D unit vectors) of the aperture's frame.
 
             Positions are in scene units, as everything that Mitsuba sees.
             """
-            inverse = 1.0 / _value(self.wavelength, jit)
             own = self._traced.wigner if self._follows() else None
-            return self._scale(inverse) * self._sum.at(x, direction, inverse, own)
+            return self._scale(wave.inverse) * self._sum.at(x, direction, wave, own)
 
         def _irradiance(self, point: Any) -> Any:
             """|U|^2 at a point in front, in the frame and in scene units, in W/m^2."""
@@ -196,12 +201,11 @@ def emitter_class(variant: str) -> Any:
             found = self._exact.intensity(point, self._unit)
             return found * (_value(self.power, jit) / self.spec.radiator.energy)
 
-        def _intensity(self, direction: Any) -> Any:
+        def _intensity(self, direction: Any, wave: Wave) -> Any:
             """The integral of L over positions: radiance times area."""
-            inverse = 1.0 / _value(self.wavelength, jit)
             own = self._traced.intensity if self._follows() else None
-            in_scene = self._scale(inverse) / self._unit**2
-            return in_scene * self._sum.integral(direction, inverse, own)
+            in_scene = self._scale(wave.inverse) / self._unit**2
+            return in_scene * self._sum.integral(direction, wave, own)
 
         def _follows(self) -> bool:
             """Whether derivatives in vertices or weights are asked of the radiance."""
@@ -217,7 +221,8 @@ def emitter_class(variant: str) -> Any:
             if not self.spec.visible:  # or unseen for a while, with a surface of its own
                 return spectrum(m, self._dark, active)
             direction = self._frame.to_own(si.to_world(si.wi))
-            return spectrum(m, self._radiance(si.uv, direction), active)
+            found = self._radiance(si.uv, direction, self._wave(si.uv, direction))
+            return spectrum(m, found, active)
 
         def bbox(self) -> Any:
             return self.get_shape().bbox()

@@ -23,8 +23,8 @@ def spectrum(m: Any, value: Any, active: Any) -> Any:
 def sampled_emitter_class(variant: str) -> Any:
     """The base of the emitter's class for one variant, which has no radiance yet.
 
-    What it is built on has ``_positions`` to draw from, ``_shifts``, its ``_frame``, ``_radiance``
-    and ``_intensity``; with the estimator ``exact``, else None,
+    What it is built on has ``_positions`` to draw from, ``_shifts``, its ``_frame``, ``_wave``,
+    ``_radiance`` and ``_intensity``; with the estimator ``exact``, else None,
     ``_cells`` in proportion to |u|^2, and ``_irradiance``.
     """
     m = getattr(mi, variant)
@@ -99,17 +99,18 @@ def sampled_emitter_class(variant: str) -> Any:
             With a control variate: less what the direction from the middle would give at these
             places, plus the integral of that, dealt out in proportion to the density of samples.
             """
-            total = 0.0
+            total, wave = 0.0, self._wave(x, it.p)
             if self.spec.control_variate:
                 middle, distance = self._seen_from(it, m.Point2f(0.0))
                 fixed = middle.z / (distance * distance) * self._cosines(it, x, middle)
-                total = self._intensity(middle) * fixed * per_area
+                total = self._intensity(middle, wave) * fixed * per_area
             for shift, weight in self._shifts:
                 place = x + shift
                 direction, distance = self._seen_from(it, place)
-                found = self._radiance(place, direction) * direction.z / (distance * distance)
+                cosine = direction.z / (distance * distance)
+                found = self._radiance(place, direction, wave) * cosine
                 if self.spec.control_variate:
-                    found = found - self._radiance(place, middle) * fixed
+                    found = found - self._radiance(place, middle, wave) * fixed
                 total = total + weight * found
             return total
 
@@ -158,13 +159,15 @@ def sampled_emitter_class(variant: str) -> Any:
             wavelengths, density = _optical_wavelengths(m, sample1)
             si = m.SurfaceInteraction3f(ps, wavelengths)
             si.time = time
-            weight = spectrum(m, self._radiance(ps.uv, direction) * share * dr.pi, active)
+            found = self._radiance(ps.uv, direction, self._wave(ps.uv, direction))
+            weight = spectrum(m, found * share * dr.pi, active)
             return si.spawn_ray(self._frame.to_scene(direction)), weight * density
 
         def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
             """For the particle tracer alone, which passes the direction in scene coordinates."""
             wavelengths, density = _optical_wavelengths(m, sample)
-            radiance = self._radiance(si.uv, self._frame.to_own(si.wi))
+            direction = self._frame.to_own(si.wi)
+            radiance = self._radiance(si.uv, direction, self._wave(si.uv, direction))
             return wavelengths, spectrum(m, radiance, active) * density
 
     return SampledEmitter

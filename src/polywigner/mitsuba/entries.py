@@ -6,7 +6,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.mitsuba.given import rigid_pose
 
@@ -15,8 +15,8 @@ __all__ = ["as_source", "pose_entry"]
 
 def as_source(given: Any) -> Any:
     """A source as it is; an Aperture of anything else. GeometryError for no outline."""
-    is_source = isinstance(given, Aperture | Array | PlacedAperture | Slits | Polyhedron)
-    return given if is_source else Aperture(given)
+    kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
+    return given if isinstance(given, kinds) else Aperture(given)
 
 
 def pose_entry(to_world: Any) -> dict[str, Any]:

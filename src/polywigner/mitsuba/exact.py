@@ -21,7 +21,7 @@ import numpy as np
 
 from polywigner.errors import IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.direction_cosines import times_direction_cosine
 from polywigner.illumination.obliquities import SHARES, warn_of_slopes
@@ -64,7 +64,7 @@ _REAL = 1e-9
 
 def check_estimator(
     name: Any,
-    source: Aperture | Array,
+    source: Any,
     wavelength: float,
     obliquity: str,
     antithetic: bool,
@@ -73,6 +73,11 @@ def check_estimator(
     """``name`` itself; SceneError for others, and for ``exact`` where it is not for this source."""
     if name not in ESTIMATORS:
         raise SceneError(f"expected an estimator, got {name!r}; use one of {', '.join(ESTIMATORS)}")
+    if isinstance(source, Wavefront) and (name == "exact" or control_variate):
+        raise SceneError(
+            'expected estimator="wigner" without control_variate for a curved wave, of which each '
+            "sample's exact field would be a sum over the aperture"
+        )
     if name == "exact":
         given = {"antithetic": antithetic, "control_variate": control_variate}
         for option in (option for option, is_on in given.items() if is_on):

@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.mitsuba.placed_sources import PlacedSource
 from polywigner.mitsuba.placement import PLACE_ERROR
@@ -59,6 +59,8 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 def coupled_share(parts: FacingParts, tolerance: float) -> float:
     """|b|^2: received over emitted power with nothing in between, both as int |u|^2.
 
+    Of partly coherent sources and of a band of frequencies its mean.
+
     Raises SceneError where the link is too much work, or too near, and where it has no boundary
     condition at both ends.
     """
@@ -67,11 +69,15 @@ def coupled_share(parts: FacingParts, tolerance: float) -> float:
     _check_obliquity(link, emitter.obliquity, receiver.obliquity)
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
+    share = 0.0
     try:
-        b = coupling(emitter.source, receiver.source, pose, emitter.wavelength, method, tolerance)
+        for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
+            for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
+                b = coupling(sent, taken, pose, wavelength, method, tolerance)
+                share += weight * other * abs(b) ** 2
     except PolywignerError as error:
         raise SceneError(f"{link}: {error}") from None
-    return float(abs(b) ** 2 * parts.share)
+    return float(share * parts.share)
 
 
 def _check_obliquity(link: str, one: str, other: str) -> None:
@@ -87,13 +93,16 @@ def _check_obliquity(link: str, one: str, other: str) -> None:
         )
 
 
-def _part_in_front(
-    source: Aperture | Array, normal: Floats, place: Floats, rounding: float
-) -> Aperture | Array | None:
+def _part_in_front(source: Any, normal: Floats, place: Floats, rounding: float) -> Any:
     """The part of a source in z = 0 in front of the plane through ``place``; itself if that is all.
 
     ``rounding``: heights of no account, in m.
     """
+    if isinstance(source, Wavefront):
+        flat = _part_in_front(source.source, normal, place, rounding)
+        if flat is None or flat is source.source:
+            return None if flat is None else source
+        return source.on(flat)
     elements = source.elements_in_plane
     parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
     if all(part is element for part, element in zip(parts, elements, strict=True)):

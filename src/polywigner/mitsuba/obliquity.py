@@ -12,9 +12,10 @@ emitter cannot know the receiver, so h is defined by that parallel floor.
 
 from __future__ import annotations
 
+from typing import Any
+
 from polywigner.errors import SceneError
-from polywigner.geometry import Aperture
-from polywigner.illumination import Array
+from polywigner.geometry import Wavefront
 from polywigner.illumination.direction_cosines import fields_of, grazing_error
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,
@@ -23,6 +24,8 @@ from polywigner.illumination.obliquities import (
     takes_slopes,
     weighted_sources,
 )
+from polywigner.propagation.far_fields import check_slopes
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = [
     "OBLIQUITIES",
@@ -42,19 +45,22 @@ def check_obliquity(name: str) -> str:
     return name
 
 
-def depends_on_wavelength(source: Aperture | Array, name: str) -> bool:
+def depends_on_wavelength(source: Any, name: str) -> bool:
     """Whether `emissions` do: if the directions of waves matter and there are oblique ones."""
-    return takes_slopes(name) and any(field is not None for field in fields_of(source))
+    fields = fields_of(flat_of(source))
+    return takes_slopes(name) and any(field is not None for field in fields)
 
 
-def emissions(
-    source: Aperture | Array, wavelength: float, name: str
-) -> list[tuple[Aperture | Array, Forms]]:
+def emissions(source: Any, wavelength: float, name: str) -> list[tuple[Any, Forms]]:
     """Sources whose W, each times h of its forms, add up to the radiance times wavelength^2.
 
-    Raises IlluminationError where nothing radiates, because all waves graze the aperture.
+    Raises IlluminationError where nothing radiates, because all waves graze the aperture, and
+    ArgumentError for an obliquity that takes the slopes of a curved wave.
     """
-    found = weighted_sources(source, check_obliquity(name), wavelength)
+    check_slopes(source, check_obliquity(name))
+    found = weighted_sources(flat_of(source), name, wavelength)
     if not any(any(forms) for _, forms in found):
         raise grazing_error(wavelength)
+    if isinstance(source, Wavefront):
+        return [(source.on(field), forms) for field, forms in found]
     return found

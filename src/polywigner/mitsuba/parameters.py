@@ -20,10 +20,11 @@ from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
+from polywigner.mitsuba.mixtures import PLAIN, Mixture, check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.radiator import Radiator, emitted_power, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
-from polywigner.quantities import parse_power
+from polywigner.quantities import parse_frequency, parse_power
 
 __all__ = [
     "PARAMETERS",
@@ -46,6 +47,7 @@ PARAMETERS = (
     "scene_unit",
     "sampling_weight",
     "visible",
+    "bandwidth",
 )
 
 # Decimal exponents of the normal numbers of single precision.
@@ -71,10 +73,12 @@ class EmitterSpec:
     control_variate: bool = False
     visible: bool = True
     """Whether rays meet its surface."""
+    mixture: Mixture = PLAIN
+    """Of its light."""
 
     @property
     def source(self) -> Aperture | Array:
-        """The source that the scene asked for."""
+        """The source that the scene asked for, in coherent light."""
         return self.radiator.source
 
 
@@ -95,12 +99,15 @@ def read_parameters(props: Any) -> EmitterSpec:
     wavelength = given.wavelength()
     scene_unit = given.scene_unit()
     antithetic = given.flag("antithetic", False)
-    radiator = radiator_of(given.source(wavelength), obliquity, antithetic)
-    power = emitted_power(radiator, wavelength, obliquity, *powers)
+    bandwidth = given.optional("bandwidth", parse_frequency)
+    source, mixture = mixture_of(given.source(wavelength), wavelength, bandwidth)
+    radiator = radiator_of(source, obliquity, antithetic)
+    power = emitted_power(radiator, wavelength, obliquity, powers[0], powers[1], mixture)
     check_range(radiator, wavelength, power, scene_unit)
     varied = given.flag("control_variate", False)
     estimator = given.text("estimator", ESTIMATORS[0])
     check_estimator(estimator, radiator.source, wavelength, obliquity, antithetic, varied)
+    check_mixture(mixture, source, wavelength, obliquity, estimator)
     return EmitterSpec(
         radiator=radiator,
         wavelength=wavelength,
@@ -113,6 +120,7 @@ def read_parameters(props: Any) -> EmitterSpec:
         sampling=check_sampling(given.text("sampling", SAMPLINGS[0])),
         control_variate=varied,
         visible=given.flag("visible", True),
+        mixture=mixture,
     )
 
 

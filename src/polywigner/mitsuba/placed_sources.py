@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.support import mirrored_source
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.mixtures import PLAIN, Mixture
 from polywigner.mitsuba.placement import matrix_of
 from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["PlacedSource", "check_match", "placed_emitter", "placed_receiver"]
 
@@ -37,6 +39,8 @@ class PlacedSource:
     obliquity: str
     scene_unit: float
     power: float = 0.0
+    mixture: Mixture = PLAIN
+    """Of its light."""
     medium: Any = None
     """Fog that the source stands in, as the sensor says; None: none."""
 
@@ -49,7 +53,13 @@ class PlacedSource:
         reflection[:3, :3] -= 2 * np.outer(normal, normal)
         reflection[:3, 3] = 2 * offset * normal
         pose = reflection @ self.pose @ _MIRROR
-        return replace(self, source=mirrored_source(self.source), pose=pose)
+        flat = mirrored_source(flat_of(self.source))
+        if not isinstance(self.source, Wavefront):
+            return replace(self, source=flat, pose=pose)
+        sign = np.array([-1.0, 1.0])  # x changes its sign
+        wave = self.source
+        mirrored = Wavefront(flat, wave.curvature * np.outer(sign, sign), wave.centre * sign)
+        return replace(self, source=mirrored, pose=pose)
 
     def points(self, places: Floats) -> Floats:
         """Places (n, 2) of its plane in space, (n, 3) in m."""
@@ -113,7 +123,15 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
     pose = np.array(spec.pose if same else rigid_pose(matrix))
     pose[:3, 3] *= spec.scene_unit
     wavelength = _single(getattr(plugin, "wavelength", spec.wavelength), spec.wavelength)
-    return PlacedSource(name, spec.source, pose, wavelength, spec.obliquity, spec.scene_unit)
+    return PlacedSource(
+        name,
+        spec.source,
+        pose,
+        wavelength,
+        spec.obliquity,
+        spec.scene_unit,
+        mixture=spec.mixture,
+    )
 
 
 def _single(value: Any, known: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -10,14 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import PolywignerError, SceneError
-from polywigner.geometry import Aperture, PlacedAperture
+from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source, mutual_support
+from polywigner.mitsuba.mixtures import PLAIN, Mixture
 from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.plans import shifts_samples
-from polywigner.propagation.far_fields import powers_of
+from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.transforms.energies import energy_of
+from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 
 __all__ = ["Radiator", "emitted_power", "radiator_of"]
 
@@ -26,7 +28,8 @@ __all__ = ["Radiator", "emitted_power", "radiator_of"]
 class Radiator:
     """A source in the plane and what an emitter has to know of it, in SI units."""
 
-    source: Aperture | Array
+    source: Any
+    """An Aperture or an Array, or one with a curved wave."""
     centre: npt.NDArray[np.float64]
     """(2,), of the region that radiates, read-only."""
     support: Aperture
@@ -38,12 +41,14 @@ class Radiator:
     up to 1; read-only."""
 
     @property
-    def centred(self) -> Aperture | Array:
+    def centred(self) -> Any:
         """The source relative to the centre.
 
         Single precision resolves positions by 6e-8 of their distance from the origin, which should
         not be more than the size of the source.
         """
+        if isinstance(self.source, Wavefront):
+            return self.source.on(moved_source(self.source.source, -self.centre), -self.centre)
         return moved_source(self.source, -self.centre)
 
 
@@ -55,13 +60,17 @@ def radiator_of(source: Any, obliquity: str, antithetic: bool = False) -> Radiat
     Raises SceneError for other sources, for those whose field is zero, and for an obliquity that is
     not known.
     """
-    if not isinstance(source, Aperture | Array):
+    if not isinstance(flat_of(source), Aperture | Array):
         raise SceneError(
             "expected an aperture, or an array of apertures in one plane, to radiate in a scene, "
             f"got {type(source).__name__}; {_advice(source)}"
         )
     check_obliquity(obliquity)
     try:
+        check_slopes(source, obliquity)
+        if isinstance(source, Wavefront):
+            flat = _prepared(checked_wavefront(source).source, antithetic)
+            return replace(flat, source=source)
         return _prepared(source, antithetic)
     except PolywignerError as error:
         raise SceneError(str(error)) from None
@@ -73,8 +82,11 @@ def emitted_power(
     obliquity: str,
     power: float | None,
     radiated_power: float | None,
+    mixture: Mixture = PLAIN,
 ) -> float:
     """The emitter's int |u|^2, in W, of either power in W; that of the field as it is for neither.
+
+    ``mixture``: what the light is, of which the radiated power is the mean.
 
     Raises SceneError for both, and for a source that radiates nothing.
     """
@@ -86,10 +98,14 @@ def emitted_power(
             "aperture, radiated_power what leaves through the hemisphere in front"
         )
     try:
-        radiated, energy = powers_of(radiator.source, wavelength, obliquity)
+        found = [
+            (powers_of(source, length, obliquity), weight)
+            for source, length, weight in mixture.parts(radiator.source, wavelength)
+        ]
     except PolywignerError as error:
         raise SceneError(str(error)) from None
-    return radiated_power * energy / radiated
+    radiated = sum(weight * power for (power, _), weight in found)
+    return radiated_power * found[0][0][1] / radiated
 
 
 # A scene entry is checked when it is made, and read when the scene is loaded.

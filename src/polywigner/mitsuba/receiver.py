@@ -32,6 +32,7 @@ from polywigner.mitsuba.emitter_sampling import spectrum
 from polywigner.mitsuba.exact import ExactField
 from polywigner.mitsuba.first_surface import distance_to_surface
 from polywigner.mitsuba.given import rigid_pose
+from polywigner.mitsuba.mixtures import DrawnWaves
 from polywigner.mitsuba.numbers import opaque
 from polywigner.mitsuba.placement import Frame, matrix_of
 from polywigner.mitsuba.plugins import add_plugin
@@ -70,7 +71,8 @@ def receiver_class(variant: str) -> Any:
             self._place()
             radiator, unit = spec.radiator, spec.scene_unit
             source = radiator.centred
-            self.directions = directions_of(m, source, spec.wavelength, spec.obliquity)
+            width = spec.mixture.coherence_width
+            self.directions = directions_of(m, source, spec.wavelength, spec.obliquity, width)
             self._inverse = opaque(m, 1.0 / spec.wavelength)
             if spec.estimator == "exact":
                 self._exact = ExactField(m, source, spec.wavelength, spec.obliquity)
@@ -80,6 +82,7 @@ def receiver_class(variant: str) -> Any:
                 self._far = opaque(m, far / unit)
                 scale = spec.wavelength**2 * unit**2 / radiator.energy
             else:
+                self._waves = DrawnWaves(m, spec.mixture)
                 self._sum = WignerSum(m, source, spec.wavelength, spec.obliquity, unit)
                 self._positions = positions_of(m, radiator, spec.sampling, unit)
                 scale = unit**2 / radiator.energy
@@ -170,7 +173,8 @@ def receiver_class(variant: str) -> Any:
 
         def _signed_weight(self, x: Any, direction: Any) -> Any:
             """g W/N, of positions in scene units; g = h cos^2."""
-            value = self._sum.at(x, direction, self._inverse, None)
+            wave = self._waves.wave(self._inverse, x, direction)
+            value = self._sum.at(x, direction, wave, None)
             return self._scale * value * (direction.z * direction.z)
 
         def _exact_weight(self, ray: Any, x: Any, direction: Any, active: Any) -> Any:

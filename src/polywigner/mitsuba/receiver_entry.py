@@ -15,6 +15,7 @@ from polywigner.illumination import Array
 from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import check_estimator
 from polywigner.mitsuba.films import film_of
+from polywigner.mitsuba.mixtures import check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_range
 from polywigner.mitsuba.radiator import radiator_of
@@ -56,7 +57,7 @@ def receiver(
         the direction cosines along the receiver's x and y, from -1 to 1, that adds up to the power.
         Or the entry of a film, with a box filter. The entry's ``sampler`` is ``multijitter``.
     bandwidth, temperature, noise_figure: of the noise of the receiver: Hz, K and dB, or texts such
-        as "1 GHz", "290 K" and "3 dB".
+        as "1 GHz", "290 K" and "3 dB". What is received is that of the one wavelength.
     scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
     sampling: density of positions with the estimator ``wigner``, see
         :func:`polywigner.mitsuba.aperture`.
@@ -69,13 +70,16 @@ def receiver(
     ------
     ArgumentError, GeometryError, QuantityError, SceneError for an unusable argument.
     """
-    radiator = radiator_of(as_source(source), obliquity)
     length, unit = parse_length(wavelength), parse_length(scene_unit)
+    given = as_source(source)
+    coherent, mixture = mixture_of(given, length)
+    radiator = radiator_of(coherent, obliquity)
+    check_mixture(mixture, coherent, length, obliquity, estimator)
     check_estimator(estimator, radiator.source, length, obliquity, False, False)
     check_range(radiator, length, 1.0, unit)
     entry: dict[str, Any] = {
         "type": RECEIVER_NAME,
-        "source": register_source(radiator.source),
+        "source": register_source(given),
         "wavelength": length,
         "obliquity": obliquity,
         "estimator": estimator,

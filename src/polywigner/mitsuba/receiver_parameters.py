@@ -17,6 +17,7 @@ from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.mitsuba.exact import check_estimator
 from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
+from polywigner.mitsuba.mixtures import PLAIN, Mixture, check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.parameters import check_range
 from polywigner.mitsuba.radiator import Radiator, radiator_of
@@ -55,11 +56,13 @@ class ReceiverSpec:
     sampling: str = SAMPLINGS[0]
     """Of positions, with the estimator ``wigner``."""
     bandwidth: float | None = None
-    """Hz."""
+    """Hz, of the noise; what is received is that of the one wavelength."""
     temperature: float | None = None
     """K, of the noise at the input."""
     noise_figure: float | None = None
     """dB."""
+    mixture: Mixture = PLAIN
+    """Of the waves that it would send, and so receives: its width of coherence."""
 
     @property
     def source(self) -> Aperture | Array:
@@ -83,11 +86,13 @@ def read_receiver(props: Any) -> ReceiverSpec:
     obliquity = check_obliquity(given.text("obliquity", OBLIQUITIES[0]))
     wavelength = given.wavelength()
     scene_unit = given.scene_unit()
-    radiator = radiator_of(given.source(wavelength), obliquity)
+    source, mixture = mixture_of(given.source(wavelength), wavelength)
+    radiator = radiator_of(source, obliquity)
     # of power 1 W: a received power is that of the scene
     check_range(radiator, wavelength, 1.0, scene_unit)
     estimator = given.text("estimator", RECEIVER_ESTIMATORS[0])
     check_estimator(estimator, radiator.source, wavelength, obliquity, False, False)
+    check_mixture(mixture, source, wavelength, obliquity, estimator)
     return ReceiverSpec(
         radiator=radiator,
         wavelength=wavelength,
@@ -96,6 +101,7 @@ def read_receiver(props: Any) -> ReceiverSpec:
         obliquity=obliquity,
         estimator=estimator,
         sampling=check_sampling(given.text("sampling", SAMPLINGS[0])),
+        mixture=mixture,
         **{name: given.optional(name, parse) for name, parse in NOISE_PARSERS.items()},
     )
 

@@ -35,8 +35,17 @@ _SHARES = (0.4, 0.4, 0.2)
 _GRAZING = 1e-9
 
 
-def directions_of(m: Any, source: Aperture | Array, wavelength: float, obliquity: str) -> Tabulated:
-    """A sampler of (alpha, psi) where the far pattern g |F|^2 is, and with a share everywhere."""
+def directions_of(
+    m: Any,
+    source: Aperture | Array,
+    wavelength: float,
+    obliquity: str,
+    coherence_width: float = math.inf,
+) -> Tabulated:
+    """A sampler of (alpha, psi) where the far pattern g |F|^2 is, and with a share everywhere.
+
+    Of a partly coherent source it is about as wide as the pattern is.
+    """
     low, high = np.reshape(source.bounds, (2, 2))
     lobes = _IN_LOBE * (high - low) / wavelength
     # powers of two: as a literal, every new size would compile the render kernel again
@@ -44,6 +53,9 @@ def directions_of(m: Any, source: Aperture | Array, wavelength: float, obliquity
     counts = np.clip(wanted, _FEWEST, _MOST).astype(int)
     within = int(np.clip(np.ceil((wanted / counts).max()), 1, _MOST_WITHIN))
     pattern = _mean_pattern(source, wavelength, obliquity, counts, within)
+    spread = wavelength / (2 * math.pi * coherence_width)
+    if spread > 0:
+        pattern = _blurred(pattern, spread * counts / np.array([2.0, math.pi]))
     kinds = (pattern, np.sqrt(pattern), np.ones_like(pattern))
     density = sum(share * kind / kind.mean() for share, kind in zip(_SHARES, kinds, strict=True))
     return Tabulated(m, density, np.array([-1.0, -math.pi / 2]), np.array([2.0, math.pi]))
@@ -71,6 +83,17 @@ def _mean_pattern(
                 factor = irradiance_factor(forms, cosine)
                 total = total + np.abs(fourier(field, nu)) ** 2 * factor
     return np.maximum(np.asarray(total), 0.0)
+
+
+def _blurred(values: npt.NDArray[np.float64], steps: Any) -> npt.NDArray[np.float64]:
+    """Values, rows along y, blurred by a normal density of so many steps along x and y."""
+    for axis, width in ((1, steps[0]), (0, steps[1])):
+        half = min(values.shape[axis] - 1, math.ceil(4 * width))
+        weights = np.exp(-0.5 * (np.arange(-half, half + 1) / width) ** 2)
+        moved = np.moveaxis(values, axis, -1)
+        rows = [np.convolve(row, weights / weights.sum(), mode="same") for row in moved]
+        values = np.moveaxis(np.array(rows)[..., : moved.shape[-1]], -1, axis)
+    return values
 
 
 def direction_of(m: Any, angles: Any) -> Any:

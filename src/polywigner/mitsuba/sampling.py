@@ -16,12 +16,12 @@ import shapely
 
 from polywigner.errors import SceneError
 from polywigner.execution import ops_for
-from polywigner.geometry import Aperture
 from polywigner.geometry.trapezoids import Trapezoids, point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.mitsuba.radiator import Radiator
 from polywigner.transforms import position_marginal
 from polywigner.transforms.sampling import in_phase
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = [
     "SAMPLINGS",
@@ -56,12 +56,13 @@ def cells_of(m: Any, rings: Sequence[npt.NDArray[np.float64]]) -> Cells:
     return Cells(m, trapezoids(rings))
 
 
-def cells_with_field(m: Any, source: Aperture | Array, unit: float) -> Cells:
+def cells_with_field(m: Any, source: Any, unit: float) -> Cells:
     """The sampler of positions in a source in proportion to |u|^2, in units of ``unit`` metres.
 
     Of fields that are not uniform, in proportion to |u|^2 in the middle of each of many pieces.
     Overlapping elements each count for themselves.
     """
+    source = flat_of(source)  # a curved wave has the same modulus
     weights = source.weights if isinstance(source, Array) else np.ones(1)
     elements = source.elements_in_plane
     pieces = _PIECES // len(elements)
@@ -125,7 +126,7 @@ def positions_of(m: Any, radiator: Radiator, sampling: str, unit: float) -> Posi
     places = np.stack(np.meshgrid(*axes), axis=-1)
     values = np.zeros(places.shape[:-1])
     for *shift, weight in radiator.shifts:
-        shifted = position_marginal(in_phase(radiator.centred), places + shift)
+        shifted = position_marginal(in_phase(flat_of(radiator.centred)), places + shift)
         values += weight * np.maximum(shifted, 0.0)
     density = np.sqrt(values) if sampling == "root-marginal" else values
     steps = (high - low) / counts

@@ -19,6 +19,7 @@ from polywigner.illumination import Array
 from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.images import threads_for_openexr
+from polywigner.mitsuba.mixtures import check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
 from polywigner.mitsuba.plugins import original_error, register
@@ -27,7 +28,7 @@ from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.scene_files import check_scene_file, resolving
 from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested
 from polywigner.mitsuba.sources import register_source
-from polywigner.quantities import parse_length, parse_power
+from polywigner.quantities import parse_frequency, parse_length, parse_power
 from polywigner.toolchain import llvm
 
 __all__ = ["aperture", "choose_variant", "has_wigner_emitter", "load_scene", "translate_error"]
@@ -53,6 +54,7 @@ def aperture(
     visible: bool = True,
     radiated_power: float | None = None,
     estimator: str = ESTIMATORS[0],
+    bandwidth: float | str | None = None,
 ) -> dict[str, Any]:
     """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
@@ -89,6 +91,9 @@ def aperture(
     estimator: how a point of the scene is lit. ``wigner``: by signed radiance from a random place
         of the source. ``exact``: by the exact irradiance |U|^2 of the point, to 1e-4 of its peak at
         any distance, with no noise where all of the source is seen; docs/plugin.md.
+    bandwidth: of the light, in Hz or a text such as "4 GHz", around the frequency of the
+        wavelength. Each sample is light of one frequency of this band, docs/coherence.md; it is no
+        bandwidth of noise. Default: one wavelength.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it.
 
@@ -96,14 +101,18 @@ def aperture(
     ------
     GeometryError, QuantityError, SceneError for an unusable argument.
     """
+    given = as_source(source)
     antithetic = check_flag("antithetic", antithetic)
     control_variate = check_flag("control_variate", control_variate)
-    radiator = radiator_of(as_source(source), obliquity, antithetic)
     length = parse_length(wavelength)
+    band = None if bandwidth is None else parse_frequency(bandwidth)
+    coherent, mixture = mixture_of(given, length, band)
+    radiator = radiator_of(coherent, obliquity, antithetic)
+    check_mixture(mixture, coherent, length, obliquity, estimator)
     check_estimator(estimator, radiator.source, length, obliquity, antithetic, control_variate)
     entry: dict[str, Any] = {
         "type": PLUGIN_NAME,
-        "source": register_source(radiator.source),
+        "source": register_source(given),
         "wavelength": length,
         "obliquity": obliquity,
         "estimator": estimator,
@@ -116,11 +125,13 @@ def aperture(
     }
     check_nested([] if bsdf is None else ["bsdf"], entry["visible"])
     powers = [None if given is None else parse_power(given) for given in (power, radiated_power)]
-    watts = emitted_power(radiator, entry["wavelength"], obliquity, powers[0], powers[1])
+    watts = emitted_power(radiator, entry["wavelength"], obliquity, powers[0], powers[1], mixture)
     check_range(radiator, entry["wavelength"], watts, entry["scene_unit"])
     entry |= pose_entry(to_world)
     if power is not None or radiated_power is not None:
         entry["power"] = watts
+    if band is not None:
+        entry["bandwidth"] = band
     if bsdf is not None:
         entry["bsdf"] = _bsdf_entry(bsdf)
     return entry

@@ -11,7 +11,7 @@ import threading
 from collections import OrderedDict
 
 from polywigner.errors import SceneError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.files.encoding import json_of, table_of
 
@@ -23,12 +23,12 @@ KEY_PREFIX = "memory:"
 # needs its key only while it is being loaded.
 CAPACITY = 1024
 
-_sources: OrderedDict[str, Aperture | Array] = OrderedDict()
+_sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
 _lock = threading.Lock()
 
 
-def register_source(source: Aperture | Array) -> str:
-    """The key under which scenes find this aperture or array; equal ones share one.
+def register_source(source: Aperture | Array | Wavefront) -> str:
+    """The key under which scenes find this aperture or array, with its wave; equal ones share one.
 
     The last 1024 sources are kept. Use the key as the parameter ``source`` (or ``aperture``) of a
     ``wigner`` shape, in a dictionary or in XML.
@@ -37,7 +37,7 @@ def register_source(source: Aperture | Array) -> str:
     ------
     SceneError for anything but an Aperture or an Array.
     """
-    if not isinstance(source, Aperture | Array):
+    if not isinstance(source, Aperture | Array | Wavefront):
         raise SceneError(
             f"expected an Aperture or an Array, got {type(source).__name__}; make one with "
             "polywigner.Aperture(vertices)"
@@ -57,7 +57,7 @@ def is_key(name: str) -> bool:
     return name.startswith(KEY_PREFIX)
 
 
-def registered_source(key: str) -> Aperture | Array:
+def registered_source(key: str) -> Aperture | Array | Wavefront:
     """The source of a key, or a SceneError."""
     with _lock:
         source = _sources.get(key)

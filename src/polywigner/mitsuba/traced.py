@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import SceneError
 from polywigner.execution import Traced, UnrolledOperations, kernel_with_derivatives
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.kernels import FOURIER, WIGNER, new_outline_of, new_tables_of
 from polywigner.mitsuba.radiator import Radiator
@@ -165,8 +165,10 @@ def _pairs(weights: NDArray[np.complex128]) -> NDArray[np.float64]:
     return np.stack([weights.real, weights.imag], axis=-1)
 
 
-def _is_simple(source: Aperture | Array) -> bool:
+def _is_simple(source: Any) -> bool:
     """Whether the field is constant on each element, and its energy the sum of theirs."""
+    if isinstance(source, Wavefront):
+        return False
     elements = source.elements_in_plane
     if any(element.illumination is not None for element in elements):
         return False

@@ -32,6 +32,7 @@ module               what is in it
 
 from __future__ import annotations
 
+from polywigner.propagation import horns
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.beams import BeamMetrics, CutMetrics, beam_metrics
 from polywigner.propagation.builders import hemisphere, line, plane, volume
@@ -60,6 +61,7 @@ __all__ = [
     "amplitude",
     "beam_metrics",
     "hemisphere",
+    "horns",
     "irradiance",
     "line",
     "plane",

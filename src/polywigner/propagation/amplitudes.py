@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.array_types import Points
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
@@ -23,7 +23,8 @@ from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation.behind import field_behind
 from polywigner.propagation.boundary import boundary_field
-from polywigner.propagation.far_fields import far_field
+from polywigner.propagation.curved_fields import curved_field
+from polywigner.propagation.far_fields import check_slopes, far_field
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import (
@@ -38,6 +39,7 @@ from polywigner.propagation.places import (
 )
 from polywigner.propagation.screens import Screen, field_of_screen
 from polywigner.transforms import Differentiable
+from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["amplitude"]
@@ -53,7 +55,7 @@ _FOURIER_ERROR = {True: 1e-13, False: 2e-6}
 @takes_frequency
 @takes_xarray("points", units="W0.5 m-1", long_name="complex amplitude U")
 def amplitude(
-    source: Aperture | Array | Differentiable | Screen,
+    source: Aperture | Array | Wavefront | Differentiable | Screen,
     points: Points,
     wavelength: float,
     method: Method = "rayleigh-sommerfeld-1",
@@ -77,7 +79,9 @@ def amplitude(
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, with any illuminations; or a
-        :func:`differentiable` one; or a :class:`Screen` that something lights from behind.
+        :func:`differentiable` one; one with a curved wave, whose exact field is a sum over places
+        in the opening rather than along its edges (docs/curved.md, (Q7)); or a :class:`Screen`
+        that something lights from behind.
     points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array for results as
         those of :func:`fourier` are.
         Derivatives in them, and in the numbers of a differentiable source, are as accurate as the
@@ -173,14 +177,18 @@ def amplitude(
     execution.checked_engine(engine)
     allowed = checked_amplitude_tolerance(tolerance, double)
     flat = places.reshape(-1, 3)
-    radiator = radiator_of(source.outline if isinstance(source, Screen) else source)
+    radiator = radiator_of(source.outline if isinstance(source, Screen) else flat_of(source))
     check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     if name == "fraunhofer" and not isinstance(source, Screen):
         kind = checked_method(obliquity or "rayleigh-sommerfeld-1", tuple(SHARES))
-        warn_of_slopes(source, length, kind)
+        check_slopes(source, kind)
+        warn_of_slopes(flat_of(source), length, kind)
         x, y = radiator.centre.tolist()
         directions, distance, turns = _seen_from_centre((x, y), length, flat)
-        centred = moved_source(source, -radiator.centre)
+        flat_field = moved_source(flat_of(source), -radiator.centre)
+        centred = (
+            source.on(flat_field, -radiator.centre) if isinstance(source, Wavefront) else flat_field
+        )
         pattern = far_field(centred, directions, length, kind, precision=precision, engine=engine)
         values = pattern * np.exp(2j * math.pi * turns) / (distance * length)  # (B7)
         errors = _FOURIER_ERROR[double] * radiator.content / length**2 / distance
@@ -191,6 +199,8 @@ def amplitude(
         )
     elif isinstance(source, Screen):
         values, errors = field_of_screen(source, flat, length, name, allowed, engine)
+    elif isinstance(source, Wavefront):
+        values, errors = curved_field(checked_wavefront(source), flat, length, name)
     else:
         warn_of_slopes(source, length, name)
         found = boundary_field(radiator, flat, length, name, allowed, double, engine)

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
+from polywigner.geometry import Wavefront
 from polywigner.geometry.numbers import real_numbers
+from polywigner.illumination.curved_arrays import tilted_source
+from polywigner.optics import FirstOrder
 from polywigner.propagation.collins import collins_field
 from polywigner.propagation.fields_traced import has_derivatives
 from polywigner.propagation.panels import radiator_of
@@ -20,6 +23,7 @@ from polywigner.propagation.places import (
     warn_of_missed,
 )
 from polywigner.transforms.through import checked_system
+from polywigner.transforms.wavefronts import checked_wavefront
 
 __all__ = ["field_behind", "squared_field"]
 
@@ -68,9 +72,14 @@ def field_behind(
     execution.checked_engine(engine)
     allowed = checked_amplitude_tolerance(tolerance, double)
     flat = places.reshape(-1, 2)
+    phase: complex = 1.0
+    if isinstance(source, Wavefront):
+        source, lens, phase = as_lens(source, length)
+        system = system @ lens
     field, error, bounds = collins_field(
         source, radiator_of(source), flat, length, system, allowed, double, engine
     )
+    field = field * phase
     warn_of_missed(error, bounds, "points", stacklevel=4)
     if squared:
         field, error = squared_field(field, error)
@@ -79,6 +88,19 @@ def field_behind(
     shape = places.shape[:-1]
     values = field.reshape(shape)[()]
     return (values, error.reshape(shape)[()]) if return_error else values
+
+
+def as_lens(wave: Wavefront, wavelength: float) -> tuple[Any, FirstOrder, complex]:
+    """A curved wave as a flat source, a lens directly behind it, and a phase.
+
+    (x - c).Q (x - c) = x.Q x - 2 x.Q c + c.Q c: the second is a tilt, the third the phase.
+    """
+    checked_wavefront(wave)
+    q, slope = wavelength * wave.curvature, wave.curvature @ wave.centre
+    lens = FirstOrder(np.block([[np.eye(2), np.zeros((2, 2))], [q, np.eye(2)]]))
+    turns = float(wave.centre @ slope) / 2
+    phase = complex(np.exp(2j * np.pi * (turns - round(turns))))
+    return tilted_source(wave.source, -slope), lens, phase
 
 
 def squared_field(field: Any, error: Any) -> tuple[Any, Any]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
+from polywigner.geometry import Wavefront
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.propagation.datasets import FieldBlock, dataset, described
 from polywigner.propagation.field_settings import FieldOptions, checked_settings
@@ -29,7 +30,7 @@ from polywigner.propagation.stores_layout import (
     source_attrs,
     source_settings,
 )
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 
 if TYPE_CHECKING:
     import xarray
@@ -49,7 +50,7 @@ _COMPILED = 1 << 16
 
 @takes_frequency
 def line(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     ends: ArrayLike,
     samples: int,
     wavelength: float,
@@ -59,7 +60,8 @@ def line(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
+        curved wave.
     ends : two points (2, 3) in m, z > 0.
     samples : how many points.
     wavelength : in m.
@@ -85,7 +87,7 @@ def line(
 
 @takes_frequency
 def plane(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     where: ArrayLike,
     shape: tuple[int, int],
     wavelength: float,
@@ -95,7 +97,8 @@ def plane(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
+        curved wave.
     where : ((x0, y0, z0), (x1, y1, z1)) in m, of which one pair is equal; or three corners (3, 3)
         of a rectangle in any direction, the first between the other two. z > 0.
     shape : how many points along its two axes, edges included.
@@ -134,7 +137,7 @@ def plane(
 
 @takes_frequency
 def hemisphere(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     radius: float,
     theta: ArrayLike,
     phi: ArrayLike,
@@ -146,7 +149,8 @@ def hemisphere(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
+        curved wave.
     radius : distance from ``centre`` in m.
     theta : (n,) angles from the z axis in rad; negative ones, for cuts, lie at the opposite phi.
     phi : (m,) angles from the x axis in rad; or one.
@@ -175,7 +179,7 @@ def hemisphere(
 
 @takes_frequency
 def volume(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     box: ArrayLike,
     shape: tuple[int, int, int],
     wavelength: float,
@@ -194,7 +198,8 @@ def volume(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
+        curved wave.
     box : ((x0, y0, z0), (x1, y1, z1)) in m, z > 0.
     shape : how many points along x, y and z, faces included.
     wavelength : in m.
@@ -234,7 +239,8 @@ def volume(
         return dataset(source, grid, settings, options.get("progress"), chunks)
     if len(settings.methods) != 1:
         raise ArgumentError(f"expected one method for a store, got {settings.methods}")
-    radiator, sizes = checked_source(source), _stored_chunks(chunks, shape_of_grid(grid))
+    radiator = checked_radiator(source, partly=True)
+    sizes = _stored_chunks(chunks, shape_of_grid(grid))
     # Every chunk by the same engine, wherever it is computed.
     engine = resolved(settings.engine, max(_COMPILED, math.prod(sizes)))
     settings = replace(settings, engine=engine)

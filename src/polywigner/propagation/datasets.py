@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import kernel_threads
+from polywigner.geometry import Wavefront
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.field_settings import WITH_OBLIQUITY, FieldSettings
 from polywigner.propagation.grids import Grid, shape_of_grid
@@ -24,7 +25,7 @@ from polywigner.propagation.irradiances import irradiance
 from polywigner.propagation.stores_files import required
 from polywigner.propagation.stores_layout import Index, chunks_within, source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.progress import progress_bar
 
 __all__ = ["FieldBlock", "dataset", "described", "field_on"]
@@ -43,7 +44,9 @@ _LONG_NAMES = {
 }
 
 
-def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSettings) -> Values:
+def field_on(
+    source: PlaneSource | Wavefront, points: Values, method: str, settings: FieldSettings
+) -> Values:
     """The quantity of the settings at points (..., 3), by one of the methods: values (...)."""
     how: dict[str, Any] = {"method": method}
     how |= {"precision": settings.precision, "engine": settings.engine}
@@ -56,6 +59,8 @@ def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSe
         return np.asarray(field if settings.quantity == "amplitude" else np.angle(field))
     if method == "wigner":
         how["order"] = settings.order
+    if settings.bandwidth is not None:
+        how["bandwidth"] = settings.bandwidth
     return np.asarray(irradiance(source, points, settings.wavelength, **how))
 
 
@@ -63,7 +68,7 @@ def field_on(source: PlaneSource, points: Values, method: str, settings: FieldSe
 class FieldBlock:
     """The values of a method on any part of a grid; can be sent to other processes."""
 
-    source: PlaneSource
+    source: PlaneSource | Wavefront
     grid: Grid
     method: str
     settings: FieldSettings
@@ -105,7 +110,7 @@ def dataset(
     asked for. Raises ArgumentError for other chunks, MissingExtraError without xarray or dask.
     """
     xarray = required("xarray")
-    radiator = checked_source(source)
+    radiator = checked_radiator(source, partly=True)
     blocks = [FieldBlock(radiator, grid, method, settings) for method in settings.methods]
     with _warnings_once():
         arrays = [

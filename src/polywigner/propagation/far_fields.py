@@ -7,26 +7,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import IlluminationError
+from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
+from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.direction_cosines import times_direction_cosine
-from polywigner.illumination.obliquities import OBLIQUITIES, SHARES, Obliquity, warn_of_slopes
+from polywigner.illumination.obliquities import (
+    OBLIQUITIES,
+    SHARES,
+    Obliquity,
+    takes_slopes,
+    warn_of_slopes,
+)
 from polywigner.propagation.places import checked_name
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
 from polywigner.transforms.energies import energy_of
+from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["far_field", "powers_of", "radiated_power"]
+__all__ = ["check_slopes", "far_field", "powers_of", "radiated_power"]
 
 # Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
 _DARK = 1e-12
 
 
 def far_field(
-    source: PlaneSource,
+    source: Any,
     directions: NDArray[np.float64],
     wavelength: float,
     obliquity: str,
@@ -60,7 +68,9 @@ def far_field(
 
 @takes_frequency
 def radiated_power(
-    source: PlaneSource, wavelength: float, obliquity: Obliquity = "rayleigh-sommerfeld-1"
+    source: PlaneSource | Wavefront,
+    wavelength: float,
+    obliquity: Obliquity = "rayleigh-sommerfeld-1",
 ) -> float:
     """Power that leaves through the far hemisphere, P = int |E|^2 dOmega (docs/patterns.md, (RP2)).
 
@@ -69,7 +79,8 @@ def radiated_power(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved wave.
     wavelength : in m.
     obliquity : as of :func:`radiation_pattern`.
 
@@ -88,12 +99,27 @@ def radiated_power(
     0.135
     """
     name = checked_name("obliquity", obliquity, OBLIQUITIES)
-    radiator, length = checked_source(source), checked_wavelength(wavelength)
-    warn_of_slopes(radiator, length, name)
+    radiator, length = checked_radiator(source), checked_wavelength(wavelength)
+    check_slopes(radiator, name)
+    warn_of_slopes(flat_of(radiator), length, name)
     return powers_of(radiator, length, name)[0]
 
 
-def powers_of(source: PlaneSource, wavelength: float, obliquity: str) -> tuple[float, float]:
+def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
+    """Raise ArgumentError for an obliquity that takes the slopes of a curved wave.
+
+    They are those of waves in all directions at once, of which there is no closed form.
+    """
+    if isinstance(source, Wavefront) and takes_slopes(name):
+        raise ArgumentError(
+            'expected obliquity "rayleigh-sommerfeld-1" or "paper" for a curved wave, got '
+            f"{name!r}, whose factor differs from place to place; amplitude has it near by"
+        )
+
+
+def powers_of(
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: str
+) -> tuple[float, float]:
     """The radiated power and int |u|^2, in W.
 
     Raises IlluminationError for a source that radiates nothing.

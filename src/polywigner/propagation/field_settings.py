@@ -19,6 +19,7 @@ from polywigner.propagation.places import (
     checked_method,
     checked_name,
 )
+from polywigner.radiometry.bands import checked_bandwidth
 
 __all__ = ["WITH_OBLIQUITY", "FieldOptions", "FieldSettings", "Quantity", "checked_settings"]
 
@@ -39,6 +40,8 @@ class FieldOptions(TypedDict, total=False):
     """Boundary condition of "wigner" and "fraunhofer": see :func:`irradiance`."""
     order: int
     """Order in the lag of "wigner": 1 or 3."""
+    bandwidth: float | None
+    """Of the light, in Hz; None: one wavelength. See :func:`irradiance`."""
     tolerance: float | None
     """None: that of :func:`irradiance` and :func:`amplitude`."""
     dtype: str
@@ -63,6 +66,7 @@ class FieldSettings:
     dtype: str
     precision: str | None
     engine: str
+    bandwidth: float | None = None
 
     @property
     def stored(self) -> np.dtype[Any]:
@@ -79,6 +83,8 @@ class FieldSettings:
             settings["order"] = self.order
         if self.tolerance is not None:
             settings |= {"tolerance": self.tolerance}
+        if self.bandwidth is not None:
+            settings |= {"bandwidth": self.bandwidth}
         return settings
 
 
@@ -104,8 +110,16 @@ def checked_settings(
         if methods != ("wigner",):  # now, rather than when the first method is done
             most = tolerance if quantity != "irradiance" else min(tolerance, 0.1)
             checked_amplitude_tolerance(most, precision != "single")
+    length, bandwidth = checked_wavelength(wavelength), options.get("bandwidth")
+    if bandwidth is not None:
+        bandwidth = checked_bandwidth(bandwidth, length)
+        if quantity != "irradiance":
+            raise ArgumentError(
+                f"expected light of one wavelength for the {quantity}, got a bandwidth of "
+                f"{bandwidth:g} Hz; a band has an irradiance only"
+            )
     return FieldSettings(
-        checked_wavelength(wavelength),
+        length,
         methods,
         quantity,
         None if obliquity is None else checked_obliquity(obliquity, order),
@@ -114,6 +128,7 @@ def checked_settings(
         stored,
         precision,
         checked_engine(options.get("engine", "auto")),
+        bandwidth,
     )
 
 

@@ -19,7 +19,7 @@ from polywigner.execution import (
     evaluate_hosted,
     is_drjit,
 )
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import DrJitArray, Points
 from polywigner.geometry.frequency import takes_frequency
@@ -29,7 +29,9 @@ from polywigner.illumination.obliquities import Obliquity, checked_obliquity, we
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.behind import field_behind, squared_field
+from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.fields_traced import has_derivatives, traced_field
+from polywigner.propagation.mixtures import is_mixture, mean_over_mixture
 from polywigner.propagation.places import (
     DEFAULT_TOLERANCE,
     METHODS,
@@ -43,8 +45,9 @@ from polywigner.propagation.rays_adaptive import Estimate, by_gauss
 from polywigner.propagation.rays_sampling import Sampling, by_samples
 from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.propagation.screens import Screen
-from polywigner.radiometry.directions import checked_source
+from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms import Differentiable, lag_marginal
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["checked_order", "checked_tolerance", "irradiance"]
@@ -56,6 +59,8 @@ _FLOOR = 1e-3
 _TOLERANCE = 1e-3
 # Least tolerance that float32 kernels can keep, relative to the same.
 _SINGLE = 1e-5
+# Of means over tilts and wavelengths, as a share of the tolerance: a tenth of the floor.
+_OF_MIXTURE = 1e-4
 # Edges from which on rays take seconds, and the exact field a hundredth of that.
 _MANY_EDGES = 50
 # Nearer than so many wavelengths to the source rays of either order are a rough picture.
@@ -68,7 +73,7 @@ _THIRD_ORDER_FROM = 0.9
 @takes_frequency
 @takes_xarray("points", units="W m-2", long_name="irradiance |U|^2")
 def irradiance(
-    source: Aperture | Array | Differentiable | Screen,
+    source: Aperture | Array | Wavefront | Differentiable | Screen,
     points: Points,
     wavelength: float | DrJitArray,
     method: str = "wigner",
@@ -81,6 +86,7 @@ def irradiance(
     sampling: Sampling = "gauss",
     samples: int | None = None,
     seed: int | np.random.Generator | None = None,
+    bandwidth: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -95,7 +101,8 @@ def irradiance(
     Parameters
     ----------
     source : an Aperture, or an Array of apertures in the plane z = 0, uniform or with
-        illuminations; or a :class:`Screen`, by the methods of :func:`amplitude`.
+        illuminations; one with a curved wave; or a :class:`Screen`, by the methods of
+        :func:`amplitude`.
     points : (..., 3) in m, z > 0, or (..., 2) with ``through``; or a Dr.Jit array for values in
         one.
     wavelength : in m. By rays with derivatives in it (a Dr.Jit ``Float``), in ``points``, and in
@@ -123,6 +130,8 @@ def irradiance(
         "monte-carlo", for study, with a ``seed``. They draw as many ``samples`` as given (for Sobol
         rounded up to 16 times a power of two) instead of a tolerance; else 16384, and twice as many
         until the estimate of each point's error is within the tolerance, up to 2^18.
+    bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
+        of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
     precision, engine : see :func:`polywigner.fourier`.
 
     Returns
@@ -153,6 +162,24 @@ def irradiance(
     """
     how: dict[str, Any]
     checked_method(method, ("wigner", *METHODS, "auto"))
+    if is_mixture(source, bandwidth):
+        if has_derivatives(source, points, wavelength):
+            raise ArgumentError(
+                "expected coherent light of one wavelength with derivatives, got a mixture; pass "
+                "drjit.detach(...) of what needs none"
+            )
+        if not is_drjit(points):
+            how = {"obliquity": obliquity, "order": order, "tolerance": tolerance}
+            how |= {"samples": samples, "sampling": sampling, "seed": seed, "through": through}
+            how |= {"precision": precision, "engine": engine, "return_error": return_error}
+
+            def compute(one: Any, length: float) -> Any:
+                return irradiance(one, points, length, method, **how)
+
+            error = checked_tolerance(tolerance) if method == "wigner" else _SINGLE
+            return mean_over_mixture(
+                compute, source, wavelength, bandwidth, _OF_MIXTURE * error, return_error
+            )
     if through is not None:
         others: dict[str, object] = {
             "method": None if method in ("wigner", "auto", "fresnel") else method
@@ -192,9 +219,10 @@ def irradiance(
     if is_drjit(points):
         how = {"obliquity": obliquity, "order": order, "tolerance": tolerance, "samples": samples}
         how |= {"return_error": return_error, "sampling": sampling, "seed": seed}
+        how |= {"bandwidth": bandwidth}
         compute = partial(irradiance, source, wavelength=wavelength, method=method, **how)
         return evaluate_hosted(compute, "points", points, 3, precision=precision, engine=engine)
-    radiator = source if isinstance(source, Screen) else checked_source(source)
+    radiator = source if isinstance(source, Screen) else checked_radiator(source)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
     if method != "wigner":
@@ -208,28 +236,41 @@ def irradiance(
             'expected another method than "wigner" behind a Screen, whose field has no rays of '
             'its own; use method="kirchhoff"'
         )
+    flat_source: Any = flat_of(radiator)
+    curved = _curved(radiator)
+    if curved:
+        check_slopes(radiator, checked_obliquity(obliquity, order))
     name = checked_obliquity(obliquity, checked_order(order))
     allowed = checked_tolerance(tolerance)
     checked_engine(engine)
     double = checked_precision(precision) != "single"
-    rays = Rays(weighted_sources(radiator, name, length, order), length, order, engine, double)
-    xmin, ymin, xmax, ymax = radiator.bounds
+    fields = weighted_sources(flat_source, name, length, order)
+    rays = Rays(fields, length, order, engine, double, curved)
+    xmin, ymin, xmax, ymax = flat_source.bounds
     check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
-    _warn_where_invalid(radiator, flat, length, order)
-    edges = sum(len(ring) for e in radiator.elements_in_plane for ring in e.rings)
+    _warn_where_invalid(flat_source, flat, length, order)
+    edges = sum(len(ring) for e in flat_source.elements_in_plane for ring in e.rings)
     if sampling == "gauss" and edges > _MANY_EDGES:
         warn_caller(
             f"rays from {edges} edges take seconds; method='auto' gives the exact field, and is "
             "some hundred times as fast"
         )
-    found = _summed(radiator, rays, flat, allowed, sampling, samples, seed)
+    found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
     values = found.values.reshape(places.shape[:-1])[()]
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
 
 
+def _curved(source: Any) -> tuple[float, ...]:
+    """Curvatures and centre of a wave, as rays have them; () of a flat one."""
+    if not isinstance(source, Wavefront) or source.is_flat:
+        return ()
+    (xx, xy), (_, yy) = source.curvature.tolist()
+    return (xx, xy, yy, *source.centre.tolist())
+
+
 def _squared(
-    source: Aperture | Array | Screen,
+    source: Aperture | Array | Wavefront | Screen,
     points: Values,
     wavelength: float,
     method: Any,

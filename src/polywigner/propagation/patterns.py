@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
+from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.obliquities import OBLIQUITIES, Obliquity, warn_of_slopes
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.far_fields import far_field, powers_of
+from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
 from polywigner.propagation.places import checked_name
 from polywigner.propagation.stores_layout import source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["radiation_pattern"]
 
@@ -27,7 +29,7 @@ Values = NDArray[Any]
 
 @takes_frequency
 def radiation_pattern(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     wavelength: float,
     theta: ArrayLike,
     phi: ArrayLike,
@@ -45,7 +47,8 @@ def radiation_pattern(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, with any fields.
+    source : Aperture or Array of apertures in the plane z = 0, with any fields; or one with a
+        curved wave.
     wavelength : in m.
     theta : (n,) angles from the normal in rad, from -pi to pi; negative ones, for cuts, lie at the
         opposite phi.
@@ -82,9 +85,10 @@ def radiation_pattern(
     checked_precision(precision)
     checked_engine(engine)
     name = checked_name("obliquity", obliquity, OBLIQUITIES)
-    radiator, length = checked_source(source), checked_wavelength(wavelength)
+    radiator, length = checked_radiator(source), checked_wavelength(wavelength)
     polar, azimuth = checked_theta(theta), checked_phi(phi)
-    warn_of_slopes(radiator, length, name)
+    check_slopes(radiator, name)
+    warn_of_slopes(flat_of(radiator), length, name)
     power, energy = powers_of(radiator, length, name)
     directions = unit_vectors(polar, azimuth)
     field = far_field(radiator, directions, length, name, precision=precision, engine=engine)
@@ -103,7 +107,7 @@ def radiation_pattern(
 
 
 def _described(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     axes: dict[str, tuple[Values, str]],
     field: Values,
     directivity: Values,

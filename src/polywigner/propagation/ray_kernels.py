@@ -17,28 +17,30 @@ from polywigner.illumination.obliquities import irradiance_factor
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS
 from polywigner.kernels.cut.slice_sums import SliceSum
-from polywigner.kernels.functions.part_kernels import PART_MOMENTS, PART_WIGNER
+from polywigner.kernels.functions.part_kernels import PART_MOMENTS, PART_MOMENTS_ALONG, PART_WIGNER
 from polywigner.kernels.kernel import Values
 
 __all__ = ["part_kernel", "ray_factors", "ray_kernel"]
 
 
-def ray_kernel(source: Any, order: int) -> Kernel:
+def ray_kernel(source: Any, order: int, curved: bool = False) -> Kernel:
     """The integrand of (T2) for a source, to leading or to third order.
 
-    Arguments: ``x, y`` on the source, ``X, Y, Z`` of the point, the wavelength, and the
-    coefficients of the four forms of obliquity (T4).
+    Arguments: ``x, y`` on the source, ``X, Y, Z`` of the point, the wavelength, the coefficients
+    of the four forms of obliquity (T4), and of a curved wave Q_xx, Q_xy, Q_yy and its centre: it
+    is bilinear in place and lag, and so a frequency at each place to any order in the lag.
 
     Raises ArgumentError for what has no Wigner function of two dimensions, GeometryError for arrays
     whose elements do not lie in the plane z = 0.
     """
-    name = "wigner" if order == 1 else "lag moments"
+    name = "wigner" if order == 1 else "lag moments along" if curved else "lag moments"
     return _composed(kernels.kernel_for(name, source), order)
 
 
-def part_kernel(order: int) -> Kernel:
+def part_kernel(order: int, curved: bool = False) -> Kernel:
     """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest."""
-    return _composed(PART_WIGNER if order == 1 else PART_MOMENTS, order, PART_COLUMNS)
+    moments = PART_MOMENTS_ALONG if curved else PART_MOMENTS
+    return _composed(PART_WIGNER if order == 1 else moments, order, PART_COLUMNS)
 
 
 @lru_cache(maxsize=64)
@@ -49,13 +51,19 @@ def _composed(base: Kernel, order: int, columns: int = 0) -> Kernel:
 
     def enter(ops: Any, frame: Any, x: Any, y: Any, *rest: Any) -> Values:
         own, rest = rest[:columns], rest[columns:]
-        point, wavelength, forms = rest[:3], rest[3], rest[4:]
+        point, wavelength, forms, curved = rest[:3], rest[3], rest[4:8], rest[8:]
         along_x, along_y = point[0] - x, point[1] - y
         square = along_x * along_x + along_y * along_y + point[2] * point[2]
         inverse = 1.0 / ops.sqrt(square)
         scale = inverse / wavelength
         place = own or (x, y)
-        inner = base.enter(ops, frame, *place, along_x * scale, along_y * scale)
+        nu: Values = (along_x * scale, along_y * scale)
+        ray = nu
+        if curved:
+            (xx, xy, yy), (dx, dy) = curved[:3], (x - curved[3], y - curved[4])
+            nu = nu[0] - (xx * dx + xy * dy), nu[1] - (xy * dx + yy * dy)
+            nu = nu if order == 1 else (*nu, *ray)
+        inner = base.enter(ops, frame, *place, *nu)
         return (*factors(point[2] * inverse, inverse, wavelength, forms), *inner)
 
     own = base.edge_sum

@@ -40,6 +40,8 @@ class Rays:
     order: int
     engine: Engine
     double: bool
+    curved: tuple[float, ...] = ()
+    """Of a curved wave on all sources: Q_xx, Q_xy, Q_yy, and its centre."""
 
     def irradiance(self, rule: Rule, points: Values) -> Values:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
@@ -52,7 +54,7 @@ class Rays:
                     places,
                     weights,
                     points,
-                    (self.wavelength, *forms),
+                    (self.wavelength, *forms, *self.curved),
                     double=self.double,
                     engine=self.engine,
                 )
@@ -64,7 +66,7 @@ class Rays:
         """Kernels, and what to sum them over: parts of slices, or places as they are."""
         nodes, weights = rule
         if not self._is_by_parts(source, len(nodes)):
-            yield ray_kernel(source, self.order), nodes, weights
+            yield ray_kernel(source, self.order, bool(self.curved)), nodes, weights
             return
         tables = tables_of(source, True)
         host = execution.NumpyOperations(double=True)
@@ -73,7 +75,11 @@ class Rays:
             some, share = nodes[start : start + step], weights[start : start + step]
             inner = tables.frame.position(host, *some.T)
             owners, rows = slice_parts(host, tables, *inner)
-            yield part_kernel(self.order), np.column_stack([some[owners], rows]), share[owners]
+            yield (
+                part_kernel(self.order, bool(self.curved)),
+                np.column_stack([some[owners], rows]),
+                share[owners],
+            )
 
     def _is_by_parts(self, source: Aperture | Array, places: int) -> bool:
         """Whether W is a sum over the edges of all elements, not one of an array's short cuts.
@@ -88,9 +94,10 @@ class Rays:
         total: Any = 0.0
         place, point = places.T[:, None, :], points.T[:, :, None]
         for source, forms in self.sources:
-            constants = [np.array(value) for value in (self.wavelength, *forms)]
+            numbers = (self.wavelength, *forms, *self.curved)
+            constants = [np.array(value) for value in numbers]
             (values,) = execution.evaluate(
-                ray_kernel(source, self.order),
+                ray_kernel(source, self.order, bool(self.curved)),
                 source,
                 [*place, *point, *constants],
                 double=self.double,

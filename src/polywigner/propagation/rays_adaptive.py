@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +66,7 @@ def by_gauss(
     large to be summed up.
     """
     result = Estimate(np.zeros(len(points)), np.full(len(points), np.inf))
-    for rate, group in _by_rate(source, rays.wavelength, points):
+    for rate, group in _by_rate(source, rays, points):
         cells = _cells(source, rays, points[group], tolerance, floor[group], rate)
         part = _raised(cells, rays, rate, points[group], tolerance, floor[group])
         result.values[group], result.errors[group] = part.values, part.errors
@@ -136,28 +136,37 @@ def _check_nodes(cells: Triangles, rate: float, wavelength: float) -> None:
         )
 
 
-def phase_rates(source: Aperture | Array, wavelength: float, points: Values) -> Values:
+def phase_rates(
+    source: Aperture | Array, wavelength: float, points: Values, curved: Sequence[float] = ()
+) -> Values:
     """Largest |nu - kappa| of the rays to each point, in cycles per metre, kappa of any wave.
 
-    The bounds' corners have the largest.
+    The bounds' corners have the largest. That of a curved wave is another one at each place.
     """
     xmin, ymin, xmax, ymax = source.bounds
     corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
     rays = points[:, None, :2] - corners
     length = np.sqrt((rays**2).sum(axis=-1) + points[:, None, 2] ** 2)
     nu = rays / (wavelength * length[..., None])
+    bent = 0.0
+    if curved:
+        q = np.array([curved[:2], curved[1:3]])
+        nu = nu - (corners - np.array(curved[3:])) @ q
+        bent = float(np.linalg.norm(q, 2) * np.hypot(xmax - xmin, ymax - ymin))
     still = np.zeros((1, 2))
     waves = [still if field is None else field.frequencies for field in fields_of(source)]
     result = np.zeros(len(points))
     for kappa in np.unique(np.concatenate(waves), axis=0):
         result = np.maximum(result, np.linalg.norm(nu - kappa, axis=-1).max(axis=1))
-    return result
+    return result + bent
 
 
 def _by_rate(
-    source: Aperture | Array, wavelength: float, points: Values
+    source: Aperture | Array, rays: Rays, points: Values
 ) -> Iterator[tuple[float, NDArray[np.intp]]]:
-    steps = np.ceil(phase_rates(source, wavelength, points) * wavelength / _RATE_STEP)
+    wavelength = rays.wavelength
+    rates = phase_rates(source, wavelength, points, rays.curved)
+    steps = np.ceil(rates * wavelength / _RATE_STEP)
     for step in np.unique(steps):
         yield float(step) * _RATE_STEP / wavelength, np.flatnonzero(steps == step)
 

@@ -15,7 +15,7 @@ from polywigner.geometry.array_types import Points
 from polywigner.illumination import Array
 from polywigner.optics import FirstOrder
 from polywigner.propagation.irradiances import irradiance
-from polywigner.radiometry.directions import checked_source
+from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms.pupil import checked_pupil_radius, checked_waves, energy_of, shares_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -72,7 +72,7 @@ def psf(
     >>> round(float(peak * (0.5e-6 * 0.1) ** 2 / 1e-4), 12)
     1.0
     """
-    checked_source(source)
+    checked_radiator(source)
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
         checked_length(length, "wavelength")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import checked_length, checked_number, checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination import Array
@@ -176,6 +176,11 @@ def suggest_sampling(
         raise ArgumentError(f"expected oversampling as a number of at least 1, got {oversampling}")
     error, level = checked_decibels(error_db, level_db)
     _check_used(quantity, {"reach": reach, "box": box, "line": line, "radius": radius})
+    if isinstance(source, Wavefront):
+        raise ArgumentError(
+            "expected a source with a flat, coherent wave to suggest samples for, got a Wavefront; "
+            "use its .source, and finer steps where its wave turns faster"
+        )
     if quantity in _PHASE_SPACE:
         return _of(quantity, _phase_space_axes(source, wavelength, quantity, reach, finer))
     plane = checked_source(source)
@@ -277,7 +282,7 @@ def _narrowest(element: Any) -> float:
     return min(2 * part.area / part.length for part in element.polygons.geoms)
 
 
-def _largest_wave(source: PhaseSpaceSource) -> float:
+def _largest_wave(source: Any) -> float:
     """The largest component of a frequency of the waves on the elements, 1/m."""
     fields = [element.illumination for element in source.elements_in_plane]
     return max((float(np.abs(f.frequencies).max()) for f in fields if f is not None), default=0.0)

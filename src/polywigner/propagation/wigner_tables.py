@@ -28,6 +28,7 @@ from polywigner.propagation.stores_layout import (
 )
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
 from polywigner.transforms.labelled import LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["ambiguity_table", "wigner_table"]
 
@@ -171,7 +172,7 @@ def _grid(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np
 def _table(
     kind: Kind, source: PhaseSpaceSource, given: Mapping[str, ArrayLike], running: _Running
 ) -> Any:
-    if kernel_for(kind, source).dimension != 2:
+    if kernel_for(kind, flat_of(source)).dimension != 2:
         raise ArgumentError(
             f"expected a source of the plane, got {type(source).__name__}; the table of slits has "
             f"two coordinates only: use polywigner.{kind}"

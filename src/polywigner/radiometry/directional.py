@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from polywigner.errors import ArgumentError
-from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture
+from polywigner.execution import Engine, Precision, checked_precision
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
+from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.directions import (
     PlaneSource,
     checked_directions,
     checked_positions,
-    checked_source,
+    checked_radiator,
 )
+from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.transforms import fourier, wigner
+from polywigner.transforms.coherence import mean_over_tilts
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["Normalisation", "radiance", "radiant_intensity"]
 
 Normalisation = Literal["si", "paper"]
+
+# Of the mean over a band, as a share of the largest intensity.
+_BAND_ERROR = 1e-12
 
 
 def _radiance_units(arguments: dict[str, Any]) -> str:
@@ -34,7 +42,7 @@ def _radiance_units(arguments: dict[str, Any]) -> str:
 @takes_frequency
 @takes_xarray("x", "direction", units=_radiance_units, long_name="radiance L(x, s)")
 def radiance(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     x: ArrayLike,
     direction: ArrayLike,
     wavelength: float,
@@ -52,7 +60,8 @@ def radiance(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved or partly coherent wave.
     x : (..., 2) positions in m, outside of the source too: in its automean.
     direction : (..., 3) unit vectors with z >= 0; broadcasts against ``x``.
     wavelength : in m.
@@ -74,7 +83,7 @@ def radiance(
     >>> round(float(pw.radiance(pw.shapes.square(10e-3), (0, 0), (0, 0, 1), 3.2e-3)), 3)  # W/m^2/sr
     39.063
     """
-    radiator = checked_source(source)
+    radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     if not isinstance(normalisation, str) or normalisation not in get_args(Normalisation):
         raise ArgumentError(f'expected normalisation to be "si" or "paper", got {normalisation!r}')
@@ -82,7 +91,8 @@ def radiance(
     found = wigner(radiator, checked_positions(x), nu, precision=precision, engine=engine)
     scale = 1.0
     if normalisation == "paper":
-        area = radiator.area if isinstance(radiator, Aperture) else radiator.support.area
+        flat = flat_of(radiator)
+        area = flat.area if isinstance(flat, Aperture) else flat.support.area
         scale = 1 / (4 * math.pi * area)
     return found * found.dtype.type(scale / length**2)
 
@@ -90,10 +100,11 @@ def radiance(
 @takes_frequency
 @takes_xarray("direction", units="W sr-1", long_name="radiant intensity")
 def radiant_intensity(
-    source: PlaneSource,
+    source: PlaneSource | Wavefront,
     direction: ArrayLike,
     wavelength: float,
     *,
+    bandwidth: float | None = None,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Any:
@@ -103,9 +114,12 @@ def radiant_intensity(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved or partly coherent wave.
     direction : (..., 3) unit vectors with z >= 0.
     wavelength : in m.
+    bandwidth : in Hz; the mean over light of all frequencies that are at most half of it from that
+        of the wavelength (docs/coherence.md, (PC6)). None: light of the one wavelength.
     precision, engine : see :func:`fourier`.
 
     Returns
@@ -121,9 +135,25 @@ def radiant_intensity(
     >>> round(float(pw.radiant_intensity(pw.shapes.square(10e-3), (0, 0, 1), 3.2e-3)), 6)  # W/sr
     0.000977
     """
-    radiator = checked_source(source)
+    radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     directions = checked_directions(direction)
-    found = fourier(radiator, directions[..., :2] / length, precision=precision, engine=engine)
-    intensity = directions[..., 2] * np.square(np.abs(found) / length)
-    return intensity.astype(found.real.dtype, copy=False)[()]
+    if bandwidth is not None:
+        band = checked_bandwidth(bandwidth, length)
+        parts = wavelengths_of_band(length, band, largest_lag(radiator), _BAND_ERROR)
+        how: dict[str, Any] = {"precision": precision, "engine": engine}
+        return sum(w * radiant_intensity(radiator, directions, one, **how) for one, w in parts)
+    compute: Any = partial(_per_frequency, length, precision=precision, engine=engine)
+    nu = directions[..., :2] / length
+    if isinstance(radiator, Wavefront) and not radiator.is_coherent:
+        double = checked_precision(precision) != "single"
+        of_coherent = partial(compute, radiator.coherent)
+        found = mean_over_tilts(of_coherent, radiator, nu, double=double)
+    else:
+        found = compute(radiator, nu)
+    return (directions[..., 2] * found).astype(found.dtype, copy=False)[()]
+
+
+def _per_frequency(wavelength: float, source: Any, nu: Any, **how: Any) -> Any:
+    """|F|^2/lambda^2."""
+    return np.square(np.abs(fourier(source, nu, **how)) / wavelength)

@@ -9,17 +9,35 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, Slits
+from polywigner.geometry import Aperture, Slits, Wavefront
 from polywigner.geometry.arguments import shape_of
 from polywigner.geometry.numbers import real_numbers
 from polywigner.illumination import Array
+from polywigner.transforms.wavefronts import checked_wavefront
 
-__all__ = ["PlaneSource", "checked_directions", "checked_positions", "checked_source"]
+__all__ = [
+    "PlaneSource",
+    "checked_directions",
+    "checked_positions",
+    "checked_radiator",
+    "checked_source",
+]
 
 PlaneSource = Aperture | Array
 
 # As in illumination.directions: directions that passed through single precision pass.
 _UNIT = 1e-6
+
+
+def checked_radiator(source: Any, partly: bool = False) -> PlaneSource | Wavefront:
+    """What :func:`checked_source` takes, or one with a curved wave.
+
+    ``partly``: it may be partly coherent; else that raises IlluminationError.
+    """
+    if not isinstance(source, Wavefront):
+        return checked_source(source)
+    checked_source(source.source)
+    return source if partly else checked_wavefront(source)
 
 
 def checked_source(source: Any) -> PlaneSource:
@@ -34,6 +52,7 @@ def checked_source(source: Any) -> PlaneSource:
             "Slits": "; make rectangles of slits, power needs an area",
             "PlacedAperture": "; use its .aperture, and directions relative to it",
             "Polyhedron": "; a body has a Fourier transform only",
+            "Wavefront": "; use its .source, whose wave is flat and coherent",
         }.get(type(source).__name__, "; make one by Aperture(...) of a ring or of shapely polygons")
         raise ArgumentError(
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "

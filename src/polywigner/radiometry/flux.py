@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine
+from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.radiometry.directional import radiance, radiant_intensity
-from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms.energies import energy_of
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -27,7 +28,7 @@ _BLOCK = 1 << 22
     "x", units="W m-2", long_name="flux vector J(x)", components={"flux_component": "xyz"}
 )
 def flux_vector(
-    source: PlaneSource, x: ArrayLike, wavelength: float, *, engine: Engine = "auto"
+    source: PlaneSource | Wavefront, x: ArrayLike, wavelength: float, *, engine: Engine = "auto"
 ) -> NDArray[np.float64]:
     """Flux vector J(x) = int L(x, s) s dOmega over the directions of z > 0.
 
@@ -38,7 +39,8 @@ def flux_vector(
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved or partly coherent wave.
     x : (..., 2) positions in m.
     wavelength : in m.
     engine : see :func:`fourier`.
@@ -58,7 +60,7 @@ def flux_vector(
     >>> round(float(pw.flux_vector(pw.shapes.square(10e-3), (0, 0), 3.2e-3)[2]), 2)  # W/m^2
     0.95
     """
-    radiator = checked_source(source)
+    radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     positions = checked_positions(x)
     places = positions.reshape(-1, 1, 2)
@@ -77,7 +79,7 @@ def flux_vector(
 
 
 @takes_frequency
-def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") -> float:
+def power(source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto") -> float:
     """Power that a source radiates through a far hemisphere, int |F|^2 d nu over |nu| < 1/lambda.
 
     The integral of :func:`radiant_intensity`; less than int |u|^2 dx by what is evanescent
@@ -85,7 +87,8 @@ def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") ->
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved or partly coherent wave.
     wavelength : in m.
     engine : see :func:`fourier`.
 
@@ -102,7 +105,7 @@ def power(source: PlaneSource, wavelength: float, *, engine: Engine = "auto") ->
     >>> round(pw.power(pw.shapes.square(10e-3), frequency=94e9) * 1e6, 2)  # uW
     93.38
     """
-    radiator = checked_source(source)
+    radiator = checked_radiator(source, partly=True)
     length = checked_wavelength(wavelength)
     blocks = directions_and_weights(largest_lag(radiator), length)
     return float(sum(w @ radiant_intensity(radiator, s, length, engine=engine) for s, w in blocks))
@@ -141,13 +144,14 @@ class EnergyBudget:
 
 @takes_frequency
 def energy_budget(
-    source: PlaneSource, wavelength: float, *, engine: Engine = "auto"
+    source: PlaneSource | Wavefront, wavelength: float, *, engine: Engine = "auto"
 ) -> EnergyBudget:
     """The power of a source, radiated and evanescent (docs/radiometry.md, (E4)).
 
     Parameters
     ----------
-    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2.
+    source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
+        curved or partly coherent wave.
     wavelength : in m.
     engine : see :func:`fourier`.
 
@@ -164,5 +168,5 @@ def energy_budget(
     >>> round(budget.propagating / budget.total, 4)
     0.9337
     """
-    radiator = checked_source(source)
+    radiator = checked_radiator(source, partly=True)
     return EnergyBudget(energy_of(radiator), power(radiator, wavelength, engine=engine))

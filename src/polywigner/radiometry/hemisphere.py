@@ -12,15 +12,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.radiometry.directions import PlaneSource
 from polywigner.radiometry.progress import progress_bar
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["directions_and_weights", "largest_lag"]
 
@@ -36,14 +38,15 @@ _LONG = 1 << 25
 _PANEL = 400.0
 
 
-def largest_lag(source: PlaneSource) -> float:
+def largest_lag(source: PlaneSource | Wavefront) -> float:
     """Largest distance of two points of the source, in m; of many elements a little more."""
-    if isinstance(source, Aperture):
-        return source.diameter
-    if source.repeated is not None and isinstance(source.repeated[0], Aperture):
-        element, sites = source.repeated
+    flat: Any = flat_of(source)
+    if isinstance(flat, Aperture):
+        return flat.diameter
+    if flat.repeated is not None and isinstance(flat.repeated[0], Aperture):
+        element, sites = flat.repeated
         return element.diameter + _diameter(sites)
-    corners = [np.concatenate(element.rings) for element in source.elements_in_plane]
+    corners = [np.concatenate(element.rings) for element in flat.elements_in_plane]
     return _diameter(np.concatenate(corners))
 
 

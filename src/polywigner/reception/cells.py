@@ -8,17 +8,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.grid import polygons_in
-from polywigner.illumination import Array
 from polywigner.illumination.direction_cosines import fields_of
 from polywigner.propagation.arrangement import triangulated
 from polywigner.propagation.rays_rules import NODES_PER_CYCLE, areas, rule_by_triangles
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["Cells", "cells_of"]
 
@@ -40,7 +41,9 @@ _MOST_KEPT = 256
 class Cells:
     """A tree of boxes around what is in them; cell 0 is all of the source."""
 
-    def __init__(self, source: Aperture | Array, wavelength: float) -> None:
+    def __init__(self, source: Any, wavelength: float) -> None:
+        self._wave = source if isinstance(source, Wavefront) else None
+        source = flat_of(source)
         xmin, ymin, xmax, ymax = source.bounds
         self.centre = np.array([xmin / 2 + xmax / 2, ymin / 2 + ymax / 2])
         self.wavelength = wavelength
@@ -52,6 +55,10 @@ class Cells:
         frequencies = np.linalg.norm(np.concatenate(waves), axis=1)
         self.highest_frequency = float(frequencies.max()) * wavelength
         """Of the waves of the field, in cycles per wavelength."""
+        if self._wave is not None:
+            corners = np.array([(x, y) for x in (xmin, xmax) for y in (ymin, ymax)])
+            slopes = (corners - self._wave.centre) @ self._wave.curvature
+            self.highest_frequency += float(np.linalg.norm(slopes, axis=1).max()) * wavelength
         self.low, self.high = np.empty((0, 2)), np.empty((0, 2))
         self._parts: list[tuple[NDArray[np.object_], NDArray[np.intp]]] = []
         self._children: dict[int, list[int]] = {}
@@ -99,6 +106,10 @@ class Cells:
             if field is not None:
                 mine = owners == owner
                 values[mine] *= field(nodes[mine])
+        if self._wave is not None:
+            inner = nodes - self._wave.centre
+            turns = ((inner @ self._wave.curvature) * inner).sum(axis=1) / 2
+            values = values * np.exp(2j * np.pi * turns)
         return (nodes - self.centre) / self.wavelength, values.astype(np.complex128)
 
     def _triangles_of(self, cell: int) -> tuple[Floats, NDArray[np.intp]]:
@@ -150,6 +161,6 @@ def _hull(elements: Sequence[Aperture]) -> Floats:
 
 
 @lru_cache(maxsize=16)
-def cells_of(source: Aperture | Array, wavelength: float) -> Cells:
+def cells_of(source: Any, wavelength: float) -> Cells:
     """The cells of a source at a wavelength in m; equal sources share theirs."""
     return Cells(source, wavelength)

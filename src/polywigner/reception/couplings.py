@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_number
 from polywigner.geometry.array_types import DrJitArray
 from polywigner.geometry.frequency import takes_frequency
@@ -23,7 +23,7 @@ from polywigner.kernels.boundary.distances import distance_of, point_in_waveleng
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.places import checked_method, checked_wavelength, warn_of_missed
-from polywigner.radiometry.directions import checked_source
+from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of
 from polywigner.reception.link_sums import link_slopes_of, link_sums
@@ -31,6 +31,7 @@ from polywigner.reception.norms import root_of_norm, slopes_of_fields
 from polywigner.reception.overlaps import overlap
 from polywigner.reception.poses import check_facing, checked_poses
 from polywigner.transforms import Differentiable
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["LinkMethod", "checked_tolerance", "coupling"]
 
@@ -57,8 +58,8 @@ _NODES, _NODES_PER_DIGIT = 4.0, 0.5
 
 @takes_frequency
 def coupling(
-    transmitter: Aperture | Array | Differentiable,
-    receiver: Aperture | Array | Differentiable,
+    transmitter: Aperture | Array | Wavefront | Differentiable,
+    receiver: Aperture | Array | Wavefront | Differentiable,
     to_transmitter: ArrayLike | DrJitArray,
     wavelength: float,
     method: LinkMethod = "rayleigh-sommerfeld-1",
@@ -82,8 +83,9 @@ def coupling(
     Parameters
     ----------
     transmitter, receiver : Apertures, or Arrays of apertures in the plane z = 0, with any
-        illuminations. Each radiates along the +z of its own frame. Or :func:`differentiable` ones
-        with weights or amplitudes, for a tensor with derivatives in them (docs/links.md, (RX6)).
+        illuminations, or with curved waves. Each radiates along the +z of its own frame. Or
+        :func:`differentiable` ones with weights or amplitudes, for a tensor with derivatives in
+        them (docs/links.md, (RX6)).
     to_transmitter : (..., 4, 4) rigid poses, in m, that map the receiver's frame into the
         transmitter's; or a Dr.Jit tensor of them, for a tensor with derivatives in the pose
         (closed forms; of rigid motions: a pose is taken as the nearest rigid one).
@@ -172,6 +174,11 @@ def _found(
     flat = poses.reshape(-1, 4, 4)
     cells = [cells_of(source, wavelength) for source in sources]
     check_facing(flat, cells[0].corners, cells[1].corners)
+    if method == "wigner" and any(isinstance(source, Wavefront) for source in sources):
+        raise ArgumentError(
+            'expected a flat wave with method="wigner", got a curved one; use '
+            '"rayleigh-sommerfeld-1", whose sum over places takes both'
+        )
     if method == "wigner":
         values, errors, limits = overlap(sources, flat, wavelength, tolerance, _FLOOR)
     else:
@@ -232,7 +239,8 @@ def _far(sources: tuple[Any, ...], cells: list[Cells], poses: Floats, wavelength
     back = -np.einsum("nji,nj->ni", poses[:, :3, :3], towards)
     result: Complex = 1j * wavelength / distance * np.exp(2j * np.pi * _turns(offset, wavelength))
     for source, own, directions in zip(sources, cells, (towards, back), strict=True):
-        centred = moved_source(source, -own.centre)
+        curved = isinstance(source, Wavefront)
+        centred = source.moved(-own.centre) if curved else moved_source(source, -own.centre)
         pattern = far_field(centred, directions, wavelength, "rayleigh-sommerfeld-1")
         result *= pattern / root_of_norm(source)
     return result
@@ -254,7 +262,7 @@ def _turns(offset: Floats, wavelength: float) -> Floats:
 
 def _largest(sources: tuple[Any, ...], wavelength: float, offset: Floats) -> Floats:
     """The largest coupling that sources of these areas can have there, (n,)."""
-    areas = [sum(e.area for e in source.elements_in_plane) for source in sources]
+    areas = [sum(e.area for e in flat_of(source).elements_in_plane) for source in sources]
     size = math.sqrt(areas[0]) * math.sqrt(areas[1]) / wavelength
     result: Floats = np.minimum(1.0, size / np.linalg.norm(offset, axis=1))
     return result
@@ -262,7 +270,7 @@ def _largest(sources: tuple[Any, ...], wavelength: float, offset: Floats) -> Flo
 
 def _checked_source(source: Any) -> Differentiable:
     traced = source if isinstance(source, Differentiable) else Differentiable(source)
-    checked_source(traced.source)
+    checked_radiator(traced.source)
     if traced.vertices is not None:
         raise ArgumentError(
             "expected sources without derivatives in vertices, got one with; a coupling has "

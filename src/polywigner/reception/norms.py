@@ -18,6 +18,7 @@ from polywigner.propagation.field_slopes import parts_of
 from polywigner.transforms import Differentiable
 from polywigner.transforms.energies import energy_of
 from polywigner.transforms.traced_sources import fields_of
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["root_of_norm", "slopes_of_fields"]
 
@@ -28,11 +29,12 @@ _DARK = 1e-12
 
 
 @lru_cache(maxsize=16)
-def root_of_norm(source: Aperture | Array) -> float:
+def root_of_norm(source: Any) -> float:
     """sqrt(int |u|^2), in m times the unit of the field.
 
     Raises IlluminationError for a source that cancels itself.
     """
+    source = flat_of(source)  # a curved wave is of the same modulus
     norm = energy_of(source)
     weights = [1.0] if isinstance(source, Aperture) else np.abs(source.weights).tolist()
     parts = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.sites import Sites
 from polywigner.transforms.extremes import check_width, is_wide, within_reach
@@ -27,7 +27,7 @@ __all__ = [
     "transform",
 ]
 
-PhaseSpaceSource = Aperture | Slits | Array
+PhaseSpaceSource = Aperture | Slits | Array | Wavefront
 Source = PhaseSpaceSource | PlacedAperture | Polyhedron
 _COMPLEX = ("fourier", "array factor")  # of real and complex nu
 
@@ -60,8 +60,12 @@ def transform(
     engine: str,
     *,
     outputs: int = 1,
+    shear: execution.Shear | None = None,
 ) -> Any:
-    """Check the arguments once, and hand them to the engine of their type."""
+    """Check the arguments once, and hand them to the engine of their type.
+
+    ``shear``: of NumPy's components, as :func:`polywigner.execution.evaluate` has it.
+    """
     if any(execution.is_drjit(value) for _, value in points):
         return execution.evaluate_traced(
             # arrays of single precision have lost as much on the way in
@@ -83,7 +87,10 @@ def transform(
         engine=engine,
         outputs=outputs,
         into=parts,
+        shear=shear,
     )
+    if shear is not None and np.isnan(value).any():
+        arrays = _regrouped(shear(components), kernel.dimension)
     if not isinstance(source, Sites) and not any(np.iscomplexobj(a) for a in arrays):
         named = [(label, array) for (label, _), array in zip(points, arrays, strict=True)]
         value = _near_the_largest_float(kernel, source, named, value)
@@ -120,6 +127,12 @@ def checked_call(
             "insert axes of length 1, as in x[:, None, :]"
         ) from None
     return kernel, components, arrays
+
+
+def _regrouped(components: Sequence[Any], dimension: int) -> list[Any]:
+    """Points (..., d) from all components of all arguments."""
+    groups = (components[k : k + dimension] for k in range(0, len(components), dimension))
+    return [np.stack(np.broadcast_arrays(*group), axis=-1) for group in groups]
 
 
 def _near_the_largest_float(

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.transforms.phase_space import lag_marginal
 
 __all__ = ["energy_of"]
 
 
-def energy_of(source: Aperture | Array) -> float:
+def energy_of(source: Aperture | Array | Wavefront) -> float:
     """int |u|^2 = R_xi(0) of a source in the plane, in m^2 times the unit of |u|^2.
 
     Rounding may make it negative where elements cancel each other everywhere.

@@ -6,11 +6,12 @@ from numpy.typing import ArrayLike
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, Polyhedron
+from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.illumination import Array
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_call, in_plane
+from polywigner.transforms.wavefronts import POINTS_OF, as_flat
 
 __all__ = ["explain"]
 
@@ -39,7 +40,8 @@ def explain(
     Parameters
     ----------
     source : as the function takes it. For ``"fourier"`` an Aperture, Slits or Polyhedron: that of
-        an Array is a sum of several calls.
+        an Array is a sum of several calls. One with a curved wave is explained as what is computed
+        of its flat source; its F is always a sum over nodes along edges.
     arguments : those of the function, as NumPy arrays: x and nu for ``"wigner"``.
     function : "wigner", "ambiguity", "autocorrelation", "fourier", "position_marginal" or
         "lag_marginal".
@@ -85,6 +87,9 @@ def explain(
         arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
         if isinstance(source, Aperture) and is_separable(source):
             name = "fourier of waves"
+    if isinstance(source, Wavefront):
+        source, name, arguments = as_flat(source, function, arguments)
+        names = POINTS_OF[name]
     points = list(zip(names, arguments, strict=True))
     kernel, components, _ = checked_call(name, source, points, precision, engine)
     return execution.explained(

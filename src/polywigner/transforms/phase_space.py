@@ -12,12 +12,14 @@ from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transf
 from polywigner.transforms.through import before
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import phase_space_of
+from polywigner.transforms.wavefronts import takes_wavefronts
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
 
 
 @takes_xarray("x", "xi", units="1", long_name="autocorrelation R(x, xi)")
+@takes_wavefronts
 def autocorrelation(
     source: PhaseSpaceSource,
     x: Points,
@@ -34,7 +36,7 @@ def autocorrelation(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either.
+        either; or one with a curved or partly coherent wave.
     x : (..., d) positions, the mean of the two points, in m.
     xi : (..., d) lags, their difference, in m; broadcasts against ``x``.
     precision, engine : see :func:`fourier`.
@@ -59,6 +61,7 @@ def autocorrelation(
 
 
 @takes_xarray("x", "nu", units=content_units, long_name="Wigner function W(x, nu)")
+@takes_wavefronts
 def wigner(
     source: PhaseSpaceSource | Differentiable,
     x: Points,
@@ -111,6 +114,7 @@ def wigner(
 
 
 @takes_xarray("upsilon", "xi", units=content_units, long_name="ambiguity function A(upsilon, xi)")
+@takes_wavefronts
 def ambiguity(
     source: PhaseSpaceSource | Differentiable,
     upsilon: Points,
@@ -163,6 +167,7 @@ def ambiguity(
 
 
 @takes_xarray("x", units=content_units, long_name="position marginal R_x(x)")
+@takes_wavefronts
 def position_marginal(
     source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -171,7 +176,7 @@ def position_marginal(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), uniform or with an illumination, or an Array of
-        either.
+        either; or one with a curved or partly coherent wave.
     x : (..., d) positions in m.
     precision, engine : see :func:`fourier`.
 
@@ -194,6 +199,7 @@ def position_marginal(
 
 
 @takes_xarray("xi", units=content_units, long_name="lag marginal R_xi(xi)")
+@takes_wavefronts
 def lag_marginal(
     source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:

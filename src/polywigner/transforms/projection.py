@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
+from polywigner.geometry import Wavefront
 from polywigner.geometry.numbers import real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
@@ -107,6 +108,11 @@ def projections(
     if kind not in get_args(PhaseSpaceFunction):
         names = ", ".join(f'"{name}"' for name in get_args(PhaseSpaceFunction))
         raise ArgumentError(f"expected kind to be one of {names}, got {kind!r}")
+    if isinstance(source, Wavefront):
+        raise ArgumentError(
+            "expected a source with a flat, coherent wave for projections, got a Wavefront, whose "
+            "tiles of mixed coordinates have no closed form; use its .source, or sums of wigner"
+        )
     dimension = kernel_for(kind, source).dimension
     checked_engine(engine)
     available = tiles_of(dimension, kind)

@@ -15,6 +15,7 @@ from polywigner.geometry.arguments import checked_length, checked_row
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
+from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["checked_pupil_radius", "checked_waves", "energy_of", "mtf", "otf", "shares_of"]
@@ -45,7 +46,8 @@ def otf(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
-        the axis passes through the origin.
+        the axis passes through the origin. With a curved wave, which is defocus as well: w of it is
+        a^2/(2 wavelength radius).
     xi : (..., d) lags in the pupil in m; at the image distance z, the frequency xi/(lambda z).
     defocus : w, the wavefront aberration W20 at ``pupil_radius``, in waves.
     pupil_radius : a in m; default: the largest distance of a vertex from the origin. For a disc of
@@ -69,7 +71,7 @@ def otf(
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
-    kernel = kernels.kernel_for("ambiguity", source)
+    kernel = kernels.kernel_for("ambiguity", flat_of(source))
     radius = checked_pupil_radius(source, pupil_radius)
     waves = checked_waves(defocus)
     # Two divisions: the square of a radius may be too small or too large for a float.
@@ -107,7 +109,8 @@ def mtf(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
+        or one with a curved or partly coherent wave.
     frequency : (..., d) in the image, in cycles per mm.
     wavelength : in m, or (k,) of a polychromatic source.
     focal_length : in m, or the distance of the image from the pupil.
@@ -136,7 +139,7 @@ def mtf(
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     share = shares_of(weights, lengths.size)
-    dimension = kernels.kernel_for("ambiguity", source).dimension
+    dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     aberration = checked_waves(defocus) * float(share @ lengths)
@@ -188,15 +191,17 @@ def checked_pupil_radius(source: PhaseSpaceSource, given: Any) -> float:
 
 
 def _pupil_radius(source: PhaseSpaceSource) -> float:
-    if isinstance(source, Slits):
-        return float(np.abs(source.intervals).max())
-    if isinstance(source, Aperture):
-        return float(np.hypot(*np.concatenate(source.rings).T).max())
-    return max(_pupil_radius(element) for element in source.elements_in_plane)
+    flat: Any = flat_of(source)
+    if isinstance(flat, Slits):
+        return float(np.abs(flat.intervals).max())
+    if isinstance(flat, Aperture):
+        return float(np.hypot(*np.concatenate(flat.rings).T).max())
+    return max(_pupil_radius(element) for element in flat.elements_in_plane)
 
 
 def energy_of(source: PhaseSpaceSource) -> float:
     """The integral of |u|^2, A(0, 0)."""
+    source = flat_of(source)
     dimension = kernels.kernel_for("ambiguity", source).dimension
     energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
     if isinstance(source, Array):

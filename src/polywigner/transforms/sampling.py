@@ -18,6 +18,7 @@ from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["Weights", "in_phase", "sample_automean"]
 
@@ -55,7 +56,8 @@ def sample_automean(
 
     Parameters
     ----------
-    source : Aperture (d = 2) or Slits (d = 1), or an Array of either.
+    source : Aperture (d = 2) or Slits (d = 1), or an Array of either; or one with another wave, of
+        which only the flat source matters.
     samples : how many, or the numbers to map, each in [0, 1): (n, d) for ``"uniform"``, (n, 2 d)
         for ``"marginal"`` (the first d numbers make a, the others b).
     weights : the density.
@@ -76,6 +78,7 @@ def sample_automean(
     >>> places.shape, round(float(weights.sum()), 6)
     ((100, 2), 100.0)
     """
+    source = flat_of(source)  # a curved wave has the same support and modulus
     dimension = kernel_for("position_marginal", source).dimension
     if weights not in get_args(Weights):
         names = " or ".join(f'"{name}"' for name in get_args(Weights))
@@ -92,7 +95,7 @@ def sample_automean(
     return points, position_marginal(bound, points, engine=engine) / content**2
 
 
-def in_phase(source: PhaseSpaceSource) -> PhaseSpaceSource:
+def in_phase(source: Any) -> Any:
     """The source with a constant field on each element, no smaller than its own and in phase."""
     if not isinstance(source, Array):
         return source.with_illumination(None)
@@ -126,7 +129,7 @@ def _numbers(samples: Any, columns: int, seed: Any) -> Values:
     return array
 
 
-def _elements(source: PhaseSpaceSource) -> list[tuple[Element, float]]:
+def _elements(source: Any) -> list[tuple[Element, float]]:
     """Slits or apertures, and the modulus of the field on each."""
     if isinstance(source, Array):
         moduli: list[float] = abs(source.weights).tolist()
@@ -135,7 +138,7 @@ def _elements(source: PhaseSpaceSource) -> list[tuple[Element, float]]:
     return [(source, 1.0)]
 
 
-def _support(source: PhaseSpaceSource) -> Element:
+def _support(source: Any) -> Element:
     """The automean, of slits as well."""
     if isinstance(source, Array) and source.dimension > 1:
         return automean(source.support)

@@ -34,12 +34,14 @@ from polywigner.transforms.extremes import (
 )
 from polywigner.transforms.traced_sources import Differentiable
 from polywigner.transforms.traced_values import fourier_of
+from polywigner.transforms.wavefronts import takes_wavefronts
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["array_factor", "fourier"]
 
 
 @takes_xarray("nu", units=content_units, long_name="Fourier transform F(nu)")
+@takes_wavefronts
 def fourier(
     source: Source | Differentiable,
     nu: Points,

@@ -22,7 +22,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.execution import is_drjit, kernel_threads
-from polywigner.geometry import Polyhedron, Slits
+from polywigner.geometry import Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.transforms.traced_sources import Differentiable
 
@@ -36,6 +36,7 @@ Units = str | Callable[[Arguments], str]
 def content_units(arguments: Mapping[str, Any]) -> str:
     """Unit of the source's length, area or volume, which its transforms have as well."""
     source = arguments["source"]
+    source = source.source if isinstance(source, Wavefront) else source
     while isinstance(source, Array):
         source = source.elements[0]
     return {Slits: "m", Polyhedron: "m3"}.get(type(source), "m2")

@@ -153,7 +153,7 @@ def connect_access(session: Session) -> None:
         widget.stylesheets = [*widget.stylesheets, focus]
     headings = [controls.drawer, *(group.heading for group in controls.groups)]
     known: dict[str, Any] = {
-        "sliders": [controls.defocus, controls.distance],
+        "sliders": [controls.coherence, controls.defocus, controls.distance],
         "groups": [(controls.part, "Part of F"), (controls.order, "Order of rays")],
         "toggles": [
             (controls.draw, "aria-pressed"),

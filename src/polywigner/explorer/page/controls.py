@@ -108,6 +108,8 @@ class Controls:
         )
         self.whole = Button(label="Undo zoom", name="whole", width=86, **_HEAD)
         self.part = RadioButtonGroup(labels=["dB", "real part", "phase"], name="part", **_WIDE)
+        self.coherence = Slider(title="Coherent over", start=0, end=20, step=0.25, value=0,
+                                name="coherence", **_WIDE)  # fmt: skip
         self.defocus = Slider(title="Defocus W20 (waves)", start=-4, end=4, step=0.05, value=0,
                               name="defocus", **_WIDE)  # fmt: skip
         self.distance = Slider(title="Near field at z", start=1, end=200, step=1, value=50,
@@ -147,8 +149,8 @@ class Controls:
             ),
             Group("light", "Light", 155, _row(self.wave, self.steering),
                   _row(self.taper, self.array), _row(self.window, self.reach)),
-            Group("views", "Views", 222, self.views, self.part, self.defocus, self.distance,
-                  self.order, self.note),
+            Group("views", "Views", 262, self.views, self.part, self.coherence, self.defocus,
+                  self.distance, self.order, self.note),
             Group("vertices", "Vertices", 165, self.table),
             Group("take", "Take away", 266, self.take, _row(*self.files.values()),
                   _row(*self.outlines.values()), self.code),

@@ -241,7 +241,7 @@ def _connect_fields(session: Session) -> None:
 
     for name in ("unit", "wave", "taper", "array", "window", "steering"):
         on_change(session, getattr(controls, name), "value", partial(entered, name))
-    for name in ("snap", "reach", "defocus", "distance"):
+    for name in ("snap", "reach", "coherence", "defocus", "distance"):
         on_change(session, getattr(controls, name), "value", partial(looked, name))
     on_change(session, controls.part, "active",
                lambda k: session.edit(step=False, edges=False, part=PARTS[k]))  # fmt: skip

@@ -224,7 +224,8 @@ class Session:
         for result in results(state, names):
             if result is not None:
                 if result.name == "source":
-                    todo = [] if result.error else queue(names, edges_of(state))
+                    partly = state.coherence > 0
+                    todo = [] if result.error else queue(names, edges_of(state), partly)
                 else:
                     todo = todo[1:]
                 found.append((result, todo))

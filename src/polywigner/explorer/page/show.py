@@ -36,6 +36,8 @@ def fill(controls: Controls, history: History) -> None:
     controls.nu_x.title, controls.nu_y.title = (f"{n} (1/{state.unit})" for n in ("ν_x", "ν_y"))
     controls.part.active = PARTS.index(state.part)
     controls.order.active = ORDERS.index(state.order)
+    _slide(controls.coherence, state.coherence)
+    controls.coherence.title = f"Coherent over ({state.unit}; 0: all; W and OTF)"
     _slide(controls.defocus, state.defocus)
     _slide(controls.distance, state.distance)
     controls.distance.title = f"Near field at z ({state.unit})"

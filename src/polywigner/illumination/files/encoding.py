@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerError
-from polywigner.geometry import Aperture, PlacedAperture, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
 from polywigner.illumination.array import Array, Element
 from polywigner.illumination.files.polygons import aperture_of_polygons
 from polywigner.illumination.files.tables import VERSION, Source
+from polywigner.illumination.files.wavefronts import table_of_wavefront
 
 __all__ = ["json_of", "table_of", "toml_of"]
 
@@ -28,6 +29,8 @@ def table_of(source: Source) -> dict[str, Any]:
 
     Raises ArgumentError for anything but a source.
     """
+    if isinstance(source, Wavefront):
+        return {**table_of(source.source), "wavefront": table_of_wavefront(source)}
     if isinstance(source, Array):
         body = _array(source)
     elif isinstance(source, Element):

@@ -16,6 +16,7 @@ from polywigner.geometry import (
     PlacedAperture,
     Polyhedron,
     Slits,
+    Wavefront,
     read_aperture,
     read_polyhedron,
     rigid_pose,
@@ -44,10 +45,11 @@ from polywigner.illumination.files.values import (
     text,
     whole,
 )
+from polywigner.illumination.files.wavefronts import wavefront_of
 
 __all__ = ["VERSION", "Source", "source_of"]
 
-Source = Element | Array
+Source = Element | Array | Wavefront
 
 VERSION = 1
 """Version of the format; files of another are refused."""
@@ -85,7 +87,13 @@ def source_of(table: Any, folder: Path, allow_outside: bool = False) -> Source:
             if whole(table["version"]) != VERSION:
                 raise FileFormatError(f"expected {VERSION}, got {shown(table['version'])}")
     body = {key: value for key, value in table.items() if key not in _HEAD}
-    return _of_kind(body, kinds, _File(folder, wavelength_in(table), allow_outside))
+    file = _File(folder, wavelength_in(table), allow_outside)
+    wave = body.pop("wavefront", None)
+    source = _of_kind(body, kinds, file)
+    if wave is None:
+        return source
+    with at("wavefront"):
+        return wavefront_of(source, wave, file.wavelength)
 
 
 def _of_kind(table: Any, kinds: Mapping[str, Callable[[Table, _File], Any]], file: _File) -> Any:

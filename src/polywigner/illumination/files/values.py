@@ -34,6 +34,7 @@ __all__ = [
     "length",
     "number",
     "numbers",
+    "radius_of",
     "text",
     "whole",
 ]
@@ -128,6 +129,13 @@ def _quantity(value: Any, parse: Callable[[str], float]) -> float:
 def length(value: Any) -> float:
     """A length above zero: a text such as "10 mm", or metres."""
     return parse_length(value if isinstance(value, str) else number(value))
+
+
+def radius_of(value: Any) -> float:
+    """A radius of a curved wave: a length of either sign, or "inf" for a flat one."""
+    if isinstance(value, str) and value.strip().lower() in ("inf", "flat"):
+        return math.inf
+    return _quantity(value, parse_coordinate)
 
 
 def angle(value: Any) -> float:

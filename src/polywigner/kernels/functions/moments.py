@@ -20,6 +20,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper
@@ -36,7 +38,7 @@ from polywigner.numerics.polynomials import Polynomial, added, multiplied, scale
 from polywigner.numerics.segment_moments import segment_moments
 from polywigner.numerics.trigonometry import cos_sin_turns
 
-__all__ = ["LAG_MOMENTS"]
+__all__ = ["LAG_MOMENTS", "LAG_MOMENTS_ALONG"]
 
 # Whether each of the six moments is of a function odd in the lag.
 _ODD = (False, True, False, False, True, True)
@@ -45,16 +47,19 @@ _COUNT = len(_ODD)
 Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
 
-def _lag_moments(clipper: Clipper, x: Any, y: Any, *frequencies: Any) -> Values:
+def _lag_moments(
+    clipper: Clipper, x: Any, y: Any, *frequencies: Any, apart: bool = False
+) -> Values:
     """The moments (T1) in the frame, |xi| in the user's units over those of the frame's largest.
 
     ``frequencies``: the detuned one, by which the waves of the field are taken relative to the
     carrier, and the whole one, along which tau is measured; two components each, in the frame.
+    ``apart``: whether the two differ by more than the carrier.
     """
     nu, ray = frequencies[:2], frequencies[2:]
 
     def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> _Moments:
-        return _Moments(clipper, pair, nu, ray)
+        return _Moments(clipper, pair, nu, ray, apart)
 
     return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), _COUNT))
 
@@ -146,11 +151,12 @@ class _Moments:
         wave_pair: WavePair | WavePairRow,
         nu: Sequence[Any],
         ray: Sequence[Any],
+        apart: bool,
     ) -> None:
         self.ops, self.wave_pair = clipper.ops, wave_pair
         self.offset = clipper.tx, clipper.ty
         frame = clipper.tables.frame
-        is_detuned = any(frame.carrier) or isinstance(wave_pair, WavePairRow)
+        is_detuned = apart or any(frame.carrier) or isinstance(wave_pair, WavePairRow)
         is_aligned = not is_detuned and not any(wave_pair.detuned((0.0, 0.0)))
         self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray, is_aligned)
         self.values = _COUNT if wave_pair.is_real else 2 * _COUNT
@@ -223,6 +229,13 @@ def _enter(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Valu
     return (*inner, *frame.frequency(ops, nu_x, nu_y))
 
 
+def _enter_along(
+    ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any, ray_x: Any, ray_y: Any
+) -> Values:
+    inner = WIGNER.enter(ops, frame, x, y, nu_x, nu_y)
+    return (*inner, *frame.frequency(ops, ray_x, ray_y))
+
+
 def _leave(ops: Any, frame: Frame, inner: Values, sums: Values) -> Values:
     """Scaled to the user's units: areas, and areas times squares of lengths."""
     square = scale_of(frame) ** 2
@@ -237,4 +250,11 @@ LAG_MOMENTS = Kernel(
     _enter,
     SliceSum((MIRRORED,), doubled_position, _lag_moments),
     _leave,
+)
+# Along a ray whose frequency is not that of the moments, as that of a curved wave.
+LAG_MOMENTS_ALONG = replace(
+    LAG_MOMENTS,
+    name="lag moments along rays apart",
+    enter=_enter_along,
+    edge_sum=SliceSum((MIRRORED,), doubled_position, partial(_lag_moments, apart=True)),
 )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from typing import Any, ClassVar
 
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS
@@ -13,7 +13,7 @@ from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.kernel import Kernel, Values, leave_real
 from polywigner.kernels.outline.frame import Frame
 
-__all__ = ["PART_MOMENTS", "PART_WIGNER"]
+__all__ = ["PART_MOMENTS", "PART_MOMENTS_ALONG", "PART_WIGNER"]
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,11 @@ def _part_tables(source: Any, double: bool) -> PartTables:
 def _enter(ops: Any, frame: Frame, *arguments: Any) -> Values:
     """(part, detuned frequency of its waves, whole frequency)."""
     part, nu = arguments[:6], arguments[PART_COLUMNS:]
+    # frequency of the ray, where it is another one
+    nu, ray = nu[:2], nu[2:] or nu
     detuned = frame.detuned(ops, *nu)
     shifted = (n - s for n, s in zip(detuned, arguments[6:PART_COLUMNS], strict=True))
-    return (*part, *shifted, *frame.frequency(ops, *nu))
+    return (*part, *shifted, *frame.frequency(ops, *ray))
 
 
 def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
@@ -49,10 +51,10 @@ def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
     return terms.total(term_of_part(ops, terms, (*inner[:4], *weight)))
 
 
-def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:
+def _moments(ops: Any, tables: PartTables, *inner: Any, apart: bool = False) -> Values:
     """A part's term of (T3)."""
     x, y, dx, dy, real, imag = inner[:6]
-    axes = RayFrame(ops, tables.frame, inner[6:8], inner[8:10], tables.is_aligned)
+    axes = RayFrame(ops, tables.frame, inner[6:8], inner[8:10], tables.is_aligned and not apart)
     (p, q), (dp, dq) = axes.turned(x, y), axes.turned(dx, dy)
     found = axes.of_part([p, dp], [q, dq], axes.turns(x, y), axes.turns(dx, dy))
     even = [2.0 * (real * a - imag * b) for a, b in zip(*found, strict=True)]
@@ -62,3 +64,6 @@ def _moments(ops: Any, tables: PartTables, *inner: Any) -> Values:
 
 PART_WIGNER = Kernel("wigner by parts", 0, _part_tables, _enter, _wigner, leave_real)
 PART_MOMENTS = Kernel("lag moments by parts", 0, _part_tables, _enter, _moments, LAG_MOMENTS.leave)
+PART_MOMENTS_ALONG = replace(
+    PART_MOMENTS, name="lag moments by parts, apart", edge_sum=partial(_moments, apart=True)
+)

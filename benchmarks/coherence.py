@@ -1,0 +1,66 @@
+"""How many times does a partly coherent source cost what it costs in coherent light?
+
+python benchmarks/coherence.py
+
+Wigner function of a square, a hexagon and two chevrons at 2000 random points, at one place with a
+grid of 64 x 64 frequencies, and the radiant intensity in 2000 directions. Widths of coherence as a
+share of the side of the source's box.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import polywigner as pw
+from polywigner.transforms.coherence import TILT_ERROR, tilts_of
+
+SIDE, WAVELENGTH = 10e-3, 3.2e-3
+SOURCES = {
+    "square": pw.shapes.square(SIDE),
+    "hexagon": pw.shapes.regular_polygon(6, SIDE / 2),
+    "two chevrons": pw.shapes.chevron_pair(SIDE, 0.6 * SIDE, 0.2 * SIDE),
+}
+SHARES = (3.0, 1.0, 0.3, 0.1)
+
+
+def fastest(call: Callable[[], Any], rounds: int = 5) -> float:
+    call()
+    times = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def main() -> None:
+    draw = np.random.default_rng(1)
+    x, nu = draw.uniform(-0.4 * SIDE, 0.4 * SIDE, (2000, 2)), draw.normal(0, 1.5 / SIDE, (2000, 2))
+    axis = np.linspace(-4, 4, 64) / SIDE
+    grid = np.stack(np.meshgrid(axis, axis), -1)
+    sine = draw.uniform(-0.6, 0.6, (2000, 2))
+    directions = np.column_stack([sine, np.sqrt(1 - (sine**2).sum(-1))])
+    calls = {
+        "points": lambda s: pw.wigner(s, x, nu),
+        "grid of nu": lambda s: pw.wigner(s, x[0], grid),
+        "intensity": lambda s: pw.radiant_intensity(s, directions, WAVELENGTH),
+    }
+    print("source         width/side  tilts  " + "  ".join(f"{name:>20}" for name in calls))
+    for name, source in SOURCES.items():
+        alone = {what: fastest(lambda c=call, s=source: c(s)) for what, call in calls.items()}
+        for share in SHARES:
+            partly = source.partially_coherent(share * SIDE)
+            tilts = len(tilts_of(partly, TILT_ERROR[True])[1])
+            cells = []
+            for what, call in calls.items():
+                took = fastest(lambda c=call, s=partly: c(s), 2)
+                cells.append(f"{1e3 * took:8.1f} ms  x {took / alone[what]:6.1f}")
+            print(f"{name:14} {share:10g}  {tilts:5d}  " + "  ".join(cells), flush=True)
+
+
+if __name__ == "__main__":
+    main()

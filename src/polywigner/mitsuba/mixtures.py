@@ -1,0 +1,164 @@
+"""Light that is a mixture of waves: partly coherent, or of a band of frequencies.
+
+Each sample is light of one wave: one tilt of the normal density that the width of coherence
+stands for, and one frequency of the flat band (docs/coherence.md, (PC2), (PC6)). Both are drawn by
+hashing the place and the receiver or direction of the sample, so that whoever asks for the same
+sample again, as integrators with derivatives do, finds the same wave. It takes no other evaluation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import drjit as dr
+import numpy as np
+
+from polywigner.errors import PolywignerError, SceneError
+from polywigner.geometry import Wavefront
+from polywigner.illumination.obliquities import takes_slopes
+from polywigner.mitsuba.obliquity import depends_on_wavelength
+from polywigner.propagation.mixtures import parts_of
+from polywigner.quantities import SPEED_OF_LIGHT
+from polywigner.radiometry.bands import checked_bandwidth
+
+__all__ = ["PLAIN", "DrawnWaves", "Mixture", "Wave", "check_mixture", "mixture_of"]
+
+# Error of means over tilts and wavelengths where a number is asked for, as a share of the largest.
+_ERROR = 1e-7
+# Odd numbers whose multiples differ in all bits, for hashing; 2^32 over the golden ratio is one.
+_FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
+_WORD = 0xFFFFFFFF
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """The width of coherence and the bandwidth of a source."""
+
+    coherence_width: float = math.inf
+    """In m; infinite: coherent."""
+    bandwidth: float | None = None
+    """In Hz, of the light; None: one wavelength."""
+
+    def __str__(self) -> str:
+        parts = []
+        if self.coherence_width < math.inf:
+            parts.append(f"a source that is coherent over {self.coherence_width:g} m")
+        if self.bandwidth is not None:
+            parts.append(f"a bandwidth of {self.bandwidth:g} Hz")
+        return " and ".join(parts) or "coherent light of one wavelength"
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is no mixture: coherent light of one wavelength."""
+        return self.coherence_width == math.inf and self.bandwidth is None
+
+    def parts(self, source: Any, wavelength: float) -> Iterator[tuple[Any, float, float]]:
+        """Coherent sources, wavelengths in m, and weights, whose mean is that of the mixture."""
+        wave = source
+        if self.coherence_width < math.inf:
+            wave = source.partially_coherent(self.coherence_width)
+        return parts_of(wave, wavelength, self.bandwidth, _ERROR)
+
+
+PLAIN = Mixture()
+"""Coherent light of one wavelength."""
+
+
+def mixture_of(
+    source: Any, wavelength: float, bandwidth: float | None = None
+) -> tuple[Any, Mixture]:
+    """The source in coherent light, and the mixture that its light is; ``bandwidth`` in Hz.
+
+    Raises SceneError for a bandwidth out of range.
+    """
+    try:
+        if bandwidth is not None:
+            bandwidth = checked_bandwidth(bandwidth, wavelength)
+    except PolywignerError as error:
+        raise SceneError(str(error)) from None
+    if not isinstance(source, Wavefront) or source.is_coherent:
+        return source, Mixture(bandwidth=bandwidth)
+    return source.coherent, Mixture(source.coherence_width, bandwidth)
+
+
+def check_mixture(
+    mixture: Mixture, source: Any, wavelength: float, obliquity: str, estimator: str
+) -> Mixture:
+    """The mixture; SceneError where an emitter or a receiver cannot draw waves from it."""
+    if mixture.is_plain:
+        return mixture
+    if estimator != "wigner":
+        raise SceneError(
+            'expected coherent light of one wavelength with the estimator "exact", got '
+            f'{mixture}; use the estimator "wigner", which draws a tilt and a wavelength for each '
+            "sample"
+        )
+    oblique = mixture.coherence_width < math.inf and takes_slopes(obliquity)
+    if oblique or (mixture.bandwidth and depends_on_wavelength(source, obliquity)):
+        raise SceneError(
+            f'expected the obliquity "rayleigh-sommerfeld-1" or "paper" with {mixture}, got '
+            f"{obliquity!r}, by which each wave of the mixture would have a factor of its own"
+        )
+    return mixture
+
+
+class Wave(NamedTuple):
+    """The wave of a sample."""
+
+    inverse: Any
+    """Of its wavelength, in 1/m."""
+    tilt: Any
+    """Spatial frequency (2D) in 1/m by which it is tilted; None: not at all."""
+
+
+class DrawnWaves:
+    """Draws the waves of a mixture, for one variant's arrays."""
+
+    def __init__(self, m: Any, mixture: Mixture) -> None:
+        self._m, self._jit, self._mixture = m, dr.is_jit_v(m.Float), mixture
+        self._band = self._adjustable((mixture.bandwidth or 0.0) / SPEED_OF_LIGHT)
+        self._tilt = self._adjustable(1 / (2 * math.pi * mixture.coherence_width))
+
+    def _adjustable(self, value: float) -> Any:
+        # opaque: as a literal, every new value would compile the render kernel again
+        return dr.opaque(self._m.Float, value) if self._jit else value
+
+    def wave(self, inverse: Any, x: Any, place: Any) -> Wave:
+        """The wave of the sample that a position x (2D) and a point or direction (3D) belong to.
+
+        ``inverse``: of the wavelength in the middle of the band.
+        """
+        if self._mixture.is_plain:
+            return Wave(inverse, None)
+        key = self._key(x.x, x.y), self._key(place.x, place.y, place.z)
+        tilt = None
+        if self._mixture.coherence_width < math.inf:
+            sample = self._m.Point2f(*(_uniform(word) for word in self._words(*key)))
+            tilt = self._m.warp.square_to_std_normal(sample) * self._tilt
+        if self._mixture.bandwidth is not None:
+            word = self._words(key[1], key[0])[0]
+            inverse = inverse + self._band * (_uniform(word) - 0.5)
+        return Wave(inverse, tilt)
+
+    def _words(self, first: Any, second: Any) -> Any:
+        return self._m.sample_tea_32(first, second, 5)
+
+    def _key(self, *values: Any) -> Any:
+        """32 bits of some floats."""
+        key: Any = 0
+        for value, factor in zip(values, _FACTORS, strict=False):
+            key = key + self._bits(value) * factor
+        return key if self._jit else key & _WORD
+
+    def _bits(self, value: Any) -> Any:
+        if self._jit:
+            return dr.reinterpret_array(self._m.UInt32, dr.detach(self._m.Float(value)))
+        return int(np.float32(value).view(np.uint32))
+
+
+def _uniform(word: Any) -> Any:
+    """A number in (0, 1) of 32 bits."""
+    return ((word >> 9) + 0.5) * 2.0**-23

@@ -1,0 +1,138 @@
+"""Horns: the mode of a rectangular guide on a mouth, with the curved wave of the flare.
+
+E is along y, so that the H plane is that of x, across which the mode is a cosine, and the E plane
+that of y, along which it is constant. Textbooks write a_1 for ``width`` and rho_2 for its radius,
+b_1 for ``height`` and rho_1 for its radius.
+
+- ``pyramidal``: flared along both; ``e_plane``: along y; ``h_plane``: along x
+- ``directivity``: the textbook's, on the axis
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from polywigner.errors import ArgumentError
+from polywigner.geometry import Wavefront, shapes
+from polywigner.geometry.arguments import checked_wavelength
+from polywigner.geometry.frequency import takes_frequency
+from polywigner.illumination import te_mode
+from polywigner.radiometry.directions import checked_radiator
+from polywigner.transforms import fourier, lag_marginal
+
+__all__ = ["directivity", "e_plane", "h_plane", "pyramidal"]
+
+
+@takes_frequency
+def pyramidal(
+    width: float, height: float, radius_x: float, radius_y: float, wavelength: float
+) -> Wavefront:
+    """The mouth of a pyramidal horn: cos(pi x/width), with a wave that is curved along x and y.
+
+    The phase is quadratic, pi (x^2/radius_x + y^2/radius_y)/wavelength, as in Balanis, "Antenna
+    Theory", section 13.4; it differs from that of the slant path by some x^4/(8 wavelength
+    radius^3).
+
+    Parameters
+    ----------
+    width, height : of the mouth along x (H plane) and y (E plane), in m.
+    radius_x, radius_y : distance in m from the mouth to where its walls along x and along y meet;
+        inf for walls that do not open.
+    wavelength : in m.
+
+    Returns
+    -------
+    A source with a curved wave, centred at the origin, of peak field 1.
+
+    Raises
+    ------
+    ArgumentError for lengths that are not above zero.
+
+    >>> import polywigner as pw
+    >>> horn = pw.horns.pyramidal(5.5, 2.75, 6.0, 6.0, 1.0)  # in wavelengths
+    >>> round(10 * float(np.log10(pw.horns.directivity(horn, 1.0))), 2)  # dB
+    18.83
+    """
+    for name, radius in (("radius_x", radius_x), ("radius_y", radius_y)):
+        if not _above_zero(radius):
+            raise ArgumentError(f"expected {name} of a horn in m, above zero, got {radius!r}")
+    mouth = shapes.rectangle(width, height).with_illumination(te_mode(width, height))
+    return mouth.curved((radius_x, radius_y), wavelength)
+
+
+@takes_frequency
+def e_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
+    """The mouth of a sectoral horn that opens along y, the E plane; see :func:`pyramidal`.
+
+    Parameters
+    ----------
+    width : of the guide along x, in m.
+    height : of the mouth along y, in m.
+    radius : distance in m from the mouth to where its walls meet.
+    wavelength : in m.
+
+    Raises ArgumentError for lengths that are not above zero.
+
+    >>> import polywigner as pw
+    >>> horn = pw.horns.e_plane(0.5, 2.75, 6.0, 1.0)
+    >>> round(10 * float(np.log10(pw.horns.directivity(horn, 1.0))), 2)  # dB
+    11.08
+    """
+    return pyramidal(width, height, math.inf, radius, wavelength)
+
+
+@takes_frequency
+def h_plane(width: float, height: float, radius: float, wavelength: float) -> Wavefront:
+    """The mouth of a sectoral horn that opens along x, the H plane; see :func:`pyramidal`.
+
+    Parameters
+    ----------
+    width : of the mouth along x, in m.
+    height : of the guide along y, in m.
+    radius : distance in m from the mouth to where its walls meet.
+    wavelength : in m.
+
+    Raises ArgumentError for lengths that are not above zero.
+
+    >>> import polywigner as pw
+    >>> horn = pw.horns.h_plane(5.5, 0.25, 6.0, 1.0)
+    >>> round(10 * float(np.log10(pw.horns.directivity(horn, 1.0))), 2)  # dB
+    8.79
+    """
+    return pyramidal(width, height, radius, math.inf, wavelength)
+
+
+@takes_frequency
+def directivity(source: Any, wavelength: float) -> float:
+    """The textbook's directivity on the axis, 4 pi |F(0)|^2/(wavelength^2 int |u|^2), a ratio.
+
+    For a horn it is the formula in Fresnel integrals of Balanis, (13-52). It counts the power in
+    the mouth; :func:`radiation_pattern` counts what its far field carries.
+
+    Parameters
+    ----------
+    source : an Aperture, an Array of apertures in the plane z = 0, or one with a curved wave.
+    wavelength : in m.
+
+    Raises
+    ------
+    ArgumentError and GeometryError as :func:`radiant_intensity` does.
+
+    >>> import polywigner as pw
+    >>> round(pw.horns.directivity(pw.shapes.square(1.0), 1.0) / (4 * np.pi), 12)
+    1.0
+    """
+    radiator: Any = checked_radiator(source)
+    length = checked_wavelength(wavelength)
+    energy = float(np.real(lag_marginal(radiator, (0.0, 0.0))))
+    return 4 * math.pi * float(abs(fourier(radiator, (0.0, 0.0))) / length) ** 2 / energy
+
+
+def _above_zero(value: Any) -> bool:
+    try:
+        return float(value) > 0
+    except (TypeError, ValueError):
+        return False

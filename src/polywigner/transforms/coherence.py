@@ -1,0 +1,159 @@
+"""Partly coherent sources as mixtures: an incoherent mean over tilts of the coherent source.
+
+The degree of coherence exp(-xi^2/(2 width^2)) is the mean of exp(2 pi i t.xi) over tilts t of a
+normal density, whose standard deviation is 1/(2 pi width) along each axis (docs/coherence.md,
+(PC1), (PC2)). So A and R are those of the coherent source times the degree of coherence, and W and
+|F|^2 are means over shifted frequencies: no lag of a source is longer than its box, so that the
+rules of :mod:`polywigner.numerics.mean_rules` know how many tilts they need.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner import execution
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.wavefront import Wavefront
+from polywigner.illumination.curved_arrays import tilted_source
+from polywigner.numerics.mean_rules import normal_product_rule
+from polywigner.transforms.arguments import checked_points
+
+__all__ = [
+    "TILT_ERROR",
+    "coherent_source",
+    "degree_of_coherence",
+    "is_partly_coherent",
+    "mean_over_tilts",
+    "partly_coherent",
+    "tilts_of",
+]
+
+Values = NDArray[np.float64]
+
+TILT_ERROR = {True: 1e-11, False: 1e-7}
+"""Error of means over tilts in double and in single precision, relative to the largest of A."""
+
+# Widths in the area of a source: some four tilts for each.
+_MOST_WIDTHS = 1 << 15
+# The points that a transform takes; its values are those of coherent light times the degree of
+# coherence at the last of them, or means over tilts.
+_POINTS = {
+    "autocorrelation": ("x", "xi"),
+    "ambiguity": ("upsilon", "xi"),
+    "lag_marginal": ("xi",),
+    "wigner": ("x", "nu"),
+    "position_marginal": ("x",),
+}
+_TIMES_DEGREE = ("autocorrelation", "ambiguity", "lag_marginal")
+
+# Values at a time.
+_BLOCK = 1 << 20
+
+
+def is_partly_coherent(source: Any) -> bool:
+    """Whether the points of a source are coherent over a width only."""
+    return isinstance(source, Wavefront) and not source.is_coherent
+
+
+def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
+    """The source in coherent light: a Wavefront if its wave is curved; times exp(2 pi i tilt.x)."""
+    flat = source.source if tilt is None else tilted_source(source.source, tilt)
+    return Wavefront(flat, source.curvature, source.centre).coherent
+
+
+def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
+    """exp(-xi^2/(2 width^2)) of lags (..., d), (...): (PC1)."""
+    scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
+    with np.errstate(over="ignore"):
+        return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
+
+
+def tilts_of(source: Wavefront, error: float) -> tuple[Values, Values]:
+    """Tilts (n, d) in 1/m and weights (n,), whose mean of what a source makes errs by ``error``.
+
+    Relative to the largest that it could be if all of the source were in phase.
+
+    Raises ArgumentError for a width so small that there would be too many.
+    """
+    sides = np.subtract(*np.reshape(source.bounds, (2, -1))[::-1])
+    reaches = sides / source.coherence_width
+    if math.prod(1.0 + reaches) > _MOST_WIDTHS:
+        least = math.prod(sides.tolist()) ** (1 / len(sides)) / _MOST_WIDTHS ** (1 / len(sides))
+        raise ArgumentError(
+            f"expected a width of coherence of at least {least:.3g} m for a source of "
+            f"{' x '.join(f'{side:.3g}' for side in sides)} m, got {source.coherence_width:.3g} m, "
+            "a sum over too many tilts; away from its edges such a source radiates with W = "
+            "2 pi width^2 exp(-2 (pi width |nu|)^2) |u|^2"
+        )
+    nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
+    return nodes / (2 * math.pi * source.coherence_width), weights
+
+
+def partly_coherent(
+    name: str,
+    transforms: Mapping[str, Callable[..., Any]],
+    wave: Wavefront,
+    given: Mapping[str, Any],
+) -> Any:
+    """The transform of this name, one of W, A, R and the marginals, of a partly coherent source.
+
+    ``transforms``: by name, of coherent sources. ``given``: the arguments but the source, by name.
+    Raises IlluminationError for what there is in coherent light alone.
+    """
+    if name not in _POINTS:
+        raise IlluminationError(
+            f"expected a coherent source for {name}, got one that is coherent over "
+            f"{wave.coherence_width:g} m, of which there is no spectrum with a phase; use "
+            "polywigner.radiant_intensity, or wigner and ambiguity, which it has"
+        )
+    dimension, how = wave.dimension, dict(given)
+    points = []
+    for label in _POINTS[name]:
+        value = how.pop(label)
+        if execution.is_drjit(value):
+            raise ArgumentError(
+                f"expected {label} as a NumPy array for a partly coherent source, got a Dr.Jit "
+                f"array; use {label}.numpy()"
+            )
+        points.append(checked_points(label, value, dimension, complex_allowed=False))
+    double = execution.checked_precision(how.get("precision")) != "single"
+    coherent = coherent_source(wave)
+    if name in _TIMES_DEGREE:
+        values = transforms[name](coherent, *points, **how)
+        degree = degree_of_coherence(wave, points[-1])
+        return values * degree.astype(np.asarray(values).real.dtype)
+    x, nu = (*points, np.zeros(dimension))[:2]
+    compute = partial(transforms["wigner"], coherent, **how)
+    return mean_over_tilts(compute, wave, nu, x, double=double)
+
+
+def mean_over_tilts(
+    evaluate: Callable[..., Any], source: Wavefront, nu: Any, *others: Any, double: bool
+) -> Any:
+    """The mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
+
+    ``nu``, ``others``: (..., d), which broadcast against each other. The tilts become a last axis
+    of samples, over which slices are cut once; ``evaluate`` sees some 1e6 values at a time.
+    """
+    tilts, weights = tilts_of(source, TILT_ERROR[double])
+    arrays = [np.asarray(points) for points in (*others, nu)]
+    shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+
+    def mean(*parts: Any) -> Any:
+        *rest, frequency = parts
+        spread = [points[..., None, :] for points in rest]
+        values = evaluate(*spread, frequency[..., None, :] - tilts)
+        return values @ weights.astype(values.real.dtype)
+
+    if math.prod(shape) * len(weights) <= _BLOCK:
+        return mean(*arrays)[()]
+    flat = [np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
+    step = max(1, _BLOCK // len(weights))
+    parts = [mean(*(a[k : k + step] for a in flat)) for k in range(0, len(flat[0]), step)]
+    return np.concatenate(parts).reshape(shape)

@@ -1,0 +1,246 @@
+"""Partly coherent sources and light of a band, against quadrature and closed forms."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from polywigner.cli import main
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.numerics.mean_rules import flat_rule, normal_product_rule, normal_rule
+from polywigner.quantities import SPEED_OF_LIGHT
+
+WAVELENGTH = 3.2e-3
+SIDE = 10e-3
+SQUARE = pw.shapes.square(SIDE)
+CHEVRONS = pw.shapes.chevron_pair(SIDE, 6e-3, 2e-3)
+SLITS = pw.Slits([(0.0, 3e-3), (5e-3, 9e-3)])
+ARRAY = pw.phased_array(
+    pw.shapes.square(3e-3), [(0, 0), (4e-3, 0), (0, 4e-3)], np.array([1, 1j, 0.5])
+)
+
+# Of the rule for tilts (1e-11) and of the quadrature, of int |u|^2.
+BY_QUADRATURE = 1e-10
+# A product of two floats.
+CLOSED_FORM = 1e-13
+VISIBILITY = 1e-6
+# Of the mean over the band: the sum that it is compared with has 2000 terms.
+NULLS_DB = 0.02
+
+
+def by_hermite(source: Any, x: Any, nu: Any, width: float) -> Any:
+    """W of the coherent source, its mean over tilts by Gauss-Hermite's rule of 64 nodes an axis."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(64)
+    nodes, weights = nodes / (2 * math.pi * width), weights / weights.sum()
+    d = x.shape[-1]
+    tilts = np.stack(np.meshgrid(*[nodes] * d, indexing="ij"), -1).reshape(-1, d)
+    shares = weights if d == 1 else np.outer(weights, weights).ravel()
+    return np.array([pw.wigner(source, a, b - tilts) @ shares for a, b in zip(x, nu, strict=True)])
+
+
+@pytest.mark.parametrize("width", [2e-3, 20e-3])
+@pytest.mark.parametrize(
+    "source",
+    [CHEVRONS, ARRAY, SLITS, SQUARE.curved(60e-3, WAVELENGTH)],
+    ids=["chevrons", "array", "slits", "curved"],
+)
+def test_w_is_the_mean_over_tilts(source: Any, width: float) -> None:
+    d = len(source.bounds) // 2
+    draw = np.random.default_rng(5)
+    x, nu = draw.uniform(-4e-3, 6e-3, (6, d)), draw.normal(0, 200, (6, d))
+    partly = source.partially_coherent(width)
+    energy = float(np.real(pw.lag_marginal(source, np.zeros(d))))
+    expected = by_hermite(source, x, nu, width)
+    assert np.abs(pw.wigner(partly, x, nu) - expected).max() <= BY_QUADRATURE * energy
+
+
+@pytest.mark.parametrize("source", [CHEVRONS, ARRAY, SLITS, SQUARE.curved(60e-3, WAVELENGTH)])
+def test_a_is_that_of_coherent_light_times_the_degree_of_coherence(source: Any) -> None:
+    d, width = len(source.bounds) // 2, 3e-3
+    draw = np.random.default_rng(6)
+    xi, upsilon = draw.normal(0, 3e-3, (20, d)), draw.normal(0, 100, (20, d))
+    partly = source.partially_coherent(width)
+    degree = np.exp(-(xi**2).sum(-1) / (2 * width**2))
+    energy = abs(pw.ambiguity(source, np.zeros(d), np.zeros(d)))
+    for function, first in ((pw.ambiguity, upsilon), (pw.autocorrelation, xi / 7)):
+        wanted = function(source, first, xi) * degree
+        assert np.abs(function(partly, first, xi) - wanted).max() <= CLOSED_FORM * max(energy, 1)
+    assert np.allclose(
+        pw.lag_marginal(partly, xi), pw.lag_marginal(source, xi) * degree, rtol=CLOSED_FORM, atol=0
+    )
+
+
+def test_w_and_its_position_marginal_are_fourier_transforms_of_the_slice() -> None:
+    width, x = 3e-3, np.array([1e-3, -0.5e-3])
+    partly = SQUARE.partially_coherent(width)
+    # the lag slice of a square is a rectangle
+    reach = SIDE - 2 * np.abs(x)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+
+    def along(axis: int, nu: float) -> float:
+        xi = nodes * reach[axis]
+        inner = np.exp(-(xi**2) / (2 * width**2)) * np.cos(2 * math.pi * nu * xi)
+        return float(weights @ inner) * reach[axis]
+
+    for nu in ((0.0, 0.0), (90.0, -210.0)):
+        expected = along(0, nu[0]) * along(1, nu[1])
+        assert abs(pw.wigner(partly, x, nu) - expected) <= BY_QUADRATURE * SIDE**2
+    assert pw.position_marginal(partly, x) == pytest.approx(
+        along(0, 0) * along(1, 0), rel=1e-9, abs=0
+    )
+
+
+def test_a_wide_coherence_is_coherent_and_a_narrow_one_is_a_lambertian_like_lamp() -> None:
+    wide = SQUARE.partially_coherent(1e3)
+    x, nu = np.array([1e-3, 2e-3]), np.array([50.0, -80.0])
+    assert pw.wigner(wide, x, nu) == pytest.approx(pw.wigner(SQUARE, x, nu), rel=1e-9, abs=0)
+    # of a width far below the wavelength the intensity is that of a Lambertian surface, cos(theta)
+    width = WAVELENGTH / 20
+    lamp = pw.shapes.square(SIDE / 4).partially_coherent(width)
+    theta = np.radians([0.0, 30.0, 60.0])
+    direction = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], axis=-1)
+    intensity = pw.radiant_intensity(lamp, direction, WAVELENGTH)
+    assert np.allclose(intensity / intensity[0], np.cos(theta), rtol=0.06)
+    # and W at the middle is the closed form of a source without edges
+    middle = 2 * math.pi * width**2 * np.exp(-2 * (math.pi * width * 100.0) ** 2)
+    assert pw.wigner(lamp, (0, 0), (100.0, 0.0)) == pytest.approx(middle, rel=1e-9, abs=0)
+
+
+def test_power_is_conserved() -> None:
+    partly = SQUARE.partially_coherent(6e-3)
+    budget = pw.energy_budget(partly, WAVELENGTH)
+    assert budget.total == pytest.approx(SQUARE.area, rel=CLOSED_FORM, abs=0)
+    curved = SQUARE.curved(60e-3, WAVELENGTH).partially_coherent(6e-3)
+    assert pw.lag_marginal(curved, (0, 0)).real == pytest.approx(SQUARE.area, rel=1e-12, abs=0)
+    # what is radiated is the mean of what tilted coherent sources radiate
+    nodes, weights = np.polynomial.hermite_e.hermegauss(8)
+    weights = weights / weights.sum()
+    radiated = sum(
+        a * b * pw.power(SQUARE.with_illumination(pw.Illumination([1.0], [(x, y)])), WAVELENGTH)
+        for x, a in zip(nodes / (2 * math.pi * 6e-3), weights, strict=True)
+        for y, b in zip(nodes / (2 * math.pi * 6e-3), weights, strict=True)
+    )
+    assert budget.propagating == pytest.approx(radiated, rel=1e-5, abs=0)
+
+
+@pytest.mark.parametrize("distance", [0.5, 1.0, 2.0])
+def test_the_visibility_of_two_slits_is_the_degree_of_coherence(distance: float) -> None:
+    width = 2e-3
+    apart = distance * width
+    pair = pw.shapes.double_slit(1e-4 * width, 1e-4 * width, (-apart / 2, apart / 2))
+    partly = pair.partially_coherent(width)
+    # a maximum and a minimum of the fringes, in the directions of wavelength/(2 apart)
+    sine = np.array([0.0, WAVELENGTH / (2 * apart)]) * 1e-3
+    direction = np.stack([sine, 0 * sine, np.sqrt(1 - sine**2)], -1)
+    bright, dark = pw.radiant_intensity(partly, direction, WAVELENGTH * 1e-3) / direction[:, 2]
+    visibility = (bright - dark) / (bright + dark)
+    assert visibility == pytest.approx(math.exp(-(distance**2) / 2), abs=VISIBILITY)
+
+
+@pytest.mark.slow
+def test_rays_of_partly_coherent_light_agree_with_its_exact_fields() -> None:
+    points = np.array([(0.0, 0.0, 0.4), (0.05, 0.02, 0.4), (0.14, 0.0, 0.4)])
+    for source in (SQUARE, SQUARE.curved(60e-3, WAVELENGTH)):
+        partly = source.partially_coherent(20e-3)
+        exact = pw.irradiance(partly, points, WAVELENGTH, "auto")
+        rays = pw.irradiance(partly, points, WAVELENGTH, order=3)
+        assert np.allclose(rays, exact, rtol=2e-3)
+
+
+def test_far_away_the_irradiance_is_the_radiant_intensity() -> None:
+    partly = SQUARE.partially_coherent(20e-3)
+    away = np.array([(30.0, 0.0, 100.0)])
+    radius = np.linalg.norm(away)
+    direction = away / radius
+    expected = pw.radiant_intensity(partly, direction, WAVELENGTH) * direction[:, 2] / radius**2
+    assert np.allclose(pw.irradiance(partly, away, WAVELENGTH, "auto"), expected, rtol=1e-3)
+
+
+def test_a_bandwidth_fills_nulls_as_the_integral_over_wavelengths_says() -> None:
+    carrier, bandwidth = 94e9, 12e9
+    theta = np.linspace(0.0, 1.2, 61)
+    direction = np.stack([np.sin(theta), 0 * theta, np.cos(theta)], -1)
+    length = SPEED_OF_LIGHT / carrier
+    found = pw.radiant_intensity(SQUARE, direction, length, bandwidth=bandwidth)
+    frequencies = carrier + bandwidth * ((np.arange(2000) + 0.5) / 2000 - 0.5)
+    # of a square in its plane: a sinc
+    sines = np.sin(theta) * (frequencies / SPEED_OF_LIGHT)[:, None]
+    single = (SIDE**2 * np.sinc(SIDE * sines)) ** 2 * (frequencies / SPEED_OF_LIGHT)[:, None] ** 2
+    expected = single.mean(axis=0) * np.cos(theta)
+    assert np.abs(10 * np.log10(found / expected)).max() <= NULLS_DB
+    alone = pw.radiant_intensity(SQUARE, direction, length)
+    assert found.min() / found.max() > 8 * alone.min() / alone.max()
+    points = direction * 0.2 + (0.0, 0.0, 0.0)
+    near = pw.irradiance(SQUARE, points[:40:8], length, "auto", bandwidth=bandwidth)
+    middles = frequencies.reshape(50, 40).mean(axis=1)
+    parts = [pw.irradiance(SQUARE, points[:40:8], SPEED_OF_LIGHT / f, "auto") for f in middles]
+    assert np.abs(10 * np.log10(near / np.mean(parts, axis=0))).max() <= NULLS_DB
+
+
+@pytest.mark.parametrize("reach", [0.3, 2.0, 8.0])
+@pytest.mark.parametrize("error", [1e-6, 1e-11])
+def test_rules_keep_their_error(reach: float, error: float) -> None:
+    waves = np.linspace(0.0, reach, 101)
+    nodes, weights = normal_rule(reach, error)
+    assert np.abs(np.cos(np.outer(waves, nodes)) @ weights - np.exp(-(waves**2) / 2)).max() <= (
+        error + 1e-15
+    )
+    nodes, weights = flat_rule(reach, error)
+    assert np.abs(np.cos(np.outer(waves, nodes)) @ weights - np.sinc(waves / np.pi)).max() <= error
+    nodes, weights = normal_product_rule((reach, 1.0), error)
+    found = np.cos(nodes @ np.array([reach, -1.0])) @ weights
+    assert abs(found - math.exp(-(reach**2 + 1) / 2)) <= error
+
+
+def test_the_transfer_function_falls_by_the_degree_of_coherence() -> None:
+    partly = SQUARE.partially_coherent(5e-3)
+    assert pw.otf(partly, (5e-3, 0.0)).real == pytest.approx(0.5 * math.exp(-0.5), rel=1e-12)
+    assert pw.mtf(partly, (10.0, 0.0), 5e-6, 0.1) == pytest.approx(0.5 * math.exp(-0.5), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda s: pw.fourier(s, (0.0, 0.0)),
+        lambda s: pw.amplitude(s, (0.0, 0.0, 0.1), WAVELENGTH),
+        lambda s: pw.coupling(s, SQUARE, np.eye(4) + np.eye(4, k=3), WAVELENGTH),
+    ],
+)
+def test_what_has_a_phase_is_refused(ask: Any) -> None:
+    with pytest.raises((IlluminationError, ArgumentError), match="expected"):
+        ask(SQUARE.partially_coherent(4e-3))
+
+
+@pytest.mark.parametrize("bandwidth", [0.0, -1e9, 2e15, "wide"])
+def test_a_bandwidth_is_a_positive_number_below_twice_the_carrier(bandwidth: Any) -> None:
+    with pytest.raises(ArgumentError, match="bandwidth"):
+        pw.radiant_intensity(SQUARE, (0, 0, 1), WAVELENGTH, bandwidth=bandwidth)
+
+
+def test_a_width_of_too_many_tilts_is_refused_with_the_limit() -> None:
+    with pytest.raises(ArgumentError, match="expected a width of coherence of at least"):
+        pw.wigner(SQUARE.partially_coherent(1e-6), (0, 0), (0, 0))
+
+
+@pytest.mark.slow
+def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    outline = tmp_path / "square.wkt"
+    outline.write_text("POLYGON((-5 -5,5 -5,5 5,-5 5,-5 -5))")
+    place = "-40 mm, 0 mm, 300 mm to 40 mm, 0 mm, 300 mm"
+    asked = ["--coherence", "20 mm", "--bandwidth", "2 GHz", "--method", "rayleigh-sommerfeld-1"]
+    asked += ["--line", place, "--samples", "9", "--wavelength", "3.2 mm", "--out", str(tmp_path)]
+    assert main(["propagate", str(outline), *asked]) == 0
+    x = np.linspace(-0.04, 0.04, 9)
+    points = np.stack([x, 0 * x, np.full_like(x, 0.3)], axis=-1)
+    with xarray.open_dataset(tmp_path / "square.nc") as found:
+        values = found["rayleigh-sommerfeld-1"].values
+    partly = SQUARE.partially_coherent(20e-3)
+    expected = pw.irradiance(partly, points, WAVELENGTH, "rayleigh-sommerfeld-1", bandwidth=2e9)
+    assert np.allclose(values, expected, rtol=1e-6)

@@ -1,0 +1,331 @@
+"""Curved waves in the transforms: references, quadrature, closed forms in one dimension, lenses."""
+
+from __future__ import annotations
+
+import pickle
+from itertools import pairwise
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+import polywigner as pw
+from oracles.quadrature import triangle_nodes
+from oracles.references import read_json
+from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.geometry.aperture import triangulate
+from polywigner.geometry.field import turned_points
+from polywigner.numerics.fresnel_integrals import fresnel_tail
+
+REFERENCE = read_json("curved")
+WAVELENGTH = REFERENCE["wavelength"]
+SQUARE = pw.shapes.square(10e-3)
+ELL = pw.Aperture(1e-3 * np.array([(0, 0), (12, 0), (12, 4), (4, 4), (4, 12), (0, 12)]) - 6e-3)
+SHAPES = {
+    "square": SQUARE,
+    "L": ELL,
+    "TE10 square": SQUARE.with_illumination(pw.cosine_taper(10e-3)),
+}
+WAVES = ELL.with_illumination(pw.Illumination([1.0, 0.5j], [(30.0, 10.0), (-50.0, 20.0)]))
+SITES = [(0.0, 0.0), (5e-3, 0.0), (1e-3, 6e-3)]
+ARRAY = pw.phased_array(pw.shapes.square(3e-3), SITES, [1.0, 0.5j, -0.7])
+SOURCES = {"L": ELL, "waves": WAVES, "array": ARRAY}
+# Along x and y: spherical, converging, astigmatic, saddle, cylinders, nearly flat and flat.
+RADII = {
+    "spherical": 0.02,
+    "converging": -0.05,
+    "astigmatic": (0.02, 0.3),
+    "saddle": (0.02, -0.03),
+    "cylinder": (np.inf, -0.02),
+    "nearly flat": (30.0, 2e3),
+    "flatter": (1e9, np.inf),
+}
+CENTRE = (5e-4, -1e-3)
+
+# Relative to the area: some ten roundings, and those of turns of phase.
+ROUNDING = 1e-14
+# Of references, which have as many digits.
+REFERENCED = 1e-13
+# Identities of W and A, relative to the area: the flat kernels are as good.
+IDENTITY = 1e-12
+# Dr.Jit's transforms of float64, relative to the area.
+TRACED = 1e-12
+
+
+def quadrature(source: pw.Aperture, field: Any) -> complex:
+    """The integral over an outline by Gauss's rules on its triangles, some ten nodes a turn."""
+    corners, numbers = triangulate(source)
+    places, weights = triangle_nodes(corners[numbers], 50)
+    return complex(weights @ field(places))
+
+
+def field_of(source: pw.Aperture, wave: pw.Wavefront) -> Any:
+    def field(x: np.ndarray) -> np.ndarray:
+        inner = x - wave.centre
+        own = 1.0 if source.illumination is None else source.illumination(x)
+        return own * np.exp(1j * np.pi * ((inner @ wave.curvature) * inner).sum(axis=-1))
+
+    return field
+
+
+def draws(count: int, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-5e-3, 5e-3, (count, 2)), rng.uniform(-300, 300, (count, 2))
+
+
+@pytest.mark.parametrize("case", REFERENCE["curved_fourier"], ids=lambda c: c["shape"])
+def test_curved_feeds_have_the_reference_values(case: dict[str, Any]) -> None:
+    source = SHAPES[case["shape"]]
+    found = pw.fourier(source.curved(case["radius"], WAVELENGTH), case["nu"])
+    assert abs(found - complex(*case["value"])) < REFERENCED * source.area
+
+
+@pytest.mark.parametrize("radius", RADII.values(), ids=RADII)
+def test_the_spectrum_is_that_of_quadrature(radius: Any) -> None:
+    wave = WAVES.curved(radius, WAVELENGTH, CENTRE).turned(0.4)
+    turned = wave.source
+    for nu in [(0.0, 0.0), (1e-3, 1e-4), (100.0, -30.0), (-300.0, 650.0)]:
+        field = field_of(turned, wave)
+        expected = quadrature(turned, lambda x: field(x) * np.exp(-2j * np.pi * (x @ nu)))  # noqa: B023
+        assert abs(pw.fourier(wave, nu) - expected) < ROUNDING * ELL.area
+
+
+def test_the_spectrum_turns_and_moves_with_the_source() -> None:
+    wave = WAVES.curved((0.02, -0.03), WAVELENGTH, CENTRE)
+    _, nu = draws(10)
+    turned = pw.fourier(wave.turned(0.3), turned_points(nu, 0.3))
+    moved = pw.fourier(wave.moved((3e-3, 1e-3)), nu)
+    expected = pw.fourier(wave, nu)
+    assert np.abs(turned - expected).max() < ROUNDING * ELL.area
+    phase = np.exp(-2j * np.pi * (nu @ (3e-3, 1e-3)))
+    assert np.abs(moved - phase * expected).max() < ROUNDING * ELL.area
+
+
+def test_slits_are_differences_of_fresnel_integrals() -> None:
+    slits = pw.Slits([(-1e-3, 1e-3), (2e-3, 5e-3)])
+    for radius in (0.01, -0.3, 1e3):
+        wave = slits.curved(radius, WAVELENGTH, [1e-3])
+        q = float(wave.curvature[0, 0])
+        for nu in (0.0, 70.0, -900.0):
+            phase = lambda t: mpmath.expjpi(q * (t - 1e-3) ** 2 - 2 * nu * t)  # noqa: B023, E731
+            ends = [mpmath.linspace(a, b, 12) for a, b in slits.intervals.tolist()]
+            expected = complex(sum(mpmath.quad(phase, end) for end in ends))
+            assert abs(pw.fourier(wave, [nu]) - expected) < ROUNDING * slits.length
+
+
+@pytest.mark.parametrize("radius", RADII.values(), ids=RADII)
+def test_w_and_a_of_a_square_are_those_of_quadrature(radius: Any) -> None:
+    wave = SQUARE.curved(radius, WAVELENGTH, CENTRE)
+    u = field_of(SQUARE, wave)
+    x, nu = draws(1, 4)
+    (x,), (nu,), xi = x * 0.8, nu, np.array([2e-3, -3e-3])
+    reach = 2 * (5e-3 - np.abs(x))
+    lags = pw.shapes.rectangle(*(2 * reach))
+    w = quadrature(
+        lags, lambda s: u(x + s / 2) * u(x - s / 2).conj() * np.exp(-2j * np.pi * (s @ nu))
+    )
+    assert abs(pw.wigner(wave, x, nu) - w) < IDENTITY * SQUARE.area
+    common = pw.shapes.rectangle(*(10e-3 - np.abs(xi)))
+    a = quadrature(
+        common, lambda s: u(s + xi / 2) * u(s - xi / 2).conj() * np.exp(-2j * np.pi * (s @ nu))
+    )
+    assert abs(pw.ambiguity(wave, nu, xi) - a) < IDENTITY * SQUARE.area
+    r = u(x + xi / 8) * u(x - xi / 8).conj()
+    assert abs(pw.autocorrelation(wave, x, xi / 4) - r) < IDENTITY
+
+
+@pytest.mark.parametrize("source", SOURCES.values(), ids=SOURCES)
+def test_a_curved_wave_is_a_lens_directly_behind(source: Any) -> None:
+    x, nu = draws(30)
+    behind = pw.FirstOrder.free_space(0.04)
+    for radius in RADII.values():
+        lens = pw.FirstOrder.lens(tuple((-np.broadcast_to(radius, 2)).tolist()))
+        wave, through = source.curved(radius, WAVELENGTH), {"wavelength": WAVELENGTH}
+        for function, points in ((pw.wigner, (x, nu)), (pw.ambiguity, (nu, x))):
+            expected = function(source, *points, through=lens, **through)
+            assert np.abs(function(wave, *points) - expected).max() < IDENTITY * ELL.area
+            # and further on
+            system = behind @ lens
+            expected = function(source, *points, through=system, **through)
+            found = function(wave, *points, through=behind, **through)
+            assert np.abs(found - expected).max() < IDENTITY * ELL.area
+
+
+def test_marginals_are_those_of_w_and_a() -> None:
+    wave = WAVES.curved((0.02, -0.03), WAVELENGTH, CENTRE).turned(0.2)
+    x, _ = draws(20)
+    none = np.zeros(2)
+    assert np.array_equal(pw.position_marginal(wave, x), pw.wigner(wave, x, none))
+    assert np.array_equal(pw.lag_marginal(wave, x), pw.ambiguity(wave, none, x))
+
+
+def test_the_projection_of_w_is_the_square_of_the_spectrum() -> None:
+    """Int W dx = |F|^2, for slits, by Gauss's rules between the kinks of W."""
+    wave = pw.Slits([(-1e-3, 1e-3), (2e-3, 5e-3)]).curved(0.01, WAVELENGTH, [1e-3])
+    ends = wave.source.intervals.ravel()
+    kinks = np.unique(np.round((ends[:, None] + ends) / 2, 12))
+    node, weight = np.polynomial.legendre.leggauss(60)
+    for nu in (0.0, 120.0):
+        total = sum(
+            (b - a)
+            / 2
+            * weight
+            @ pw.wigner(wave, ((a + b) / 2 + (b - a) / 2 * node)[:, None], [nu])
+            for a, b in pairwise(kinks)
+        )
+        assert total == pytest.approx(abs(pw.fourier(wave, [nu])) ** 2, rel=1e-12, abs=0.0)
+
+
+def test_defocus_of_a_pupil_is_a_curved_wave() -> None:
+    xi, _ = draws(40)
+    radius, pupil = 0.02, 7e-3
+    waves = pupil**2 / (2 * WAVELENGTH * radius)
+    curved = ELL.curved(radius, WAVELENGTH)
+    defocused = pw.otf(ELL, xi, waves, pupil)
+    assert np.abs(pw.otf(curved, xi) - defocused).max() < IDENTITY
+    assert np.abs(pw.otf(curved, xi, -waves, pupil) - pw.otf(ELL, xi)).max() < IDENTITY
+    frequency = xi / (WAVELENGTH * 0.1 * 1e3)
+    found = pw.mtf(curved, frequency, WAVELENGTH, 0.1)
+    assert np.abs(found - np.abs(defocused)).max() < IDENTITY
+
+
+def test_arrays_of_curved_elements_add_up() -> None:
+    element = SHAPES["TE10 square"].scaled(0.3).curved((0.01, -0.02), WAVELENGTH, (1e-4, 2e-4))
+    weights = np.array([1.0, 0.5j, -0.7])
+    x, nu = draws(10)
+    phases = np.exp(-2j * np.pi * (nu @ np.transpose(SITES)))
+    expected = (weights * phases).sum(axis=1) * pw.fourier(element, nu)
+    for array in (
+        pw.phased_array(element, SITES, weights),
+        pw.Array([element.moved(site) for site in SITES], weights),
+    ):
+        assert isinstance(array, pw.Wavefront)
+        assert np.abs(pw.fourier(array, nu) - expected).max() < ROUNDING * ELL.area
+        energy = pw.lag_marginal(element, (0.0, 0.0)).real * (abs(weights) ** 2).sum()
+        assert pw.lag_marginal(array, (0.0, 0.0)) == pytest.approx(energy, rel=1e-12)
+        assert np.array_equal(pw.wigner(array, x, nu).imag, np.zeros(10))
+
+
+def test_elements_of_different_waves_are_refused_in_one_sentence() -> None:
+    curved = SQUARE.curved(0.02, WAVELENGTH)
+    with pytest.raises(IlluminationError, match="one curvature"):
+        pw.Array([curved, SQUARE.moved((0.02, 0.0))])
+
+
+@pytest.mark.parametrize("engine", ["numpy", "auto"])
+def test_tables_of_places_and_frequencies_are_those_of_points(engine: Any) -> None:
+    wave = WAVES.curved((0.02, -0.03), WAVELENGTH, CENTRE)
+    x, nu = draws(70)
+    table = pw.wigner(wave, x[:5, None], nu, engine=engine)
+    points = [pw.wigner(wave, one, nu, engine="numpy") for one in x[:5]]
+    assert np.abs(table - points).max() < ROUNDING * ELL.area
+    table = pw.ambiguity(wave, nu, x[:5, None], engine=engine)
+    points = [pw.ambiguity(wave, nu, one, engine="numpy") for one in x[:5]]
+    assert np.abs(table - points).max() < ROUNDING * ELL.area
+    assert pw.wigner(wave, x[0], nu, precision="single").dtype == np.float32
+
+
+@pytest.mark.drjit
+@pytest.mark.parametrize("kind", ["Array2f64", "TensorXf64"])
+def test_dr_jit_arrays_give_the_values_of_numpy(kind: str, llvm: Any) -> None:
+    import drjit.llvm.ad as ad
+
+    wave = ELL.curved((0.02, -0.03), WAVELENGTH, CENTRE).turned(0.1)
+    x, nu = draws(8)
+
+    def sent(points: np.ndarray) -> Any:
+        return ad.TensorXf64(points) if kind == "TensorXf64" else ad.Array2f64(*points.T)
+
+    def numbers(values: Any) -> np.ndarray:
+        found = np.array(values.numpy())
+        if found.ndim == 2:
+            real, imag = found.T if kind == "TensorXf64" else found
+            found = real + 1j * imag
+        return found
+
+    for function, points in (
+        (pw.wigner, (x, nu)),
+        (pw.ambiguity, (nu, x)),
+        (pw.autocorrelation, (x, x[::-1] / 4)),
+        (pw.fourier, (nu,)),
+        (pw.lag_marginal, (x,)),
+    ):
+        found = numbers(function(wave, *map(sent, points)))
+        assert np.abs(found - function(wave, *points)).max() < TRACED
+
+
+@pytest.mark.drjit
+def test_derivatives_in_places_follow_the_wave(llvm: Any) -> None:
+    import drjit
+    import drjit.llvm.ad as ad
+
+    wave = ELL.curved((0.02, -0.03), WAVELENGTH, CENTRE)
+    x, nu = draws(4)
+    places = ad.Array2f64(*x.T)
+    drjit.enable_grad(places)
+    drjit.backward(drjit.sum(pw.wigner(wave, places, ad.Array2f64(*nu.T))))
+    step = 1e-7 * np.eye(2)
+    for k, found in enumerate(drjit.grad(places).numpy()):
+        ends = [pw.wigner(wave, x + sign * step[k], nu) for sign in (1, -1)]
+        expected = (ends[0] - ends[1]) / 2e-7
+        assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+def test_labelled_arrays_give_such() -> None:
+    xarray = pytest.importorskip("xarray")
+    wave = ELL.curved(0.02, WAVELENGTH)
+    x, nu = draws(4)
+    places = xarray.DataArray(x, dims=("place", "axis"))
+    frequencies = xarray.DataArray(nu[:3], dims=("frequency", "axis"))
+    found = pw.wigner(wave, places, frequencies)
+    assert found.dims == ("place", "frequency")
+    assert found.attrs["units"] == "m2"
+
+
+def test_a_plan_is_that_of_the_flat_source() -> None:
+    wave = ELL.curved(0.02, WAVELENGTH)
+    x, nu = draws(4)
+    assert str(pw.explain(wave, x, nu)).startswith("way:")
+    with pytest.raises(ArgumentError, match="flat wave for fourier"):
+        pw.explain(wave, nu, function="fourier")
+
+
+def test_sources_with_curved_waves_are_values() -> None:
+    wave = WAVES.curved((0.02, np.inf), WAVELENGTH, CENTRE)
+    assert pickle.loads(pickle.dumps(wave)) == wave
+    assert wave.curved((-0.02, np.inf), WAVELENGTH).is_flat
+    assert wave.area == WAVES.area
+    assert wave.diameter == WAVES.diameter
+    assert "curvature" in wave._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda wave: pw.fourier(wave, [1j, 0]), "real nu for a curved wave"),
+        (lambda wave: pw.fourier(wave, (0, 0), obliquity="paper"), "no obliquity"),
+        (lambda wave: pw.fourier(wave, [0, 1e9]), "turns of phase along an edge"),
+        (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "turns of phase"),
+        (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),
+        (lambda wave: pw.suggest_sampling(wave, "wigner"), "flat, coherent wave to suggest"),
+        (lambda wave: pw.wigner(wave, [0, 0, 0], [0, 0]), r"x of shape \(\.\.\., 2\)"),
+    ],
+)
+def test_what_a_curved_wave_has_not_is_refused(call: Any, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        call(SQUARE.curved(0.02, WAVELENGTH))
+
+
+def test_fresnel_integrals_are_right_to_the_last_digits() -> None:
+    t = np.concatenate([np.linspace(-6, 6, 25), [-40.0, 300.0]])
+    with mpmath.workdps(30):
+        turn = mpmath.expjpi(mpmath.mpf(-1) / 4)
+        expected = [complex(mpmath.erfc(mpmath.mpf(v) * turn) / 2) for v in t.tolist()]
+    step, rest = fresnel_tail(t)
+    assert np.abs(step + rest * np.exp(1j * t * t) - expected).max() < 5e-16
+
+
+def test_what_is_no_number_has_no_spectrum() -> None:
+    found = pw.fourier(SQUARE.curved(0.02, WAVELENGTH), [(np.nan, 0.0), (np.inf, 0.0), (0.0, 0.0)])
+    assert np.isnan(found[:2]).all() and np.isfinite(found[2])

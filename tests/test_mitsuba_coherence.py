@@ -1,0 +1,184 @@
+"""Emitters and receivers whose light is a mixture, against quadrature, in small scenes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import pose, use
+from polywigner.errors import SceneError
+from polywigner.propagation.far_fields import powers_of
+from polywigner.propagation.mixtures import parts_of
+
+WAVELENGTH = 3.2e-3
+WIDTH = 8e-3
+SLITS = pw.shapes.double_slit(2e-3, 12e-3, (-6e-3, 6e-3))
+HEIGHT, HALF, PIXELS = 0.3, 0.06, 48
+
+# Of fringes in a picture of 1e6 samples of light, whose noise is 0.3 % of the peak.
+RENDERED_VISIBILITY = 0.01
+NOISE = 0.02
+
+
+def floor(mi: Any, source: Any, **how: Any) -> np.ndarray:
+    """Irradiance along a line of a white floor below the source, (n,) over x."""
+    from polywigner.mitsuba import aperture
+
+    down = pose((0.0, 0.0, HEIGHT)) @ np.diag([1.0, -1.0, -1.0, 1.0])
+    t = mi.ScalarTransform4f
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
+            "light": aperture(source, WAVELENGTH, down, visible=False, **how),
+            "floor": {"type": "rectangle", "to_world": t().scale([2.0, 2.0, 1.0]),
+                      "bsdf": {"type": "diffuse", "reflectance": 1.0}},
+            "camera": {
+                "type": "orthographic",
+                "to_world": t().look_at([0, 0, 0.2], [0, 0, 0], [0, 1, 0]) @ t().scale(HALF),
+                "film": {"type": "hdrfilm", "width": PIXELS, "height": 1,
+                         "rfilter": {"type": "box"}, "pixel_format": "luminance"},
+                "sampler": {"type": "independent"},
+            },
+        }
+    )  # fmt: skip
+    image = np.array(mi.render(scene, spp=1 << 15))
+    return np.pi * image.reshape(-1)[::-1]
+
+
+def on_line(source: Any, **how: Any) -> np.ndarray:
+    """The same, by exact fields in the middle of pixels, averaged over each."""
+    fine = 3
+    x = ((np.arange(PIXELS * fine) + 0.5) / (PIXELS * fine) * 2 - 1) * HALF
+    points = np.stack([x, 0 * x, np.full_like(x, HEIGHT)], axis=-1)
+    return pw.irradiance(source, points, WAVELENGTH, "auto", **how).reshape(-1, fine).mean(axis=1)
+
+
+def visibility(line: np.ndarray) -> float:
+    """Of the middle fringe: of a parabola's top and the two dark places beside it."""
+    middle = line[PIXELS // 2 - 2 : PIXELS // 2 + 2].mean()
+    low = np.array([line[: PIXELS // 2].min(), line[PIXELS // 2 :].min()]).mean()
+    return float((middle - low) / (middle + low))
+
+
+@pytest.mark.llvm
+@pytest.mark.slow
+def test_rendered_fringes_fade_as_the_coherence_does() -> None:
+    mi = use("llvm_ad_mono")
+    for width in (2 * WIDTH, WIDTH):
+        partly = SLITS.partially_coherent(width)
+        found, expected = floor(mi, partly), on_line(partly)
+        assert np.sqrt(np.mean((found - expected) ** 2)) <= NOISE * expected.max()
+        assert visibility(found) == pytest.approx(visibility(expected), abs=RENDERED_VISIBILITY)
+
+
+@pytest.mark.llvm
+@pytest.mark.slow
+def test_a_rendered_band_is_the_mean_over_its_wavelengths() -> None:
+    mi = use("llvm_ad_mono")
+    found, expected = floor(mi, SLITS, bandwidth=20e9), on_line(SLITS, bandwidth=20e9)
+    assert np.sqrt(np.mean((found - expected) ** 2)) <= NOISE * expected.max()
+
+
+@pytest.mark.slow
+@pytest.mark.llvm
+def test_a_partly_coherent_receiver_takes_the_mean_of_what_its_tilts_take() -> None:
+    mi = use("llvm_ad_mono")
+    from polywigner.mitsuba import receiver, render
+
+    source = pw.shapes.square(6e-3).partially_coherent(3e-3)
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "integrator": {"type": "path"},
+            "sky": {"type": "constant", "radiance": 1.0},
+            "sensor": receiver(source, WAVELENGTH, estimator="wigner"),
+        }
+    )
+    found = float(np.array(render(scene, spp=1 << 20)).ravel()[0])
+    share = sum(
+        weight * np.divide(*powers_of(tilted, length, "rayleigh-sommerfeld-1"))
+        for tilted, length, weight in parts_of(source, WAVELENGTH, None, 1e-4)
+    )
+    # watts by int |u|^2: every direction counts with cos^2, the radiated power too
+    assert found == pytest.approx(share * WAVELENGTH**2, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"source": SLITS.partially_coherent(WIDTH), "estimator": "exact"},
+        {"source": SLITS, "bandwidth": 1e9, "estimator": "exact"},
+        {"source": SLITS.partially_coherent(WIDTH), "obliquity": "kirchhoff"},
+        {"source": SLITS, "bandwidth": 3e11},
+    ],
+)
+def test_mixtures_that_cannot_be_drawn_are_refused(how: dict[str, Any]) -> None:
+    use("scalar_rgb")
+    from polywigner.mitsuba import aperture
+
+    with pytest.raises(SceneError, match="expected"):
+        aperture(wavelength=WAVELENGTH, **how)
+
+
+def test_a_direct_link_is_the_mean_over_tilts_and_wavelengths() -> None:
+    """Far away it is Friis' formula, with the blurred intensity of the emitter."""
+    use("scalar_rgb")
+    from polywigner.mitsuba.links import coupled_share, facing_parts
+    from polywigner.mitsuba.mixtures import Mixture
+    from polywigner.mitsuba.placed_sources import PlacedSource
+
+    square, far, width = pw.shapes.square(6e-3), 20.0, 12e-3
+    about = (WAVELENGTH, "rayleigh-sommerfeld-1", 1.0)
+    emitter = PlacedSource("sent", square, np.eye(4), *about, mixture=Mixture(width, 2e9))
+    back = pose((0.0, 0.0, far), np.pi)
+    parts = facing_parts(emitter, PlacedSource("taken", square, back, *about))
+    intensity = pw.radiant_intensity(square.partially_coherent(width), (0, 0, 1), WAVELENGTH)
+    expected = intensity * square.area**2 / far**2 / square.area**2
+    assert coupled_share(parts, 1e-6) == pytest.approx(expected, rel=1e-3, abs=0)
+
+
+def test_a_receiver_by_exact_fields_is_coherent() -> None:
+    use("scalar_rgb")
+    from polywigner.mitsuba import receiver
+
+    with pytest.raises(SceneError, match='use the estimator "wigner"'):
+        receiver(SLITS.partially_coherent(WIDTH), WAVELENGTH)
+
+
+def test_scalar_variants_draw_waves_of_the_right_spread() -> None:
+    """Tilts of standard deviation 1/(2 pi width), and frequencies over all of the band."""
+    mi = use("scalar_rgb")
+    from polywigner.mitsuba.mixtures import DrawnWaves, Mixture
+    from polywigner.quantities import SPEED_OF_LIGHT
+
+    waves = DrawnWaves(mi, Mixture(WIDTH, 20e9))
+    draw = np.random.default_rng(3)
+    found = [
+        waves.wave(1 / WAVELENGTH, mi.Point2f(*x), mi.Point3f(*p))
+        for x, p in zip(draw.normal(size=(800, 2)), draw.normal(size=(800, 3)), strict=True)
+    ]
+    tilts = np.array([[w.tilt.x, w.tilt.y] for w in found]) * (2 * np.pi * WIDTH)
+    assert np.abs(tilts.mean(axis=0)).max() < 0.12
+    assert np.abs(tilts.std(axis=0) - 1).max() < 0.1
+    frequencies = np.array([float(w.inverse) for w in found]) * SPEED_OF_LIGHT
+    middle = SPEED_OF_LIGHT / WAVELENGTH
+    assert np.abs(frequencies - middle).max() <= 10.01e9
+    assert frequencies.std() == pytest.approx(20e9 / np.sqrt(12), rel=0.1)
+
+
+def test_a_scene_in_xml_reads_coherence_and_bandwidth() -> None:
+    mi = use("scalar_rgb")
+    from polywigner.mitsuba import register_source
+
+    key = register_source(SLITS)
+    scene = mi.load_string(
+        f"""<scene version="3.0.0"><shape type="wigner"><string name="source" value="{key}"/>
+        <string name="frequency" value="94 GHz"/><string name="coherence" value="4 mm"/>
+        <string name="bandwidth" value="2 GHz"/></shape></scene>"""
+    )
+    mixture = scene.emitters()[0].spec.mixture
+    assert (mixture.coherence_width, mixture.bandwidth) == (4e-3, 2e9)
