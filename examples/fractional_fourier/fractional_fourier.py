@@ -46,8 +46,8 @@ def main(folder: Path) -> None:
         below.set(xlabel="x (mm)")
     panels[0, 0].set_ylabel("direction (mrad)")
     panels[1, 0].set_ylabel("y (mm)")
-    figure.colorbar(shown, ax=panels[0], label="sign and root of W over its bound")
-    figure.colorbar(glow, ax=panels[1], label="|U|², dB below the peak")
+    figure.colorbar(shown, ax=panels[0], label="sign(W) root |W|,\nover its bound")
+    figure.colorbar(glow, ax=panels[1], label="|U|², dB of\nthe peak")
     figure.savefig(folder / "fractional_fourier.png", dpi=100)
 
 
