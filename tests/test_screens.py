@@ -54,6 +54,24 @@ def test_point_sources_through_openings_equal_quadrature(method: Any) -> None:
     assert np.abs(found - expected).max() < ROUNDING + TOLERANCE
 
 
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"])
+def test_a_point_may_be_the_mirror_image_of_the_source(method: Any) -> None:
+    x, y, z = SOURCE
+    points = [(x, y, -z), (x, y, 1e-9 - z)]
+    opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE), "opening")
+    found = pw.amplitude(opening, points, 1.0, method, tolerance=TOLERANCE)
+    expected = [by_quadrature(SOURCE, point, method) for point in points]
+    assert np.abs(found - expected).max() < ROUNDING + TOLERANCE
+
+
+def test_right_before_the_opening_the_field_is_the_free_one() -> None:
+    near = 1e-7
+    opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource((0.0, 0.0, -near)), "opening")
+    found = pw.amplitude(opening, (0.0, 0.0, near), 1.0, "kirchhoff", tolerance=1e-12)
+    # edges, 0.1 away, add the share (near/0.1)^2 at most
+    assert abs(found) * 2 * near == pytest.approx(1.0, abs=1e-11)
+
+
 def test_a_plate_and_an_opening_add_up_to_the_free_field() -> None:
     outline, light = pw.Aperture(L_SHAPE), pw.PointSource(SOURCE, 2j)
     plate, opening = (

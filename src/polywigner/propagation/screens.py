@@ -148,7 +148,10 @@ def field_behind(
     light = screen.lit_by
     if isinstance(light, PointSource):
         incident = light.amplitude * incident_of_point(light.position, points, wavelength)
-        through, errors = _from_point(screen.outline, light, points, wavelength, method, tolerance)
+        ratio, error = waves_through(
+            screen.outline, light.position, points, wavelength, _MIRRORED[method], tolerance
+        )
+        through, errors = incident * ratio, abs(incident) * error
         allowed = np.asarray(2.0 * tolerance * abs(incident))
     else:
         wave = Illumination([light.amplitude], [np.array(light.direction[:2]) / wavelength])
@@ -159,26 +162,6 @@ def field_behind(
         )
     warn_of_missed(errors, allowed, "points", stacklevel=4)
     return (incident - through if screen.kind == "plate" else through), errors
-
-
-def _from_point(
-    opening: Aperture,
-    light: PointSource,
-    points: NDArray[np.float64],
-    wavelength: float,
-    method: str,
-    tolerance: float,
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """The field of a point source through an opening: Kirchhoff's, and that at the mirror point."""
-    value, errors = np.zeros(len(points), np.complex128), np.zeros(len(points))
-    for side, share in ((1.0, 1.0), (-1.0, _MIRRORED[method])):
-        if share:
-            places = points * (1.0, 1.0, side)
-            incident = light.amplitude * incident_of_point(light.position, places, wavelength)
-            ratio, error = waves_through(opening, light.position, places, wavelength, tolerance)
-            value += share * incident * ratio
-            errors += abs(incident) * error
-    return value, errors
 
 
 def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
