@@ -170,6 +170,11 @@ def test_a_body_in_two_halves_that_touch_is_the_body(transmitter: Any) -> None:
     assert math.sqrt(found) == pytest.approx(math.sqrt(whole), abs=2 * TOLERANCE * content)
 
 
+def test_a_plate_edge_on_sends_nothing_back() -> None:
+    found = pw.rcs(PLATE, (1.0, 0.0, 0.0), WAVELENGTH, source=FEED, return_power=True)
+    assert found == (0.0, 0.0)
+
+
 def test_the_radar_equation_has_its_decibels() -> None:
     """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz, no losses: -81.089 dBm."""
     wavelength = pw.SPEED_OF_LIGHT / 24.125e9
@@ -193,6 +198,7 @@ def test_the_radar_equation_has_its_decibels() -> None:
     [
         (((0, 0, 1), 0.1), {"receiver": FEED}, ArgumentError, "expected a source"),
         (((0, 0, 0), 0.02), {"source": FEED}, ArgumentError, "zero"),
+        (((0, 0, 1e200), 0.02), {"source": FEED}, ArgumentError, "not finite"),
         (((0, 0), 0.02), {"source": FEED}, ArgumentError, "in m from the body"),
         (((0, 0, 1), 0.02), {"source": PLATE, "tolerance": 1.0}, ArgumentError, "tolerance"),
         ((np.eye(4), 0.02), {"source": FEED}, GeometryError, "in front of the source"),

@@ -165,12 +165,17 @@ def test_screens_say_what_they_expect() -> None:
     bad: list[Any] = [
         lambda: pw.PointSource((0.0, 0.0, 1.0)),
         lambda: pw.PointSource((0.0, 0.0)),
-        lambda: pw.PointSource(SOURCE, "one"),
+        lambda: pw.PointSource((0.0, 0.0, -1e200)),
+        lambda: pw.PointSource((0.0, 0.0, -1e-200)),
+        lambda: pw.PointSource(SOURCE, "1"),
+        lambda: pw.PointSource(SOURCE, True),
+        lambda: pw.PlaneWave((1e300, 0.0, 1e-300)),
         lambda: pw.PlaneWave((1.0, 0.0, 0.0)),
         lambda: pw.PlaneWave((0.0, 0.0, math.nan)),
         lambda: pw.Screen(lit, light),
         lambda: pw.Screen(outline, outline),
         lambda: pw.Screen(outline, light, "mirror"),
+        lambda: pw.Screen(outline, light, np.array(["plate", "opening"])),  # type: ignore[arg-type]
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, -1.0), 1.0),
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, 1.0), 1.0, "fresnel"),
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, 1.0), 1.0, "fraunhofer"),
@@ -187,6 +192,23 @@ def test_screens_say_what_they_expect() -> None:
         with pytest.raises(PolywignerError, match="expected") as caught:
             call()
         assert isinstance(caught.value, ArgumentError)
+
+
+def test_directions_of_any_length_become_unit_vectors() -> None:
+    for length in (5e-324, 1e-200, 1.0, 1e308):
+        direction = pw.PlaneWave((length, 0.0, length)).direction
+        np.testing.assert_allclose(direction, (math.sqrt(0.5), 0.0, math.sqrt(0.5)), rtol=1e-15)
+
+
+@pytest.mark.parametrize("light", [pw.PointSource, pw.PlaneWave])
+def test_fields_are_linear_in_the_amplitude(light: Any) -> None:
+    vector = SOURCE if light is pw.PointSource else (0.1, -0.2, 1.0)
+    one, dark, many = (
+        pw.amplitude(pw.Screen(pw.Aperture(L_SHAPE), light(vector, a)), POINTS, 1.0, "kirchhoff")
+        for a in (1.0, 0.0, 3e30j)
+    )
+    assert (dark == 0).all()
+    np.testing.assert_allclose(many, 3e30j * one, rtol=1e-12)
 
 
 def test_irradiance_is_the_square_and_errors_are_told() -> None:

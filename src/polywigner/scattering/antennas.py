@@ -113,7 +113,8 @@ def checked_places(name: str, given: ArrayLike, middle: Floats) -> Floats:
         return poses
     if array.ndim == 0 or array.shape[-1] != 3:
         raise ArgumentError(f"{expected}, got shape {shape_of(given)}")
-    distance = np.linalg.norm(array, axis=-1, keepdims=True)
+    with np.errstate(over="ignore"):
+        distance = np.linalg.norm(array, axis=-1, keepdims=True)
     if not (np.isfinite(distance) & (distance > 0)).all():
         raise ArgumentError(f"{expected}, got a vector that is zero or not finite")
     poses = np.zeros((*array.shape[:-1], 4, 4))
