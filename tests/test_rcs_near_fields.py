@@ -10,7 +10,7 @@ import pytest
 
 import polywigner as pw
 from oracles.meshes import extruded
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import ArgumentError, GeometryError, PolywignerWarning
 
 # The tolerance asked for, in amplitude; powers depart by twice that.
 TOLERANCE = 1e-3
@@ -173,6 +173,15 @@ def test_a_body_in_two_halves_that_touch_is_the_body(transmitter: Any) -> None:
 def test_a_plate_edge_on_sends_nothing_back() -> None:
     found = pw.rcs(PLATE, (1.0, 0.0, 0.0), WAVELENGTH, source=FEED, return_power=True)
     assert found == (0.0, 0.0)
+
+
+def test_an_antenna_with_a_null_at_the_body_has_a_power_alone() -> None:
+    halves = [FEED.moved((-0.05, 0.0)), FEED.moved((0.05, 0.0))]
+    odd = pw.Array(halves, [1.0, -1.0])
+    with pytest.warns(PolywignerWarning, match="a null at the middle"):
+        sigma, power = pw.rcs(PLATE, (0, 0, 1.0), WAVELENGTH, source=odd, return_power=True)
+    assert sigma == math.inf
+    assert 0 < power < 1
 
 
 def test_the_radar_equation_has_its_decibels() -> None:

@@ -73,6 +73,14 @@ class Antenna:
         )
         return np.asarray(found / self.root_of_power)
 
+    def power_at_middle(self) -> float:
+        """|U|^2 at the body's middle over watts; 0 in a null, where no more than its error is."""
+        place = self.inside(np.zeros(3))
+        found, error = amplitude(
+            self.source, place, self.wavelength, tolerance=self.tolerance, return_error=True
+        )
+        return float(abs(found) / self.root_of_power) ** 2 if abs(found) > error else 0.0
+
     def gradient(self, places: Floats) -> Complex:
         """Gradient of the field over ik, (n, 3) in the body's frame: of a wave, it times k."""
         slopes = FieldSlopes(
