@@ -275,6 +275,20 @@ def test_a_plate_right_behind_another_is_dark() -> None:
     assert down != pytest.approx(pw.rcs(front, up, 0.1), rel=1e-3)
 
 
+def test_a_cavity_is_dark_from_everywhere() -> None:
+    """Two triangles of each face shadow it, along a common edge that rounding makes two."""
+    rng = np.random.default_rng(1)
+    s, t = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, 20, 3)))
+    outer = extruded([(0, 0), (3, 0), (3, 3), (0, 3)], 1.5)
+    inner = extruded([(1, 1), (2, 1), (2, 2), (1, 2)], 0.5)
+    count = len(outer.vertices)
+    walls = [tuple(count + k for k in reversed(face)) for face in inner.faces]
+    inside = inner.vertices + np.array([0, 0, 0.5])
+    hollow = pw.Polyhedron(np.concatenate([outer.vertices, inside]), [*outer.faces, *walls])
+    found, expected = (np.sqrt(pw.rcs(body, s, 0.3, t)) for body in (hollow, outer))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * plate(9, 0.3))
+
+
 def test_plates_that_coincide_count_once() -> None:
     square = pw.shapes.square(1.0)
     alone = pw.rcs(square, DIRECTIONS, 0.1)

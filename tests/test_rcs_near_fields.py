@@ -10,7 +10,7 @@ import pytest
 
 import polywigner as pw
 from oracles.meshes import extruded
-from polywigner.errors import ArgumentError, GeometryError
+from polywigner.errors import ArgumentError, GeometryError, PolywignerWarning
 
 # The tolerance asked for, in amplitude; powers depart by twice that.
 TOLERANCE = 1e-3
@@ -170,6 +170,20 @@ def test_a_body_in_two_halves_that_touch_is_the_body(transmitter: Any) -> None:
     assert math.sqrt(found) == pytest.approx(math.sqrt(whole), abs=2 * TOLERANCE * content)
 
 
+def test_a_plate_edge_on_sends_nothing_back() -> None:
+    found = pw.rcs(PLATE, (1.0, 0.0, 0.0), WAVELENGTH, source=FEED, return_power=True)
+    assert found == (0.0, 0.0)
+
+
+def test_an_antenna_with_a_null_at_the_body_has_a_power_alone() -> None:
+    halves = [FEED.moved((-0.05, 0.0)), FEED.moved((0.05, 0.0))]
+    odd = pw.Array(halves, [1.0, -1.0])
+    with pytest.warns(PolywignerWarning, match="a null at the middle"):
+        sigma, power = pw.rcs(PLATE, (0, 0, 1.0), WAVELENGTH, source=odd, return_power=True)
+    assert sigma == math.inf
+    assert 0 < power < 1
+
+
 def test_the_radar_equation_has_its_decibels() -> None:
     """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz, no losses: -81.089 dBm."""
     wavelength = pw.SPEED_OF_LIGHT / 24.125e9
@@ -193,6 +207,7 @@ def test_the_radar_equation_has_its_decibels() -> None:
     [
         (((0, 0, 1), 0.1), {"receiver": FEED}, ArgumentError, "expected a source"),
         (((0, 0, 0), 0.02), {"source": FEED}, ArgumentError, "zero"),
+        (((0, 0, 1e200), 0.02), {"source": FEED}, ArgumentError, "not finite"),
         (((0, 0), 0.02), {"source": FEED}, ArgumentError, "in m from the body"),
         (((0, 0, 1), 0.02), {"source": PLATE, "tolerance": 1.0}, ArgumentError, "tolerance"),
         ((np.eye(4), 0.02), {"source": FEED}, GeometryError, "in front of the source"),

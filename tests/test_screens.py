@@ -54,6 +54,24 @@ def test_point_sources_through_openings_equal_quadrature(method: Any) -> None:
     assert np.abs(found - expected).max() < ROUNDING + TOLERANCE
 
 
+@pytest.mark.parametrize("method", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"])
+def test_a_point_may_be_the_mirror_image_of_the_source(method: Any) -> None:
+    x, y, z = SOURCE
+    points = [(x, y, -z), (x, y, 1e-9 - z)]
+    opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE), "opening")
+    found = pw.amplitude(opening, points, 1.0, method, tolerance=TOLERANCE)
+    expected = [by_quadrature(SOURCE, point, method) for point in points]
+    assert np.abs(found - expected).max() < ROUNDING + TOLERANCE
+
+
+def test_right_before_the_opening_the_field_is_the_free_one() -> None:
+    near = 1e-7
+    opening = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource((0.0, 0.0, -near)), "opening")
+    found = pw.amplitude(opening, (0.0, 0.0, near), 1.0, "kirchhoff", tolerance=1e-12)
+    # edges, 0.1 away, add the share (near/0.1)^2 at most
+    assert abs(found) * 2 * near == pytest.approx(1.0, abs=1e-11)
+
+
 def test_a_plate_and_an_opening_add_up_to_the_free_field() -> None:
     outline, light = pw.Aperture(L_SHAPE), pw.PointSource(SOURCE, 2j)
     plate, opening = (
@@ -147,12 +165,17 @@ def test_screens_say_what_they_expect() -> None:
     bad: list[Any] = [
         lambda: pw.PointSource((0.0, 0.0, 1.0)),
         lambda: pw.PointSource((0.0, 0.0)),
-        lambda: pw.PointSource(SOURCE, "one"),
+        lambda: pw.PointSource((0.0, 0.0, -1e200)),
+        lambda: pw.PointSource((0.0, 0.0, -1e-200)),
+        lambda: pw.PointSource(SOURCE, "1"),
+        lambda: pw.PointSource(SOURCE, True),
+        lambda: pw.PlaneWave((1e300, 0.0, 1e-300)),
         lambda: pw.PlaneWave((1.0, 0.0, 0.0)),
         lambda: pw.PlaneWave((0.0, 0.0, math.nan)),
         lambda: pw.Screen(lit, light),
         lambda: pw.Screen(outline, outline),
         lambda: pw.Screen(outline, light, "mirror"),
+        lambda: pw.Screen(outline, light, np.array(["plate", "opening"])),  # type: ignore[arg-type]
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, -1.0), 1.0),
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, 1.0), 1.0, "fresnel"),
         lambda: pw.amplitude(pw.Screen(outline, light), (0.0, 0.0, 1.0), 1.0, "fraunhofer"),
@@ -169,6 +192,39 @@ def test_screens_say_what_they_expect() -> None:
         with pytest.raises(PolywignerError, match="expected") as caught:
             call()
         assert isinstance(caught.value, ArgumentError)
+
+
+def test_directions_of_any_length_become_unit_vectors() -> None:
+    for length in (5e-324, 1e-200, 1.0, 1e308):
+        direction = pw.PlaneWave((length, 0.0, length)).direction
+        np.testing.assert_allclose(direction, (math.sqrt(0.5), 0.0, math.sqrt(0.5)), rtol=1e-15)
+
+
+@pytest.mark.parametrize("light", [pw.PointSource, pw.PlaneWave])
+def test_fields_are_linear_in_the_amplitude(light: Any) -> None:
+    vector = SOURCE if light is pw.PointSource else (0.1, -0.2, 1.0)
+    one, dark, many = (
+        pw.amplitude(pw.Screen(pw.Aperture(L_SHAPE), light(vector, a)), POINTS, 1.0, "kirchhoff")
+        for a in (1.0, 0.0, 3e30j)
+    )
+    assert (dark == 0).all()
+    np.testing.assert_allclose(many, 3e30j * one, rtol=1e-12)
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("find", [pw.amplitude, pw.irradiance])
+def test_screens_take_points_of_drjit_and_have_no_derivatives(find: Any) -> None:
+    import drjit as dr
+    from drjit.llvm.ad import Array3f64
+
+    screen = pw.Screen(pw.Aperture(L_SHAPE), pw.PointSource(SOURCE))
+    point = Array3f64(0.2, 0.4, 3.0)
+    found = np.array(find(screen, point, 1.0, "kirchhoff")).ravel()
+    expected = np.atleast_1d(find(screen, POINTS[0], 1.0, "kirchhoff"))
+    np.testing.assert_allclose(found[0], expected[0], rtol=1e-9)
+    dr.enable_grad(point)
+    with pytest.raises(ArgumentError, match="no derivatives of fields behind a Screen"):
+        find(screen, point, 1.0, "kirchhoff")
 
 
 def test_irradiance_is_the_square_and_errors_are_told() -> None:

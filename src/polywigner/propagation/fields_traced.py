@@ -9,6 +9,7 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.propagation.field_slopes import FieldSlopes
 from polywigner.propagation.places import checked_method, checked_wavelength
+from polywigner.propagation.screens import Screen
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable
 from polywigner.transforms.traced_sources import parameters_of
@@ -39,8 +40,13 @@ def traced_field(
 ) -> execution.TracedField:
     """The field of a source, by ``compute(plain source, points, wavelength, method, ...)``.
 
-    Raises ArgumentError for a wavelength that is an array, and for Fraunhofer's field.
+    Raises ArgumentError for a wavelength that is an array, for Fraunhofer's field, and for screens.
     """
+    if isinstance(source, Screen):
+        raise ArgumentError(
+            "expected no derivatives of fields behind a Screen, which has none; pass "
+            "drjit.detach(...) of the points"
+        )
     name = checked_method(method)
     if name == "fraunhofer":
         raise ArgumentError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +45,16 @@ def incident_of_point(source: Place, points: Floats, wavelength: float) -> NDArr
 
 
 def waves_through(
-    opening: Aperture, source: Place, points: Floats, wavelength: float, tolerance: float
+    opening: Aperture,
+    source: Place,
+    points: Floats,
+    wavelength: float,
+    mirrored: float,
+    tolerance: float,
 ) -> tuple[NDArray[np.complex128], Floats]:
-    """Kirchhoff's field behind an opening over the incident one at points (n, 3), and its error.
+    """The field behind an opening over the incident one at points (n, 3), z > 0, and its error.
 
-    Points may lie on either side of the plane z = 0.
+    Kirchhoff's at a point, and ``mirrored`` times that at its mirror image.
     """
     edges = np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in opening.rings])
     edges = edges / wavelength
@@ -63,23 +69,26 @@ def waves_through(
     errors = np.zeros(len(points))
     place, allowed = np.array(source) / wavelength, 2 * math.pi * tolerance
     for some in (slice(low, low + step) for low in range(0, len(points), step)):
-        found[some], errors[some] = _sums(edges, place, points[some] / wavelength, allowed)
+        found[some], errors[some] = _sums(
+            edges, place, points[some] / wavelength, mirrored, allowed
+        )
     return found / (2 * math.pi), errors / (2 * math.pi)
 
 
 def _sums(
-    edges: Floats, source: Floats, points: Floats, allowed: float
+    edges: Floats, source: Floats, points: Floats, mirrored: float, allowed: float
 ) -> tuple[NDArray[np.complex128], Floats]:
     """The integrals over all edges, by halving panels until halves agree with the whole."""
     n, total, errors = len(points), np.zeros(len(points), np.complex128), np.zeros(len(points))
     point = np.repeat(np.arange(n), len(edges))
     edge = np.tile(np.arange(len(edges)), n)
     low, high = np.zeros(len(point)), np.ones(len(point))
-    whole, _ = _panels(edges, source, points, point, edge, low, high)
+    panels = partial(_panels, edges, source, points, mirrored)
+    whole, _ = panels(point, edge, low, high)
     while len(point):
         middle = 0.5 * (low + high)
-        left, swing_left = _panels(edges, source, points, point, edge, low, middle)
-        right, swing_right = _panels(edges, source, points, point, edge, middle, high)
+        left, swing_left = panels(point, edge, low, middle)
+        right, swing_right = panels(point, edge, middle, high)
         off = abs(left + right - whole)
         resolved = np.maximum(swing_left, swing_right) <= _TURNS
         # a panel of the share 2^-m of an edge may be so much off as its share of the tolerance
@@ -99,7 +108,7 @@ def _sums(
 
 
 def _panels(
-    edges: Floats, source: Floats, points: Floats,
+    edges: Floats, source: Floats, points: Floats, mirrored: float,
     point: NDArray[np.intp], edge: NDArray[np.intp], low: Floats, high: Floats,
 ) -> tuple[NDArray[np.complex128], Floats]:  # fmt: skip
     """The integral over panels, shares low to high of edges, and the turns of the detour there."""
@@ -115,7 +124,7 @@ def _panels(
         place = (row[:, :1] + span[:, :1] * at, row[:, 1:2] + span[:, 1:] * at)
         p = tuple(where[:, k : k + 1] for k in range(3))
         s = (float(source[0]), float(source[1]), float(source[2]))
-        real, imag, detour = spherical_edge(_OPS, s, p, place, tuple(along), p[2] > 0.0)
+        real, imag, detour = spherical_edge(_OPS, s, p, place, tuple(along), mirrored)
         values[some] = (real @ _WEIGHTS + 1j * (imag @ _WEIGHTS)) * half * length
         swings[some] = np.ptp(detour, axis=1)
     return values, swings

@@ -16,7 +16,7 @@ from polywigner.illumination import Illumination
 from polywigner.illumination.obliquities import SHARES
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.panels import radiator_of
-from polywigner.propagation.places import warn_of_missed
+from polywigner.propagation.places import LARGEST, checked_name, warn_of_missed
 from polywigner.propagation.screen_sums import incident_of_point, wave_at, waves_through
 
 __all__ = ["PlaneWave", "PointSource", "Screen", "field_of_screen"]
@@ -51,6 +51,10 @@ class PointSource:
             raise ArgumentError(
                 f"expected position with z < 0, before the screen at z = 0, got {place}"
             )
+        if not (-place[2] >= 1 / LARGEST and max(map(abs, place)) <= LARGEST):
+            raise ArgumentError(
+                f"expected position at lengths from {1 / LARGEST:g} to {LARGEST:g} m, got {place}"
+            )
         object.__setattr__(self, "position", place)
         object.__setattr__(self, "amplitude", _checked_amplitude(amplitude))
 
@@ -81,9 +85,14 @@ class PlaneWave:
             raise ArgumentError(
                 f"expected direction with z > 0, through the screen at z = 0, got {ahead}"
             )
-        length = math.hypot(*ahead)
-        unit = (ahead[0] / length, ahead[1] / length, ahead[2] / length)
-        object.__setattr__(self, "direction", unit)
+        largest = max(map(abs, ahead))  # first: lengths beyond floats, and denormal ones
+        scaled = [c / largest for c in ahead]
+        x, y, z = (c / math.hypot(*scaled) for c in scaled)
+        if not z > 0:
+            raise ArgumentError(
+                f"expected direction with z > 0 beside its other components, got {ahead}"
+            )
+        object.__setattr__(self, "direction", (x, y, z))
         object.__setattr__(self, "amplitude", _checked_amplitude(amplitude))
 
 
@@ -120,7 +129,9 @@ class Screen:
 
     def __post_init__(self) -> None:
         if not isinstance(self.outline, Aperture) or self.outline.illumination is not None:
-            got = "one with an illumination" if isinstance(self.outline, Aperture) else "none"
+            got = type(self.outline).__name__
+            if isinstance(self.outline, Aperture):
+                got = "one with an illumination"
             raise ArgumentError(
                 f"expected the outline of a screen as an Aperture without illumination, got {got}"
             )
@@ -128,8 +139,7 @@ class Screen:
             raise ArgumentError(
                 f"expected lit_by as a PointSource or a PlaneWave, got {type(self.lit_by).__name__}"
             )
-        if self.kind not in ("plate", "opening"):
-            raise ArgumentError(f'expected kind "plate" or "opening", got {self.kind!r}')
+        checked_name("kind", self.kind, ("plate", "opening"))
 
 
 def field_of_screen(
@@ -148,37 +158,20 @@ def field_of_screen(
     light = screen.lit_by
     if isinstance(light, PointSource):
         incident = light.amplitude * incident_of_point(light.position, points, wavelength)
-        through, errors = _from_point(screen.outline, light, points, wavelength, method, tolerance)
+        ratio, error = waves_through(
+            screen.outline, light.position, points, wavelength, _MIRRORED[method], tolerance
+        )
+        through, errors = incident * ratio, abs(incident) * error
         allowed = np.asarray(2.0 * tolerance * abs(incident))
     else:
-        wave = Illumination([light.amplitude], [np.array(light.direction[:2]) / wavelength])
+        wave = Illumination([1.0], [np.array(light.direction[:2]) / wavelength])
         radiator = radiator_of(screen.outline.with_illumination(wave))
         incident = light.amplitude * wave_at(light.direction, points, wavelength)
-        through, errors, allowed = boundary_field(
-            radiator, points, wavelength, method, tolerance, True, engine
-        )
+        found = boundary_field(radiator, points, wavelength, method, tolerance, True, engine)
+        through = light.amplitude * found[0]
+        errors, allowed = (abs(light.amplitude) * e for e in found[1:])
     warn_of_missed(errors, allowed, "points", stacklevel=4)
     return (incident - through if screen.kind == "plate" else through), errors
-
-
-def _from_point(
-    opening: Aperture,
-    light: PointSource,
-    points: NDArray[np.float64],
-    wavelength: float,
-    method: str,
-    tolerance: float,
-) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
-    """The field of a point source through an opening: Kirchhoff's, and that at the mirror point."""
-    value, errors = np.zeros(len(points), np.complex128), np.zeros(len(points))
-    for side, share in ((1.0, 1.0), (-1.0, _MIRRORED[method])):
-        if share:
-            places = points * (1.0, 1.0, side)
-            incident = light.amplitude * incident_of_point(light.position, places, wavelength)
-            ratio, error = waves_through(opening, light.position, places, wavelength, tolerance)
-            value += share * incident * ratio
-            errors += abs(incident) * error
-    return value, errors
 
 
 def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
@@ -194,6 +187,8 @@ def _three(value: Any, name: str, meaning: str) -> tuple[float, float, float]:
 
 def _checked_amplitude(value: Any) -> complex:
     try:
+        if isinstance(value, (str, bool, np.bool_)):
+            raise TypeError
         number = complex(value)
     except (TypeError, ValueError, OverflowError):
         number = complex(math.nan)

@@ -73,6 +73,14 @@ class Antenna:
         )
         return np.asarray(found / self.root_of_power)
 
+    def power_at_middle(self) -> float:
+        """|U|^2 at the body's middle over watts; 0 in a null, where no more than its error is."""
+        place = self.inside(np.zeros(3))
+        found, error = amplitude(
+            self.source, place, self.wavelength, tolerance=self.tolerance, return_error=True
+        )
+        return float(abs(found) / self.root_of_power) ** 2 if abs(found) > error else 0.0
+
     def gradient(self, places: Floats) -> Complex:
         """Gradient of the field over ik, (n, 3) in the body's frame: of a wave, it times k."""
         slopes = FieldSlopes(
@@ -113,7 +121,8 @@ def checked_places(name: str, given: ArrayLike, middle: Floats) -> Floats:
         return poses
     if array.ndim == 0 or array.shape[-1] != 3:
         raise ArgumentError(f"{expected}, got shape {shape_of(given)}")
-    distance = np.linalg.norm(array, axis=-1, keepdims=True)
+    with np.errstate(over="ignore"):
+        distance = np.linalg.norm(array, axis=-1, keepdims=True)
     if not (np.isfinite(distance) & (distance > 0)).all():
         raise ArgumentError(f"{expected}, got a vector that is zero or not finite")
     poses = np.zeros((*array.shape[:-1], 4, 4))

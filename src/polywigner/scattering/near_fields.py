@@ -28,9 +28,9 @@ __all__ = ["near_sums"]
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Pieces at a time, and most of them: an hour.
-_BLOCK = 1 << 17
-_MOST = 1 << 26
+# Pieces at a time, and most of them: 4 GB.
+_BLOCK = 1 << 15
+_MOST = 1 << 24
 # Extrapolation from pieces and their quarters leaves about the square of a departure.
 _SHARE = 0.7
 # Variances of places over an equilateral triangle along an axis, in squares of its side, and of
@@ -53,23 +53,23 @@ def near_sums(
     """
     lit = _lit(facets, transmitter, receiver)
     pieces = _fine(lit, transmitter, receiver, math.sqrt(tolerance) * _SHARE)
-    sums = [
-        _summed(those, transmitter, receiver, polarisations)
-        for those in (pieces, _quartered(pieces))
-    ]
+    sums = [_summed(pieces, split, transmitter, receiver, polarisations) for split in (False, True)]
     return np.asarray((4 * sums[1] - sums[0]) / 3)
 
 
 def _summed(
     pieces: Pieces,
+    split: bool,
     transmitter: Antenna,
     receiver: Antenna | None,
     polarisations: tuple[Complex, Complex],
 ) -> Complex:
+    """The sum over pieces, or over the quarters of each."""
     q, p = polarisations
     total = np.zeros(np.broadcast_shapes(q.shape, p.shape)[:-1], np.complex128)
     for start in range(0, len(pieces), _BLOCK):
         some = pieces.taken(slice(start, start + _BLOCK))
+        some = _quartered(some) if split else some
         centre = some.corner + (some.first + some.second) / 3
         sent, wave = transmitter.field(centre), transmitter.gradient(centre)
         back, back_wave = sent, wave
@@ -102,7 +102,7 @@ def _fine(
     pieces: Pieces, transmitter: Antenna, receiver: Antenna | None, tolerance: float
 ) -> Pieces:
     """Pieces split in four until the field of both antennas is a plane wave on each."""
-    done, count = [], 0
+    done, count = [pieces.taken(slice(0))], 0
     while len(pieces):
         coarse = _departure(pieces, transmitter, receiver or transmitter) > tolerance
         done.append(pieces.taken(np.flatnonzero(~coarse)))

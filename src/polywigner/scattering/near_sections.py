@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.plausibility import warn_caller
 from polywigner.radiometry.directions import checked_source
 from polywigner.scattering.antennas import Antenna, Source, checked_places, directions_of
 from polywigner.scattering.facets import Facets
@@ -86,8 +87,14 @@ def near_sections(
         )
         # of all that is received, mean over what is sent
         powers[k] = (np.abs(sums) ** 2).sum() / sums.shape[1]
-        lit = [abs(a.field(np.zeros((1, 3)))[0]) ** 2 for a in (transmitter, back)]
-        sections[k] = 4 * np.pi / lengths[k] ** 2 * powers[k] / (lit[0] * lit[1])
+        there_and_back = transmitter.power_at_middle() * back.power_at_middle()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            sections[k] = 4 * np.pi / lengths[k] ** 2 * powers[k] / there_and_back
+    if not np.isfinite(sections).all():
+        warn_caller(
+            "got an antenna with a null at the middle of the body, of whose cross section it says "
+            "nothing; take the power, with return_power=True"
+        )
     return sections, powers
 
 

@@ -18,46 +18,40 @@ __all__ = ["spherical_edge"]
 
 def spherical_edge(
     ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],
-    along: tuple[Any, ...], is_beyond: Any,
+    along: tuple[Any, ...], mirrored: float,
 ) -> tuple[Any, Any, Any]:  # fmt: skip
     """(real, imaginary) integrand of U/U_incident, times 2 pi, and the detour. Lengths in waves.
 
-    ``place`` on an edge of direction ``along`` (x, y) of the plane z = 0; ``is_beyond``: whether
-    the plane parts the point from the source. If it does not, there is no wave past the axis.
+    ``place`` on an edge of direction ``along`` (x, y) of the plane z = 0, which parts the point
+    from the source; ``mirrored``: what the field at the point's mirror image counts beside its own.
     """
     q = tuple(a - b for a, b in zip((*place, 0.0), source, strict=True))
     r = tuple(a - b for a, b in zip(point, (*place, 0.0), strict=True))
-    axis = tuple(a - b for a, b in zip(point, source, strict=True))
-    d2, q2, r2 = (sum(c * c for c in v) for v in (axis, q, r))
-    d, rho, radius = ops.sqrt(d2), ops.sqrt(q2), ops.sqrt(r2)
-    cross = _cross(q, axis)
-    h2 = sum(c * c for c in cross) / d2
-    # the angle about the axis turns by so much over h^2 for each unit of length
+    d = ops.sqrt(sum((a - b) ** 2 for a, b in zip(point, source, strict=True)))
+    rho, radius = (ops.sqrt(sum(c * c for c in v)) for v in (q, r))
+    both, product = rho + radius + d, rho * radius
+    dot = sum(a * b for a, b in zip(q, r, strict=True))
+    # (D^2 - (rho - R)^2)/2 and ((rho + R)^2 - D^2)/2: one cancels, and their product is |q x r|^2
+    large = product + ops.maximum(dot, -dot)
+    small = ops.maximum(sum(c * c for c in _cross(q, r)) / large, 1e-300)
+    inner, outer = ops.select(dot > 0.0, large, small), ops.select(dot > 0.0, small, large)
+    detour = 2.0 * outer / both
+    # the angle about the axis turns by ahead.r/D over h^2 for each unit of length
     ahead = _cross(q, (*along, 0.0))
-    turn = sum(a * b for a, b in zip(axis, ahead, strict=True)) / d
-    apart = rho - radius
-    # D^2 - (rho - R)^2: small where the place lies on the axis outside of S and P
-    inner = (d - apart) * (d + apart)
-    detour = rho + radius - d
-    small = detour < 0.1 * d
-    detour = ops.select(
-        small & is_beyond, 4.0 * h2 * d2 / ops.select(inner > 0.0, inner, d2) / (rho + radius + d),
-        detour,
-    )  # fmt: skip
+    turn = sum(a * b for a, b in zip(ahead, r, strict=True)) * d
     c, s = cos_sin_turns(ops, detour)
-    # beyond: 2 pi times (wave past the axis less boundary wave), over h^2
+    # 2 pi times (wave past the axis less boundary wave), over h^2
     c2, s2 = cos_sin_turns(ops, 0.5 * detour)
-    safe = ops.select(inner > 0.0, inner, d2)
-    slope = 2.0 * math.pi * 4.0 * d2 / (safe * (rho + radius + d)) * sinc(ops, detour)
-    boundary = d2 / (safe * rho * radius)
-    near = (turn * (slope * s2 + boundary * c), turn * (boundary * s - slope * c2))
-    # on one side: the boundary wave alone
-    outside = -turn * d2 / (rho * radius * ops.maximum(detour * (rho + radius + d), 1e-300))
-    return (
-        ops.select(is_beyond, near[0], outside * c),
-        ops.select(is_beyond, near[1], outside * s),
-        detour,
-    )
+    slope = 4.0 * math.pi / (inner * both) * sinc(ops, detour)
+    boundary = 0.5 / (inner * product)
+    real = turn * (slope * s2 + boundary * c)
+    imag = turn * (boundary * s - slope * c2)
+    if mirrored:
+        # the boundary wave alone: no wave past the axis on the source's side of the plane
+        turn = (ahead[0] * r[0] + ahead[1] * r[1] - ahead[2] * r[2]) * d
+        wave = -0.5 * mirrored * turn / (product * (outer + 2.0 * q[2] * r[2]))
+        real, imag = real + wave * c, imag + wave * s
+    return real, imag, detour
 
 
 def _cross(a: tuple[Any, ...], b: tuple[Any, ...]) -> tuple[Any, ...]:
