@@ -34,6 +34,7 @@ def checked_source(source: Any) -> PlaneSource:
             "Slits": "; make rectangles of slits, power needs an area",
             "PlacedAperture": "; use its .aperture, and directions relative to it",
             "Polyhedron": "; a body has a Fourier transform only",
+            "Wavefront": "; use its .source, whose wave is flat and coherent",
         }.get(type(source).__name__, "; make one by Aperture(...) of a ring or of shapely polygons")
         raise ArgumentError(
             "expected an Aperture, or an Array of apertures in the plane z = 0, got "
