@@ -121,6 +121,20 @@ class TestCameras:
             "echo_range.png",
         ]  # fmt: skip
 
+    def test_what_cannot_be_sorted_is_told_before_the_picture(
+        self, scene: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        words = [str(scene), "--variant", "llvm_ad_mono", "--out", str(scene.parent / "echo")]
+        spp = ["--spp", "1000000000"]  # a picture of a day
+        assert main(["render", *words, *spp, "--range", "1 m to 1.0000001 m"]) == 2
+        assert "single precision" in capsys.readouterr().err
+        assert main(["receive", *words, *spp, "--range", "1 m to 1.0000001 m"]) == 2
+        assert "single precision" in capsys.readouterr().err
+        wide = scene.read_text().replace('"width" value="8"', '"width" value="5000000"', 1)
+        scene.write_text(wide)
+        assert main(["render", *words, *spp, "--range", "1 m to 2 m"]) == 2
+        assert "use fewer bins or pixels" in capsys.readouterr().err
+
 
 @pytest.mark.parametrize(
     ("words", "message"),
