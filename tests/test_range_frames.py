@@ -144,6 +144,7 @@ class TestCameras:
         (["--range", "-1 m to 1 m"], "zero or more"),
         (["--range", "0 m to 1 s"], "length"),
         (["--range", "0 m to 1 m", "--bins", "0"], "--bins from 1"),
+        (["--range", "0 m to 1 m", "--bins", "65537"], "--bins from 1"),
         (["--bins", "5"], "add a --range"),
     ],
 )
@@ -197,5 +198,8 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path: Path) -> None:
         assert found.format == "GIF" and found.n_frames == 3
     with pytest.raises(ArgumentError, match="range_frames"):
         write_range_animation(None, path)
+    many = {"radiance": LabelledArray(np.zeros((1025, 1, 1)), ("range", "row", "column"))}
+    with pytest.raises(ArgumentError, match="1024 frames, got 1025"):
+        write_range_animation(LabelledArrays(many, edges), path)
     with pytest.raises(ArgumentError, match="milliseconds"):
         write_range_animation(LabelledArrays(arrays, edges), path, milliseconds=0)

@@ -113,6 +113,7 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power() -> 
         ("far", "numbers in m"),
         ([1.0], "at least two"),
         ([[0.0, 1.0]], "shape"),
+        (np.arange(2**20 + 2), "at most 1048577"),
         ([0.0, 2.0, 1.0], "rise"),
         ([-1.0, 1.0], "rise from zero"),
         ([0.0, math.inf], "finite"),

@@ -41,6 +41,9 @@ __all__ = ["Ranging", "checked_ranges", "profile_of", "range_axes", "range_profi
 
 Floats = npt.NDArray[np.float64]
 
+# Of 16 batches they take 0.1 GB for each light and receiver, and a few times as much at the end.
+_MOST_BINS = 2**20
+
 
 def range_profile(
     scene: Any,
@@ -66,7 +69,7 @@ def range_profile(
     Parameters
     ----------
     scene : a ``mi.Scene`` with ``wigner_receiver`` sensors and lights, of a compiled variant.
-    ranges : (n + 1,) rising edges of n bins, in m, zero or more.
+    ranges : (n + 1,) rising edges of n bins, in m, zero or more; up to 2^20 bins.
     spp : samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the
         sensor's own.
     seed : of the random numbers, zero or more.
@@ -92,9 +95,9 @@ def range_profile(
     ------
     MissingExtraError : no mitransient. EngineError : a scalar variant. ArgumentError : edges that
         do not rise, other arguments out of range. SceneError : as of
-        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; lights that are
-        infinitely far; a receiver in fog, or uneven fog, in which mitransient measures paths too
-        short.
+        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; lights that
+        are infinitely far; a receiver in fog, or uneven fog, in which mitransient measures paths
+        too short.
     """
     edges = checked_ranges(ranges)
     require_transients()
@@ -117,10 +120,10 @@ def checked_ranges(ranges: npt.ArrayLike) -> Floats:
             f"expected ranges as numbers in m, got {ranges!r}; give edges of bins such as "
             "np.linspace(0, 60, 513)"
         ) from None
-    if edges.ndim != 1 or len(edges) < 2:
+    if edges.ndim != 1 or not 2 <= len(edges) <= _MOST_BINS + 1:
         raise ArgumentError(
             f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give at least "
-            "two"
+            f"two, and at most {_MOST_BINS + 1}"
         )
     with np.errstate(over="ignore"):  # paths are measured in single precision
         single = edges.astype(np.float32)
