@@ -85,6 +85,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("mitsuba/parameters.py", "_LARGEST"): REFUSED,
     ("mitsuba/parameters.py", "_SMALLEST"): REFUSED,
     ("mitsuba/range_film.py", "_MOST_SUMS"): REFUSED,
+    ("mitsuba/range_profile.py", "_MOST_BINS"): REFUSED,
     ("mitsuba/placed_sources.py", "_ROUNDING"): DIGITS,
     ("mitsuba/receiving_arguments.py", "_MOST_REFLECTIONS"): REFUSED,
     ("mitsuba/rendering.py", "_LARGEST_SPP"): REFUSED,

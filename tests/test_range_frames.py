@@ -97,6 +97,8 @@ class TestCameras:
         np.testing.assert_allclose(found, expected, atol=0.06)
         with pytest.raises(ArgumentError, match="range_profile"):
             pm.range_frames(loaded, edges, sensor=1)
+        with pytest.raises(ArgumentError, match="whole number as sensor"):
+            pm.range_frames(loaded, edges, sensor="camera")
 
     def test_commands_write_what_functions_return(self, scene: Path, tmp_path: Path) -> None:
         xarray = pytest.importorskip("xarray")
@@ -121,6 +123,20 @@ class TestCameras:
             "echo_range.png",
         ]  # fmt: skip
 
+    def test_what_cannot_be_sorted_is_told_before_the_picture(
+        self, scene: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        words = [str(scene), "--variant", "llvm_ad_mono", "--out", str(scene.parent / "echo")]
+        spp = ["--spp", "1000000000"]  # a picture of a day
+        assert main(["render", *words, *spp, "--range", "1 m to 1.0000001 m"]) == 2
+        assert "single precision" in capsys.readouterr().err
+        assert main(["receive", *words, *spp, "--range", "1 m to 1.0000001 m"]) == 2
+        assert "single precision" in capsys.readouterr().err
+        wide = scene.read_text().replace('"width" value="8"', '"width" value="5000000"', 1)
+        scene.write_text(wide)
+        assert main(["render", *words, *spp, "--range", "1 m to 2 m"]) == 2
+        assert "use fewer bins or pixels" in capsys.readouterr().err
+
 
 @pytest.mark.parametrize(
     ("words", "message"),
@@ -130,6 +146,7 @@ class TestCameras:
         (["--range", "-1 m to 1 m"], "zero or more"),
         (["--range", "0 m to 1 s"], "length"),
         (["--range", "0 m to 1 m", "--bins", "0"], "--bins from 1"),
+        (["--range", "0 m to 1 m", "--bins", "65537"], "--bins from 1"),
         (["--bins", "5"], "add a --range"),
     ],
 )
@@ -183,5 +200,8 @@ def test_an_animation_has_a_frame_for_each_bin(tmp_path: Path) -> None:
         assert found.format == "GIF" and found.n_frames == 3
     with pytest.raises(ArgumentError, match="range_frames"):
         write_range_animation(None, path)
+    many = {"radiance": LabelledArray(np.zeros((1025, 1, 1)), ("range", "row", "column"))}
+    with pytest.raises(ArgumentError, match="1024 frames, got 1025"):
+        write_range_animation(LabelledArrays(many, edges), path)
     with pytest.raises(ArgumentError, match="milliseconds"):
         write_range_animation(LabelledArrays(arrays, edges), path, milliseconds=0)

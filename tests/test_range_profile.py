@@ -113,9 +113,12 @@ def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power() -> 
         ("far", "numbers in m"),
         ([1.0], "at least two"),
         ([[0.0, 1.0]], "shape"),
+        (np.arange(2**20 + 2), "at most 1048577"),
         ([0.0, 2.0, 1.0], "rise"),
         ([-1.0, 1.0], "rise from zero"),
         ([0.0, math.inf], "finite"),
+        ([0.0, 1e39], "finite"),
+        (["0", "1"], "numbers in m"),
         ([100.0, 100.0 + 1e-7], "single precision"),
     ],
 )
@@ -149,6 +152,12 @@ def test_what_has_no_path_lengths_is_refused() -> None:
     scene = scene_of(tx=emitter(), rx=receiver(), fog=cube)
     with pytest.raises(SceneError, match="even fog"):
         pm.range_profile(scene, [0.0, 9.0], integrator="volpath", spp=16)
+    sky = {"type": "directional", "direction": [0.0, 0.0, 1.0]}
+    with pytest.raises(SceneError, match="infinitely far"):
+        pm.range_profile(scene_of(tx=emitter(), rx=receiver(), sky=sky), [0.0, 9.0], spp=16)
+    mi.set_variant("llvm_ad_rgb")
+    with pytest.raises(SceneError, match="scene of the variant that is set, llvm_ad_rgb"):
+        pm.range_profile(scene, [0.0, 9.0], spp=16)
     mi.set_variant("scalar_rgb")
     with pytest.raises(EngineError, match="scalar_rgb"):
         pm.range_profile(scene, [0.0, 1.0])

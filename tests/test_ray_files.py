@@ -144,6 +144,20 @@ def test_damaged_files_are_refused_in_a_sentence(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("flags", "method"), [(1, 0), (0, 99), (0, 8)])
+def test_archives_that_ask_for_passwords_or_other_methods_are_refused(
+    rays: Any, flags: int, method: int, tmp_path: Path
+) -> None:
+    (path,) = pw.rays.save(rays, tmp_path / "r.npz")
+    content = bytearray(path.read_bytes())
+    local, central = content.index(b"PK\3\4"), content.index(b"PK\1\2")
+    struct.pack_into("<HH", content, local + 6, flags, method)
+    struct.pack_into("<HH", content, central + 8, flags, method)
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=r"r\.npz"):
+        pw.rays.load(path)
+
+
 def test_archives_without_rays_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "r.npz"
     np.savez(path, position=np.zeros((2, 3)))
@@ -162,8 +176,10 @@ def test_archives_without_rays_are_refused(tmp_path: Path) -> None:
         (lambda rays, p: pw.rays.save(rays, p / "rays.txt"), "npz"),
         (lambda rays, p: pw.rays.save(rays, p / "rays.csv", split=True), "dat"),
         (lambda rays, p: pw.rays.save(rays, p / "rays.dat", unit="km"), "unit"),
+        (lambda rays, p: pw.rays.save(rays, p / "rays.dat", unit=["mm"]), "unit"),
         (lambda rays, p: pw.rays.save(3, p / "rays.npz"), "sample_rays"),
         (lambda rays, p: pw.rays.save(rays, 3), "path"),
+        (lambda rays, p: pw.rays.load(3), "path of a file"),
         (lambda rays, p: pw.rays.load(p / "rays.txt"), "npz"),
     ],
 )

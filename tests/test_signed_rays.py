@@ -187,6 +187,9 @@ def test_power_scales_and_a_frequency_is_a_wavelength() -> None:
     assert not pw.sample_rays(SQUARE, WAVELENGTH, 64, 1).equals(rays)
 
 
+EVERYWHERE = (-1e9, -1e9, 1e9, 1e9)
+
+
 def by_hand(position: Any, direction: Any, weight: Any) -> Any:
     rays = pw.sample_rays(SQUARE, WAVELENGTH, len(weight))
     return pw.rays.traced(rays, position, direction, weight)
@@ -220,6 +223,32 @@ def test_rays_left_out_by_a_selection_still_count_as_drawn() -> None:
     assert again.standard_error.values == pytest.approx(seen.standard_error.values, rel=ROUNDING)
 
 
+def test_a_selection_of_batches_keeps_its_own_error() -> None:
+    rays = pw.sample_rays(SQUARE, WAVELENGTH, 1 << 12, sampling="quasi-random")
+    batch = rays["batch"].values
+    some = rays.isel(ray=(batch == 3) | (batch == 11))
+    sums = [rays["weight"].values[batch == k].sum() for k in (3, 11)]
+    found = pw.rays.rebuild(some, 0.0, EVERYWHERE, (1, 1))
+    assert found.power == pytest.approx(sum(sums))
+    assert found.power_error == pytest.approx(abs(sums[0] - sums[1]))  # sqrt(2) of two
+    # of one alone no scatter is known: it counts as independent rays
+    one = rays.isel(ray=batch == 3)
+    alone = pw.rays.rebuild(one, 0.0, EVERYWHERE, (1, 1))
+    apart = pw.rays.rebuild(one.drop_vars("batch"), 0.0, EVERYWHERE, (1, 1))
+    assert alone.power_error == apart.power_error > 0
+
+
+def test_one_far_ray_leaves_those_behind_the_plane_behind_it() -> None:
+    position = np.array([[0.0, 0.0, 1.0], [1e12, 0.0, 0.0]])
+    rays = by_hand(position, np.tile([0.0, 0.0, 1.0], (2, 1)), [1.0, 1.0])
+    assert pw.rays.rebuild(rays, 0.5, (-1, -1, 1, 1), (1, 1)).power == 0.0
+
+
+def test_a_cone_as_narrow_as_numbers_go_has_rays() -> None:
+    rays = pw.sample_rays(SQUARE, WAVELENGTH, 64, cone=1e-300)
+    assert np.isfinite(rays["weight"].values).all()
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -238,6 +267,7 @@ def test_rays_left_out_by_a_selection_still_count_as_drawn() -> None:
         ({"seed": -1}, "seed"),
         ({"wavelength": 0.0}, "wavelength"),
         ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
+        ({"source": SQUARE.curved(1.0, WAVELENGTH)}, r"Wavefront; use its \.source"),
         ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "both"),
     ],
 )
@@ -264,14 +294,17 @@ def test_sources_without_power_and_poses_that_scale_are_refused() -> None:
         ((None, 0.1, (0, 1), SHAPE), "bounds"),
         ((None, 0.1, BOUNDS, 5), "shape"),
         ((None, 0.1, BOUNDS, (0, 5)), "shape"),
-        ((None, 0.1, BOUNDS, (1 << 14, 1 << 14)), "pixels"),
+        ((None, 0.1, BOUNDS, (1 << 14, 1 << 14)), "pixels, got 16384 x 16384"),
+        ((None, [[1.0, 2.0], [3.0]], BOUNDS, SHAPE), "matrix"),
+        ((None, 0.1, BOUNDS, SHAPE, "no"), "virtual"),
     ],
 )
 def test_arguments_of_rebuild_are_checked(arguments: Any, said: str) -> None:
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 8)
-    first, *others = arguments
-    with pytest.raises(ArgumentError, match=said):
-        pw.rays.rebuild(rays if first is None else first, *others)
+    first, plane, bounds, shape, *virtual = arguments
+    options = {"virtual": virtual[0]} if virtual else {}
+    with pytest.raises((ArgumentError, GeometryError), match=said):
+        pw.rays.rebuild(rays if first is None else first, plane, bounds, shape, **options)
 
 
 def test_rays_that_are_none_are_refused() -> None:
@@ -282,3 +315,7 @@ def test_rays_that_are_none_are_refused() -> None:
         pw.rays.traced(rays, rays.position[:3], rays.direction)
     with pytest.raises(ArgumentError, match="batch"):
         pw.rays.rebuild(rays.assign_coords(batch=("ray", np.full(8, -1))), Z, BOUNDS, SHAPE)
+    many = pw.sample_rays(SQUARE, WAVELENGTH, 1024)
+    many = many.assign_coords(batch=("ray", np.arange(1024)))
+    with pytest.raises(ArgumentError, match="fewer pixels"):
+        pw.rays.rebuild(many, Z, BOUNDS, (1 << 10, 1 << 10))

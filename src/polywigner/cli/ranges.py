@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 __all__ = ["draw_ranges", "parse_ranges", "prepare_ranges", "ranges_record", "ranges_text"]
 
 _BINS = {"receive": 256, "render": 64}
-_MOST_BINS = 2**16
+# Of frames, what write_range_animation draws.
+_MOST_BINS = {"receive": 2**16, "render": 2**10}
 
 
 def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np.float64] | None:
@@ -34,8 +35,8 @@ def parse_ranges(text: str | None, bins: int | None, command: str) -> NDArray[np
             raise ArgumentError("expected --bins with --range, got it alone; add a --range")
         return None
     count = _BINS[command] if bins is None else bins
-    if not 1 <= count <= _MOST_BINS:
-        raise ArgumentError(f"expected --bins from 1 to {_MOST_BINS}, got {count}")
+    if not 1 <= count <= _MOST_BINS[command]:
+        raise ArgumentError(f"expected --bins from 1 to {_MOST_BINS[command]}, got {count}")
     ends = text.split(" to ")
     if len(ends) != 2:
         raise ArgumentError(

@@ -90,9 +90,10 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     from polywigner.execution import kernel_threads
     from polywigner.figures import draw_scene, picture_peak, write_range_animation
     from polywigner.figures.levels import check_floor
-    from polywigner.mitsuba import choose_variant, range_frames
+    from polywigner.mitsuba import choose_variant
     from polywigner.mitsuba.images import mean_of_colours, write_exr
     from polywigner.mitsuba.logs import to_list
+    from polywigner.mitsuba.range_frames import prepared_frames
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import render_parts
     from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
@@ -117,6 +118,10 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
         if settings.error_db is not None:
             used = settings.sampler or _plugin(loaded.sensors()[0].sampler(), "Sampler")
             samples = check_spp(_enough(loaded, settings.error_db, used))
+        if edges is not None:  # what cannot be sorted by range is told before the picture
+            by_range_of = prepared_frames(
+                loaded, edges, spp=samples, seed=seed, sensor=0, integrator=settings.integrator
+            )
         ready = time.perf_counter()
         image = render_parts(
             file,
@@ -130,9 +135,7 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
         )
         if edges is not None:
             with kernel_threads(settings.threads):
-                frames = range_frames(
-                    loaded, edges, spp=samples, seed=seed, integrator=settings.integrator
-                )
+                frames = by_range_of(None)
         done = time.perf_counter()
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)

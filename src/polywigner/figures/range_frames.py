@@ -17,6 +17,8 @@ __all__ = ["write_range_animation"]
 
 # Colours of the picture and of text: one palette for all frames.
 _LEVELS, _GREYS = 200, 50
+# A GIF is in memory until its end: 1 GB, drawn in two minutes.
+_MOST_FRAMES = 2**10
 
 
 def write_range_animation(
@@ -31,7 +33,7 @@ def write_range_animation(
 
     Parameters
     ----------
-    frames : as :func:`polywigner.mitsuba.range_frames` returns.
+    frames : as :func:`polywigner.mitsuba.range_frames` returns, up to 1024.
     path : the file, whatever its suffix; one that is there is replaced.
     floor_db : lowest level, dB.
     title : above each frame, before its range.
@@ -39,7 +41,7 @@ def write_range_animation(
 
     Raises
     ------
-    ArgumentError : no frames, a floor that is not below 0 dB, a time out of range.
+    ArgumentError : no frames or too many, a floor that is not below 0 dB, a time out of range.
     """
     from PIL import Image
 
@@ -79,6 +81,10 @@ def _checked(frames: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         raise ArgumentError(
             f"expected frames of polywigner.mitsuba.range_frames, got {type(frames).__name__}"
         ) from None
+    if not 1 <= len(radiance) <= _MOST_FRAMES:
+        raise ArgumentError(
+            f"expected from 1 to {_MOST_FRAMES} frames, got {len(radiance)}; use fewer, wider bins"
+        )
     return edges, radiance
 
 

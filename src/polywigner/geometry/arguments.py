@@ -116,5 +116,5 @@ def checked_path(path: Any) -> Path:
     except TypeError:
         text = None
     if not isinstance(text, str) or not text or "\0" in text:
-        raise ArgumentError(f"expected a path to write to, got {path!r}")
+        raise ArgumentError(f"expected a path of a file or folder, got {path!r}")
     return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")

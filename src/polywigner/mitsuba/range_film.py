@@ -7,6 +7,7 @@ has bins of one width, adds them in single precision and drops what lies outside
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -21,7 +22,7 @@ from polywigner.mitsuba.parts import CAMERAS, WAVEFRONT, seed_of
 from polywigner.mitsuba.receiver import is_receiver, receiving
 from polywigner.mitsuba.transients import require_transients
 
-__all__ = ["sorted_by_range"]
+__all__ = ["check_sums", "sorted_by_range"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -83,12 +84,7 @@ def _ranged(own: Any, edges: Floats, factor: int) -> Any:
         [int(pair[0]) * factor, int(pair[1]) * factor]
         for pair in (film.size(), film.crop_size(), film.crop_offset())
     )
-    count = window[0] * window[1] * (len(edges) + 1)
-    if count > _MOST_SUMS:
-        raise ArgumentError(
-            f"expected at most {_MOST_SUMS} bins of all pixels, got {count}; use fewer bins or "
-            "pixels"
-        )
+    check_sums(window, edges)
     about = mi.Properties("range_film")
     for name, pair in (("", size), ("crop_", window)):
         about[f"{name}width"], about[f"{name}height"] = pair
@@ -99,6 +95,16 @@ def _ranged(own: Any, edges: Floats, factor: int) -> Any:
     props = mi.Properties("range_sensor")
     props["film"], props["sampler"] = ranged_film, own.sampler()
     return _sensor_class(mi.variant())(own, ranged_film, props)
+
+
+def check_sums(size: Sequence[int], edges: Floats) -> None:
+    """ArgumentError for more bins of all pixels than fit into memory."""
+    count = int(size[0]) * int(size[1]) * (len(edges) + 1)
+    if count > _MOST_SUMS:
+        raise ArgumentError(
+            f"expected at most {_MOST_SUMS} bins of all pixels, got {count}; use fewer bins or "
+            "pixels"
+        )
 
 
 @cache

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
 from polywigner.mitsuba.parts import seed_of
-from polywigner.mitsuba.range_film import sorted_by_range
+from polywigner.mitsuba.range_film import check_sums, sorted_by_range
 from polywigner.mitsuba.range_profile import checked_ranges, range_axes
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp, exposed
@@ -18,7 +18,9 @@ from polywigner.mitsuba.transients import require_transients, transient_integrat
 from polywigner.mitsuba.unseen import wigner_emitters
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 
-__all__ = ["range_frames"]
+__all__ = ["prepared_frames", "range_frames"]
+
+Progress = Callable[[int, int], None]
 
 # Renders of which the mean is taken, so that progress can be told.
 _PARTS = 4
@@ -32,7 +34,7 @@ def range_frames(
     seed: int = 0,
     sensor: int = 0,
     integrator: Any = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Labelled:
     """What a camera sees by range: the radiance of a render, shared out to bins.
 
@@ -61,6 +63,14 @@ def range_frames(
     ------
     As :func:`range_profile`, and ArgumentError for a receiver, or more than 2^28 numbers.
     """
+    how = {"spp": spp, "seed": seed, "sensor": sensor, "integrator": integrator}
+    return prepared_frames(scene, ranges, **how)(progress)
+
+
+def prepared_frames(
+    scene: Any, ranges: npt.ArrayLike, *, spp: int | None, seed: int, sensor: int, integrator: Any
+) -> Callable[[Progress | None], Labelled]:
+    """What renders the frames of :func:`range_frames`, whose arguments have been checked."""
     edges = checked_ranges(ranges)
     require_transients()
     entropy = check_seed(seed)
@@ -76,15 +86,20 @@ def range_frames(
     if len(units) > 1:
         raise ArgumentError(f"expected one scene_unit of all sources, got {sorted(units)} m")
     lengths = 2.0 * edges / units.pop()
-    found: Any = 0.0
+    check_sums(camera.film().crop_size(), edges)
     parts = min(_PARTS, total)
-    for part in range(parts):
-        samples = total // parts + (part < total % parts)
-        image = sorted_by_range(scene, camera, own, lengths, samples, seed_of(entropy, part))
-        found = found + samples / total * image
-        if progress is not None:
-            progress(part + 1, parts)
-    return labelled(_described(np.asarray(found), edges, total, entropy))
+
+    def rendered(progress: Progress | None) -> Labelled:
+        found: Any = 0.0
+        for part in range(parts):
+            samples = total // parts + (part < total % parts)
+            image = sorted_by_range(scene, camera, own, lengths, samples, seed_of(entropy, part))
+            found = found + samples / total * image
+            if progress is not None:
+                progress(part + 1, parts)
+        return labelled(_described(np.asarray(found), edges, total, entropy))
+
+    return rendered
 
 
 def _described(

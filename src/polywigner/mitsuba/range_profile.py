@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
+from polywigner.geometry.numbers import real_numbers
 from polywigner.mitsuba.parts import seed_of
 from polywigner.mitsuba.range_film import sorted_by_range
 from polywigner.mitsuba.received import OTHER_LIGHTS, noise_power_of
@@ -40,6 +41,9 @@ __all__ = ["Ranging", "checked_ranges", "profile_of", "range_axes", "range_profi
 
 Floats = npt.NDArray[np.float64]
 
+# Of 16 batches they take 0.1 GB for each light and receiver, and a few times as much at the end.
+_MOST_BINS = 2**20
+
 
 def range_profile(
     scene: Any,
@@ -65,7 +69,7 @@ def range_profile(
     Parameters
     ----------
     scene : a ``mi.Scene`` with ``wigner_receiver`` sensors and lights, of a compiled variant.
-    ranges : (n + 1,) rising edges of n bins, in m, zero or more.
+    ranges : (n + 1,) rising edges of n bins, in m, zero or more; up to 2^20 bins.
     spp : samples for each emitter, in 16 batches; rounded up to a multiple of 16. Default: the
         sensor's own.
     seed : of the random numbers, zero or more.
@@ -91,8 +95,9 @@ def range_profile(
     ------
     MissingExtraError : no mitransient. EngineError : a scalar variant. ArgumentError : edges that
         do not rise, other arguments out of range. SceneError : as of
-        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; a receiver in
-        fog, or uneven fog, in which mitransient measures paths too short.
+        :func:`polywigner.mitsuba.received_power`; an integrator without path lengths; lights that
+        are infinitely far; a receiver in fog, or uneven fog, in which mitransient measures paths
+        too short.
     """
     edges = checked_ranges(ranges)
     require_transients()
@@ -109,20 +114,20 @@ def range_profile(
 def checked_ranges(ranges: npt.ArrayLike) -> Floats:
     """Edges of bins; ArgumentError unless two or more finite ones that rise from zero or more."""
     try:
-        edges = np.array(ranges, dtype=np.float64)
-    except (TypeError, ValueError):
+        edges = real_numbers(ranges)
+    except ValueError:
         raise ArgumentError(
             f"expected ranges as numbers in m, got {ranges!r}; give edges of bins such as "
             "np.linspace(0, 60, 513)"
         ) from None
-    if edges.ndim != 1 or len(edges) < 2:
+    if edges.ndim != 1 or not 2 <= len(edges) <= _MOST_BINS + 1:
         raise ArgumentError(
             f"expected ranges (n + 1,) as edges of n bins, got shape {edges.shape}; give at least "
-            "two"
+            f"two, and at most {_MOST_BINS + 1}"
         )
-    # paths are measured in single precision
-    rises = np.all(np.diff(edges.astype(np.float32)) > 0)
-    if not np.isfinite(edges).all() or edges[0] < 0 or not rises:
+    with np.errstate(over="ignore"):  # paths are measured in single precision
+        single = edges.astype(np.float32)
+    if not np.isfinite(single).all() or edges[0] < 0 or not np.all(np.diff(single) > 0):
         raise ArgumentError(
             "expected ranges as finite edges in m that rise from zero or more, each another number "
             f"in single precision, got {edges[0]:g} to {edges[-1]:g} in {len(edges) - 1} steps; "

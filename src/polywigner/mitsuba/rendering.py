@@ -121,7 +121,7 @@ def _camera(scene: Any, number: int) -> Any:
         raise SceneError(
             "expected a scene with a <sensor>, got one without; add a sensor with a film"
         )
-    if not 0 <= number < len(sensors):
+    if not 0 <= _integer("sensor", number) < len(sensors):
         raise ArgumentError(f"expected a sensor below {len(sensors)}, got {number}")
     width, height = sensors[number].film().crop_size()
     if width < 1 or height < 1:

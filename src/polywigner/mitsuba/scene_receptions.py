@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.execution import kernel_threads
-from polywigner.mitsuba.range_profile import Ranging, profile_of, ranged
+from polywigner.mitsuba.range_profile import Ranging, checked_ranges, profile_of, ranged
 from polywigner.mitsuba.received import ReceivedPower
 from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
 from polywigner.mitsuba.receiving_arguments import Asked
@@ -60,8 +60,9 @@ def receive_ranges(
 ) -> tuple[list[ReceivedPower], Labelled]:
     """:func:`receive_parts`, and the same samples by range as of :func:`range_profile`.
 
-    ``edges``: of bins, in m, as :func:`checked_ranges` gives them.
+    ``edges``: of bins, in m.
     """
+    edges = checked_ranges(edges)
     numbers = list(range(len(receivers_of(scene))))
     parties = matched(scene, numbers, asked)
     kept: list[Any] = []

@@ -95,14 +95,31 @@ def transient_integrator(integrator: Any, scene: Any, sensor: Any) -> Any:
 
     Raises
     ------
-    What :func:`require_transients` does; SceneError for an integrator without path lengths, and for
-    fog that mitransient cannot measure paths in.
+    What :func:`require_transients` does; SceneError for a scene of another variant, an integrator
+    without path lengths, lights that are infinitely far, and fog that mitransient cannot measure
+    paths in.
     """
     require_transients()
+    if not isinstance(scene, mi.Scene):
+        raise SceneError(
+            f"expected a scene of the variant that is set, {mi.variant()}, got one of another; set "
+            "that one, or load the scene anew"
+        )
+    _check_lights(scene)
     found = _counterpart(integrator)
     if type(found).__name__ == _OWN[1]:
         _check_fog(scene, sensor)
     return found
+
+
+def _check_lights(scene: Any) -> None:
+    """SceneError for lights without a place: Mitsuba puts them on a sphere about the scene."""
+    for emitter in scene.emitters():
+        if mi.has_flag(emitter.flags(), mi.EmitterFlags.Infinite):
+            raise SceneError(
+                "expected lights at places for ranges, got one that is infinitely far "
+                f"({emitter.class_name()}); leave it out"
+            )
 
 
 def _check_fog(scene: Any, sensor: Any) -> None:

@@ -15,7 +15,7 @@ from polywigner.propagation.stores_files import required
 if TYPE_CHECKING:
     import xarray
 
-__all__ = ["bundle", "checked_bundle", "count_of", "traced"]
+__all__ = ["MOST_BATCHES", "bundle", "checked_bundle", "count_of", "traced"]
 
 Values = NDArray[np.float64]
 
@@ -27,8 +27,8 @@ _LONG_NAMES = {
 }
 # Of directions from ray traces in single precision.
 _UNIT = 1e-4
-# Independent sets: many more than scatter needs.
-_MOST_BATCHES = 1024
+MOST_BATCHES = 1024
+"""Independent sets: many more than scatter needs."""
 
 
 def bundle(
@@ -134,9 +134,9 @@ def _batch(rays: Any) -> NDArray[Any]:
     """Numbers of the sets of rays, (n,)."""
     found: NDArray[Any] = rays["batch"].values
     whole = found.dtype.kind in "iu" and found.shape == (rays.sizes["ray"],)
-    if not whole or not (found.min(initial=0) >= 0 and found.max(initial=0) < _MOST_BATCHES):
+    if not whole or not (found.min(initial=0) >= 0 and found.max(initial=0) < MOST_BATCHES):
         raise ArgumentError(
-            f"expected batch as whole numbers from 0 to {_MOST_BATCHES - 1}, one for each ray, got "
+            f"expected batch as whole numbers from 0 to {MOST_BATCHES - 1}, one for each ray, got "
             f"{found.dtype} of shape {found.shape}"
         )
     return found

@@ -75,7 +75,8 @@ class Cone:
 
         Per solid angle projected along z: the mean over directions is that of the cone.
         """
-        plane, share = _concentrated(_disc(numbers), (self.width / self.radius) ** 2)
+        ratio = self.width / self.radius
+        plane, share = _concentrated(_disc(numbers), ratio * ratio)  # infinity rather than an error
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
         found = np.column_stack([plane, along]) @ self.frame.T

@@ -6,6 +6,7 @@ import json
 import os
 import warnings
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -32,6 +33,12 @@ LengthUnit = Literal["m", "in", "cm", "ft", "mm"]
 _COLUMNS = ("x", "y", "z", "l", "m", "n", "weight")
 _PARTS = {"_positive": 2, "_negative": -2}
 _HINT = "write it by rays.save"
+# What zipfile, NumPy and HDF5 raise for damaged files; RuntimeError: also of HDF5, and of archives
+# whose damaged bytes ask for a password or an unknown compression.
+_DAMAGED = (
+    OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, MemoryError, OverflowError,
+    RuntimeError, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 
 
 def save(
@@ -85,7 +92,7 @@ def save(
     >>> pw.rays.save(rays, folder / "square.npz")[0].stat().st_size > 0
     True
     """
-    if unit not in METRES:
+    if not isinstance(unit, str) or unit not in METRES:
         raise ArgumentError(f"expected unit to be one of {', '.join(METRES)}, got {unit!r}")
     paths = names_of(checked_path(path), split)
     scratch = [p.with_name(f"{p.name}.{os.getpid()}.partial") for p in paths]
@@ -181,7 +188,7 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
         raise FileFormatError(f"expected a file of rays, got {path}, which is none") from None
     except FileFormatError:
         raise
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except _DAMAGED as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise FileFormatError(f"expected rays in {file.name}, got {said}; {_HINT}") from None
     return found

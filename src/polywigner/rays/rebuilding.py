@@ -13,7 +13,7 @@ from polywigner.geometry.arguments import checked_count, checked_number, shape_o
 from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.pose import rigid_pose
 from polywigner.propagation.stores_files import required
-from polywigner.rays.bundles import checked_bundle, count_of
+from polywigner.rays.bundles import MOST_BATCHES, checked_bundle, count_of
 
 if TYPE_CHECKING:
     import xarray
@@ -22,12 +22,13 @@ __all__ = ["rebuild"]
 
 Values = NDArray[np.float64]
 
-# Most pixels along an axis, and in all: with 16 batches 1 GB of sums.
+# Most pixels along an axis, and in all; most sums, those of 16 batches: 1 GB.
 _MOST_PIXELS = 1 << 14
 _MOST_IN_ALL = 1 << 22
+_MOST_SUMS = 1 << 26
 # Rays at a time: some 100 MB.
 _BLOCK = 1 << 20
-# Rays that end on a plane lie on it to rounding: of the largest coordinate.
+# Rays that end on a plane lie on it to rounding: of their largest coordinate.
 _ON_PLANE = 1e-9
 
 
@@ -75,9 +76,11 @@ def rebuild(
     """
     position, direction, weight, batch = checked_bundle(rays)
     pose = _pose(plane)
+    if not isinstance(virtual, bool | np.bool_):
+        raise ArgumentError(f"expected virtual as True or False, got {virtual!r}")
     edges = _edges(bounds, shape)
     size = len(edges[0]) - 1, len(edges[1]) - 1
-    batches = 1 if batch is None else int(batch.max(initial=0)) + 1
+    batches, number = _batches(batch, size[0] * size[1])
     sums = np.zeros((batches, size[0] * size[1] + 1))
     squares = np.zeros(size[0] * size[1] + 1)
     lost = missed = 0
@@ -89,10 +92,10 @@ def rebuild(
         missed += int((pixel[kept] < 0).sum())
         kept &= pixel >= 0
         pixel, carried = pixel[kept], weight[some][kept]
-        group = 0 if batch is None else batch[some][kept].astype(np.int64)
+        group = 0 if batch is None else number[batch[some][kept]]
         total = np.bincount(group * squares.size + pixel, carried, sums.size)
         sums += total.reshape(sums.shape)
-        if batch is None:
+        if batches == 1:
             squares += np.bincount(pixel, carried**2, squares.size)
     sums[:, -1] = sums[:, :-1].sum(axis=1)
     squares[-1] = squares[:-1].sum()
@@ -100,6 +103,22 @@ def rebuild(
     area = math.prod(float(axis[-1] - axis[0]) for axis in edges) / math.prod(size)
     about = {"power": found[-1], "power_error": error[-1], "lost": lost, "missed": missed}
     return _dataset(edges, found[:-1] / area, error[:-1] / area, {**rays.attrs, **about})
+
+
+def _batches(batch: NDArray[Any] | None, pixels: int) -> tuple[int, NDArray[np.int64]]:
+    """How many batches there are, and their new numbers: a selection may have left some out.
+
+    ArgumentError for more sums than fit into memory.
+    """
+    is_there = np.zeros(MOST_BATCHES, bool)
+    is_there[0 if batch is None else batch] = True
+    count = max(1, int(is_there.sum()))
+    if count * pixels > _MOST_SUMS:
+        raise ArgumentError(
+            f"expected at most {_MOST_SUMS} pixels of all batches, got {count} batches of {pixels} "
+            "pixels; use fewer pixels"
+        )
+    return count, np.cumsum(is_there) - 1
 
 
 def _errors(sums: Values, squares: Values, count: int) -> tuple[Values, Values]:
@@ -122,8 +141,8 @@ def _pixels(
         along = direction @ pose[:3, :3]
         reach = -own[:, 2] / along[:, 2]
         place = own[:, :2] + reach[:, None] * along[:, :2]
-        rounding = _ON_PLANE * max(float(np.nanmax(np.abs(own), initial=0.0)), *map(np.ptp, edges))
-        meets = np.isfinite(place).all(axis=1) & (virtual | (reach >= -rounding))
+        largest = np.maximum(np.abs(own).max(axis=1), max(map(np.ptp, edges)))
+        meets = np.isfinite(place).all(axis=1) & (virtual | (reach >= -_ON_PLANE * largest))
     index = np.zeros(len(position), np.intp)
     for k, axis in enumerate(edges):
         n = len(axis) - 1
@@ -135,7 +154,7 @@ def _pixels(
 
 
 def _pose(plane: Any) -> Values:
-    if np.ndim(plane) == 0:
+    if shape_of(plane) == "()":
         pose = np.eye(4)
         pose[2, 3] = checked_number(plane, "plane", "its z in m, or a (4, 4) pose")
         return pose
@@ -155,7 +174,7 @@ def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
         raise ArgumentError(f"expected shape as two numbers of pixels, got {shape!r}")
     nx, ny = (checked_count(n, "shape", 1, _MOST_PIXELS) for n in shape)
     if nx * ny > _MOST_IN_ALL:
-        raise ArgumentError(f"expected at most {_MOST_IN_ALL} pixels, got {shape_of(shape)}")
+        raise ArgumentError(f"expected at most {_MOST_IN_ALL} pixels, got {nx} x {ny}")
     return np.linspace(found[0], found[2], nx + 1), np.linspace(found[1], found[3], ny + 1)
 
 
