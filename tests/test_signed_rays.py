@@ -25,7 +25,11 @@ SOURCES: dict[str, Any] = {
     "array": pw.phased_array(
         pw.shapes.square(2e-3), pw.arrays.grid_positions(3, 2, 4e-3), np.exp(1j * np.arange(6))
     ),
+    "converging": SQUARE.curved((-0.02, 0.03), WAVELENGTH, centre=(1e-3, 2e-3)),
+    "partly coherent": SQUARE.partially_coherent(4e-3),
 }
+# Its power is a sum over tilts and nodes along edges: seconds.
+MIXED = {"both": STEERED.curved(0.05, WAVELENGTH).partially_coherent(8e-3)}
 SAMPLINGS = ("uniform", "marginal", "quasi-random")
 
 # Of Student's and normal numbers: seeds are fixed, right code exceeds it never, or always with a
@@ -81,9 +85,9 @@ def test_weights_add_up_to_the_power_through_the_hemisphere(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sampling", SAMPLINGS)
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", SOURCES | MIXED)
 def test_rebuilt_irradiance_is_unbiased_and_knows_its_error(name: str, sampling: str) -> None:
-    source = SOURCES[name]
+    source = (SOURCES | MIXED)[name]
     values, errors = rebuilt(source, 64, sampling=sampling)
     assert significance(values, mean_irradiance(source)).max() < UNLIKELY
     # 64 seeds know a scatter to a tenth, and the pixels are not alike

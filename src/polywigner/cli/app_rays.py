@@ -9,6 +9,8 @@ import typer
 from polywigner.cli.options import (
     AllowOutside,
     Array,
+    Coherence,
+    Curved,
     Focus,
     Frequency,
     Layer,
@@ -38,7 +40,8 @@ def rays(
         str, typer.Option(help="Of positions: uniform, marginal or quasi-random.")
     ] = "uniform",
     directions: Annotated[
-        str, typer.Option(help="beam (most of them near the normal), or uniform.")
+        str,
+        typer.Option(help="beam (most of them near the normal, or along the wave), or uniform."),
     ] = "beam",
     cone: Annotated[
         str | None,
@@ -65,6 +68,8 @@ def rays(
     window: Window = None,
     steering: Steering = None,
     focus: Focus = None,
+    curved: Curved = None,
+    coherence: Coherence = None,
     formats: Annotated[
         list[str] | None,
         typer.Option(
@@ -100,7 +105,7 @@ def rays(
         frequency=frequency,
         wavelength=wavelength,
         reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus, None),
+        feeding=feeding_of(taper, array, window, steering, focus, curved, coherence),
         formats=formats or [],
         out=out,
     )

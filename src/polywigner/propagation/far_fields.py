@@ -106,14 +106,15 @@ def radiated_power(
 
 
 def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
-    """Raise ArgumentError for an obliquity that takes the slopes of a curved wave.
+    """Raise ArgumentError for an obliquity that takes the slopes of a curved wave, or of tilts.
 
     They are those of waves in all directions at once, of which there is no closed form.
     """
     if isinstance(source, Wavefront) and takes_slopes(name):
         raise ArgumentError(
-            'expected obliquity "rayleigh-sommerfeld-1" or "paper" for a curved wave, got '
-            f"{name!r}, whose factor differs from place to place; amplitude has it near by"
+            'expected obliquity "rayleigh-sommerfeld-1" or "paper" for a curved wave or partly '
+            f"coherent light, got {name!r}, whose factor differs from place to place and from tilt "
+            "to tilt; amplitude has it near by, of coherent light"
         )
 
 

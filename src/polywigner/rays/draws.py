@@ -16,7 +16,15 @@ from polywigner.geometry.numbers import real_numbers
 from polywigner.propagation.rays_sampling import sobol_numbers
 from polywigner.transforms.sampling import Weights
 
-__all__ = ["BATCHES", "Cone", "RaySampling", "cone_of", "numbers_of", "positions_by"]
+__all__ = [
+    "BATCHES",
+    "Cone",
+    "RaySampling",
+    "cone_of",
+    "normal_numbers",
+    "numbers_of",
+    "positions_by",
+]
 
 RaySampling = Literal["uniform", "marginal", "quasi-random"]
 
@@ -39,24 +47,38 @@ def positions_by(sampling: Any) -> Weights:
 
 
 def numbers_of(
-    sampling: str, count: int, seed: Any, block: int
+    sampling: str, count: int, seed: Any, block: int, others: int = 0
 ) -> Iterator[tuple[Values, int | None]]:
     """Numbers (m, k) in [0, 1), m up to ``block``, two for the direction first; and their batch.
 
+    After them those for the position, two or with "marginal" four, and then ``others``.
     Random ones are independent of each other, without a batch; those of one batch of quasi-random
     ones are not. Raises MissingExtraError for quasi-random numbers without scipy.
     """
     generator = checked_generator(seed)
     if sampling != "quasi-random":
-        columns = 6 if sampling == "marginal" else 4
+        columns = (6 if sampling == "marginal" else 4) + others
         for start in range(0, count, block):
             yield generator.random((min(block, count - start), columns)), None
         return
     for batch in range(BATCHES):
         size = (count + batch) // BATCHES  # as equal as whole numbers are
-        numbers = sobol_numbers(size, 4, generator)
+        numbers = sobol_numbers(size, 4 + others, generator)
         for start in range(0, size, block):
             yield numbers[start : start + block], batch
+
+
+def normal_numbers(numbers: Values) -> Values:
+    """Standard normal numbers (n, 2) of numbers (n, 2) in [0, 1), neighbours of neighbours.
+
+    The square of the radius is exponential (Box and Muller 1958).
+    """
+    plane = _disc(numbers)
+    before = (plane**2).sum(axis=1)
+    # the rim is infinitely far away
+    after = -2 * np.log1p(-np.minimum(before, 1 - np.finfo(np.float64).epsneg))
+    outward = np.sqrt(np.divide(after, before, out=np.full_like(before, 2.0), where=before > 0))
+    return np.asarray(plane * outward[:, None])
 
 
 @dataclass(frozen=True)
@@ -70,19 +92,31 @@ class Cone:
     width: float
     """The sine of the angle up to which rays are densest, of a beam; infinity: of none."""
 
-    def directions(self, numbers: Values) -> tuple[Values, Values]:
+    def directions(self, numbers: Values, slope: Values | None = None) -> tuple[Values, Values]:
         """Unit vectors (n, 3) for numbers (n, 2), and the inverse of their density.
 
         Per solid angle projected along z: the mean over directions is that of the cone.
+        ``slope`` (n, 2): by which direction cosines the beam of each ray is off the axis. Rays
+        are densest there, or where the rim of the cone is nearest.
         """
+        middle = None if slope is None or math.isinf(self.width) else self._middle(slope)
         ratio = self.width / self.radius
-        plane, share = _concentrated(_disc(numbers), ratio * ratio)  # infinity rather than an error
+        # infinity rather than an error
+        plane, share = _concentrated(_disc(numbers), ratio * ratio, middle)
         plane *= self.radius
         along = np.sqrt(np.maximum(1.0 - (plane**2).sum(axis=1), 0.0))
         found = np.column_stack([plane, along]) @ self.frame.T
         found[:, 2] = np.maximum(found[:, 2], _LEAST_COSINE)
         solid = math.pi * self.radius**2 * found[:, 2] / np.maximum(along, _LEAST_COSINE)
         return found, share * solid
+
+    def _middle(self, slope: Values) -> Values:
+        """Where beams are in the unit disc that directions are drawn in."""
+        cosines = self.frame[:2, 2] + slope
+        cosines /= np.maximum(np.hypot(*cosines.T), 1.0)[:, None]  # at most along the plane
+        along = np.sqrt(np.maximum(1.0 - (cosines**2).sum(axis=1), 0.0))
+        plane = np.column_stack([cosines, along]) @ self.frame[:, :2] / self.radius
+        return np.asarray(plane / np.maximum(np.hypot(*plane.T), 1.0)[:, None])
 
 
 def cone_of(half_angle: Any, axis: Any, width: float) -> Cone:
@@ -122,21 +156,35 @@ def _frame(axis: Values) -> Values:
     return np.array([[1 + x * x * a, b, x], [b, 1 + y * y * a, y], [-x, -y, z]])
 
 
-def _concentrated(plane: Values, core: float) -> tuple[Values, Values]:
-    """Points of the unit disc moved inwards, and the area of the disc that each is worth.
+def _concentrated(plane: Values, core: float, middle: Values | None) -> tuple[Values, Values]:
+    """Points of the unit disc moved towards points of it, and the area that each is worth.
 
-    With t the square of the radius, their density is in proportion to 1/(core + t), the decay of
-    W across the edges of a polygon: its integral is ln(1 + t/core), inverted here.
+    With t the square of the distance from the middle, None for that of the disc, their density is
+    in proportion to 1/(core + t), the decay of W across the edges of a polygon: its integral is
+    ln(1 + t/core), inverted here on each line from the middle to the rim.
     """
     before = (plane**2).sum(axis=1)
     if math.isinf(core):
         return plane, np.ones_like(before)
-    turns = math.log1p(1 / core)
+    turns = np.log1p((1.0 if middle is None else _reach(plane, middle)) / core)
     after = core * np.expm1(turns * before)
-    inward = np.sqrt(
-        np.divide(after, before, out=np.full_like(before, core * turns), where=before > 0)
+    least = np.broadcast_to(core * turns, before.shape).copy()
+    inward = np.sqrt(np.divide(after, before, out=least, where=before > 0))
+    points = plane * inward[:, None]
+    return points if middle is None else middle + points, (core + after) * turns
+
+
+def _reach(plane: Values, middle: Values) -> Values:
+    """Squares of the distances (n,) from points of the unit disc to its rim, along ``plane``."""
+    length = np.hypot(*plane.T)
+    along = np.divide(
+        (plane * middle).sum(axis=1), length, out=np.zeros_like(length), where=length > 0
     )
-    return plane * inward[:, None], (core + after) * turns
+    inside = np.maximum(1.0 - (middle**2).sum(axis=1), 0.0)
+    chord = np.sqrt(along**2 + inside)
+    # the difference of two near numbers loses digits: not where the rim is behind the middle
+    reach = np.divide(inside, chord + along, out=chord - along, where=along > 0)
+    return np.asarray(reach**2)
 
 
 def _disc(numbers: Values) -> Values:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine
-from polywigner.geometry import PlacedAperture
+from polywigner.geometry import PlacedAperture, Wavefront
 from polywigner.geometry.arguments import checked_count, checked_number, checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.geometry.pose import rigid_pose
@@ -20,13 +20,24 @@ from polywigner.illumination.obliquities import (
     emission_factor,
     weighted_sources,
 )
+from polywigner.propagation.far_fields import check_slopes
 from polywigner.propagation.stores_layout import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.directions import PlaneSource, checked_source
+from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.rays.bundles import bundle
-from polywigner.rays.draws import BATCHES, RaySampling, cone_of, numbers_of, positions_by
-from polywigner.transforms import lag_marginal, sample_automean, wigner
+from polywigner.rays.draws import (
+    BATCHES,
+    RaySampling,
+    cone_of,
+    normal_numbers,
+    numbers_of,
+    positions_by,
+)
+from polywigner.transforms import sample_automean, wigner
+from polywigner.transforms.coherence import is_partly_coherent
+from polywigner.transforms.energies import energy_of
+from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:
     import xarray
@@ -45,7 +56,7 @@ _BLOCK = 1 << 20
 
 @takes_frequency
 def sample_rays(
-    source: PlaneSource | PlacedAperture,
+    source: PlaneSource | Wavefront | PlacedAperture,
     wavelength: float,
     count: int,
     seed: int | np.random.Generator | None = 0,
@@ -71,7 +82,8 @@ def sample_rays(
     Parameters
     ----------
     source : Aperture, placed or not, or Array of apertures in the plane z = 0, |u|^2 on it in
-        W/m^2, with any fields. It radiates to +z.
+        W/m^2, with any fields; or one with a curved or partly coherent wave, of which each ray
+        has one tilt, drawn at random. It radiates to +z.
     wavelength : in m.
     count : how many rays, up to 100 million.
     seed : of the numbers, or a NumPy Generator.
@@ -83,11 +95,13 @@ def sample_rays(
     cone : half angle in rad of the directions that rays are drawn in; None: the hemisphere.
     axis : unit vector (3,), the middle of the cone in the frame of the source; that of the beam,
         where the source is steered.
-    directions : "beam" draws most of them within wavelength/diameter of the axis, ever fewer
-        outside; "uniform" is uniform in projected solid angle.
+    directions : "beam" draws most of them within wavelength/diameter of the axis, of a curved or
+        partly coherent wave as far from it as the wave is inclined there, ever fewer outside;
+        "uniform" is uniform in projected solid angle.
     to_world : (4, 4) rigid pose of the source; None: its own, or none. Units of m.
     obliquity : as of :func:`irradiance`: None or "rayleigh-sommerfeld-1" is h = 1. Of the others h
         grows towards the horizon, and what they add up to is |U|^2 on planes in front, no power.
+        Curved and partly coherent waves have "rayleigh-sommerfeld-1" and "paper".
     power : int |u|^2 over the aperture in W; None: as the field of the source says.
     engine : see :func:`fourier`.
 
@@ -117,17 +131,22 @@ def sample_rays(
     n = checked_count(count, "count", least, _MOST)
     where = cone_of(cone, axis, _width(directions, radiator, length))
     name = checked_obliquity(obliquity)
-    scale = 1.0 if power is None else _watts(power) / _energy(radiator)
-    parts = weighted_sources(radiator, name, length)
+    check_slopes(radiator, name)
+    flat = flat_of(radiator)
+    scale = 1.0 if power is None else _watts(power) / _energy(flat)
+    parts = weighted_sources(flat, name, length)
+    tilts = 2 if is_partly_coherent(radiator) else 0
 
     position, direction, weight = np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
     batch = np.empty(n, np.int32) if sampling == "quasi-random" else None
     start = 0
-    for numbers, number in numbers_of(sampling, n, seed, _BLOCK):
+    for numbers, number in numbers_of(sampling, n, seed, _BLOCK, tilts):
         some = slice(start, start + len(numbers))
-        places, per_area = sample_automean(radiator, numbers[:, 2:], density, engine=engine)
-        own, solid_angle = where.directions(numbers[:, :2])
-        radiance = _radiance(parts, places, own, length, engine)
+        first, tilt = np.split(numbers, [numbers.shape[1] - tilts], axis=1)
+        places, per_area = sample_automean(flat, first[:, 2:], density, engine=engine)
+        turn = _turn(radiator, places, tilt)
+        own, solid_angle = where.directions(first[:, :2], None if turn is None else length * turn)
+        radiance = _radiance(parts, places, own, turn, length, engine)
         weight[some] = radiance * (scale / n) * solid_angle / per_area
         position[some] = places @ pose[:3, :2].T + pose[:3, 3]
         direction[some] = own @ pose[:3, :3].T
@@ -145,10 +164,25 @@ def sample_rays(
     return bundle(position, direction, weight, batch, attrs)
 
 
-def _placed(source: Any, to_world: Any) -> tuple[PlaneSource, Values]:
+def _turn(source: PlaneSource | Wavefront, places: Values, numbers: Values) -> Values | None:
+    """Frequencies (n, 2) by which the wave is inclined at each place; None: nowhere.
+
+    W of the curved wave is that of the flat source less its slope Q (x - c), (Q2), and of partly
+    coherent light the mean over normal tilts, (PC4), of which each ray has one.
+    """
+    if not isinstance(source, Wavefront):
+        return None
+    turn = (places - source.centre) @ source.curvature
+    if not source.is_coherent:
+        turn += normal_numbers(numbers) / (2 * math.pi * source.coherence_width)
+    return np.asarray(turn)
+
+
+def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values]:
     """The source in its own plane, and its pose (4, 4)."""
     if not isinstance(source, PlacedAperture):
-        return checked_source(source), np.eye(4) if to_world is None else rigid_pose(to_world)
+        radiator = checked_radiator(source, partly=True)
+        return radiator, np.eye(4) if to_world is None else rigid_pose(to_world)
     if to_world is not None:
         raise ArgumentError(
             "expected a placed aperture or to_world, got both; a placed aperture has a pose"
@@ -156,7 +190,7 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource, Values]:
     return source.aperture, source.pose
 
 
-def _width(directions: Any, source: PlaneSource, wavelength: float) -> float:
+def _width(directions: Any, source: PlaneSource | Wavefront, wavelength: float) -> float:
     """The sine of the angle up to which rays are densest."""
     if directions == "uniform":
         return math.inf
@@ -175,7 +209,7 @@ def _watts(power: Any) -> float:
 
 def _energy(source: PlaneSource) -> float:
     """int |u|^2 in W."""
-    energy = float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))
+    energy = energy_of(source)
     if not energy > 0:
         raise IlluminationError(
             "expected a source with a field to give power to, got elements that cancel each other "
@@ -185,10 +219,17 @@ def _energy(source: PlaneSource) -> float:
 
 
 def _radiance(
-    parts: Any, places: Values, direction: Values, wavelength: float, engine: Engine
+    parts: Any,
+    places: Values,
+    direction: Values,
+    turn: Values | None,
+    wavelength: float,
+    engine: Engine,
 ) -> Values:
     """Sums over the parts of their radiance times h, (n,) in W/(m^2 sr)."""
     nu, cosine = direction[:, :2] / wavelength, direction[:, 2]
+    if turn is not None:
+        nu = nu - turn
     total = np.zeros(len(places))
     for source, forms in parts:
         total += wigner(source, places, nu, engine=engine) * emission_factor(forms, cosine)
