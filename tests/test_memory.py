@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import tracemalloc
 from typing import Any
 
@@ -51,7 +52,20 @@ def peak_of(transform: Any, *arguments: Any, **how: Any) -> tuple[Any, int]:
         # they do so while tracing stops (gh-128679).
         if "drjit" in sys.modules:
             sys.modules["drjit"].sync_thread()
+            wait_for_threads()
         tracemalloc.stop()
+
+
+def wait_for_threads() -> None:
+    """Until no memory has been let go of for a while: Dr.Jit does not tell when it has done so."""
+    before, quiet = -1, 0
+    for _ in range(200):
+        now = tracemalloc.get_traced_memory()[0]
+        quiet = quiet + 1 if abs(now - before) < MIB // 16 else 0
+        if quiet == 8:
+            return
+        before = now
+        time.sleep(0.025)
 
 
 @pytest.mark.slow

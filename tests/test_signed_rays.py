@@ -271,7 +271,6 @@ def test_a_cone_as_narrow_as_numbers_go_has_rays() -> None:
         ({"seed": -1}, "seed"),
         ({"wavelength": 0.0}, "wavelength"),
         ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
-        ({"source": SQUARE.curved(1.0, WAVELENGTH)}, r"Wavefront; use its \.source"),
         ({"source": SQUARE.placed(np.eye(4)), "to_world": np.eye(4)}, "both"),
     ],
 )
