@@ -244,3 +244,30 @@ def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path: Path) -> None:
     partly = SQUARE.partially_coherent(20e-3)
     expected = pw.irradiance(partly, points, WAVELENGTH, "rayleigh-sommerfeld-1", bandwidth=2e9)
     assert np.allclose(values, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "source", [CHEVRONS, ARRAY, SLITS, SQUARE.curved(60e-3, WAVELENGTH)],
+    ids=["chevrons", "array", "slits", "curved"],
+)  # fmt: skip
+@pytest.mark.parametrize("angle", [0.0, 0.3])
+def test_w_and_a_of_partly_coherent_light_are_constant_along_rays(
+    source: Any, angle: float
+) -> None:
+    """Tilts are those of the source: the system turns them into shifts as well."""
+    d = len(source.bounds) // 2
+    lens = pw.FirstOrder.lens((0.1, 0.3), angle if d == 2 else 0.0)
+    system = pw.FirstOrder.free_space(0.05) @ lens @ pw.FirstOrder.free_space(0.02)
+    blocks = (system.A, system.B, system.C, system.D)
+    a, b, c, e = (block[:d, :d] for block in blocks)
+    draw = np.random.default_rng(7)
+    x, nu = draw.uniform(-3e-3, 4e-3, (6, d)), draw.normal(0, 100, (6, d))
+    x_behind = x @ a.T + WAVELENGTH * nu @ b.T
+    nu_behind = x @ c.T / WAVELENGTH + nu @ e.T
+    partly = source.partially_coherent(4e-3)
+    energy = float(np.real(pw.lag_marginal(source, np.zeros(d))))
+    how: Any = {"through": system, "wavelength": WAVELENGTH}
+    w = pw.wigner(partly, x_behind, nu_behind, **how) - pw.wigner(partly, x, nu)
+    shift = pw.ambiguity(partly, nu_behind, x_behind, **how) - pw.ambiguity(partly, nu, x)
+    assert np.abs(w).max() <= CLOSED_FORM * energy
+    assert np.abs(shift).max() <= CLOSED_FORM * energy
