@@ -271,3 +271,20 @@ def test_w_and_a_of_partly_coherent_light_are_constant_along_rays(
     shift = pw.ambiguity(partly, nu_behind, x_behind, **how) - pw.ambiguity(partly, nu, x)
     assert np.abs(w).max() <= CLOSED_FORM * energy
     assert np.abs(shift).max() <= CLOSED_FORM * energy
+
+
+@pytest.mark.parametrize("width", [1e-320, 1e-200, 1e200, 1e308])
+def test_widths_of_any_size_are_widths(width: float) -> None:
+    partly = SQUARE.partially_coherent(width)
+    twice = partly.partially_coherent(width)
+    assert partly.coherence_width == width
+    assert twice.coherence_width == pytest.approx(width / math.sqrt(2), rel=1e-3)
+    degree = pw.autocorrelation(partly, (0.0, 0.0), (1e-3, 0.0))
+    assert degree == (0.0 if width < 1e-3 else 1.0)
+
+
+@pytest.mark.parametrize("width", [0, -1.0, -math.inf, math.nan, None, "a", 1j, [1e-3], True])
+def test_a_width_that_is_none_is_refused(width: Any) -> None:
+    for make in (SQUARE.partially_coherent, lambda w: pw.Wavefront(SQUARE, coherence_width=w)):
+        with pytest.raises(ArgumentError, match="width as a length above zero"):
+            make(width)

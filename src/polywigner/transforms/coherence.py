@@ -69,8 +69,8 @@ def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
 
 def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
     """exp(-xi^2/(2 width^2)) of lags (..., d), (...): (PC1)."""
-    scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
     with np.errstate(over="ignore"):
+        scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
