@@ -288,3 +288,15 @@ def test_a_width_that_is_none_is_refused(width: Any) -> None:
     for make in (SQUARE.partially_coherent, lambda w: pw.Wavefront(SQUARE, coherence_width=w)):
         with pytest.raises(ArgumentError, match="width as a length above zero"):
             make(width)
+
+
+def test_shapes_that_do_not_broadcast_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="shapes that broadcast"):
+        pw.wigner(SQUARE.partially_coherent(4e-3), np.zeros((4, 2)), np.zeros((3, 2)))
+
+
+def test_a_plan_is_that_of_coherent_light() -> None:
+    partly = SQUARE.partially_coherent(4e-3)
+    with pytest.raises(ArgumentError, match=r"explain its \.coherent"):
+        pw.explain(partly, (0.0, 0.0), (0.0, 0.0))
+    assert pw.explain(partly.coherent, (0.0, 0.0), (0.0, 0.0)).way.name

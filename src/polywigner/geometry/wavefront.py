@@ -133,13 +133,13 @@ class Wavefront:
         return self._of_source("plot")(ax, unit)
 
     def _of_source(self, name: str) -> Any:
-        """A method of the source; ArgumentError for an Array, which has fewer."""
+        """A method of the source; ArgumentError for one that has fewer than an Aperture."""
         method = getattr(self.source, name, None)
         if method is None:
             kind = type(self.source).__name__
             raise ArgumentError(
-                f"expected a wave on an Aperture for {name}, got one on {kind}; use {name} of its "
-                "elements, with their waves, and make an array of these"
+                f"expected a wave on an Aperture for {name}, got one on {kind}; of an array, use "
+                f"{name} of its elements with their waves, and make an array of these"
             )
         return method
 

@@ -11,6 +11,7 @@ from polywigner.illumination import Array
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_call, in_plane
+from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.wavefronts import POINTS_OF, as_flat
 
 __all__ = ["explain"]
@@ -87,6 +88,12 @@ def explain(
         arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
         if isinstance(source, Aperture) and is_separable(source):
             name = "fourier of waves"
+    if is_partly_coherent(source):
+        raise ArgumentError(
+            "expected a coherent source, got one that is coherent over "
+            f"{source.coherence_width:g} m, which takes one call of coherent light for all tilts; "
+            "explain its .coherent"
+        )
     if isinstance(source, Wavefront):
         source, name, arguments = as_flat(source, function, arguments)
         names = POINTS_OF[name]
