@@ -11,7 +11,6 @@ from polywigner.illumination import Array
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_call, in_plane
-from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.wavefronts import POINTS_OF, as_flat
 
 __all__ = ["explain"]
@@ -88,7 +87,7 @@ def explain(
         arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
         if isinstance(source, Aperture) and is_separable(source):
             name = "fourier of waves"
-    if is_partly_coherent(source):
+    if isinstance(source, Wavefront) and not source.is_coherent:
         raise ArgumentError(
             "expected a coherent source, got one that is coherent over "
             f"{source.coherence_width:g} m, which takes one call of coherent light for all tilts; "
