@@ -244,3 +244,59 @@ def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path: Path) -> None:
     partly = SQUARE.partially_coherent(20e-3)
     expected = pw.irradiance(partly, points, WAVELENGTH, "rayleigh-sommerfeld-1", bandwidth=2e9)
     assert np.allclose(values, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "source", [CHEVRONS, ARRAY, SLITS, SQUARE.curved(60e-3, WAVELENGTH)],
+    ids=["chevrons", "array", "slits", "curved"],
+)  # fmt: skip
+@pytest.mark.parametrize("angle", [0.0, 0.3])
+def test_w_and_a_of_partly_coherent_light_are_constant_along_rays(
+    source: Any, angle: float
+) -> None:
+    """Tilts are those of the source: the system turns them into shifts as well."""
+    d = len(source.bounds) // 2
+    lens = pw.FirstOrder.lens((0.1, 0.3), angle if d == 2 else 0.0)
+    system = pw.FirstOrder.free_space(0.05) @ lens @ pw.FirstOrder.free_space(0.02)
+    blocks = (system.A, system.B, system.C, system.D)
+    a, b, c, e = (block[:d, :d] for block in blocks)
+    draw = np.random.default_rng(7)
+    x, nu = draw.uniform(-3e-3, 4e-3, (6, d)), draw.normal(0, 100, (6, d))
+    x_behind = x @ a.T + WAVELENGTH * nu @ b.T
+    nu_behind = x @ c.T / WAVELENGTH + nu @ e.T
+    partly = source.partially_coherent(4e-3)
+    energy = float(np.real(pw.lag_marginal(source, np.zeros(d))))
+    how: Any = {"through": system, "wavelength": WAVELENGTH}
+    w = pw.wigner(partly, x_behind, nu_behind, **how) - pw.wigner(partly, x, nu)
+    shift = pw.ambiguity(partly, nu_behind, x_behind, **how) - pw.ambiguity(partly, nu, x)
+    assert np.abs(w).max() <= CLOSED_FORM * energy
+    assert np.abs(shift).max() <= CLOSED_FORM * energy
+
+
+@pytest.mark.parametrize("width", [1e-320, 1e-200, 1e200, 1e308])
+def test_widths_of_any_size_are_widths(width: float) -> None:
+    partly = SQUARE.partially_coherent(width)
+    twice = partly.partially_coherent(width)
+    assert partly.coherence_width == width
+    assert twice.coherence_width == pytest.approx(width / math.sqrt(2), rel=1e-3)
+    degree = pw.autocorrelation(partly, (0.0, 0.0), (1e-3, 0.0))
+    assert degree == (0.0 if width < 1e-3 else 1.0)
+
+
+@pytest.mark.parametrize("width", [0, -1.0, -math.inf, math.nan, None, "a", 1j, [1e-3], True])
+def test_a_width_that_is_none_is_refused(width: Any) -> None:
+    for make in (SQUARE.partially_coherent, lambda w: pw.Wavefront(SQUARE, coherence_width=w)):
+        with pytest.raises(ArgumentError, match="width as a length above zero"):
+            make(width)
+
+
+def test_shapes_that_do_not_broadcast_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="shapes that broadcast"):
+        pw.wigner(SQUARE.partially_coherent(4e-3), np.zeros((4, 2)), np.zeros((3, 2)))
+
+
+def test_a_plan_is_that_of_coherent_light() -> None:
+    partly = SQUARE.partially_coherent(4e-3)
+    with pytest.raises(ArgumentError, match=r"explain its \.coherent"):
+        pw.explain(partly, (0.0, 0.0), (0.0, 0.0))
+    assert pw.explain(partly.coherent, (0.0, 0.0), (0.0, 0.0)).way.name

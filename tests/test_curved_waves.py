@@ -13,6 +13,7 @@ import pytest
 import polywigner as pw
 from oracles.quadrature import triangle_nodes
 from oracles.references import read_json
+from polywigner.cli import main
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.aperture import triangulate
 from polywigner.geometry.field import turned_points
@@ -308,7 +309,7 @@ def test_sources_with_curved_waves_are_values() -> None:
         (lambda wave: pw.fourier(wave, [0, 1e9]), "turns of phase along an edge"),
         (lambda wave: pw.amplitude(wave, [0, 0, 1e-9], WAVELENGTH, "fresnel"), "turns of phase"),
         (lambda wave: pw.projections(wave), "flat, coherent wave for projections"),
-        (lambda wave: pw.suggest_sampling(wave, "wigner"), "flat, coherent wave to suggest"),
+        (lambda wave: pw.suggest_sampling(wave, "wigner"), "a flat, coherent wave to suggest"),
         (lambda wave: pw.wigner(wave, [0, 0, 0], [0, 0]), r"x of shape \(\.\.\., 2\)"),
     ],
 )
@@ -329,3 +330,52 @@ def test_fresnel_integrals_are_right_to_the_last_digits() -> None:
 def test_what_is_no_number_has_no_spectrum() -> None:
     found = pw.fourier(SQUARE.curved(0.02, WAVELENGTH), [(np.nan, 0.0), (np.inf, 0.0), (0.0, 0.0)])
     assert np.isnan(found[:2]).all() and np.isfinite(found[2])
+
+
+@pytest.mark.parametrize(
+    "source", [None, "a", [SQUARE], SQUARE.curved(0.05, WAVELENGTH), SQUARE.placed(np.eye(4))]
+)
+def test_a_wave_on_what_takes_none_is_refused(source: Any) -> None:
+    with pytest.raises(ArgumentError, match="expected an Aperture, Slits or an Array"):
+        pw.Wavefront(source, np.eye(2))
+
+
+@pytest.mark.parametrize("curvature", ["a", 1.0, [[1j, 0], [0, 1]], [[1, 2], [3, 4]], [["a"]]])
+def test_a_curvature_that_is_no_matrix_is_refused(curvature: Any) -> None:
+    with pytest.raises(IlluminationError, match="symmetric matrix"):
+        pw.Wavefront(SQUARE, curvature)
+
+
+def test_flat_waves_have_no_centre() -> None:
+    """What is curved next touches the plane at the origin, whatever happened before."""
+    shift = (3e-3, 1e-3)
+    wave = SQUARE.curved(0.05, WAVELENGTH, shift).curved(-0.05, WAVELENGTH)
+    assert wave == pw.Wavefront(SQUARE)
+    first = SQUARE.partially_coherent(2e-3).moved(shift).curved(0.1, WAVELENGTH)
+    assert first == SQUARE.moved(shift).partially_coherent(2e-3).curved(0.1, WAVELENGTH)
+
+
+@pytest.mark.parametrize("name", ["moved", "turned", "scaled", "plot"])
+def test_a_wave_on_an_array_says_what_arrays_do_not_have(name: str) -> None:
+    wave = pw.phased_array(SQUARE, [(0.0, 0.0), (0.02, 0.0)]).curved(0.05, WAVELENGTH)
+    argument = {"moved": (1e-3, 0.0), "turned": 0.3, "scaled": 2.0, "plot": None}[name]
+    with pytest.raises(ArgumentError, match=f"an Aperture for {name}"):
+        getattr(wave, name)(argument)
+
+
+@pytest.mark.parametrize("quantity", ["irradiance", "amplitude", "pattern"])
+def test_fields_of_all_waves_need_the_samples_of_the_box(quantity: Any) -> None:
+    place = {} if quantity == "pattern" else {"line": ((-0.02, 0.0, 0.1), (0.02, 0.0, 0.1))}
+    flat = pw.suggest_sampling(SQUARE, WAVELENGTH, quantity, **place)
+    for wave in (SQUARE.curved(0.05, WAVELENGTH), SQUARE.partially_coherent(4e-3)):
+        assert pw.suggest_sampling(wave, WAVELENGTH, quantity, **place) == flat
+
+
+@pytest.mark.slow
+def test_commands_choose_samples_for_fields_of_curved_waves(tmp_path: Any) -> None:
+    outline = tmp_path / "square.wkt"
+    outline.write_text("POLYGON((-5 -5,5 -5,5 5,-5 5,-5 -5))")
+    asked = ["--curved", "50 mm", "--coherence", "20 mm", "--method", "fraunhofer"]
+    asked += ["--line", "-40 mm, 0 mm, 3 m to 40 mm, 0 mm, 3 m", "--wavelength", "3.2 mm"]
+    assert main(["propagate", str(outline), *asked, "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "square.nc").exists()

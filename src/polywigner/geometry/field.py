@@ -58,14 +58,14 @@ def checked_field(field: Any, dimension: int) -> Field:
     return field
 
 
-def checked_shift(shift: Any, dimension: int) -> NDArray[np.float64]:
+def checked_shift(shift: Any, dimension: int, name: str = "a shift") -> NDArray[np.float64]:
     """A shift as (dimension,) finite numbers; ArgumentError if it is none."""
     try:
         offset = real_numbers(shift)
     except ValueError:
         offset = np.empty(0)
     if offset.shape != (dimension,) or not np.isfinite(offset).all():
-        raise ArgumentError(f"expected a shift of {dimension} finite numbers, got {shift!r}")
+        raise ArgumentError(f"expected {name} of {dimension} finite numbers, got {shift!r}")
     return offset
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, final
 
@@ -38,7 +39,8 @@ class Wavefront:
 
     Raises
     ------
-    IlluminationError for what is no symmetric matrix of finite numbers.
+    ArgumentError for another source, a centre that is not d finite numbers, and a width that is not
+    above zero; IlluminationError for what is no symmetric matrix of finite numbers.
 
     >>> import polywigner as pw
     >>> wave = pw.shapes.square(10e-3).curved((0.05, float("inf")), 3.2e-3)
@@ -51,7 +53,7 @@ class Wavefront:
     curvature: NDArray[np.float64]
     """Q (d, d) in 1/m^2, symmetric, read-only: 1/(wavelength radius) for each axis; zero: flat."""
     centre: NDArray[np.float64]
-    """c (d,) in m, read-only: where the curved wave touches the plane."""
+    """c (d,) in m, read-only: where the curved wave touches the plane; of flat ones the origin."""
     coherence_width: float
     """Standard deviation in m of the degree of coherence over lag; infinite: coherent."""
 
@@ -62,18 +64,28 @@ class Wavefront:
         centre: ArrayLike | None = None,
         coherence_width: float = np.inf,
     ) -> None:
+        if isinstance(source, Wavefront) or not hasattr(type(source), "curved"):
+            raise ArgumentError(
+                f"expected an Aperture, Slits or an Array, got {type(source).__name__}; curved and "
+                "partially_coherent are methods of these, and of a Wavefront"
+            )
         d = len(source.bounds) // 2
-        q = np.zeros((d, d)) if curvature is None else np.array(curvature, dtype=np.float64)
-        c = np.zeros(d) if centre is None else checked_shift(centre, d)
+        try:
+            q = np.zeros((d, d)) if curvature is None else real_numbers(curvature).copy()
+        except ValueError:
+            q = np.zeros(0)
+        c = np.zeros(d) if centre is None else checked_shift(centre, d, "a centre")
         if q.shape != (d, d) or not np.isfinite(q).all() or not np.array_equal(q, q.T):
             raise IlluminationError(
                 f"expected a curvature as a symmetric matrix {(d, d)} in 1/m^2, got {curvature!r}"
             )
-        for name, array in (("curvature", q), ("centre", c.copy())):
+        c = c.copy() if q.any() else np.zeros(d)  # flat waves are the same about all points
+        width = _checked_width(coherence_width, "coherence_width")
+        for name, array in (("curvature", q), ("centre", c)):
             array.setflags(write=False)
             self.__dict__[name] = array
         self.__dict__["source"] = source
-        self.__dict__["coherence_width"] = float(coherence_width)
+        self.__dict__["coherence_width"] = width
 
     def _with(self, **changes: Any) -> Wavefront:
         names = ("source", "curvature", "centre", "coherence_width")
@@ -118,7 +130,18 @@ class Wavefront:
 
     def plot(self, ax: Any = None, unit: str = "mm") -> Any:
         """The outline of an aperture, see :meth:`Aperture.plot`."""
-        return self.source.plot(ax, unit)
+        return self._of_source("plot")(ax, unit)
+
+    def _of_source(self, name: str) -> Any:
+        """A method of the source; ArgumentError for one that has fewer than an Aperture."""
+        method = getattr(self.source, name, None)
+        if method is None:
+            kind = type(self.source).__name__
+            raise ArgumentError(
+                f"expected a wave on an Aperture for {name}, got one on {kind}; of an array, use "
+                f"{name} of its elements with their waves, and make an array of these"
+            )
+        return method
 
     def curved(
         self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
@@ -138,7 +161,7 @@ class Wavefront:
     def moved(self, shift: ArrayLike) -> Wavefront:
         """The source and its wave shifted by (d,)."""
         offset = checked_shift(shift, self.dimension)
-        return self._with(source=self.source.moved(offset), centre=self.centre + offset)
+        return self._with(source=self._of_source("moved")(offset), centre=self.centre + offset)
 
     def turned(self, angle: float) -> Wavefront:
         """The source and its wave turned about the origin by an angle in radians."""
@@ -147,13 +170,15 @@ class Wavefront:
         turn = turned_points(np.eye(2), angle).T
         q = turn @ self.curvature @ turn.T
         centre = turned_points(self.centre[None], angle)[0]
-        return self._with(source=self.source.turned(angle), curvature=(q + q.T) / 2, centre=centre)
+        return self._with(
+            source=self._of_source("turned")(angle), curvature=(q + q.T) / 2, centre=centre
+        )
 
     def scaled(self, factor: float) -> Wavefront:
         """The source and its wave ``factor`` times as large about the origin."""
         size = checked_length(factor, "factor")
         return self._with(
-            source=self.source.scaled(size),
+            source=self._of_source("scaled")(size),
             curvature=self.curvature / size**2,
             centre=self.centre * size,
             coherence_width=self.coherence_width * size,
@@ -230,6 +255,16 @@ def curvature_of(
 def with_coherence(source: Aperture | Slits | Wavefront | Any, width: float) -> Wavefront:
     """The source behind a Gaussian diffuser; see :meth:`Aperture.partially_coherent`."""
     wave = source if isinstance(source, Wavefront) else Wavefront(source)
-    sigma = np.inf if width == np.inf else checked_length(width, "width")
-    total = (sigma**-2.0 + wave.coherence_width**-2.0) ** -0.5 if sigma < np.inf else np.inf
-    return wave._with(coherence_width=total if sigma < np.inf else wave.coherence_width)
+    sigma, own = _checked_width(width, "width"), wave.coherence_width
+    if np.inf in (sigma, own):
+        return wave._with(coherence_width=min(sigma, own))
+    least, most = sorted((sigma, own))
+    # 1/sqrt(1/sigma^2 + 1/own^2), where no square overflows
+    return wave._with(coherence_width=least / math.hypot(1.0, least / most))
+
+
+def _checked_width(value: Any, name: str) -> float:
+    """A width of coherence in m, infinite for all coherent; ArgumentError for what is none."""
+    if np.isscalar(value) and value == np.inf:
+        return math.inf
+    return checked_length(value, name)

@@ -139,7 +139,8 @@ def suggest_sampling(
 
     Parameters
     ----------
-    source : Aperture or Array of one plane; of the first four quantities Slits as well.
+    source : Aperture or Array of one plane; of the first four quantities Slits as well; of
+        "pattern", "amplitude" and "irradiance", which depend on its box alone, a Wavefront.
     wavelength : in m. The first four quantities need it or ``reach``.
     quantity : what is to be sampled; "amplitude" and "irradiance" need a place:
         ``box``, ``line`` or ``radius``.
@@ -177,10 +178,12 @@ def suggest_sampling(
     error, level = checked_decibels(error_db, level_db)
     _check_used(quantity, {"reach": reach, "box": box, "line": line, "radius": radius})
     if isinstance(source, Wavefront):
-        raise ArgumentError(
-            "expected a source with a flat, coherent wave to suggest samples for, got a Wavefront; "
-            "use its .source, and finer steps where its wave turns faster"
-        )
+        if quantity not in (*_AT_PLACES, "pattern"):
+            raise ArgumentError(
+                f'expected a flat, coherent wave to suggest samples for "{quantity}", got a '
+                "Wavefront; use its .source, and finer steps where its wave turns faster"
+            )
+        source = source.source
     if quantity in _PHASE_SPACE:
         return _of(quantity, _phase_space_axes(source, wavelength, quantity, reach, finer))
     plane = checked_source(source)

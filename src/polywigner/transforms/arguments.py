@@ -19,6 +19,7 @@ __all__ = [
     "PhaseSpaceSource",
     "Source",
     "array_on_grid",
+    "broadcast_shape",
     "checked_call",
     "checked_points",
     "in_blocks",
@@ -105,6 +106,18 @@ def _kernel_for(name: str, source: Any, precision: str | None, engine: str, *, d
     return kernels.kernel_for(name, source, double)
 
 
+def broadcast_shape(arrays: Sequence[Any]) -> tuple[int, ...]:
+    """The shape of a call with points (..., d); ArgumentError if they do not broadcast."""
+    try:
+        return np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    except ValueError:
+        shapes = " and ".join(str(a.shape) for a in arrays)
+        raise ArgumentError(
+            f"expected shapes that broadcast before the last axis, got {shapes}; "
+            "insert axes of length 1, as in x[:, None, :]"
+        ) from None
+
+
 def checked_call(
     name: str, source: Any, points: Sequence[tuple[str, Any]], precision: str | None, engine: str
 ) -> tuple[Any, list[Any], list[Any]]:
@@ -118,14 +131,7 @@ def checked_call(
     if any(np.iscomplexobj(a) for a in arrays):
         kernel = kernels.kernel_for(f"complex {name}", source)
         components = [part for c in components for part in (c.real, c.imag)]
-    try:
-        np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
-    except ValueError:
-        shapes = " and ".join(str(a.shape) for a in arrays)
-        raise ArgumentError(
-            f"expected shapes that broadcast before the last axis, got {shapes}; "
-            "insert axes of length 1, as in x[:, None, :]"
-        ) from None
+    broadcast_shape(arrays)
     return kernel, components, arrays
 
 

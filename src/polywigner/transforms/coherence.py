@@ -22,7 +22,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.wavefront import Wavefront
 from polywigner.illumination.curved_arrays import tilted_source
 from polywigner.numerics.mean_rules import normal_product_rule
-from polywigner.transforms.arguments import checked_points
+from polywigner.transforms.arguments import broadcast_shape, checked_points
 
 __all__ = [
     "TILT_ERROR",
@@ -69,8 +69,8 @@ def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
 
 def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
     """exp(-xi^2/(2 width^2)) of lags (..., d), (...): (PC1)."""
-    scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
     with np.errstate(over="ignore"):
+        scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
@@ -143,7 +143,7 @@ def mean_over_tilts(
     """
     tilts, weights = tilts_of(source, TILT_ERROR[double])
     arrays = [np.asarray(points) for points in (*others, nu)]
-    shape = np.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    shape = broadcast_shape(arrays)
 
     def mean(*parts: Any) -> Any:
         *rest, frequency = parts

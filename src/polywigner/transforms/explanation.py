@@ -87,6 +87,12 @@ def explain(
         arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
         if isinstance(source, Aperture) and is_separable(source):
             name = "fourier of waves"
+    if isinstance(source, Wavefront) and not source.is_coherent:
+        raise ArgumentError(
+            "expected a coherent source, got one that is coherent over "
+            f"{source.coherence_width:g} m, which takes one call of coherent light for all tilts; "
+            "explain its .coherent"
+        )
     if isinstance(source, Wavefront):
         source, name, arguments = as_flat(source, function, arguments)
         names = POINTS_OF[name]

@@ -50,6 +50,7 @@ def takes_wavefronts(function: F) -> F:
         given = dict(zip(names, args, strict=False)) | kwargs
         inspect.signature(function).bind(**given)  # its TypeError for what is missing
         how = {name: value for name, value in given.items() if name != "source"}
+        how = _before_system(function.__name__, source, how)
         if is_partly_coherent(source):
             return partly_coherent(function.__name__, _PUBLIC, source, how)
         return of_wavefront(checked_wavefront(source), **how)
@@ -143,21 +144,19 @@ def _autocorrelation(wave: Wavefront, x: Any, xi: Any, **how: Any) -> Any:
     return kind.turned(value, sum(a * b for a, b in products))
 
 
-def _before(
-    name: str, wave: Wavefront, x: Any, nu: Any, how: dict[str, Any]
-) -> tuple[Any, Any, dict[str, Any]]:
-    """Points as they were before a system, and the options without it."""
-    rest = {key: how[key] for key in how if key not in ("through", "wavelength")}
-    through, wavelength = how.get("through"), how.get("wavelength")
+def _before_system(name: str, wave: Wavefront, given: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of a call behind a system as one without it: points as they were before."""
+    rest = {key: value for key, value in given.items() if key not in ("through", "wavelength")}
+    through, wavelength = given.get("through"), given.get("wavelength")
     if through is None and wavelength is None:
-        return x, nu, rest
-    (first, second), flat = POINTS_OF[name], wave.source
-    named = ((first, x), (second, nu)) if name == "wigner" else ((second, x), (first, nu))
-    return (*before(name, flat, through, wavelength, *named), rest)
+        return rest
+    first, second = POINTS_OF[name] if name == "wigner" else POINTS_OF[name][::-1]
+    named = ((first, given[first]), (second, given[second]))
+    points = before(name, wave.source, through, wavelength, *named)
+    return rest | dict(zip((first, second), points, strict=True))
 
 
 def _wigner(wave: Wavefront, x: Any, nu: Any, **how: Any) -> Any:
-    x, nu, how = _before("wigner", wave, x, nu, how)
     x, nu = _checked(wave, "wigner", x=x, nu=nu)
     return _of_sheared("wigner", wave, x, nu, 1, how)
 
@@ -167,7 +166,6 @@ def _position_marginal(wave: Wavefront, x: Any, **how: Any) -> Any:
 
 
 def _ambiguity(wave: Wavefront, upsilon: Any, xi: Any, **how: Any) -> Any:
-    xi, upsilon, how = _before("ambiguity", wave, xi, upsilon, how)
     upsilon, xi = _checked(wave, "ambiguity", upsilon=upsilon, xi=xi)
     about_origin = wave._with(centre=np.zeros(wave.dimension))
     value = _of_sheared("ambiguity", about_origin, xi, upsilon, 2, how)
