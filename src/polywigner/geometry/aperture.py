@@ -204,7 +204,8 @@ class Aperture:
         radius : R in m, or one for each axis; R > 0 diverges, as from a point R behind the
             aperture, R < 0 converges, inf is flat.
         wavelength : in m; the phase belongs to it.
-        centre : c in m, where the wave touches the plane; default: the origin.
+        centre : c in m, where the wave touches the plane; default: that of the curved
+            wave that is there, else the origin.
 
         Raises ArgumentError for a radius that is zero or no number, or a wavelength that is none.
 
