@@ -38,13 +38,18 @@ def chirp_integral(end: Any, curvature: Any, frequency: Any) -> Complex:
     found = _by_tails(b, c, f)
     if short.any():
         found[short] = _by_rule(*(np.broadcast_to(v, short.shape)[short] for v in (b, c, f)))
-    return np.conj(found, out=found, where=np.broadcast_to(sign < 0, found.shape))
+    if (sign < 0).any():
+        found.imag *= sign
+    return found
 
 
 def waves_of_turns(turns: Any) -> Complex:
     """exp(2 pi i turns)."""
-    angle = 2 * math.pi * (turns - np.rint(turns))
-    return np.asarray(np.cos(angle) + 1j * np.sin(angle))
+    angle = np.asarray(2 * math.pi * (turns - np.rint(turns)))
+    wave = np.empty(angle.shape, np.complex128)
+    np.cos(angle, out=wave.real)
+    np.sin(angle, out=wave.imag)
+    return wave
 
 
 def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
