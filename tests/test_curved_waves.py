@@ -103,6 +103,16 @@ def test_the_spectrum_turns_and_moves_with_the_source() -> None:
     assert np.abs(moved - phase * expected).max() < ROUNDING * ELL.area
 
 
+def test_the_spectrum_passes_over_into_that_of_the_flat_source() -> None:
+    """F has no step where a wave becomes flat, and moves by the bend in half turns at most."""
+    _, nu = draws(20)
+    flat = pw.fourier(WAVES, nu)
+    for radius in (1e3, 1e6, 1e9, 1e15, -1e15):
+        found = pw.fourier(WAVES.curved(radius, WAVELENGTH, CENTRE), nu)
+        bend = np.pi * (2 * WAVES.diameter) ** 2 / (abs(radius) * WAVELENGTH)
+        assert np.abs(found - flat).max() < (bend + ROUNDING) * ELL.area
+
+
 def test_slits_are_differences_of_fresnel_integrals() -> None:
     slits = pw.Slits([(-1e-3, 1e-3), (2e-3, 5e-3)])
     for radius in (0.01, -0.3, 1e3):

@@ -9,6 +9,7 @@ import typer
 from polywigner.cli.options import (
     AllowOutside,
     Array,
+    BoundaryCondition,
     Curved,
     DbFloor,
     Focus,
@@ -34,13 +35,7 @@ def pattern(
     source: SourceFile,
     frequency: Frequency = None,
     wavelength: Wavelength = None,
-    obliquity: Annotated[
-        str,
-        typer.Option(
-            help="Boundary condition: rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, or "
-            "paper."
-        ),
-    ] = "rayleigh-sommerfeld-1",
+    obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
     power: Annotated[
         str | None,
         typer.Option(

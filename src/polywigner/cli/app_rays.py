@@ -9,6 +9,7 @@ import typer
 from polywigner.cli.options import (
     AllowOutside,
     Array,
+    BoundaryCondition,
     Coherence,
     Curved,
     Focus,
@@ -47,13 +48,7 @@ def rays(
         str | None,
         typer.Option(help="Half angle about the normal, such as '2 deg' (default: hemisphere)."),
     ] = None,
-    obliquity: Annotated[
-        str,
-        typer.Option(
-            help="Boundary condition: rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, or "
-            "paper."
-        ),
-    ] = "rayleigh-sommerfeld-1",
+    obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
     power: Annotated[
         str | None,
         typer.Option(help="Over the aperture, such as '1 mW' (default: the field's own)."),

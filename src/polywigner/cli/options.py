@@ -12,6 +12,7 @@ __all__ = [
     "AllowOutside",
     "Array",
     "Bandwidth",
+    "BoundaryCondition",
     "Coherence",
     "Curved",
     "DbFloor",
@@ -109,6 +110,13 @@ Obliquity = Annotated[
     typer.Option(
         help="Boundary condition of wigner rays: rayleigh-sommerfeld-1 (default), "
         "rayleigh-sommerfeld-2, kirchhoff, or paper."
+    ),
+]
+BoundaryCondition = Annotated[
+    str,
+    typer.Option(
+        help="Boundary condition: rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, or "
+        "paper."
     ),
 ]
 Accuracy = Annotated[

@@ -44,9 +44,8 @@ from polywigner.execution.choice import (
 )
 from polywigner.execution.drjit_arrays import evaluate_traced
 from polywigner.execution.drjit_hosted import evaluate_hosted
-from polywigner.execution.drjit_linear import PointKind, components_of_all
+from polywigner.execution.drjit_linear import PointKind, components_of_all, matrix_times
 from polywigner.execution.drjit_points import (
-    combined_points,
     host_points,
     in_plane,
     is_drjit,
@@ -109,7 +108,6 @@ __all__ = [
     "check_not_stopped",
     "checked_engine",
     "checked_precision",
-    "combined_points",
     "complex_numbers",
     "components_of_all",
     "evaluate",
@@ -128,6 +126,7 @@ __all__ = [
     "is_drjit",
     "kernel_threads",
     "kernel_with_derivatives",
+    "matrix_times",
     "ops_for",
     "plane_points",
     "product_of_complex",

@@ -9,6 +9,7 @@ from typing import Any
 
 from polywigner.execution.drjit_arrays import common_float
 from polywigner.execution.drjit_points import (
+    common_width,
     is_tensor,
     nothing,
     point_components,
@@ -18,7 +19,7 @@ from polywigner.execution.drjit_results import as_complex, as_tensor_of, product
 from polywigner.execution.operations import DrjitOperations
 from polywigner.numerics.trigonometry import cos_sin_turns
 
-__all__ = ["PointKind", "components_of_all"]
+__all__ = ["PointKind", "components_of_all", "matrix_times"]
 
 
 @dataclass(frozen=True)
@@ -68,5 +69,14 @@ def components_of_all(
         tensor = next(type(value) for _, value in points if is_tensor(value)), shape
     else:
         flat = [c for name, p in points for c in point_components(name, p, float_type, dimension)]
+        common_width(flat)  # its error
     rows = [list(flat[k : k + dimension]) for k in range(0, len(flat), dimension)]
     return rows, PointKind(float_type, tensor)
+
+
+def matrix_times(matrix: Any, components: Sequence[Any]) -> list[Any]:
+    """The components of a matrix times a vector, without the elements that are zero."""
+    return [
+        sum((c * m for c, m in zip(components, row, strict=True) if m), 0.0)
+        for row in matrix.tolist()
+    ]

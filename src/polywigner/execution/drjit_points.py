@@ -15,7 +15,6 @@ from polywigner.execution.parameters import tensor_of
 from polywigner.geometry.numbers import real_numbers
 
 __all__ = [
-    "combined_points",
     "common_width",
     "components_of",
     "host_points",
@@ -203,42 +202,6 @@ def shifted_points(points: Any, shift: Any) -> Any:
     if drjit.depth_v(points) == 2 and len(points) == len(offset):
         return type(points)(*(points[k] + value for k, value in enumerate(offset.tolist())))
     return points + float(offset[0]) if drjit.depth_v(points) == 1 and len(offset) == 1 else points
-
-
-def combined_points(
-    terms: Sequence[tuple[NDArray[np.float64], tuple[str, Any]]], dimension: int
-) -> Any:
-    """The sum of matrices (d, d) times named points, at least one of them a Dr.Jit array.
-
-    Points of the kind of that array, or tensors if one is a tensor.
-    """
-    import drjit
-
-    points = [named for _, named in terms]
-    arrays = [named for named in points if is_drjit(named[1])]
-    name, like = next((named for named in arrays if is_tensor(named[1])), arrays[0])
-    float_type = own_float(name, like)
-    shape: tuple[int, ...] | None = None
-    if is_tensor(like):
-        shape, flat = tensor_components(points, float_type, dimension)
-    else:
-        parts = [point_components(*named, float_type, dimension) for named in points]
-        flat = [component for part in parts for component in part]
-        common_width(flat)  # its error
-    matrix = np.concatenate([matrix for matrix, _ in terms], axis=1)
-    found = []
-    for row in matrix.tolist():
-        used = [weight * part for weight, part in zip(row, flat, strict=True) if weight]
-        found.append(sum(used[1:], used[0]))
-    if shape is None:
-        return found[0] if drjit.depth_v(like) == 1 else type(like)(*found)
-    size = dimension * int(np.prod(shape))
-    number = drjit.arange(drjit.uint32_array_t(float_type), size)
-    values = drjit.gather(float_type, found[0], number // dimension)
-    for k in range(1, dimension):
-        own = drjit.gather(float_type, found[k], number // dimension)
-        values = drjit.select(number % dimension == k, own, values)
-    return type(like)(values, (*shape, dimension))
 
 
 def _wrong_components(name: str, dimension: int, got: object) -> ArgumentError:

@@ -23,7 +23,7 @@ from polywigner.geometry.placed import PlacedAperture
 from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.rings import Part, polygon_of_part
 from polywigner.geometry.set_operations import difference, intersection, union
-from polywigner.geometry.wavefront import Wavefront, with_coherence, with_curvature
+from polywigner.geometry.wavefront import TakesWaves
 from polywigner.geometry.winding import split_ring
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def _rotated_to_smallest(ring: Ring) -> Ring:
 
 
 @final
-class Aperture:
+class Aperture(TakesWaves):
     """An opening (or radiating patch) bounded by polygons; uniform unless given an illumination.
 
     Parameters
@@ -187,50 +187,6 @@ class Aperture:
         if not isinstance(other, Aperture):
             return NotImplemented
         return Aperture(operation(self, other)).with_illumination(self.illumination)
-
-    def curved(
-        self,
-        radius: float | Sequence[float],
-        wavelength: float,
-        centre: ArrayLike | None = None,
-    ) -> Wavefront:
-        """This source with a curved wave: its field times exp(i pi |x - c|^2 / (wavelength R)).
-
-        Source: Bastiaans, "Wigner distribution function applied to optical signals and systems"
-        (1978); the quadratic phase of a horn's aperture or of defocus.
-
-        Parameters
-        ----------
-        radius : R in m, or one for each axis; R > 0 diverges, as from a point R behind the
-            aperture, R < 0 converges, inf is flat.
-        wavelength : in m; the phase belongs to it.
-        centre : c in m, where the wave touches the plane; default: that of the curved
-            wave that is there, else the origin.
-
-        Raises ArgumentError for a radius that is zero or no number, or a wavelength that is none.
-
-        >>> import polywigner as pw
-        >>> pw.shapes.square(0.01).curved(0.05, 3e-3).curvature.diagonal().round(1).tolist()
-        [6666.7, 6666.7]
-        """
-        return with_curvature(self, radius, wavelength, centre)
-
-    def partially_coherent(self, width: float) -> Wavefront:
-        """This source with a Gaussian degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
-
-        Source: Mandel and Wolf, "Optical Coherence and Quantum Optics", section 5.2.
-
-        Parameters
-        ----------
-        width : in m, the lag at which the degree of coherence is exp(-1/2); inf is coherent.
-
-        Raises ArgumentError for what is not a length above zero.
-
-        >>> import polywigner as pw
-        >>> pw.shapes.square(0.01).partially_coherent(2e-3).coherence_width
-        0.002
-        """
-        return with_coherence(self, width)
 
     def placed(self, to_world: ArrayLike) -> PlacedAperture:
         """This aperture in a rigid pose (4, 4), for transforms with three-component nu.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, NoReturn, final
 
@@ -13,7 +12,7 @@ from polywigner.errors import GeometryError
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.field import Field, checked_field, checked_shift
 from polywigner.geometry.numbers import real_numbers
-from polywigner.geometry.wavefront import Wavefront, with_coherence, with_curvature
+from polywigner.geometry.wavefront import TakesWaves
 
 __all__ = ["Slits"]
 
@@ -22,7 +21,7 @@ _ROUNDING = 2.0**-46
 
 
 @final
-class Slits:
+class Slits(TakesWaves):
     """A one-dimensional aperture, one interval or several; uniform unless given an illumination.
 
     Parameters
@@ -63,21 +62,6 @@ class Slits:
         Raises ArgumentError for what is not an Illumination, IlluminationError for one in 2D.
         """
         return _restored(self.intervals, illumination)
-
-    def curved(
-        self,
-        radius: float | Sequence[float],
-        wavelength: float,
-        centre: ArrayLike | None = None,
-    ) -> Wavefront:
-        """This source with a curved wave; see :meth:`polywigner.Aperture.curved`."""
-        return with_curvature(self, radius, wavelength, centre)
-
-    def partially_coherent(self, width: float) -> Wavefront:
-        """This source with a Gaussian degree of coherence; see
-        :meth:`polywigner.Aperture.partially_coherent`.
-        """
-        return with_coherence(self, width)
 
     def moved(self, shift: ArrayLike) -> Slits:
         """The slits and the field in them shifted by a number, or by (1,).

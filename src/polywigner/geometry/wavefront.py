@@ -19,11 +19,59 @@ if TYPE_CHECKING:
     from polywigner.geometry.aperture import Aperture
     from polywigner.geometry.slits import Slits
 
-__all__ = ["Wavefront", "curvature_of", "with_coherence", "with_curvature"]
+__all__ = ["TakesWaves", "Wavefront", "curvature_of", "with_coherence", "with_curvature"]
+
+
+class TakesWaves:
+    """What sources have in common: a curved wave, and a partly coherent one."""
+
+    def curved(
+        self,
+        radius: float | Sequence[float],
+        wavelength: float,
+        centre: ArrayLike | None = None,
+    ) -> Wavefront:
+        """This source with a curved wave: its field times exp(i pi |x - c|^2 / (wavelength R)).
+
+        Source: Bastiaans, "Wigner distribution function applied to optical signals and systems"
+        (1978); the quadratic phase of a horn's aperture or of defocus.
+
+        Parameters
+        ----------
+        radius : R in m, or one for each axis; R > 0 diverges, as from a point R behind the
+            aperture, R < 0 converges, inf is flat.
+        wavelength : in m; the phase belongs to it.
+        centre : c in m, where the wave touches the plane; default: that of the curved
+            wave that is there, else the origin.
+
+        Raises ArgumentError for a radius that is zero or no number, or a wavelength that is none.
+
+        >>> import polywigner as pw
+        >>> pw.shapes.square(0.01).curved(0.05, 3e-3).curvature.diagonal().round(1).tolist()
+        [6666.7, 6666.7]
+        """
+        return with_curvature(self, radius, wavelength, centre)
+
+    def partially_coherent(self, width: float) -> Wavefront:
+        """This source with a Gaussian degree of coherence exp(-xi^2 / (2 width^2)), Gauss-Schell.
+
+        Source: Mandel and Wolf, "Optical Coherence and Quantum Optics", section 5.2.
+
+        Parameters
+        ----------
+        width : in m, the lag at which the degree of coherence is exp(-1/2); inf is coherent.
+
+        Raises ArgumentError for what is not a length above zero.
+
+        >>> import polywigner as pw
+        >>> pw.shapes.square(0.01).partially_coherent(2e-3).coherence_width
+        0.002
+        """
+        return with_coherence(self, width)
 
 
 @final
-class Wavefront:
+class Wavefront(TakesWaves):
     """A source with a curved or partly coherent wave; made by ``curved``, ``partially_coherent``.
 
     Its field is that of ``source`` times exp(i pi (x - c)^T Q (x - c)), its mutual coherence
@@ -142,16 +190,6 @@ class Wavefront:
                 f"{name} of its elements with their waves, and make an array of these"
             )
         return method
-
-    def curved(
-        self, radius: float | Sequence[float], wavelength: float, centre: ArrayLike | None = None
-    ) -> Wavefront:
-        """This source with one more curved wave, see :meth:`Aperture.curved`."""
-        return with_curvature(self, radius, wavelength, centre)
-
-    def partially_coherent(self, width: float) -> Wavefront:
-        """This source behind one more diffuser, see :meth:`Aperture.partially_coherent`."""
-        return with_coherence(self, width)
 
     def on(self, source: Any, shift: ArrayLike | None = None) -> Wavefront:
         """This wave, shifted by (d,), on another flat source."""

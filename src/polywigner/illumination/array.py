@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from functools import cached_property
 from typing import Any, NoReturn, final, overload
 
@@ -15,7 +15,7 @@ from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.grid import union_on_grid
 from polywigner.geometry.pose import rigid_pose
-from polywigner.geometry.wavefront import Wavefront, with_coherence, with_curvature
+from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.illumination.copies import shifted_copies
 from polywigner.illumination.curved_arrays import array_of_waves, copies_of_wave, has_waves
 from polywigner.illumination.elements import Element, checked_elements, in_plane, placed
@@ -30,7 +30,7 @@ _LEAST_COPIES = 24
 
 
 @final
-class Array:
+class Array(TakesWaves):
     """A coherent collection of elements with complex weights: u(x) = sum_k w_k 1_k(x).
 
     Elements may touch, overlap or coincide: their fields add up. `Array([a, a], [1, -1])` is dark.
@@ -176,21 +176,6 @@ class Array:
         if self.dimension == 1:
             raise GeometryError("expected apertures for a support in the plane, got Slits")
         return Aperture(union_on_grid([element.polygons for element in self.elements_in_plane]))
-
-    def curved(
-        self,
-        radius: float | Sequence[float],
-        wavelength: float,
-        centre: ArrayLike | None = None,
-    ) -> Wavefront:
-        """This source with a curved wave; see :meth:`polywigner.Aperture.curved`."""
-        return with_curvature(self, radius, wavelength, centre)
-
-    def partially_coherent(self, width: float) -> Wavefront:
-        """This source with a Gaussian degree of coherence; see
-        :meth:`polywigner.Aperture.partially_coherent`.
-        """
-        return with_coherence(self, width)
 
     def placed(self, to_world: ArrayLike) -> Array:
         """The whole array moved by a rigid pose (4, 4), for transforms with three-component nu.

@@ -13,10 +13,11 @@ from polywigner.errors import ArgumentError
 from polywigner.illumination import Array
 from polywigner.numerics.chirps import waves_of_turns
 from polywigner.optics import FirstOrder
-from polywigner.propagation.astigmatic import Chirp, astigmatic_integral, line_integral
 from polywigner.propagation.boundary import boundary_field
+from polywigner.propagation.line_images import Chirp, line_integral
 from polywigner.propagation.panels import Radiator
 from polywigner.transforms import autocorrelation, fourier
+from polywigner.transforms.curved_spectrum import chirp_transform
 
 __all__ = ["collins_field"]
 
@@ -27,6 +28,7 @@ Found = tuple[NDArray[np.complex128], Floats, Floats]
 _EQUAL = 8 * 2.0**-52
 # Of closed forms, relative to the content, in double and in single precision.
 _CLOSED = {True: 1e-13, False: 2e-6}
+_ULP = 2.0**-52
 # Most turns of phase along an outline whose Fresnel field is summed up.
 _MOST_TURNS = 1e6
 
@@ -74,8 +76,10 @@ def collins_field(
             axes = axes[:, order] * [1.0, np.linalg.det(axes[:, order])]
             chirp = Chirp(axes, curvature[order], wavelength)
             allowed = np.full(len(points), tolerance * _brightest(radiator, chirp))
-            finer = tolerance * min(1.0, _brightest(radiator, chirp) / _along(radiator, chirp))
-            values, errors = astigmatic_integral(radiator, chirp, slopes, finer)
+            values = chirp_transform(
+                source, chirp.curvature / wavelength, axes, np.zeros(2), slopes / wavelength
+            )
+            errors = _rounding(radiator, chirp, slopes)
     size = abs(front)
     return out * values, size * errors, size * allowed
 
@@ -100,11 +104,16 @@ def _brightest(radiator: Radiator, chirp: Chirp) -> float:
     return rays / math.sqrt(s1 * s2) if area > rays else radiator.content
 
 
-def _along(radiator: Radiator, chirp: Chirp) -> float:
-    """What the integrals along edges add up to, but for their signs."""
+def _rounding(radiator: Radiator, chirp: Chirp, slopes: Floats) -> Floats:
+    """Of the integral along edges: of phases, times what the edges add up to, but for signs."""
     width = math.sqrt(chirp.wavelength / abs(chirp.curvature[0]))
     size = float(np.linalg.norm(radiator.high - radiator.low))
-    return radiator.amplitude * radiator.perimeter * min(width, size)
+    along = radiator.amplitude * radiator.perimeter * min(width, size)
+    away = np.linalg.norm(
+        (slopes @ chirp.axes) - chirp.curvature * (radiator.centre @ chirp.axes), axis=1
+    )
+    turns = (away + abs(chirp.curvature[0]) * size) * (size / chirp.wavelength)
+    return _ULP * along * (4.0 + turns + size * radiator.highest_frequency)
 
 
 def _by_fresnel(

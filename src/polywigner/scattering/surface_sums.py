@@ -49,32 +49,31 @@ def surface_sums(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Comp
     ``signs``: those (i, j) of some nu and some triangles; None: all 1.
     """
     result = np.zeros((len(nu), 3), np.complex128)
-    columns = max(1, min(len(pieces), _BLOCK))
-    rows = _BLOCK // columns
-    for start in range(0, len(nu), rows):
-        some = slice(start, start + rows)
-        for begin in range(0, len(pieces), columns):
-            part = slice(begin, begin + columns)
-            lit = None if signs is None else signs(some, part)
-            result[some] += _block(pieces.taken(part), lit, nu[some])
+    for some, part in _blocks(len(nu), len(pieces)):
+        lit = None if signs is None else signs(some, part)
+        result[some] += _block(pieces.taken(part), lit, nu[some])
     return result
 
 
 def surface_slopes(pieces: Pieces, nu: Floats, signs: Signs | None = None) -> Complex:
     """dN_i/dnu_a (m, 3, 3) at (m, 3), as :func:`surface_sums`: the first moments, (SC5)."""
     result = np.zeros((len(nu), 3, 3), np.complex128)
-    columns = max(1, min(len(pieces), _BLOCK))
-    rows = _BLOCK // columns
-    for start in range(0, len(nu), rows):
-        some = slice(start, start + rows)
-        for begin in range(0, len(pieces), columns):
-            part = slice(begin, begin + columns)
-            own = pieces.taken(part)
-            lit: NDArray[np.int8] | float = 1.0 if signs is None else signs(some, part)
-            moments = _first_moments(own, nu[some])
-            for axis, values in enumerate(moments):
-                result[some, :, axis] += (values * lit) @ own.vector
+    for some, part in _blocks(len(nu), len(pieces)):
+        own = pieces.taken(part)
+        lit: NDArray[np.int8] | float = 1.0 if signs is None else signs(some, part)
+        moments = _first_moments(own, nu[some])
+        for axis, values in enumerate(moments):
+            result[some, :, axis] += (values * lit) @ own.vector
     return result
+
+
+def _blocks(directions: int, triangles: int) -> Iterator[tuple[slice, slice]]:
+    """Slices of directions and of triangles that are summed at a time."""
+    columns = max(1, min(triangles, _BLOCK))
+    rows = _BLOCK // columns
+    for start in range(0, directions, rows):
+        for begin in range(0, triangles, columns):
+            yield slice(start, start + rows), slice(begin, begin + columns)
 
 
 def _first_moments(pieces: Pieces, nu: Floats) -> Iterator[Complex]:

@@ -9,20 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner.execution import check_not_stopped
 from polywigner.geometry import Aperture, Slits
 from polywigner.illumination import Array
 from polywigner.kernels.boundary.chirps import chirp_over_intervals, chirp_over_rings
-from polywigner.transforms.arguments import transform
 
 __all__ = ["chirp_transform", "principal_axes"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-
-# A wave that bends less over a source, in half turns, is four growing and falling waves along each
-# axis to 4e-15; one that bends more has lost thirty roundings in Fresnel integrals at most.
-_NEARLY_FLAT = 1e-3
-_NODES, _WEIGHTS = np.polynomial.hermite.hermgauss(4)
 
 
 def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
@@ -42,6 +37,7 @@ def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Fl
     total = np.zeros(len(nu), np.complex128)
     with np.errstate(invalid="ignore"):  # of frequencies that are no numbers
         for element, shift, weight in _elements(source):
+            check_not_stopped()
             # a copy moved by s is the element itself, its wave about c - s
             found = _of_element(element, curvatures, axes, centre - shift, nu)
             total += weight * np.exp(-2j * math.pi * (nu @ shift)) * found
@@ -85,14 +81,10 @@ def _uniform(
     phase = np.exp(2j * math.pi * (turns - np.round(turns)))
     values = np.empty(len(nu), np.complex128)
     largest = np.argmax(np.abs(q), axis=1)
-    bend = np.abs(q).max(axis=1) * element.diameter**2
     for axis in range(q.shape[1]):
-        mine = np.flatnonzero((largest == axis) & (bend >= _NEARLY_FLAT))
+        mine = np.flatnonzero(largest == axis)
         if len(mine):
             values[mine] = _bent(element, middle, axes, axis, q[mine], inner[mine])
-    flat = np.flatnonzero(~(bend >= _NEARLY_FLAT))
-    if len(flat):
-        values[flat] = _nearly_flat(element.moved(-middle), q[flat], axes, inner[flat])
     return np.asarray(phase * values)
 
 
@@ -107,16 +99,3 @@ def _bent(
     rings = tuple((ring - middle) @ turn for ring in element.rings)
     found = chirp_over_rings(rings, q[:, order], nu[:, order])
     return found * np.sign(np.linalg.det(turn))  # exchanged axes turn outlines over
-
-
-def _nearly_flat(element: Aperture | Slits, q: Floats, axes: Floats, nu: Floats) -> Complex:
-    """exp(i pi q x^2) = pi^-1/2 int exp(-t^2 + 2 t s x) dt, s^2 = i pi q, by Gauss and Hermite."""
-    roots = np.sqrt(1j * math.pi * q) / (1j * math.pi)
-    total = np.zeros(len(nu), np.complex128)
-    shares = _WEIGHTS / math.sqrt(math.pi)
-    for steps in np.ndindex(*(len(_NODES),) * q.shape[1]):
-        at = nu - roots * _NODES[list(steps)]
-        points = [("nu", at @ axes.T)]
-        value = transform("fourier", element, points, None, "numpy", outputs=2)
-        total += float(np.prod(shares[list(steps)])) * value
-    return total

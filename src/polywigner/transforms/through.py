@@ -71,7 +71,9 @@ def _combined(dimension: int, *terms: tuple[NDArray[np.float64], Named]) -> Any:
     """The sum of matrices times points; those of matrices that are zero do not even broadcast."""
     present = [(matrix, point) for matrix, point in terms if matrix.any()]
     if any(execution.is_drjit(value) for _, (_, value) in present):
-        return execution.combined_points(present, dimension)
+        found, kind = execution.components_of_all([point for _, point in present], dimension)
+        whole = np.concatenate([matrix for matrix, _ in present], axis=1)
+        return kind.points(execution.matrix_times(whole, [c for row in found for c in row]))
     total: Any = None
     for matrix, (name, value) in present:
         points = checked_points(name, value, dimension, complex_allowed=False)

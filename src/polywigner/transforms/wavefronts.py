@@ -119,10 +119,7 @@ def _slope(wave: Wavefront, x: NDArray[np.float64]) -> NDArray[np.float64]:
 def _slopes(wave: Wavefront, x: Sequence[Any]) -> list[Any]:
     """The components of Q (x - c)."""
     inner = [c - o for c, o in zip(x, wave.centre.tolist(), strict=True)]
-    return [
-        sum((c * q for c, q in zip(inner, row, strict=True) if q), 0.0)
-        for row in wave.curvature.tolist()
-    ]
+    return execution.matrix_times(wave.curvature, inner)
 
 
 def _checked(wave: Wavefront, what: str, **points: Any) -> list[Any]:
