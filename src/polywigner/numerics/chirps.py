@@ -18,7 +18,7 @@ Complex = NDArray[np.complex128]
 
 # Over less of a turn of phase a Gauss rule of so many nodes misses nothing; over more, differences
 # of Fresnel integrals lose no more than a digit.
-_NODES, _FEW_TURNS = 8, 1 / 16
+_RULE, _FEW_TURNS = legendre.leggauss(8), 1 / 16
 # Half turns by which a wave may bend that counts as flat: as good as none.
 _FLAT = 1e-20
 
@@ -53,7 +53,7 @@ def waves_of_turns(turns: Any) -> Complex:
 
 
 def _by_rule(b: Floats, c: Floats, f: Floats) -> Complex:
-    nodes, weights = legendre.leggauss(_NODES)
+    nodes, weights = _RULE
     total = np.zeros(b.shape, np.complex128)
     for node, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
         t = b * (0.5 + 0.5 * node)
