@@ -110,7 +110,7 @@ def directivity(source: Any, wavelength: float) -> float:
     """The textbook's directivity on the axis, 4 pi |F(0)|^2/(wavelength^2 int |u|^2), a ratio.
 
     For a horn it is the formula in Fresnel integrals of Balanis, (13-52). It counts the power in
-    the mouth; :func:`radiation_pattern` counts what its far field carries.
+    the mouth; :func:`polywigner.radiation_pattern` counts what its far field carries.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def directivity(source: Any, wavelength: float) -> float:
 
     Raises
     ------
-    ArgumentError and GeometryError as :func:`radiant_intensity` does.
+    ArgumentError and GeometryError as :func:`polywigner.radiant_intensity` does.
 
     >>> import polywigner as pw
     >>> round(pw.horns.directivity(pw.shapes.square(1.0), 1.0) / (4 * np.pi), 12)
