@@ -54,7 +54,8 @@ def range_frames(
 
     Returns
     -------
-    xarray.Dataset if xarray can be imported, else a LabelledArrays as of :func:`polywigner.projections`, with
+    xarray.Dataset if xarray can be imported, else a LabelledArrays as of
+    :func:`polywigner.projections`, with
     ``radiance`` (range, row, column), ``before`` and ``after`` (row, column) in W m^-2 sr^-1, of
     nearer and of farther than all bins. All of them add up to the picture, its luminance where it
     has colours. Coordinates ``range`` and ``range_edge`` in m.

@@ -83,7 +83,8 @@ def range_profile(
 
     Returns
     -------
-    xarray.Dataset if xarray can be imported, else a LabelledArrays as of :func:`polywigner.projections`, with
+    xarray.Dataset if xarray can be imported, else a LabelledArrays as of
+    :func:`polywigner.projections`, with
     ``power`` and ``standard_error`` (receiver, range) in W; ``emitter_power`` (receiver, emitter,
     range) in W; ``before``, ``after`` and ``scattered`` (receiver) in W: what comes from nearer and
     from farther than all bins, and all together; ``scattered_error``; and ``noise_power`` in W and
