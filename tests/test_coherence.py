@@ -228,6 +228,23 @@ def test_a_width_of_too_many_tilts_is_refused_with_the_limit() -> None:
 
 
 @pytest.mark.slow
+def test_commands_that_draw_coherent_sources_name_those_that_take_others(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "square.wkt").write_text("POLYGON((0 0,16 0,16 12,0 12,0 0))")
+    source = tmp_path / "source.toml"
+    source.write_text(
+        'kind = "aperture"\nfile = "square.wkt"\nunit = "mm"\n'
+        "[wavefront]\ncoherence_width = 0.004\n"
+    )
+    through = ["--through", "space 50 mm"]
+    for command in (["transform"], ["transform", *through], ["pattern"]):
+        given = [*command, str(source), "--frequency", "94 GHz", "--out", str(tmp_path / "new")]
+        assert main(given) == 2
+        assert "propagate, volume and rays take it" in capfd.readouterr().err
+    assert len(list(tmp_path.iterdir())) == 2
+
+
 def test_a_command_computes_the_irradiance_of_a_mixture(tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
     pytest.importorskip("h5netcdf")

@@ -13,6 +13,7 @@ from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.reading import Reading
 from polywigner.cli.sources import (
+    check_is_coherent,
     check_source_file,
     field_title,
     read_fed_source,
@@ -72,6 +73,7 @@ def run_pattern(
 
     check_floor(floor_db)
     radiator, said = read_fed_source(source, reading, feeding, asked)
+    check_is_coherent(radiator, "pattern")
     length = required_wavelength(said)
     diameter = outline_of(radiator).diameter
     check_wavelength(length, diameter)

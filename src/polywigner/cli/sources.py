@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import warnings
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from polywigner.cli.output import check_text
 from polywigner.cli.reading import Reading
-from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.errors import ArgumentError, FileFormatError, IlluminationError
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, parse_length, wavelength_of
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 __all__ = [
+    "check_is_coherent",
     "check_source_file",
     "field_title",
     "frequency_text",
@@ -33,6 +35,16 @@ _LONGEST_NAME = 32
 
 # A frequency and the wavelength typed for it, with a few digits.
 _SAME_WAVELENGTH = 1e-3
+
+
+def check_is_coherent(source: Any, command: str) -> None:
+    """IlluminationError for a partly coherent source, of which a command has nothing to draw."""
+    width = getattr(source, "coherence_width", math.inf)
+    if width < math.inf:
+        raise IlluminationError(
+            f"expected a coherent source for {command}, got one that is coherent over {width:g} m; "
+            "propagate, volume and rays take it"
+        )
 
 
 def check_source_file(path: str, reading: Reading) -> None:

@@ -12,6 +12,7 @@ from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.reading import Reading
 from polywigner.cli.sources import (
+    check_is_coherent,
     check_source_file,
     frequency_text,
     read_fed_source,
@@ -78,6 +79,7 @@ def run_transform(
 
     check_floor(floor_db)
     source, length = read_fed_source(aperture, reading, feeding, length)
+    check_is_coherent(source, "transform")
     outline = outline_of(source)
     if length is not None:
         check_wavelength(length, outline.diameter)
