@@ -109,7 +109,8 @@ class Page:
     def wait_until(self, holds: Callable[[], bool]) -> None:
         from selenium.common.exceptions import WebDriverException
 
-        deadline = time.monotonic() + SECONDS
+        # a file of 40 MiB, which the page reads before it refuses it, has taken more than SECONDS
+        deadline = time.monotonic() + 3 * SECONDS
         while time.monotonic() < deadline:
             try:
                 if holds():
