@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from polywigner.cli.fields import format_suffixes
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.plausibility import check_wavelength
 from polywigner.cli.reading import Reading
@@ -88,11 +89,9 @@ def run_rays(
 
 def _formats(formats: Sequence[str], out: str | None) -> list[str]:
     """Those asked for, or that of the suffix of --out, or npz."""
-    for name in formats:
-        if name not in _FORMATS:
-            raise ArgumentError(f"--format: expected one of {', '.join(_FORMATS)}, got {name!r}")
+    asked = [suffix.removeprefix(".") for suffix in format_suffixes(formats, _FORMATS)]
     suffix = Path(out or "").suffix.lower().removeprefix(".")
-    return list(dict.fromkeys(formats)) or [suffix if suffix in _FORMATS else "npz"]
+    return asked or [suffix if suffix in _FORMATS else "npz"]
 
 
 def _summary(rays: Any) -> str:

@@ -46,7 +46,8 @@ from polywigner.propagation.rays_sampling import Sampling, by_samples
 from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.propagation.screens import Screen
 from polywigner.radiometry.directions import checked_radiator
-from polywigner.transforms import Differentiable, lag_marginal
+from polywigner.transforms import Differentiable
+from polywigner.transforms.energies import energy_of
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
@@ -360,7 +361,7 @@ def _largest(source: Aperture | Array, points: Values, wavelength: float) -> Val
     By Cauchy and Schwarz |F|^2 is at most area int |u|^2; near the source it is that on it.
     """
     area = sum(element.area for element in source.elements_in_plane)
-    mean = float(np.real(lag_marginal(source, (0.0, 0.0)))) / area
+    mean = energy_of(source) / area
     distance = np.linalg.norm(points - [*_centre(source), 0.0], axis=-1)
     return mean * np.minimum(1.0, (area / (wavelength * distance)) ** 2)
 
