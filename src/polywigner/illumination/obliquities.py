@@ -163,17 +163,15 @@ def irradiance_factor(forms: Any, cosine: Any) -> Any:
 
 
 def emission_factor(forms: Any, cosine: Any) -> Any:
-    """h = g/cos^2 for a cosine above zero: the factor of a radiance, see (R1).
+    """Return h = g/cos for a cosine above zero: the factor of a radiance h W/lambda^2, see (R1).
 
-    Floats or arrays of any engine; dimensionless. All but that of Rayleigh-Sommerfeld I grow
-    without bound towards grazing directions; the two cosines of a parallel floor make the received
-    part finite again.
+    Floats or arrays of any engine; dimensionless. Where a boundary condition takes slopes, h grows
+    without bound towards grazing directions; the cosine of the projected area makes it finite.
     """
     first, mixed, both, _ = forms
-    if both == 0 and mixed == 0:
-        return first
-    inverse = 1.0 / cosine
-    return first + inverse * (mixed + inverse * both)
+    if both == 0:
+        return first * cosine + mixed
+    return first * cosine + mixed + both / cosine
 
 
 def cosine_to(normal: NDArray[np.float64], nu: NDArray[Any]) -> NDArray[Any]:

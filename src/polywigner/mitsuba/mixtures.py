@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Wavefront
@@ -22,7 +23,9 @@ from polywigner.illumination.obliquities import takes_slopes
 from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.propagation.mixtures import parts_of
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.bands import checked_bandwidth
+from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
+from polywigner.radiometry.hemisphere import largest_lag
+from polywigner.transforms.coherence import tilts_of
 
 __all__ = ["PLAIN", "DrawnWaves", "Mixture", "Wave", "check_mixture", "mixture_of"]
 
@@ -61,6 +64,26 @@ class Mixture:
         if self.coherence_width < math.inf:
             wave = source.partially_coherent(self.coherence_width)
         return parts_of(wave, wavelength, self.bandwidth, _ERROR)
+
+    def nodes(self, source: Any, wavelength: float) -> NDArray[np.float64]:
+        """Waves (n, 4) whose mean is that of the mixture: of the coherent ``source`` in m.
+
+        By how much the inverse of their wavelength differs, tilts along x and y, both in 1/m, and
+        weights.
+        """
+        tilts, shares = np.zeros((1, 2)), np.ones(1)
+        if self.coherence_width < math.inf:
+            tilts, shares = tilts_of(source.partially_coherent(self.coherence_width), _ERROR)
+        band = [(wavelength, 1.0)]
+        if self.bandwidth is not None:
+            band = wavelengths_of_band(wavelength, self.bandwidth, largest_lag(source), _ERROR)
+        return np.array(
+            [
+                (1 / length - 1 / wavelength, *tilt, share * weight)
+                for tilt, share in zip(tilts.tolist(), shares.tolist(), strict=True)
+                for length, weight in band
+            ]
+        )
 
 
 PLAIN = Mixture()
