@@ -143,9 +143,8 @@ def _checked(cloud: Any) -> tuple[Any, Any, dict[str, Any]]:
     names = ("position", "intensity", "path_length")
     try:
         places, intensity, _ = (np.asarray(cloud[name].values, np.float64) for name in names)
-        attrs = {
-            name: cloud.attrs[name] for name in ("wavelength", "obliquity", "normalise", "to_world")
-        }
+        attrs = {name: cloud.attrs[name] for name in ("wavelength", "obliquity", "to_world")}
+        attrs["normalise"] = cloud.attrs.get("normalise", NORMALISATIONS[0])
     except (AttributeError, KeyError, TypeError, IndexError, ValueError):
         raise ArgumentError(
             f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__} "
