@@ -21,8 +21,9 @@ pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
 # Means of so many renders; 3 of their standard errors, Student's with 15 degrees of freedom, are
 # passed once in 100 fair tests, and seeds are fixed.
 RENDERS, ERRORS = 16, 3.0
-# Beyond noise: exact light is good to 1e-4 of its peak, and weights of float32 to less.
-BIAS = {"exact": 1e-3, "wigner": 2e-3}
+# Beyond noise: exact light is good to 1e-4 of its peak. Signed weights have rare large values, for
+# which errors of 16 renders are not Student's (12 million samples: 4e-4 +- 1e-3 off).
+BIAS = {"exact": 1e-3, "wigner": 1e-2}
 # Noise that a test may have to see faults of per cents; a factor 1/cos is 10 % and more.
 NOISE = {"exact": 1e-3, "wigner": 1e-2}
 # Rays differ from quadrature of exact fields 40 wavelengths away (0.1 dB were asked for).
@@ -42,6 +43,12 @@ BENT = {
     "partly coherent": HORN.partially_coherent(WAVELENGTH),
 }
 SOURCES = {**SQUARES, "steered array": STEERED, **BENT}
+QUICK = [
+    ("steered array", "rayleigh-sommerfeld-1"),
+    ("1 wavelengths", "kirchhoff"),
+    ("0.3 wavelengths", "rayleigh-sommerfeld-2"),
+    ("curved", "paper"),
+]
 
 
 def cases(*estimators: str) -> list[Any]:
@@ -55,8 +62,7 @@ def cases(*estimators: str) -> list[Any]:
                 )
                 if bent or (obliquity == "paper" and estimator == "exact"):
                     continue
-                quick = name in ("1 wavelengths", "steered array") or obliquity == "paper"
-                marks = [] if quick else [pytest.mark.slow]
+                marks = [] if (name, obliquity) in QUICK else [pytest.mark.slow]
                 found.append(pytest.param(name, obliquity, estimator, marks=marks))
     return found
 
@@ -158,7 +164,10 @@ def towards(place: Any, degrees: float) -> np.ndarray:
 
 ENDS = (
     (pw.shapes.square(0.5 * WAVELENGTH), 40 * WAVELENGTH * np.array([0.0, 0.0, 1.0])),
-    (pw.shapes.rectangle(0.3 * WAVELENGTH, 0.6 * WAVELENGTH), 30 * WAVELENGTH * np.array([0.5, 0, 0.8])),
+    (
+        pw.shapes.rectangle(0.3 * WAVELENGTH, 0.6 * WAVELENGTH),
+        30 * WAVELENGTH * np.array([0.5, 0, 0.8]),
+    ),
 )
 SIDE = 12 * WAVELENGTH
 
@@ -261,5 +270,5 @@ def test_an_isotropic_scatterer_passes_as_much_there_as_back(
         passed(cloud, degrees, obliquity, "wigner", back, 1 << 21) for back in (False, True)
     )
     noise = np.hypot(there[1], back[1])
-    assert abs(there[0] - back[0]) < ERRORS * noise
+    assert abs(there[0] - back[0]) < ERRORS * noise + BIAS["wigner"] * there[0]
     assert noise < 0.04 * there[0]  # exchanged cosines would be 2 at 60 degrees
