@@ -23,8 +23,7 @@ from polywigner.errors import IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.direction_cosines import times_direction_cosine
-from polywigner.illumination.obliquities import SHARES, warn_of_slopes
+from polywigner.illumination.obliquities import SHARES, times_direction_cosine, warn_of_slopes
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.distances import distance_of
 from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources

@@ -12,12 +12,12 @@ from polywigner.execution import Engine, Precision
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
-from polywigner.illumination.direction_cosines import times_direction_cosine
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,
     SHARES,
     Obliquity,
     takes_slopes,
+    times_direction_cosine,
     warn_of_slopes,
 )
 from polywigner.propagation.places import checked_name

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.wavefront import Wavefront
-from polywigner.illumination.curved_arrays import tilted_source
+from polywigner.illumination.array import tilted_source
 from polywigner.numerics.mean_rules import normal_product_rule
 from polywigner.transforms.arguments import broadcast_shape, checked_points
 

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.illumination.lattices import Lattice, Profile, column_and_row, separated
-from polywigner.illumination.sites import Sites
+from polywigner.illumination.lattices import Lattice, Profile, Sites, column_and_row, separated
 from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
