@@ -12,7 +12,7 @@ import pytest
 import polywigner as pw
 from polywigner.cli import main
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.numerics.mean_rules import flat_rule, normal_product_rule, normal_rule
+from polywigner.numerics.nodes import flat_rule, normal_product_rule, normal_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 
 WAVELENGTH = 3.2e-3

@@ -17,9 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, MissingExtraError, install_command
-from polywigner.geometry.arguments import checked_count, checked_length, checked_number, shape_of
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_length,
+    checked_number,
+    real_numbers,
+    shape_of,
+    takes_frequency,
+)
 from polywigner.illumination.tapers import checked_sidelobes, transverse, unit_vector
 
 __all__ = [

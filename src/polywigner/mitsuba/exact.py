@@ -30,7 +30,7 @@ from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources
 from polywigner.mitsuba.numbers import opaque
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import boundary_tables, panels_in
 from polywigner.propagation.panels import radiator_of
 from polywigner.transforms import fourier

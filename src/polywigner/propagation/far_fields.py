@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,
     SHARES,

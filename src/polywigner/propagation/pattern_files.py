@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import checked_path
-from polywigner.geometry.text_files import write_lines
+from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.pattern_cuts import checked_pattern, cuts_of
 from polywigner.transforms.labelled import Labelled

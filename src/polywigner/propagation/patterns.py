@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination.obliquities import OBLIQUITIES, Obliquity, warn_of_slopes
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of

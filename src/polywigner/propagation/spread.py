@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_length, checked_row
-from polywigner.geometry.array_types import Points
+from polywigner.geometry.arguments import Points, checked_length, checked_row
 from polywigner.illumination import Array
 from polywigner.optics import FirstOrder
 from polywigner.propagation.irradiances import irradiance

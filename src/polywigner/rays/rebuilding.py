@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_count, checked_number, shape_of
-from polywigner.geometry.numbers import real_numbers
-from polywigner.geometry.pose import rigid_pose
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_number,
+    real_numbers,
+    rigid_pose,
+    shape_of,
+)
 from polywigner.propagation.stores_files import required
 from polywigner.rays.bundles import MOST_BATCHES, checked_bundle, count_of
 

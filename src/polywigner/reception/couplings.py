@@ -13,9 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.array_types import DrJitArray
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import DrJitArray, checked_number, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES
 from polywigner.illumination.support import moved_source

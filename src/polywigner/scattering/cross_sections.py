@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import takes_frequency, warn_caller
 from polywigner.scattering.antennas import Source
 from polywigner.scattering.facets import Body, Facets, facets_of
 from polywigner.scattering.lit_sums import lit_sums

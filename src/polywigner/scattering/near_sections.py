@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.radiometry.directions import checked_source
 from polywigner.reception.norms import checked_normalise
 from polywigner.scattering.antennas import Antenna, Source, checked_places, directions_of

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
 from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
-from polywigner.geometry.text_files import write_lines
+from polywigner.geometry.arguments import write_lines
 from polywigner.illumination.array import Array, Element
 from polywigner.illumination.files.reading import parsed
 from polywigner.illumination.files.tables import (

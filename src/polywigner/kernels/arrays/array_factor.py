@@ -20,7 +20,7 @@ from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import has_own_factor
 
 __all__ = ["array_factor_kernel"]
