@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,71 @@ def test_a_beam_towards_minus_x_has_phi_of_half_a_turn() -> None:
     found = _metrics(pw.shapes.square(8 * WAVELENGTH).with_illumination(field))
     assert found.theta > 0.25
     assert found.phi == pytest.approx(math.pi)
+
+
+# A beam 0.6 degrees from a cut or a sample: well below this, in dB, of one of 12 degrees.
+BETWEEN_SAMPLES = 0.05
+
+
+def _steered(theta: float, phi: float) -> Any:
+    """An array of 8 x 8 patches half a wavelength apart."""
+    places = pw.arrays.grid_positions(8, 8, WAVELENGTH / 2, WAVELENGTH / 2)
+    direction = [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]
+    weights = pw.arrays.steering_weights(places, direction, WAVELENGTH)
+    return pw.phased_array(pw.shapes.square(0.49 * WAVELENGTH), places, weights)
+
+
+@pytest.mark.parametrize("azimuth", [30.0, 45.0, 200.0])
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2"])
+def test_a_beam_beside_the_cuts_has_its_own_directivity_and_direction(
+    azimuth: float, obliquity: str
+) -> None:
+    source = _steered(math.radians(45), math.radians(azimuth))
+    about = np.radians(azimuth + np.arange(-3, 3.01, 0.1))
+    dense = pw.radiation_pattern(
+        source, WAVELENGTH, np.radians(np.arange(40, 50, 0.1)), about, obliquity=obliquity
+    )
+    levels = dense["directivity"].values
+    polar, around = np.unravel_index(levels.argmax(), levels.shape)
+    with pytest.warns(PolywignerWarning, match="miss the beam"):
+        found = _metrics(source, obliquity=obliquity)
+    assert found.directivity == pytest.approx(levels.max(), abs=BETWEEN_SAMPLES / 10)
+    assert found.directivity >= levels.max()
+    assert found.theta == pytest.approx(dense["theta"].values[polar], abs=math.radians(0.1))
+    assert found.phi == pytest.approx(about[around], abs=math.radians(0.1))
+    assert max(cut.directivity for cut in found.cuts) < levels.max() - 5
+
+
+def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts() -> None:
+    source = _steered(math.radians(45), math.radians(30))
+    pattern = pw.radiation_pattern(source, WAVELENGTH, *CUTS)
+    with pytest.warns(PolywignerWarning, match="miss the beam"):
+        found = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
+    around = pw.radiation_pattern(
+        source, WAVELENGTH, np.radians(np.arange(0, 91)), np.radians([0.0, 30.0])
+    )
+    beam = pw.beam_metrics(around)
+    assert found.gain == pytest.approx(beam.directivity - 10 * math.log10(2), abs=1e-9)
+    assert found.eirp == pytest.approx(10 ** (beam.directivity / 10), rel=1e-9)
+
+
+def test_cuts_through_the_beam_are_not_warned_of() -> None:
+    theta, phi = np.radians(np.arange(-90, 90.5)), np.radians([0.0, 30.0, 90.0])
+    for source in (_steered(math.radians(45), math.radians(30)), _steered(0.0, 0.0)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = _metrics(source, theta, phi)
+        largest = max(cut.directivity for cut in found.cuts)
+        assert found.directivity == pytest.approx(largest, abs=BETWEEN_SAMPLES)
+
+
+def test_of_equal_beams_the_first_around_the_axis_is_named() -> None:
+    pair = pw.phased_array(
+        pw.shapes.square(1.5e-3), [(-2e-3, 0.0), (2e-3, 0.0)], [1, -1]
+    )  # two beams, towards +x and -x
+    found = _metrics(pair, *CUTS)
+    assert found.phi == pytest.approx(0.0, abs=1e-6)
+    assert found.theta == pytest.approx(abs(found.cuts[0].theta), abs=1e-3)
 
 
 def test_eirp_is_the_power_that_an_isotropic_source_would_need() -> None:

@@ -35,6 +35,8 @@ _DARK = -400.0
 _STEEP = 10.0
 # A cut so far below the beam, in dB, holds nothing but rounding.
 _NOTHING = 150.0
+# A beam so far above all cuts, in dB, is not on them: more than a data sheet's last digit.
+_MISSED = 0.1
 # With fewer samples within half power, a beamwidth is off by percents.
 _LEAST_SAMPLES = 6
 # A beam along the normal, to the rounding of degrees.
@@ -79,11 +81,11 @@ class BeamMetrics:
     """
 
     theta: float
-    """From the normal to the largest directivity, in rad."""
+    """Of the beam, the largest directivity in any direction, from the normal in rad."""
     phi: float
-    """From the x axis, in rad; 0 for a beam along the normal."""
+    """Of the beam, from the x axis in rad; 0 for a beam along the normal."""
     directivity: float
-    """In dBi: 4 pi |E|^2 over the radiated power."""
+    """Of the beam, in dBi: 4 pi |E|^2 over the radiated power."""
     gain: float
     """In dBi: the directivity times the efficiency."""
     radiated_power: float
@@ -138,10 +140,12 @@ def beam_metrics(
 ) -> BeamMetrics:
     """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
 
-    Cuts are meridians: columns of the pattern where theta has both signs, else those of phi and phi
-    + pi joined. Between samples the peak is that of a parabola in dB, and half of it is where an
-    inverse parabola crosses: beamwidths are right to 3e-3 of themselves for ten samples in them.
-    Cuts end at the horizon, for nothing goes backwards.
+    Directivity, gain, EIRP and direction are those of the beam, wherever it points: the pattern's
+    attributes know it. Beamwidths and sidelobes are those of cuts along meridians: columns of the
+    pattern where theta has both signs, else those of phi and phi + pi joined. Between samples the
+    peak of a cut is that of a parabola in dB, and half of it is where an inverse parabola crosses:
+    beamwidths are right to 3e-3 of themselves for ten samples in them. Cuts end at the horizon, for
+    nothing goes backwards.
 
     Parameters
     ----------
@@ -161,7 +165,8 @@ def beam_metrics(
 
     Warns
     -----
-    PolywignerWarning where fewer than six samples lie within half power of the beam.
+    PolywignerWarning where fewer than six samples lie within half power of the beam, and where the
+    beam is 0.1 dB or more above all cuts.
 
     >>> import numpy as np, polywigner as pw
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
@@ -180,14 +185,15 @@ def beam_metrics(
     )
     best = max(cuts, key=lambda cut: cut.directivity)
     _warn_of_few_samples(theta, best)
-    normal = abs(best.theta) < _SAME_ANGLE
+    _warn_of_missed_beam(about, best)
+    directivity = about["peak_directivity"]
     return BeamMetrics(
-        theta=abs(best.theta),
-        phi=0.0 if normal else (best.phi + (math.pi if best.theta < 0 else 0.0)) % (2 * math.pi),
-        directivity=best.directivity,
-        gain=best.directivity + 10 * math.log10(share),
+        theta=about["peak_theta"],
+        phi=about["peak_phi"],
+        directivity=directivity,
+        gain=directivity + 10 * math.log10(share),
         radiated_power=radiated,
-        eirp=radiated * 10 ** (best.directivity / 10),
+        eirp=radiated * 10 ** (directivity / 10),
         front_share=about["radiated_power"] / about["aperture_power"],
         cuts=cuts,
     )
@@ -200,6 +206,19 @@ def _warn_of_few_samples(theta: Levels, beam: CutMetrics) -> None:
         warnings.warn(
             f"steps of {_degrees(step)} are coarse for a half-power width of {_degrees(width)}: "
             "the numbers may be off by percents; give radiation_pattern more angles theta",
+            PolywignerWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_missed_beam(about: dict[str, float], best: CutMetrics) -> None:
+    beam, phi = about["peak_directivity"], about["peak_phi"]
+    if beam > best.directivity + _MISSED:
+        warnings.warn(
+            f"the cuts of the pattern miss the beam of {beam:.2f} dBi at theta "
+            f"{_degrees(about['peak_theta'])}, phi {_degrees(phi)}: the largest on them is "
+            f"{best.directivity:.2f} dBi; give radiation_pattern more angles, phi = "
+            f"{_degrees(phi)} among them",
             PolywignerWarning,
             stacklevel=3,
         )

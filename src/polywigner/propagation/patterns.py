@@ -26,6 +26,16 @@ __all__ = ["radiation_pattern"]
 
 Values = NDArray[Any]
 
+# F of a source D wide is band-limited: within pi d D of its phase from a peak, |F|^2 is still
+# cos^2(pi d D) of the peak. Samples 1/(2 D) apart see a quarter of it or more along both axes, and
+# windows around these, each with a quarter of the step before, all but 1e-9.
+_LEAST_STEPS = 16
+_WINDOW, _REFINEMENTS = 4, 8
+_EQUAL = 1e-9
+# Candidates that are followed, beams and their neighbours; directions at a time, some megabytes.
+_MOST_CANDIDATES = 256
+_BLOCK = 1 << 17
+
 
 @takes_frequency
 def radiation_pattern(
@@ -63,8 +73,9 @@ def radiation_pattern(
     xarray.Dataset if xarray can be imported, else a LabelledArrays as of :func:`projections`, with
     ``directivity`` (n, m) in dBi, minus infinity where nothing is radiated, and ``field`` (n, m),
     complex, in m times the unit of u; accurate to 1e-12 of the largest |E|. Attributes: the
-    wavelength, frequency, obliquity, radiated power, aperture power int |u|^2, and the largest
-    directivity on these angles.
+    wavelength, frequency, obliquity, radiated power, aperture power int |u|^2, the largest
+    directivity on these angles, and that of the beam in all directions, ``peak_directivity`` in
+    dBi, at ``peak_theta`` and ``peak_phi``.
 
     Raises
     ------
@@ -94,6 +105,7 @@ def radiation_pattern(
     field = far_field(radiator, directions, length, name, precision=precision, engine=engine)
     with np.errstate(divide="ignore"):
         directivity = 10 * np.log10(4 * math.pi / power * np.square(np.abs(field)))
+    intensity, peak_theta, peak_phi = _beam(radiator, length, name)
     axes = {"theta": (polar, "angle from z"), "phi": (azimuth, "angle from x")}
     about = {
         "wavelength": length,
@@ -102,8 +114,61 @@ def radiation_pattern(
         "radiated_power": power,
         "aperture_power": energy,
         "largest_directivity": float(directivity.max()),
+        "peak_directivity": 10 * math.log10(4 * math.pi / power * intensity),
+        "peak_theta": peak_theta,
+        "peak_phi": peak_phi,
     }
     return labelled(_described(radiator, axes, field, directivity, about))
+
+
+def _beam(
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: str
+) -> tuple[float, float, float]:
+    """Return the largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
+
+    Of several equal ones, that of the smallest theta, and then phi.
+    """
+    extent = np.ptp(np.reshape(flat_of(source).bounds, (2, 2)), axis=0) / wavelength
+    steps = np.maximum(2 * np.ceil(2 * extent), _LEAST_STEPS).astype(int)
+    across, along = (np.linspace(-1, 1, count + 1) for count in steps)
+    rows = max(1, _BLOCK // len(across))
+    blocks = []
+    for k in range(0, len(along), rows):
+        grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
+        blocks.append(_largest(*_intensity(source, grid, wavelength, obliquity), 0.25))
+    places, values = _largest(*map(np.concatenate, zip(*blocks, strict=True)), 0.25)
+    step = 2 / steps
+    around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
+    window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
+    for _ in range(_REFINEMENTS):
+        near, values = _intensity(source, places[:, None] + step * window, wavelength, obliquity)
+        step = step / _WINDOW
+        best = np.arange(len(near)), values.argmax(axis=-1)
+        apart = np.unique((near[best] / step).round(), axis=0, return_index=True)[1]
+        part = float(np.cos(math.pi * extent * step / 2).prod()) ** 2
+        places, values = _largest(near[best][apart], values[best][apart], min(part, 1 - _EQUAL))
+    theta = np.arcsin(np.minimum(1, np.linalg.norm(places, axis=-1)))
+    phi = np.arctan2(places[:, 1], places[:, 0]) % (2 * math.pi)
+    first = np.lexsort([phi.round(6), theta.round(6)])[0]
+    return float(values.max()), float(theta[first]), float(phi[first])
+
+
+def _intensity(
+    source: PlaneSource | Wavefront, places: Values, wavelength: float, obliquity: str
+) -> tuple[Values, Values]:
+    """Return direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) there."""
+    places = places / np.maximum(1, np.linalg.norm(places, axis=-1, keepdims=True))
+    cosine = np.sqrt(np.maximum(0, 1 - np.square(places).sum(axis=-1, keepdims=True)))
+    directions = np.concatenate([places, cosine], axis=-1).reshape(-1, 3)
+    field = far_field(source, directions, wavelength, obliquity)
+    return places, np.square(np.abs(field)).reshape(places.shape[:-1])
+
+
+def _largest(places: Values, values: Values, part: float) -> tuple[Values, Values]:
+    """Return the places (n, 2) whose values (n,) are a part of the largest, or more; the best."""
+    best = np.argsort(-values, kind="stable")[:_MOST_CANDIDATES]
+    best = best[values[best] >= part * values[best[0]]]
+    return places[best], values[best]
 
 
 def _described(
