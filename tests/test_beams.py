@@ -226,6 +226,40 @@ def test_a_lobe_that_runs_into_the_horizon_is_no_sidelobe() -> None:
             assert all(math.isnan(level) or level < 0 for level in cut.sidelobe_levels)
 
 
+@pytest.mark.parametrize("turns", [0.25, 0.5, 0.6, 0.7, 0.9])
+def test_ripples_of_a_horns_beam_are_no_sidelobes(turns: float) -> None:
+    """The phase error at the rim, in turns, fills nulls: maxima above half power are the beam."""
+    mouth = 5.5 * WAVELENGTH
+    horn = pw.horns.e_plane(
+        0.7 * WAVELENGTH, mouth, mouth**2 / (8 * turns * WAVELENGTH), WAVELENGTH
+    )
+    theta = np.radians(np.arange(-90, 90.1, 0.1))
+    pattern = pw.radiation_pattern(horn, WAVELENGTH, theta, [math.pi / 2])
+    (cut,) = pw.beam_metrics(pattern).cuts
+    levels = pattern["directivity"].values[:, 0] - cut.directivity
+    assert not all(map(math.isnan, cut.sidelobe_levels))
+    for level, angle in zip(cut.sidelobe_levels, cut.sidelobe_angles, strict=True):
+        between = (theta > min(cut.theta, angle)) & (theta < max(cut.theta, angle))
+        assert math.isnan(level) or levels[between].min() < -3.01
+
+
+def test_the_first_sidelobe_of_a_rippled_beam_is_the_first_beyond_half_power() -> None:
+    """Half a turn at the rim: a bump of -2.3 dB at 10 degrees, half power at 13, a lobe at 24."""
+    mouth = 5.5 * WAVELENGTH
+    horn = pw.horns.e_plane(0.7 * WAVELENGTH, mouth, mouth**2 / (4 * WAVELENGTH), WAVELENGTH)
+    theta = np.radians(np.arange(0, 60, 0.01))
+    levels = pw.radiation_pattern(horn, WAVELENGTH, theta, [math.pi / 2])["directivity"].values
+    fall = 10 * math.log10(2)
+    flank = int(np.flatnonzero(levels[:, 0] < levels.max() - fall)[0])
+    null = flank + int(np.flatnonzero(np.diff(levels[flank:, 0]) > 0)[0])
+    lobe = null + int(levels[null:, 0].argmax())
+    cut = _metrics(horn).cuts[1]
+    assert cut.half_power_beamwidth / 2 == pytest.approx(theta[flank], rel=1e-2)
+    assert cut.sidelobe_angles == pytest.approx((-theta[lobe], theta[lobe]), rel=1e-2)
+    expected = levels[lobe, 0] - levels.max()
+    assert cut.sidelobe_levels == pytest.approx((expected, expected), abs=0.01)
+
+
 def test_a_plane_in_which_the_field_cancels_has_no_numbers() -> None:
     places = [(-2e-3, 0.0), (2e-3, 0.0)]
     pair = pw.phased_array(pw.shapes.square(1.5e-3), places, [1, -1])

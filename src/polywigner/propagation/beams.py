@@ -64,8 +64,8 @@ class CutMetrics:
     half_power_beamwidth: float
     """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
     sidelobe_levels: tuple[float, float]
-    """The first sidelobe towards smaller and larger theta, in dB relative to the cut's peak; NaN
-    where the cut ends before."""
+    """The first maximum beyond half power towards smaller and larger theta, in dB relative to the
+    cut's peak; NaN where the cut ends before."""
     sidelobe_angles: tuple[float, float]
     """Their theta, in rad."""
 
@@ -248,15 +248,18 @@ def _side(
     along = levels[peak::step] if step > 0 else levels[peak::-1]
     places = theta[peak::step] if step > 0 else theta[peak::-1]
     below = np.flatnonzero(along < level - _HALF)
-    half = _crossing(along, places, int(below[0]), level - _HALF) if below.size else math.nan
-    rising = np.flatnonzero(np.diff(along) > 0)
+    if not below.size:
+        return math.nan, math.nan, math.nan
+    flank = int(below[0])  # maxima before it are ripples of the beam
+    half = _crossing(along, places, flank, level - _HALF)
+    rising = np.flatnonzero(np.diff(along[flank:]) > 0)
     if not rising.size:
         return half, math.nan, math.nan
-    first = int(rising[0])  # the null
-    falling = np.flatnonzero(np.diff(along[first:]) < 0)
+    null = flank + int(rising[0])
+    falling = np.flatnonzero(np.diff(along[null:]) < 0)
     if not falling.size:
         return half, math.nan, math.nan
-    lobe_angle, lobe = _vertex(places, along, first + int(falling[0]))
+    lobe_angle, lobe = _vertex(places, along, null + int(falling[0]))
     return half, lobe, lobe_angle
 
 
