@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from polywigner.cli import main
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.figures import draw_hemispheres, draw_pattern
 
@@ -133,14 +134,37 @@ def test_of_equal_beams_the_first_around_the_axis_is_named() -> None:
 def test_eirp_is_the_power_that_an_isotropic_source_would_need() -> None:
     """4 pi times the largest radiant intensity; gain and EIRP follow losses and the power."""
     pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
-    found = pw.beam_metrics(pattern)
+    radiated = pattern.attrs["radiated_power"]
+    found = pw.beam_metrics(pattern, power=radiated)
     intensity = float((np.abs(pattern["field"].values) ** 2).max())
     assert found.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-9)
     lossy = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
     assert lossy.gain == pytest.approx(found.directivity - 10 * math.log10(2), abs=1e-9)
     assert lossy.radiated_power == 1.0
     assert lossy.eirp == pytest.approx(10 ** (found.directivity / 10), rel=1e-9)
+    assert "EIRP" in str(lossy)
     assert "dBm" in str(lossy)
+
+
+def test_without_a_power_there_is_no_eirp() -> None:
+    pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
+    found = pw.beam_metrics(pattern, efficiency=0.5)
+    assert found.eirp is None
+    assert "EIRP" not in str(found)
+    assert found.radiated_power == pattern.attrs["radiated_power"]
+
+
+@pytest.mark.parametrize("power", [None, "10 dBm"])
+def test_the_command_tells_eirp_of_a_power_alone(
+    power: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.wkt").write_text("POLYGON ((0 0, 0.01 0, 0.01 0.01, 0 0.01, 0 0))")
+    given = [] if power is None else ["--power", power]
+    options = ["--frequency", "94 GHz", "--step", "3 deg", "--out", str(tmp_path / "a"), *given]
+    assert main(["pattern", str(tmp_path / "a.wkt"), "--unit", "m", *options]) == 0
+    shown = capsys.readouterr().out
+    assert ("EIRP" in shown) == (power is not None)
+    assert "directivity" in shown
 
 
 def test_small_patches_radiate_a_part_of_their_power() -> None:

@@ -90,8 +90,9 @@ class BeamMetrics:
     """In dBi: the directivity times the efficiency."""
     radiated_power: float
     """In W, through the hemisphere in front."""
-    eirp: float
-    """Equivalent isotropically radiated power in W: radiated power times directivity."""
+    eirp: float | None
+    """Equivalent isotropically radiated power in W: radiated power times directivity; None without
+    a power."""
     front_share: float
     """The radiated power over int |u|^2: what is not evanescent, as the obliquity counts it."""
     cuts: tuple[CutMetrics, ...]
@@ -101,8 +102,13 @@ class BeamMetrics:
         rows = [
             ("directivity", f"{self.directivity:.2f} dBi"),
             ("gain", f"{self.gain:.2f} dBi"),
-            ("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"),
-            ("radiated power", f"{self.radiated_power:.4g} W"),
+        ]
+        of_field = ", of the field as it is"
+        if self.eirp is not None:
+            of_field = ""
+            rows.append(("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"))
+        rows += [
+            ("radiated power", f"{self.radiated_power:.4g} W{of_field}"),
             ("front share", f"{100 * self.front_share:.1f} % of int |u|^2"),
             ("beam direction", f"theta {_degrees(self.theta)}, phi {_degrees(self.phi)}"),
         ]
@@ -150,7 +156,8 @@ def beam_metrics(
     Parameters
     ----------
     pattern : what :func:`radiation_pattern` returned.
-    power : accepted by the antenna, in W; None: what radiates as much as the field does.
+    power : accepted by the antenna, in W; None: the radiated power is that of the field as it is,
+        and there is no EIRP.
     efficiency : radiated over accepted power, above 0 and up to 1: losses that the field does not
         know.
 
@@ -193,7 +200,7 @@ def beam_metrics(
         directivity=directivity,
         gain=directivity + 10 * math.log10(share),
         radiated_power=radiated,
-        eirp=radiated * 10 ** (directivity / 10),
+        eirp=None if power is None else radiated * 10 ** (directivity / 10),
         front_share=about["radiated_power"] / about["aperture_power"],
         cuts=cuts,
     )
