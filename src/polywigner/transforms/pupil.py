@@ -12,6 +12,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_length, checked_row
+from polywigner.geometry.plausibility import warn_of_lens
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
@@ -139,6 +140,7 @@ def mtf(
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     share = shares_of(weights, lengths.size)
+    warn_of_lens(source, float(lengths.max()), distance)
     dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
