@@ -178,7 +178,7 @@ def transfer(state: State, samples: int = SAMPLES) -> Picture:
     """OTF over lags with the chosen defocus, complex, without unit: A(-2 w xi/a^2, xi)/A(0, 0)."""
     half = windows.lag_half(state)
     grid = windows.square(half, samples)
-    values = pw.otf(light_of(state), grid, state.defocus, engine=ENGINE)
+    values = pw.otf(source_of(state), grid, state.defocus, engine=ENGINE)
     return Picture("otf", (0.0, 0.0), half, "m", {"OTF": values}, "")
 
 
