@@ -12,5 +12,6 @@ module                   what is in it
 ``polynomials``          polynomials along a segment
 ``interpolation``        band-limited functions from a few samples around a place
 ``nodes``                Gauss rules
+``peaks``                peaks of band-limited functions between samples
 =======================  =======================================================================
 """

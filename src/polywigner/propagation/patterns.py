@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.frequency import takes_frequency
 from polywigner.illumination.obliquities import OBLIQUITIES, Obliquity, warn_of_slopes
+from polywigner.numerics.peaks import climbed, largest
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
 from polywigner.propagation.places import checked_name
@@ -26,14 +28,9 @@ __all__ = ["radiation_pattern"]
 
 Values = NDArray[Any]
 
-# F of a source D wide is band-limited: within pi d D of its phase from a peak, |F|^2 is still
-# cos^2(pi d D) of the peak. Samples 1/(2 D) apart see a quarter of it or more along both axes, and
-# windows around these, each with a quarter of the step before, all but 1e-9.
+# Samples of direction cosines across the hemisphere at least: where the source is small the
+# obliquity is what varies. Directions at a time: some megabytes.
 _LEAST_STEPS = 16
-_WINDOW, _REFINEMENTS = 4, 8
-_EQUAL = 1e-9
-# Candidates that are followed, beams and their neighbours; directions at a time, some megabytes.
-_MOST_CANDIDATES = 256
 _BLOCK = 1 << 17
 
 
@@ -128,25 +125,17 @@ def _beam(
 
     Of several equal ones, that of the smallest theta, and then phi.
     """
-    extent = np.ptp(np.reshape(flat_of(source).bounds, (2, 2)), axis=0) / wavelength
-    steps = np.maximum(2 * np.ceil(2 * extent), _LEAST_STEPS).astype(int)
+    width = np.ptp(np.reshape(flat_of(source).bounds, (2, 2)), axis=0) / wavelength
+    steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
     across, along = (np.linspace(-1, 1, count + 1) for count in steps)
     rows = max(1, _BLOCK // len(across))
+    evaluate = partial(_intensity, source, wavelength, obliquity)
     blocks = []
     for k in range(0, len(along), rows):
         grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
-        blocks.append(_largest(*_intensity(source, grid, wavelength, obliquity), 0.25))
-    places, values = _largest(*map(np.concatenate, zip(*blocks, strict=True)), 0.25)
-    step = 2 / steps
-    around = np.arange(-_WINDOW, _WINDOW + 1) / _WINDOW
-    window = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
-    for _ in range(_REFINEMENTS):
-        near, values = _intensity(source, places[:, None] + step * window, wavelength, obliquity)
-        step = step / _WINDOW
-        best = np.arange(len(near)), values.argmax(axis=-1)
-        apart = np.unique((near[best] / step).round(), axis=0, return_index=True)[1]
-        part = float(np.cos(math.pi * extent * step / 2).prod()) ** 2
-        places, values = _largest(near[best][apart], values[best][apart], min(part, 1 - _EQUAL))
+        blocks.append(largest(*evaluate(grid), 2 / steps, width))
+    places, _ = largest(*map(np.concatenate, zip(*blocks, strict=True)), 2 / steps, width)
+    places, values = climbed(evaluate, places, 2 / steps, width)
     theta = np.arcsin(np.minimum(1, np.linalg.norm(places, axis=-1)))
     phi = np.arctan2(places[:, 1], places[:, 0]) % (2 * math.pi)
     first = np.lexsort([phi.round(6), theta.round(6)])[0]
@@ -154,7 +143,7 @@ def _beam(
 
 
 def _intensity(
-    source: PlaneSource | Wavefront, places: Values, wavelength: float, obliquity: str
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: str, places: Values
 ) -> tuple[Values, Values]:
     """Return direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) there."""
     places = places / np.maximum(1, np.linalg.norm(places, axis=-1, keepdims=True))
@@ -162,13 +151,6 @@ def _intensity(
     directions = np.concatenate([places, cosine], axis=-1).reshape(-1, 3)
     field = far_field(source, directions, wavelength, obliquity)
     return places, np.square(np.abs(field)).reshape(places.shape[:-1])
-
-
-def _largest(places: Values, values: Values, part: float) -> tuple[Values, Values]:
-    """Return the places (n, 2) whose values (n,) are a part of the largest, or more; the best."""
-    best = np.argsort(-values, kind="stable")[:_MOST_CANDIDATES]
-    best = best[values[best] >= part * values[best[0]]]
-    return places[best], values[best]
 
 
 def _described(
