@@ -42,6 +42,8 @@ __all__ = [
     "takes_frequency",
     "warn_caller",
     "warn_of_degrees",
+    "warn_of_distance",
+    "warn_of_lens",
     "warn_of_wavelength",
     "write_lines",
 ]
@@ -190,6 +192,11 @@ _LONGEST = 1e4
 # that has one. Of radio waves few sources are that large, of light nearly all; there up to a metre.
 _MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
 _SHORTEST_RADIO = 1e-4
+# Lenses are wider than so many wavelengths, and their images within so many pupils: pinholes are at
+# f/300, and mm for m would make f/1000 of f/1.
+_NARROWEST_LENS, _LONGEST_FOCUS = 10.0, 500.0
+# A link over so many sizes and wavelengths: a hundred times that of a radar on the road.
+_LONGEST_LINK = 1e5
 _asked: set[tuple[str, int, str]] = set()
 
 # Radians: a turn, and a coarse step beyond it.
@@ -222,17 +229,51 @@ def warn_of_wavelength(source: Any, wavelength: Any) -> None:
             "its place"
         )
         return
+    diameter = _diameter(source)
+    doubt = None if diameter is None else doubt_of_wavelength(length, diameter)
+    if doubt is not None:
+        warn_caller(f"got {doubt}")
+
+
+def warn_of_lens(pupil: Any, wavelength: float, focal_length: float) -> None:
+    """Ask about a lens of a few wavelengths, or one whose focus is hundreds of pupils away."""
+    diameter = _diameter(pupil)
+    if diameter is None:
+        return
+    if diameter < _NARROWEST_LENS * wavelength:
+        warn_caller(
+            f"got a pupil of {diameter:.3g} m at a wavelength of {wavelength:.3g} m: micrometres "
+            "for m? Then write 0.55e-6 for 0.55 micrometres"
+        )
+    elif focal_length > _LONGEST_FOCUS * diameter:
+        warn_caller(
+            f"got a focal length of {focal_length:.3g} m, {focal_length / diameter:.3g} times the "
+            f"pupil of {diameter:.3g} m: is a unit wrong, mm for m?"
+        )
+
+
+def warn_of_distance(sources: Any, places: NDArray[np.float64], wavelength: float) -> None:
+    """Ask about links to places (n, 3) that are farther than links of such sources are."""
+    distance = float(np.linalg.norm(places, axis=-1).max(initial=0.0))
+    size = max(_diameter(source) or 0.0 for source in sources)
+    if distance > _LONGEST_LINK * max(size, wavelength):
+        warn_caller(
+            f"got a link of {distance:.6g} m, {distance / size:.3g} times the size of its sources: "
+            "is a unit wrong, mm for m?"
+        )
+
+
+def _diameter(source: Any) -> float | None:
+    """Diagonal of the bounds of a source, in m; None for anything else."""
     outline = getattr(source, "source", source)  # of a differentiable one
     try:
         bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
     except PolywignerError:
-        return
+        return None
     if bounds is None:
-        return
+        return None
     middle = len(bounds) // 2
-    doubt = doubt_of_wavelength(length, math.dist(bounds[:middle], bounds[middle:]))
-    if doubt is not None:
-        warn_caller(f"got {doubt}")
+    return math.dist(bounds[:middle], bounds[middle:])
 
 
 def warn_of_degrees(name: str, radians: NDArray[np.float64]) -> None:

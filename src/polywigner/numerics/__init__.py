@@ -10,5 +10,6 @@ module                   what is in it
 ``polynomials``          polynomials and powers times a wave along a segment; interpolation
 ``nodes``                Gauss rules: of integrands along edges, and of means over mixtures
 ``chirps``               integrals of quadratic phases, by Fresnel's integrals
+``peaks``                peaks of band-limited functions between samples
 =======================  =======================================================================
 """

@@ -29,7 +29,8 @@ def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, flo
         dims = tuple(pattern["directivity"].dims)
         theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
         levels = np.asarray(pattern["directivity"].values, np.float64)
-        names = ("radiated_power", "aperture_power", "frequency")
+        names = ("radiated_power", "aperture_power", "frequency", "peak_directivity")
+        names = (*names, "peak_theta", "peak_phi")
         about = {name: float(pattern.attrs[name]) for name in names}
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         dims = ()

@@ -51,6 +51,8 @@ class _Pattern:
     """Hz."""
     radiated_power: float
     """W."""
+    peak: float
+    """Directivity of the beam in dBi."""
     efficiency: float
 
 
@@ -153,6 +155,7 @@ def _checked(pattern: Any, polarisation: str, efficiency: float) -> _Pattern:
         (scaled * along, scaled * across),
         about["frequency"],
         about["radiated_power"],
+        about["peak_directivity"],
         checked_efficiency(efficiency),
     )
 
@@ -214,7 +217,7 @@ def _grasp(pattern: _Pattern) -> Lines:
 
 
 def _msi(pattern: _Pattern) -> Lines:
-    peak = float(pattern.directivity.max())
+    peak = pattern.peak
     yield "NAME polywigner"
     yield "MAKE polywigner"
     yield f"FREQUENCY {pattern.frequency / 1e6:.9g}"
