@@ -20,9 +20,11 @@ from polywigner.illumination.obliquities import (
     warn_of_slopes,
 )
 from polywigner.propagation.places import checked_name
+from polywigner.radiometry.directional import radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
+from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.energies import energy_of
 from polywigner.transforms.wavefronts import flat_of
 
@@ -79,7 +81,7 @@ def radiated_power(
     Parameters
     ----------
     source : Aperture or Array of apertures in the plane z = 0, |u|^2 on it in W/m^2; or one with a
-        curved wave.
+        curved or partly coherent wave.
     wavelength : in m.
     obliquity : as of :func:`radiation_pattern`.
 
@@ -98,7 +100,7 @@ def radiated_power(
     0.135
     """
     name = checked_name("obliquity", obliquity, OBLIQUITIES)
-    radiator, length = checked_radiator(source), checked_wavelength(wavelength)
+    radiator, length = checked_radiator(source, partly=True), checked_wavelength(wavelength)
     check_slopes(radiator, name)
     warn_of_slopes(flat_of(radiator), length, name)
     return powers_of(radiator, length, name)[0]
@@ -125,9 +127,7 @@ def powers_of(
     Raises IlluminationError for a source that radiates nothing.
     """
     blocks = directions_and_weights(largest_lag(source), wavelength)
-    power = float(
-        sum(w @ np.square(np.abs(far_field(source, s, wavelength, obliquity))) for s, w in blocks)
-    )
+    power = float(sum(w @ _intensity(source, s, wavelength, obliquity) for s, w in blocks))
     energy = energy_of(source)
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
@@ -135,3 +135,14 @@ def powers_of(
             f"far field carries {power:.3g} W"
         )
     return power, energy
+
+
+def _intensity(
+    source: PlaneSource | Wavefront, directions: NDArray[np.float64], wavelength: float, name: str
+) -> NDArray[np.float64]:
+    """Radiant intensity (n,) in W/sr at unit vectors (n, 3) of the front."""
+    if not is_partly_coherent(source):
+        return np.square(np.abs(far_field(source, directions, wavelength, name)))
+    # its factor is the paper's cosine, of Rayleigh-Sommerfeld I the square
+    factor = 1.0 if name == "paper" else directions[:, 2]
+    return np.asarray(radiant_intensity(source, directions, wavelength) * factor)

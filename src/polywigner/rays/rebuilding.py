@@ -46,8 +46,8 @@ def rebuild(
 ) -> xarray.Dataset:
     """Irradiance on a plane that rays meet: the sum of their weights in each pixel over its area.
 
-    The mean over a pixel, without bias, of what :func:`polywigner.sample_rays` draws from: on a
-    plane parallel to the source |U|^2 of Wigner rays (docs/signed_rays.md, (Y2)). Rays go on in
+    The mean over a pixel, without bias, of the power per area that rays bring: |U|^2 of Wigner rays
+    times the cosine between ray and normal of the plane (docs/signed_rays.md, (Y2)). Rays go on in
     straight lines.
 
     Parameters

@@ -193,11 +193,6 @@ def _found(
     else:
         values, errors = np.zeros(len(flat), np.complex128), np.zeros(len(flat))
         limits = np.full(len(flat), np.inf)
-    scale = math.prod(
-        root_of_norm(source, wavelength, method, "aperture")
-        / root_of_norm(source, wavelength, method, normalise)
-        for source in sources
-    )
     slopes = np.zeros((len(flat), 12), np.complex128) if wanted[0] else None
     for start in range(0, 0 if method == "wigner" else len(flat), _BLOCK):
         some = slice(start, start + _BLOCK)
@@ -209,6 +204,12 @@ def _found(
         values[some], errors[some], limits[some] = found[:3]
         if slopes is not None:
             slopes[some] = found[3].reshape(-1, 12)
+    # after the sums, which are refused where they would take too long
+    scale = math.prod(
+        root_of_norm(source, wavelength, method, "aperture")
+        / root_of_norm(source, wavelength, method, normalise)
+        for source in sources
+    )
     counts = scale**2 if method == "wigner" else scale
     values, errors, limits = values * counts, errors * counts, limits * counts
     if slopes is not None:
