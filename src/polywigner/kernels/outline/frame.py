@@ -174,7 +174,8 @@ def reach_of(vertices: Array) -> tuple[float, ...]:
 
 
 def _diagonal(matrix: Matrix) -> bool:
-    return not any(value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
+    others = (value for i, row in enumerate(matrix) for j, value in enumerate(row) if i != j)
+    return all(isinstance(value, float) and value == 0.0 for value in others)
 
 
 def frame_of(points: Array) -> Frame:

@@ -1,0 +1,407 @@
+"""Which edges of two copies of an outline can meet, by cells of the offset between the copies.
+
+An edge from a to a + e of the first outline and one from c to c + f of the second, in the copy
+{T - p}, meet where the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets
+is divided into square cells. Each lists the pairs that cross wherever T lies in it; other pairs
+whose parallelograms meet it, as rows along the rings; and the edges that lie inside the other copy,
+as runs. A compiled loop takes the lists as data: docs/theory/edges.md, (K2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from polywigner.kernels.outline.rings import Outline
+from polywigner.numerics.exact import accurate_cross
+
+__all__ = [
+    "CROSSING",
+    "LEAD",
+    "NO_WINDING",
+    "START",
+    "WHOLE",
+    "PairGrid",
+    "cells_across",
+    "crossing",
+    "levels",
+    "pair_grid",
+]
+
+# How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
+# as a crossing with the line that leads to a ring from outside.
+CROSSING, START, WHOLE, LEAD = range(4)
+# Winding numbers are whole numbers from 0 on in the tables: this one stands for 0.
+NO_WINDING = 1 << 15
+# Pairs at a time: their temporaries stay in a cache.
+_BLOCK = 1 << 15
+# Far beyond rounding, in units of the frame: cells count as so much larger.
+_MARGIN = 1e-12
+# Below all levels on the grid (2^-106, in single precision 2^-48), and no subnormal number.
+_NO_LEVEL = 1e-35
+# Finer cells have fewer pairs: 64 across leave a 30-gon some 4 in each (benchmarks/slice_cost.py).
+_ACROSS, _MOST_ROWS = 64, 1 << 21
+
+Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class PairGrid:
+    """Lists by cells, as tables of NumPy or of an engine."""
+
+    numbers: Any
+    """(1, 8) lower and upper corner of the cells, cells in a unit, in a row, in all; the step."""
+    cells: Any
+    """(cells + 1, 8) first and end of the runs, of the crossings, of the rows; none in the last."""
+    runs: Any
+    """(k, 4) first edge, end of the edges, their winding number in the other copy."""
+    crossings: Any
+    """(k, 4) edge of the first outline, of the second, which it crosses wherever T is in the cell,
+    and by how much the winding number jumps."""
+    rows: Any
+    """(k, 4) edge of the first outline, of the second, how it counts, winding number before it."""
+    first: Any
+    """(n, 4) ends of the edges of the first outline, and of the lines that lead to its rings."""
+    second: Any
+    """(m + 1, 4) ends of the edges of the second outline, and of one without length."""
+
+    def held(self, hold: Callable[[Array], Any]) -> PairGrid:
+        """The grid with its tables in an engine's memory."""
+        return replace(self, **{f.name: hold(getattr(self, f.name)) for f in fields(self)})
+
+
+def levels(ops: Any, edge: Any, other: Any, tx: Any, ty: Any) -> tuple[Any, Any]:
+    """How far the ends of an edge lie left of the line of one of the other copy.
+
+    It crosses that line at ``start / (start - end)``. Orientations of ``ops`` are exact in sign.
+    """
+    (ax, ay, bx, by), (cx, cy, dx, dy) = edge, other
+    ex, ey, fx, fy = bx - ax, by - ay, dx - cx, dy - cy
+    px, py, reach = (tx - cx) - ax, (ty - cy) - ay, ops.reach(ex, ey, fx, fy)
+    start = ops.orientation(fx, fy, px, py, reach)
+    return start, ops.orientation(fx, fy, px - ex, py - ey, reach)
+
+
+def crossing(
+    ops: Any, edge: Any, other: Any, tx: Any, ty: Any, side: float = 1.0
+) -> tuple[Any, Any, Any, Any]:
+    """Whether an edge crosses one of the other copy, whether to its left, and its levels.
+
+    ``side``: 1 or -1, the sign of the displacement of T that decides ties.
+    """
+    (ax, ay, bx, by), (cx, cy, dx, dy) = edge, other
+    ex, ey, fx, fy = bx - ax, by - ay, dx - cx, dy - cy
+    px, py, reach = (tx - cx) - ax, (ty - cy) - ay, ops.reach(ex, ey, fx, fy)
+    before = ops.orientation(ex, ey, px, py, reach)
+    after = ops.orientation(ex, ey, px - fx, py - fy, reach)
+    start, end = levels(ops, edge, other, tx, ty)
+    own, others = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
+    at_start, at_end = start > others, end > others
+    return ((before > own) ^ (after > own)) & (at_start ^ at_end), at_end, start, end
+
+
+def _limit(ops: Any, ex: Any, ey: Any, side: float) -> Any:
+    """The level cross(e, T - p) above which p counts as left of e: 0, or what is just below.
+
+    Ties are decided as if T were displaced by side (eps, -eps^2). No level on the grid is as near
+    to 0.
+    """
+    limits = (-_NO_LEVEL, 0.0) if side > 0.0 else (0.0, -_NO_LEVEL)
+    return ops.select((ey < 0.0) | ((ey == 0.0) & (ex < 0.0)), *limits)
+
+
+class _Exact:
+    """The operations of :func:`crossing` on NumPy arrays of float64."""
+
+    select = staticmethod(np.where)
+
+    @staticmethod
+    def reach(*_: Any) -> None:
+        return None
+
+    @staticmethod
+    def orientation(ax: Any, ay: Any, bx: Any, by: Any, _: Any) -> Any:
+        return accurate_cross(ax, ay, bx, by)
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """Squares of the plane of offsets; T = 0 is a corner of four."""
+
+    size: float
+    """A power of two, so that the cell of an offset on the grid is found exactly."""
+    nx: int
+    ny: int
+
+    @classmethod
+    def of(cls, reach: Array, across: int) -> _Cells:
+        """Cells for |T| within ``reach`` (2,), so many or more along the longer side."""
+        size = 2.0 ** math.floor(math.log2(2.0 * float(reach.max()) / across))
+        nx, ny = (2 * (math.floor(float(r) / size) + 1) for r in reach)
+        return cls(size, nx, ny)
+
+    @property
+    def count(self) -> int:
+        return self.nx * self.ny
+
+    @property
+    def corner(self) -> Array:
+        return -0.5 * self.size * np.array([self.nx, self.ny])
+
+    def middle(self, cell: Array) -> tuple[Array, Array]:
+        """The middle of each cell."""
+        x, y = self.corner
+        return x + self.size * (cell % self.nx + 0.5), y + self.size * (cell // self.nx + 0.5)
+
+
+def cells_across(first: Outline, second: Outline, samples: int) -> int:
+    """Cells along the longer side that so many samples are worth, and that fit into memory."""
+    size = float(_reach(first, second).max())
+    vectors = [edges[:, 2:] - edges[:, :2] for edges in (first.edges, second.edges)]
+    long, other_long = (float(np.hypot(*v.T).sum()) for v in vectors)
+    sides = sum(
+        len(other) * float(np.abs(v).sum()) for v, other in zip(vectors, vectors[::-1], strict=True)
+    )
+    pairs = len(vectors[0]) * len(vectors[1])
+    across = 2
+    while across < _ACROSS:
+        # parallelograms of edges in all directions, of areas |e| |f| 2/pi on the average
+        finer = across / size
+        rows = long * other_long * finer**2 * 2 / math.pi + sides * finer + pairs
+        wanted = 4 * across * across < samples or rows < 2 * pairs
+        if not wanted or rows > max(_MOST_ROWS, 2 * pairs):
+            break
+        across *= 2
+    return across
+
+
+def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
+    """The pairs of edges of the first outline and of copies {T - p} of the second, by cells.
+
+    The second is the first one for W, and for A the first one turned, so that its copy is shifted.
+    """
+    cells = _Cells.of(_reach(first, second), across)
+    far = max(float(np.abs(o.vertices[:, 0]).max()) for o in (first, second)) + first.step
+    leads = _leads(first, far)
+    edges, others = np.concatenate([first.edges, leads]), second.edges
+    lists = _Lists(first, cells, edges, others)
+    (runs, _), (crossings, _), (rows, _) = found = lists.runs(), lists.crossings(), lists.rows()
+    ends = np.zeros((cells.count + 1, 8), np.uint32)
+    for number, (_, cell) in enumerate(found):
+        at = np.searchsorted(cell, np.arange(cells.count + 1))
+        ends[:-1, 2 * number], ends[:-1, 2 * number + 1] = at[:-1], at[1:]
+    low, size = cells.corner, cells.size
+    numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
+    others = np.vstack([others, np.zeros((1, 4))])
+    return PairGrid(numbers, ends, runs, crossings, rows, edges, others)
+
+
+def _reach(first: Outline, second: Outline) -> Array:
+    """The largest |T_x| and |T_y| at which copies meet."""
+    found: Array = sum(np.abs(outline.vertices).max(axis=0) for outline in (first, second))
+    return found
+
+
+def _leads(outline: Outline, far: float) -> Array:
+    """(2 rings, 4) lines to the first vertex of each ring, from the left and from the right.
+
+    The left one begins outside of the other copy where T_x >= 0, the right one where T_x < 0.
+    """
+    points = outline.vertices[outline.starts[:-1]]
+    ends = np.repeat(points, 2, axis=0)
+    starts = ends.copy()
+    starts[:, 0] = np.tile([-far, far], len(points))
+    return np.hstack([starts, ends])
+
+
+class _Lists:
+    """Pairs of edges by cells; those of one edge in one cell are a group.
+
+    Winding numbers are those in the middle of a cell. That of the start of an edge changes within
+    the cell only if the edge and the one before it have groups there.
+    """
+
+    def __init__(self, outline: Outline, cells: _Cells, edges: Array, others: Array) -> None:
+        self.cells, self.starts, self.null = cells, outline.starts, len(others)
+        self.count, self.rings = len(outline.vertices), len(outline.starts) - 1
+        parts = zip(*_meeting(cells, edges, others, self.count), strict=True)
+        cell, edge, other, sure = (np.concatenate(part) for part in parts)
+        order = np.argsort(cell * len(edges) + edge, kind="stable")
+        cell, edge, other, sure = (part.take(order) for part in (cell, edge, other, sure))
+        middle, ends = cells.middle(cell), (_rows(edges, edge), _rows(others, other))
+        meets, enters, *_ = crossing(_Exact, *ends, *middle)
+        jump = meets * (2 * enters - 1)
+        own, is_lead = edge < self.count, edge >= self.count
+        at = cell[is_lead] * self.rings + (edge[is_lead] - self.count) // 2
+        self.leads = at, edge[is_lead], other[is_lead]
+        self.at_start = np.zeros(cells.count * self.rings, np.int64)
+        """Winding number of the first vertex of each ring, by cell and ring."""
+        np.add.at(self.at_start, at, jump[is_lead])
+        touches = _touches(cells, *ends, *middle)[own]
+        self.edge, self.other, self.jump, self.sure = (p[own] for p in (edge, other, jump, sure))
+        self._group(cell[own], touches, outline.following)
+
+    def _group(self, cell: Array, touches: Array, following: Array) -> None:
+        key = cell * self.count + self.edge
+        self.first = np.flatnonzero(np.diff(key, prepend=-1))
+        """The first pair of each group."""
+        self.group = np.repeat(np.arange(len(self.first)), np.diff([*self.first, len(key)]))
+        """The group of each pair."""
+        key, self.group_edge = key[self.first], self.edge[self.first]
+        ring_of = np.repeat(np.arange(self.rings), np.diff(self.starts))
+        self.at = cell[self.first] * self.rings + ring_of[self.group_edge]
+        """Cell and ring of each group."""
+        self.head = np.diff(self.at, prepend=-1) != 0
+        """Whether a group is the first of its cell and ring."""
+        if not len(key):
+            self.before = self.after = self.changes = self.leads_on = self.head
+            return
+        total = np.add.reduceat(self.jump, self.first)
+        sums = np.cumsum(total)
+        base = (sums - total)[self.head] - self.at_start[self.at[self.head]]
+        self.after = sums - base[np.cumsum(self.head) - 1]
+        self.before = self.after - total
+        """Winding numbers of the start and the end of each group's edge."""
+        preceding = np.empty_like(following)
+        preceding[following] = np.arange(self.count)
+        place = self._place(key, key - self.group_edge + preceding[self.group_edge])
+        self.changes = np.logical_or.reduceat(touches, self.first) & (place >= 0)
+        """Whether that of the start may change within the cell."""
+        place = self._place(key, key - self.group_edge + following[self.group_edge])
+        self.leads_on = (place >= 0) & self.changes[place]
+        """Whether that of the end may change."""
+
+    def _place(self, key: Array, wanted: Array) -> Array:
+        """Where keys are found, or -1."""
+        place = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+        return np.where(key[place] == wanted, place, -1)
+
+    def runs(self) -> tuple[Array, Array]:
+        """Edges that no edge of the other copy meets, whatever T in the cell, and inside of it.
+
+        An edge with a group goes with those before it if the winding number of its start does not
+        change: its pairs tell from where on it has another one.
+        """
+        first, end = self.starts[:-1], self.starts[1:]
+        tail = np.append(self.head[1:], True)[: len(self.head)]
+        own = self.group_edge + ~self.changes
+        to_next = np.where(tail, end[self.at % self.rings], np.append(own, 0)[1:][: len(own)])
+        (quiet,) = np.nonzero(np.bincount(self.at, minlength=len(self.at_start)) == 0)
+        head = self.at[self.head]
+        at = np.concatenate([quiet, head, self.at])
+        low = np.concatenate([first[np.append(quiet, head) % self.rings], self.group_edge + 1])
+        high = np.concatenate([end[quiet % self.rings], own[self.head], to_next])
+        level = np.concatenate([self.at_start[quiet], self.before[self.head], self.after])
+        kept = (high > low) & (level != 0)
+        table = _table(low, high, level + NO_WINDING, 0)[kept]
+        order = np.lexsort((table[:, 0], at[kept]))
+        return table[order], at[kept][order] // self.rings
+
+    def crossings(self) -> tuple[Array, Array]:
+        """Pairs that cross wherever T is in the cell, but those that rows of others depend on."""
+        kept = self.sure & ~self.leads_on[self.group]
+        table = _table(self.edge, self.other, self.jump + NO_WINDING, 0)
+        return table[kept], self.at[self.group[kept]] // self.rings
+
+    def rows(self) -> tuple[Array, Array]:
+        """All other pairs, along the rings, and edges whose start has a number that changes."""
+        how = np.full(len(self.edge), CROSSING)
+        how[self.first[~self.changes]] = START
+        kept = ~self.sure | self.leads_on[self.group]
+        level = self.before[self.group] + NO_WINDING
+        pairs = _table(self.edge, self.other, how, level)[kept]
+        whole = np.flatnonzero(self.changes)
+        wholes = _table(self.group_edge[whole], self.null, WHOLE, NO_WINDING)
+        # rings whose first vertex changes: its number is that of the crossings on the way to it
+        first = self.starts[:-1]
+        led = self.at[self.head & self.changes & (self.group_edge == first[self.at % self.rings])]
+        heads = _table(first[led % self.rings], self.null, START, NO_WINDING)
+        lead_at, edge, other = self.leads
+        mine = np.isin(lead_at, led)
+        leads = _table(edge[mine], other[mine], LEAD, NO_WINDING)
+        # by cell and ring; there the way to the ring, and then by edge, whole edges first
+        at = np.concatenate([led, lead_at[mine], self.at[whole], self.at[self.group[kept]]])
+        way = [np.full(len(led), -2), np.full(len(leads), -1)]
+        place = np.concatenate([*way, 2 * self.group_edge[whole], 2 * self.edge[kept] + 1])
+        order = np.lexsort((place, at))
+        return np.concatenate([heads, leads, wholes, pairs])[order], at[order] // self.rings
+
+
+def _table(*columns: Any) -> Array:
+    found = np.empty((len(columns[0]), len(columns)), np.uint32)
+    for number, column in enumerate(columns):
+        found[:, number] = column
+    return found
+
+
+def _rows(table: Array, number: Array) -> tuple[Array, ...]:
+    """The columns of some rows."""
+    return tuple(column.take(number) for column in table.T)
+
+
+def _meeting(
+    cells: _Cells, edges: Array, others: Array, own: int
+) -> Iterator[tuple[Array, Array, Array, Array]]:
+    """(cell, edge, other edge) wherever the parallelogram of two edges meets a cell; by blocks.
+
+    And whether it covers the cell. Edges from ``own`` on are lines from the left and the right,
+    each for its half of the cells.
+    """
+    step = max(1, _BLOCK // len(others))
+    c, d = others[:, :2], others[:, 2:]
+    for start in range(0, len(edges), step):
+        number = np.arange(start, min(start + step, len(edges)))
+        a, b = edges[number, None, :2], edges[number, None, 2:]
+        low = (np.minimum(a, b) + np.minimum(c, d) - cells.corner) / cells.size
+        high = (np.maximum(a, b) + np.maximum(c, d) - cells.corner) / cells.size
+        least, most = np.zeros((len(number), 1, 2)), np.full((len(number), 1, 2), cells.ny - 1.0)
+        most[..., 0] = cells.nx - 1.0
+        is_lead, is_right = number >= own, (number - own) % 2 == 1
+        least[is_lead & ~is_right, :, 0] = cells.nx // 2
+        most[is_lead & is_right, :, 0] = cells.nx // 2 - 1
+        low, high = np.maximum(np.floor(low), least), np.minimum(np.floor(high), most)
+        spans = np.maximum(high - low + 1.0, 0.0).astype(np.int64).reshape(-1, 2)
+        counts = spans.prod(axis=1)
+        pair = np.repeat(np.arange(len(counts)), counts)
+        place = np.arange(len(pair)) - np.repeat(np.cumsum(counts) - counts, counts)
+        row, column = np.divmod(place, spans[:, 0].take(pair))
+        x, y = _rows(low.astype(np.int64).reshape(-1, 2), pair)
+        cell = (y + row) * cells.nx + x + column
+        meets, covers = _near(cells, a, b, c, d, pair, cell)
+        pair = pair[meets]
+        i, j = np.divmod(pair, len(others))
+        yield cell[meets], number.take(i), j, covers[meets]
+
+
+def _near(
+    cells: _Cells, a: Array, b: Array, c: Array, d: Array, pair: Array, cell: Array
+) -> tuple[Array, Array]:
+    """Whether cells meet the parallelograms of pairs, whose boxes they meet; and are covered."""
+    e, f, middle = b - a, d - c, 0.5 * (a + b + c + d).reshape(-1, 2)
+    half = 0.5 * cells.size
+    (x, y), (px, py) = cells.middle(cell), _rows(middle, pair)
+    x, y = x - px, y - py
+    area = 0.5 * abs(e[..., 0] * f[:, 1] - e[..., 1] * f[:, 0])
+    meets, covers = np.ones(len(cell), bool), np.ones(len(cell), bool)
+    for vector in (e, f):
+        u, v = (np.broadcast_to(vector[..., k], area.shape).ravel() for k in range(2))
+        size = half * (abs(u) + abs(v))
+        level = abs(u.take(pair) * y - v.take(pair) * x)
+        meets &= level <= (area.ravel() + size + _MARGIN).take(pair)
+        covers &= level < (area.ravel() - size - _MARGIN).take(pair)
+    return meets, covers
+
+
+def _touches(cells: _Cells, edge: Any, other: Any, x: Array, y: Array) -> Array:
+    """Whether cells meet the sides on which the start of the first edge is on the other one."""
+    (ax, ay, _, _), (cx, cy, dx, dy) = edge, other
+    half, fx, fy = 0.5 * cells.size, dx - cx, dy - cy
+    px, py = x - (ax + 0.5 * (cx + dx)), y - (ay + 0.5 * (cy + dy))
+    inside = abs(px) <= 0.5 * abs(fx) + half + _MARGIN
+    inside &= abs(py) <= 0.5 * abs(fy) + half + _MARGIN
+    return inside & (abs(fx * py - fy * px) <= half * (abs(fx) + abs(fy)) + _MARGIN)
