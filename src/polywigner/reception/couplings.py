@@ -132,7 +132,7 @@ def coupling(
     >>> square = pw.shapes.square(10e-3)
     >>> b = pw.coupling(square, square, facing, frequency=94e9)
     >>> round(20 * np.log10(abs(b)), 6)
-    np.float64(-29.157813)
+    np.float64(-29.16531)
     """
     name = checked_method(method, get_args(LinkMethod))
     traced = tuple(_checked_source(source) for source in (transmitter, receiver))
