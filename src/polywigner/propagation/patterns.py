@@ -133,7 +133,8 @@ def _beam(
     for k in range(0, len(along), rows):
         grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
         blocks.append(largest(*evaluate(grid), 2 / steps, width))
-    places, _ = largest(*map(np.concatenate, zip(*blocks, strict=True)), 2 / steps, width)
+    places, values = (np.concatenate(column) for column in zip(*blocks, strict=True))
+    places, _ = largest(places, values, 2 / steps, width)
     places, values = climbed(evaluate, places, 2 / steps, width)
     theta = np.arcsin(np.minimum(1, np.linalg.norm(places, axis=-1)))
     phi = np.arctan2(places[:, 1], places[:, 0]) % (2 * math.pi)
