@@ -7,11 +7,12 @@ import pytest
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.illumination.direction_cosines import direction_cosines, times_direction_cosine
 from polywigner.illumination.obliquities import (
     SHARES,
+    direction_cosines,
     emission_factor,
     irradiance_factor,
+    times_direction_cosine,
     weighted_sources,
 )
 from polywigner.propagation.far_fields import far_field

@@ -260,6 +260,22 @@ def test_planning_tools_get_attenuations_all_around(tmp_path: Path) -> None:
     assert lines[start + 360] == "VERTICAL 360" and len(lines) == start + 721
 
 
+def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path: Path) -> None:
+    """Gain less attenuation is the directivity along the cuts."""
+    direction = (0.5, 0.5, math.sqrt(0.5))
+    source = pw.shapes.square(30e-3).with_illumination(pw.steering(direction, WAVELENGTH))
+    pattern = _pattern(source, np.radians(np.arange(-90, 91)), np.radians([0.0, 90.0]))
+    pw.write_pattern(pattern, tmp_path / "a.msi")
+    lines = (tmp_path / "a.msi").read_text().splitlines()
+    gain = float(lines[3].split()[1])
+    beam = pw.radiation_pattern(source, WAVELENGTH, np.radians(np.arange(40, 46, 0.1)), np.pi / 4)
+    sample = 0.01  # dB, of steps of 0.1 degrees
+    assert gain == pytest.approx(beam.attrs["largest_directivity"], abs=sample)
+    attenuation = float(lines[lines.index("HORIZONTAL 360") + 1].split()[1])
+    rounding = 1e-3
+    assert gain - attenuation == pytest.approx(pattern["directivity"].values[90, 0], abs=rounding)
+
+
 def test_the_old_order_of_arguments_still_writes(tmp_path: Path) -> None:
     pattern = _pattern(SQUARE, [0.0, 0.1], [0.0])
     with pytest.warns(DeprecationWarning, match="pattern, path"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,15 +10,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.illumination.direction_cosines import times_direction_cosine
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,
     SHARES,
     Obliquity,
     takes_slopes,
+    times_direction_cosine,
     warn_of_slopes,
 )
 from polywigner.propagation.places import checked_name
@@ -33,6 +33,19 @@ __all__ = ["check_slopes", "far_field", "powers_of", "radiated_power"]
 
 # Rounding leaves 1e-13 of the energy; a directivity relative to less than this has no digits.
 _DARK = 1e-12
+
+# Wider uniform apertures take the closed form (RP3), which is off by 5e-6 of the area from here on;
+# the integral over directions takes seconds here, and minutes at ten times the width.
+_WIDE = 1000.0
+# Area over perimeter, in wavelengths, of outlines without parts as narrow as a wavelength.
+_BROAD = 100.0
+# Power that an edge keeps to itself, over its length times the wavelength.
+_KEPT = {
+    "rayleigh-sommerfeld-1": 1 / (4 * math.pi),
+    "kirchhoff": (0.5 + math.pi / 8) / (2 * math.pi**2),
+    "rayleigh-sommerfeld-2": 0.0,
+    "paper": 1 / (2 * math.pi**2),
+}
 
 
 def far_field(
@@ -88,7 +101,8 @@ def radiated_power(
 
     Returns
     -------
-    In W, to 1e-12 of int |u|^2. Cost: F in some 15 (diameter/wavelength)^2 + 1000 directions.
+    In W, to 1e-12 of int |u|^2; of uniform apertures wider than 1000 wavelengths to 5e-6 of it, by
+    (RP3) of docs/patterns.md. Cost else: F in some 15 (diameter/wavelength)^2 + 1000 directions.
 
     Raises
     ------
@@ -127,13 +141,19 @@ def powers_of(
 
     Raises IlluminationError for a source that radiates nothing.
     """
+    if isinstance(source, Aperture) and source.illumination is None:
+        around = source.polygons.length * wavelength
+        is_wide = source.diameter > _WIDE * wavelength
+        if is_wide and source.area > _BROAD * around:
+            return source.area - _KEPT[obliquity] * around, source.area
     blocks = directions_and_weights(largest_lag(source), wavelength)
     power = float(sum(w @ _intensity(source, s, wavelength, obliquity) for s, w in blocks))
     energy = energy_of(source)
     if not power > _DARK * max(0.0, energy):
         raise IlluminationError(
             f"expected a source that radiates at a wavelength of {wavelength:g} m, got one whose "
-            f"far field carries {power:.3g} W"
+            f"far field carries {power:.3g} W; check the unit of the wavelength, and whether waves "
+            "graze the aperture or cancel"
         )
     return power, energy
 

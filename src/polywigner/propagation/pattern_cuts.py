@@ -19,6 +19,16 @@ _OPPOSITE = 1e-6
 
 Levels = NDArray[np.float64]
 
+# Attributes of a pattern that its data sheet takes.
+_NUMBERS = (
+    "radiated_power",
+    "aperture_power",
+    "frequency",
+    "peak_directivity",
+    "peak_theta",
+    "peak_phi",
+)
+
 
 def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, float]]:
     """Theta (n,), phi (m,), directivity (n, m) in dBi, and the numbers among the attributes.
@@ -29,8 +39,7 @@ def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, flo
         dims = tuple(pattern["directivity"].dims)
         theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
         levels = np.asarray(pattern["directivity"].values, np.float64)
-        names = ("radiated_power", "aperture_power", "frequency")
-        about = {name: float(pattern.attrs[name]) for name in names}
+        about = {name: float(pattern.attrs[name]) for name in _NUMBERS}
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         dims = ()
     if sorted(dims) != ["phi", "theta"]:

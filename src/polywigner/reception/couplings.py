@@ -13,9 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.array_types import DrJitArray
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import (
+    DrJitArray,
+    checked_number,
+    takes_frequency,
+    warn_of_distance,
+)
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES
 from polywigner.illumination.support import moved_source
@@ -179,6 +182,7 @@ def _found(
     flat = poses.reshape(-1, 4, 4)
     cells = [cells_of(source, wavelength) for source in sources]
     check_facing(flat, cells[0].corners, cells[1].corners)
+    warn_of_distance(sources, flat[:, :3, 3], wavelength)
     if method == "wigner" and any(isinstance(source, Wavefront) for source in sources):
         raise ArgumentError(
             'expected a flat wave with method="wigner", got a curved one; use '

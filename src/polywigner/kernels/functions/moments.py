@@ -34,9 +34,8 @@ from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge
 from polywigner.kernels.outline.waves import WavePair, WavePairRow
-from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled
-from polywigner.numerics.segment_moments import segment_moments
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled, segment_moments
 
 __all__ = ["LAG_MOMENTS", "LAG_MOMENTS_ALONG"]
 
