@@ -130,11 +130,12 @@ def _beam(
     across, along = (np.linspace(-1, 1, count + 1) for count in steps)
     rows = max(1, _BLOCK // len(across))
     evaluate = partial(_intensity, source, wavelength, obliquity)
-    blocks = []
+    found = []
     for k in range(0, len(along), rows):
         grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
-        blocks.append(largest(*evaluate(grid), 2 / steps, width))
-    places, _ = largest(*map(np.concatenate, zip(*blocks, strict=True)), 2 / steps, width)
+        found.append(largest(*evaluate(grid), 2 / steps, width))
+    places, values = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    places, _ = largest(places, values, 2 / steps, width)
     places, values = climbed(evaluate, places, 2 / steps, width)
     theta = np.arcsin(np.minimum(1, np.linalg.norm(places, axis=-1)))
     phi = np.arctan2(places[:, 1], places[:, 0]) % (2 * math.pi)
