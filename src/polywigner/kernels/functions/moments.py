@@ -247,7 +247,7 @@ LAG_MOMENTS = Kernel(
     2,
     tables_of,
     _enter,
-    SliceSum((MIRRORED,), doubled_position, _lag_moments),
+    SliceSum((MIRRORED,), doubled_position, _lag_moments, serves_all=False),
     _leave,
 )
 # Along a ray whose frequency is not that of the moments, as that of a curved wave.
@@ -255,5 +255,5 @@ LAG_MOMENTS_ALONG = replace(
     LAG_MOMENTS,
     name="lag moments along rays apart",
     enter=_enter_along,
-    edge_sum=SliceSum((MIRRORED,), doubled_position, partial(_lag_moments, apart=True)),
+    edge_sum=replace(LAG_MOMENTS.edge_sum, summed=partial(_lag_moments, apart=True)),
 )
