@@ -78,6 +78,48 @@ def test_a_floor_shows_the_diffraction_integral_times_its_cosine_without_bias(
     assert np.abs(mean - expected).mean() < 0.01 * expected.max()
 
 
+TRIANGLE = pw.Aperture(MILLIMETRE * np.array([[-6, -4], [7, -3], [1, 8]]))
+L_SHAPE = pw.Aperture(
+    MILLIMETRE * np.array([[-5, -5], [5, -5], [5, -1], [-1, -1], [-1, 5], [-5, 5]])
+)
+
+
+@pytest.mark.parametrize(
+    ("estimator", "samples", "columns", "decibels"),
+    [("wigner", 4096, 64, -41.0), ("exact", 16, 96, -45.0)],
+)
+@pytest.mark.parametrize(("source", "distance"), [(TRIANGLE, 20), (L_SHAPE, 30)])
+def test_a_floor_receives_the_squared_field_times_its_cosine(
+    source: pw.Aperture,
+    distance: float,
+    estimator: str,
+    samples: int,
+    columns: int,
+    decibels: float,
+    llvm: object,
+) -> None:
+    """Mean error of all pixels over the peak; the cosine from the middle of the source."""
+    use("llvm_ad_mono")
+    import polywigner.mitsuba as pwm
+    import render_reference as reference
+
+    z = distance * WAVELENGTH
+    scene = floor_scene(
+        {"aperture": light(source, estimator=estimator)}, distance=z / MILLIMETRE, columns=columns
+    )
+    found = np.pi * pwm.render(scene, spp=samples, seed=1)[..., 0].astype(float)
+    nodes = (np.arange(columns)[:, None] + 0.5 + np.array([-0.5, 0.5]) / 3**0.5).ravel()  # Gauss
+    side = (2 - 4 * nodes / columns) * z  # columns and rows run to -x and -y
+    points = np.stack(np.meshgrid(side, side), axis=-1)
+    points = np.concatenate([points, np.full_like(points[..., :1], z)], axis=-1)
+    field = reference.rayleigh_sommerfeld(source, points, WAVELENGTH)
+    middle = source.polygons.centroid
+    received = field * z / np.linalg.norm(points - [middle.x, middle.y, 0.0], axis=-1)
+    expected = received.reshape(columns, 2, columns, 2).mean(axis=(1, 3))
+    error = np.abs(found - expected).mean() / expected.max()
+    assert 10 * np.log10(error) < decibels
+
+
 def _floor(source: pw.Aperture, distance: float, sampler: str, **how: Any) -> Any:
     return floor_scene(
         {"aperture": light(source, **how)},

@@ -314,7 +314,7 @@ assert echo.standard_error < 0.01 * by_floor
 
 # %%
 # Where does it come from? A film of many pixels sorts the same power by direction. Its axes are
-# direction cosines of the receiver's own frame.
+# direction cosines of the receiver's own frame. Seen along its z axis, its x axis points left.
 
 scene = mi.load_dict(
     {
@@ -337,6 +337,7 @@ picture = axes.imshow(
     extent=(-1, 1, -1, 1),
     vmin=-80,
 )
+axes.invert_xaxis()
 axes.set(xlabel="direction cosine along x", ylabel="along y", title="Echo of a floor 0.3 m away")
 figure.colorbar(picture, label="received power per pixel (dB rel. to the peak)")
 assert abs(arrivals.sum() / by_floor - 1) < 0.01

@@ -129,11 +129,11 @@ def _beam(
     across, along = (np.linspace(-1, 1, count + 1) for count in steps)
     rows = max(1, _BLOCK // len(across))
     evaluate = partial(_intensity, source, wavelength, obliquity)
-    blocks = []
+    found = []
     for k in range(0, len(along), rows):
         grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
-        blocks.append(largest(*evaluate(grid), 2 / steps, width))
-    places, values = (np.concatenate(column) for column in zip(*blocks, strict=True))
+        found.append(largest(*evaluate(grid), 2 / steps, width))
+    places, values = (np.concatenate(parts) for parts in zip(*found, strict=True))
     places, _ = largest(places, values, 2 / steps, width)
     places, values = climbed(evaluate, places, 2 / steps, width)
     theta = np.arcsin(np.minimum(1, np.linalg.norm(places, axis=-1)))
