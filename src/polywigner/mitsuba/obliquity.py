@@ -16,11 +16,12 @@ from typing import Any
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Wavefront
-from polywigner.illumination.direction_cosines import fields_of, grazing_error
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,
     Forms,
     emission_factor,
+    fields_of,
+    grazing_error,
     takes_slopes,
     weighted_sources,
 )

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator

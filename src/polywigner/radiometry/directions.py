@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers, shape_of
 from polywigner.illumination import Array
 from polywigner.transforms.wavefronts import checked_wavefront
 

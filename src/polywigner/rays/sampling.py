@@ -11,9 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
-from polywigner.geometry.arguments import checked_count, checked_number, checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.pose import rigid_pose
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_number,
+    checked_wavelength,
+    rigid_pose,
+    takes_frequency,
+)
 from polywigner.illumination.obliquities import (
     Obliquity,
     checked_obliquity,

@@ -13,9 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.array_types import DrJitArray
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import (
+    DrJitArray,
+    checked_number,
+    takes_frequency,
+    warn_of_distance,
+)
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES
 from polywigner.illumination.support import moved_source
@@ -179,6 +182,7 @@ def _found(
     flat = poses.reshape(-1, 4, 4)
     cells = [cells_of(source, wavelength) for source in sources]
     check_facing(flat, cells[0].corners, cells[1].corners)
+    warn_of_distance(sources, flat[:, :3, 3], wavelength)
     if method == "wigner" and any(isinstance(source, Wavefront) for source in sources):
         raise ArgumentError(
             'expected a flat wave with method="wigner", got a curved one; use '
@@ -189,11 +193,6 @@ def _found(
     else:
         values, errors = np.zeros(len(flat), np.complex128), np.zeros(len(flat))
         limits = np.full(len(flat), np.inf)
-    scale = math.prod(
-        root_of_norm(source, wavelength, method, "aperture")
-        / root_of_norm(source, wavelength, method, normalise)
-        for source in sources
-    )
     slopes = np.zeros((len(flat), 12), np.complex128) if wanted[0] else None
     for start in range(0, 0 if method == "wigner" else len(flat), _BLOCK):
         some = slice(start, start + _BLOCK)
@@ -205,6 +204,12 @@ def _found(
         values[some], errors[some], limits[some] = found[:3]
         if slopes is not None:
             slopes[some] = found[3].reshape(-1, 12)
+    # after the sums, which are refused where they would take too long
+    scale = math.prod(
+        root_of_norm(source, wavelength, method, "aperture")
+        / root_of_norm(source, wavelength, method, normalise)
+        for source in sources
+    )
     counts = scale**2 if method == "wigner" else scale
     values, errors, limits = values * counts, errors * counts, limits * counts
     if slopes is not None:

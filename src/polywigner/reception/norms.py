@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.direction_cosines import fields_of as fields_on
 from polywigner.illumination.obliquities import OBLIQUITIES, SHARES
+from polywigner.illumination.obliquities import fields_of as fields_on
 from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.field_slopes import parts_of
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers, shape_of
 from polywigner.illumination import Array
 from polywigner.propagation import amplitude
 from polywigner.propagation.field_slopes import FieldSlopes

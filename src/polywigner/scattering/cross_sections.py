@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import takes_frequency, warn_caller
 from polywigner.scattering.antennas import Source
-from polywigner.scattering.facets import Body, Facets, facets_of
+from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_corners
 from polywigner.scattering.lit_sums import lit_sums
 from polywigner.scattering.near_sections import near_sections
 from polywigner.scattering.polarisations import (
@@ -98,7 +97,9 @@ def rcs(
     Warns
     -----
     PolywignerWarning, once for a line of your code, where a face is smaller than a square
-    wavelength, of which physical optics says little. Facets that join smoothly are one face.
+    wavelength, of which physical optics says little. Facets that join smoothly are one face. And
+    once where faces light each other across a concave edge, as in corner reflectors: what comes
+    back by two or three reflections is left out.
 
     Raises
     ------
@@ -165,6 +166,7 @@ def _sections(
         np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3)
         for vectors in (receiver, transmitter, *polarisations)
     )
+    warn_of_corners(facets, -t)
     flat = np.broadcast_to(lengths, shape).ravel()
     sums = lit_sums(facets, -t, s, (s + t) / flat[:, None], to_transmitter is None)
     areas = 4 * np.pi / flat**2 * _power(sums, -t, s, both)

@@ -7,12 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.radiometry.directions import checked_source
 from polywigner.reception.norms import checked_normalise
 from polywigner.scattering.antennas import Antenna, Source, checked_places, directions_of
-from polywigner.scattering.facets import Facets
+from polywigner.scattering.facets import Facets, warn_of_corners
 from polywigner.scattering.near_fields import near_sums
 from polywigner.scattering.polarisations import (
     Polarisation,
@@ -59,7 +58,9 @@ def near_sections(
     there = here
     if to_transmitter is not None:
         there = checked_places("to_transmitter", to_transmitter, facets.middle)
-    q, p = _polarisations(polarisation, directions_of(here), directions_of(there))
+    to_sender = directions_of(there)
+    warn_of_corners(facets, -to_sender.reshape(-1, 3))
+    q, p = _polarisations(polarisation, directions_of(here), to_sender)
     try:
         shape = np.broadcast_shapes(
             wavelengths.shape, here.shape[:-2], there.shape[:-2], q.shape[:-2], p.shape[:-2]

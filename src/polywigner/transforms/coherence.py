@@ -4,7 +4,7 @@ The degree of coherence exp(-xi^2/(2 width^2)) is the mean of exp(2 pi i t.xi) o
 normal density, whose standard deviation is 1/(2 pi width) along each axis (docs/coherence.md,
 (PC1), (PC2)). So A and R are those of the coherent source times the degree of coherence, and W and
 |F|^2 are means over shifted frequencies: no lag of a source is longer than its box, so that the
-rules of :mod:`polywigner.numerics.mean_rules` know how many tilts they need.
+rules of :mod:`polywigner.numerics.nodes` know how many tilts they need.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.wavefront import Wavefront
-from polywigner.illumination.curved_arrays import tilted_source
-from polywigner.numerics.mean_rules import normal_product_rule
+from polywigner.illumination.array import tilted_source
+from polywigner.numerics.nodes import normal_product_rule
 from polywigner.transforms.arguments import broadcast_shape, checked_points
 
 __all__ = [
