@@ -136,4 +136,4 @@ def test_kirchhoff_s_mean_lets_grazing_waves_radiate() -> None:
     ((_, forms),) = weighted_sources(
         pw.shapes.square(1e-3).with_illumination(grazing), "kirchhoff", WAVELENGTH
     )
-    assert emission_factor(forms, 0.5) == 0.25
+    assert emission_factor(forms, 0.5) == 0.125  # (cos/2)^2/cos

@@ -132,3 +132,13 @@ def test_the_directivity_of_a_tiny_opening_is_that_of_its_obliquity(
         b = pw.coupling(tiny, tiny, placed(0.0, 0.0, distance), 1.0, obliquity)
         gain = abs(b) * 4 * math.pi * distance
         assert decibels(gain) == pytest.approx(decibels(limit), abs=SMALL)
+
+
+@pytest.mark.parametrize("obliquity", EXACT)
+def test_propagating_waves_bring_no_more_than_all(obliquity: Any) -> None:
+    """A wavelength apart and aside, where waves that do not propagate have died away."""
+    for side in (0.47, 1.0, 3.0):
+        poses = [placed(angle, -angle, 1.0 + 2 * side * abs(angle)) for angle in (0.0, 0.3)]
+        shares = np.abs(pw.coupling(square(side), square(side), poses, 1.0, obliquity, 1e-4)) ** 2
+        assert (shares < 1).all()
+    assert shares[0] > 0.7

@@ -337,3 +337,31 @@ def test_what_is_no_pattern_is_refused_in_words_and_leaves_no_file(
     with pytest.raises(kind, match=words):
         call()
     assert not list(tmp_path.iterdir())
+
+
+BROAD = pw.shapes.square(1e-3)
+WIDE = {
+    "hexagon": pw.shapes.regular_polygon(6, 0.5e-3),
+    "steered": BROAD.with_illumination(pw.steering((0.6, 0.0, 0.8), 1e-3 * math.sqrt(2) / 600)),
+    "tapered": BROAD.with_illumination(pw.cosine_taper(1e-3)),
+}
+# Of the closed form, and of what 2e-4 more wavelengths change.
+OF_WIDE = 1.1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WIDE)
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff", "paper"])
+def test_wide_sources_radiate_all_but_the_share_that_their_edges_keep(
+    name: str, obliquity: Any
+) -> None:
+    """By (RP3) just beyond 600 wavelengths, and by the integral over directions just before."""
+    source = WIDE[name]
+    diameter = source.diameter
+    shares = [
+        pw.radiated_power(source, diameter / wavelengths, obliquity)
+        / float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+        for wavelengths in (599.97, 600.03)
+    ]
+    assert shares[0] == pytest.approx(shares[1], abs=OF_WIDE + 6e-5 * (name == "steered"))
+    assert 1e-4 < 1 - shares[1] < 0.21

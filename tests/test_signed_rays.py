@@ -60,11 +60,11 @@ def mean_irradiance(source: Any, obliquity: Any = None) -> np.ndarray:
     (x, w), (y, _) = gauss(BOUNDS[0], BOUNDS[2], 4), gauss(BOUNDS[1], BOUNDS[3], 2)
     points = np.stack(np.meshgrid(x, y, [Z], indexing="ij"), axis=-1)[..., 0, :]
     found = pw.irradiance(source, points, WAVELENGTH, method="wigner", obliquity=obliquity)
-    return np.einsum("iajb,a,b->ij", found.reshape(4, 5, 2, 5), w, w)
+    return np.einsum("iajb,a,b->ji", found.reshape(4, 5, 2, 5), w, w)
 
 
 def rebuilt(source: Any, seeds: int, **how: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Irradiance and standard errors (seeds, 4, 2)."""
+    """Irradiance and standard errors (seeds, 2, 4)."""
     pictures = [
         pw.rays.rebuild(across(pw.sample_rays(source, WAVELENGTH, 2048, k, **how)), *GRID)
         for k in range(seeds)
@@ -181,7 +181,7 @@ def test_rays_through_a_thin_lens_focus_to_the_fourier_transform() -> None:
     x, w = gauss(-half, half, 5)
     nu = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1) / (light * focal_length)
     exact = np.abs(pw.fourier(pupil, nu)) ** 2 / (light * focal_length) ** 2
-    mean = np.einsum("iajb,a,b->ij", exact.reshape(5, 5, 5, 5), w, w)
+    mean = np.einsum("iajb,a,b->ji", exact.reshape(5, 5, 5, 5), w, w)
     # t of 15 degrees of freedom: exceeds 5 once in 1e4
     assert (abs(found.irradiance.values - mean) / found.standard_error.values).max() < 5
     assert found.standard_error.values.max() < 0.03 * mean.max()
@@ -206,7 +206,7 @@ def test_defocus_by_waves_is_exact() -> None:
     lens = share * np.exp(1j * math.pi * (1 - z / focal_length) / (light * z) * (nodes**2).sum(1))
     waves = [np.exp(-2j * math.pi / (light * z) * np.outer(x, n)) for n in nodes.T]
     exact = abs((waves[0] * lens) @ waves[1].T / (light * z)) ** 2
-    mean = np.einsum("iajb,a,b->ij", exact.reshape(4, 8, 4, 8), w, w)
+    mean = np.einsum("iajb,a,b->ji", exact.reshape(4, 8, 4, 8), w, w)
     assert exact.max() < 0.4 * pupil.area**2 / (light * z) ** 2  # far from the focus
     assert (abs(found.irradiance.values - mean) / found.standard_error.values).max() < UNLIKELY
     assert found.standard_error.values.max() < 0.1 * mean.max()
@@ -260,15 +260,27 @@ def test_rays_are_counted_where_they_meet_the_plane() -> None:
     direction[5] = 1.0, 0.0, 0.0  # along it
     rays = by_hand(position, direction, [1.0, -2.0, 4.0, 8.0, 16.0, 32.0])
     found = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4))
-    assert found.irradiance.values.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
+    assert found.irradiance.values.T.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
     assert (found.power, found.lost, found.missed) == (-1.0, 1, 3)
     # one of six rays: variance 6/5 (w^2 - w^2/6)
-    assert found.standard_error.values[0, 2] == pytest.approx(8.0)
+    assert found.standard_error.values[2, 0] == pytest.approx(8.0)
     virtual = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4), virtual=True)
-    assert virtual.irradiance.values[0, 2] == 8 * 9
+    assert virtual.irradiance.values[2, 0] == 8 * 9
     # rays that end on the plane, to rounding, are there
     ended = by_hand(position[:3] + np.array([0, 0, 1e-12]), direction[:3], [1.0, 1.0, 1.0])
     assert pw.rays.rebuild(ended, 0.0, (0, 0, 1, 1), (1, 1)).power == 2.0
+
+
+def test_pictures_of_rays_have_y_upwards_and_x_to_the_right() -> None:
+    """One ray off both axes: rows are along x, the first at the bottom (``origin="lower"``)."""
+    rays = by_hand([[0.3, 0.8, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
+    found = pw.rays.rebuild(rays, 0.0, (-1, -1, 1, 1), (10, 5))
+    for name in ("irradiance", "standard_error"):
+        assert found[name].dims == ("y", "x")
+        assert found[name].shape == (5, 10)
+    assert np.argwhere(found.irradiance.values).tolist() == [[4, 6]]
+    assert (np.diff(found.x) > 0).all() and (np.diff(found.y) > 0).all()
+    assert float(found.irradiance.sel(x=0.3, y=0.8, method="nearest")) > 0
 
 
 def test_rays_left_out_by_a_selection_still_count_as_drawn() -> None:

@@ -52,7 +52,7 @@ def test_a_converging_wave_has_its_focus_where_a_lens_has() -> None:
     x = (half / 5 * (2 * np.arange(-2, 3)[:, None] + t)).ravel()
     nu = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1) / (LIGHT * FOCAL_LENGTH)
     exact = np.abs(pw.fourier(PUPIL, nu)) ** 2 / (LIGHT * FOCAL_LENGTH) ** 2
-    mean = np.einsum("iajb,a,b->ij", exact.reshape(5, 5, 5, 5), w / 2, w / 2)
+    mean = np.einsum("iajb,a,b->ji", exact.reshape(5, 5, 5, 5), w / 2, w / 2)
     error = found.standard_error.values
     assert (abs(found.irradiance.values - mean) / error).max() < UNLIKELY
     assert error.max() < 0.04 * mean.max()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -19,6 +18,7 @@ from polywigner.mitsuba.mixtures import PLAIN, Mixture
 from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import check_slopes, powers_of
+from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms.energies import energy_of
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
@@ -78,6 +78,8 @@ def radiator_of(source: Any, obliquity: str, antithetic: bool = False) -> Radiat
         raise SceneError(str(error)) from None
 
 
+# Read when an entry is made, when its scene is loaded, and whenever a parameter changes.
+@lru_cache(maxsize=64)
 def norm_of(
     source: Any,
     wavelength: float,
@@ -95,10 +97,10 @@ def norm_of(
     if normalise == "aperture":
         return _energy(source)
     try:
-        return math.fsum(
-            weight * powers_of(part, length, obliquity)[0]
-            for part, length, weight in mixture.parts(source, wavelength)
-        )
+        radiator = checked_radiator(source)
+        if mixture.is_plain:
+            return powers_of(radiator, wavelength, obliquity)[0]
+        return mixture.power(radiator, wavelength, obliquity)
     except PolywignerError as error:
         raise SceneError(str(error)) from None
 

@@ -63,7 +63,8 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Array of apertures, got one of Slits; make rectangles of slits, power "
             "needs an area"
         )
-    return source
+    # poses within the plane applied: spatial frequencies then have two components
+    return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
 def checked_directions(directions: Any) -> NDArray[np.float64]:

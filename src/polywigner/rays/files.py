@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import checked_path
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import checked_path, warn_caller
 from polywigner.interruption import unfinished
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_files import required

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import warn_caller
 from polywigner.illumination import Array
 from polywigner.scattering.convexity import (
     corners_of_body,

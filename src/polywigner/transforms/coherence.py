@@ -74,15 +74,16 @@ def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
-def tilts_of(source: Wavefront, error: float) -> tuple[Values, Values]:
+def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Values, Values]:
     """Tilts (n, d) in 1/m and weights (n,), whose mean of what a source makes errs by ``error``.
 
-    Relative to the largest that it could be if all of the source were in phase.
+    Relative to the largest that it could be if all of the source were in phase. ``longest``: lag in
+    m along each axis, of the mean of a number to which longer ones add next to nothing.
 
     Raises ArgumentError for a width so small that there would be too many.
     """
     sides = np.subtract(*np.reshape(source.bounds, (2, -1))[::-1])
-    reaches = sides / source.coherence_width
+    reaches = np.minimum(sides, longest) / source.coherence_width
     if math.prod(1.0 + reaches) > _MOST_WIDTHS:
         least = math.prod(sides.tolist()) ** (1 / len(sides)) / _MOST_WIDTHS ** (1 / len(sides))
         raise ArgumentError(
