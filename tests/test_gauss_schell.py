@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 from polywigner.execution import NumpyOperations
-from polywigner.kernels.functions.gauss_schell import (
-    gaussian_rule,
-    wave_over_edge,
-    wave_over_interval,
-)
+from polywigner.kernels.functions.gauss_schell import wave_over_edge, wave_over_interval
 
 # Of the square of the largest lag, in double and in single precision.
 ERROR = {True: 1e-12, False: 1e-6}
@@ -37,8 +33,7 @@ def over_polygon(corners: np.ndarray, nu: np.ndarray, double: bool) -> complex:
         nu[0] * uy - nu[1] * ux,
     )
     ops = NumpyOperations(double)
-    rows = gaussian_rule(float(np.hypot(*corners.T).max()), double)
-    real, imag = wave_over_edge(ops, rows, *(a.astype(ops.dtype) for a in arguments))
+    real, imag = wave_over_edge(ops, *(a.astype(ops.dtype) for a in arguments))
     return complex(real.sum(), imag.sum())
 
 
@@ -88,7 +83,6 @@ def test_a_gaussian_wave_over_a_polygon_is_a_sum_over_its_edges(
 @pytest.mark.parametrize("size", [0.02, 1.0, 4.0, 50.0])
 def test_a_gaussian_wave_over_an_interval_is_an_error_function(size: float, double: bool) -> None:
     ops = NumpyOperations(double)
-    rows = gaussian_rule(size, double, dimension=1)
     for low, high in ((-1.0, 1.0), (-0.1, 0.9), (0.3, 0.35), (0.0, 1.0)):
         for cycles in (0.0, 0.4, 1.1, 5.0, 200.0):
             beta = 2 * mp.pi * cycles / min(size, 2.0)
@@ -98,5 +92,5 @@ def test_a_gaussian_wave_over_an_interval_is_an_error_function(size: float, doub
                 # as differences of erfc, which do not cancel
                 expected = complex(scale * (mp.erfc(ends[0]) - mp.erfc(ends[1])))
             arguments = (size * low, size * high, float(beta / (2 * mp.pi)))
-            wave = wave_over_interval(ops, rows, *(np.array([a], ops.dtype) for a in arguments))
+            wave = wave_over_interval(ops, *(np.array([a], ops.dtype) for a in arguments))
             assert abs(complex(wave[0][0], wave[1][0]) - expected) <= ERROR[double] * size

@@ -120,6 +120,8 @@ class Tables:
     factors: tuple[complex, ...] = (1.0,)  # of each element: its weight here over the user's
     cut: str | None = None
     """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
+    coherence: Any = None
+    """The degree of coherence of light that is partly coherent, by lags of the frame."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
     """Copies of these tables with other cuts, by cut."""
 
