@@ -118,7 +118,7 @@ def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
     if not isinstance(tables, (Tables, OutlineTables)):
         return False
     if kernel.slices is not None and isinstance(tables, Tables):
-        return cut_of(ops.target, tables) == "code" and tables.coherence is None
+        return cut_of(ops.target, tables) == "code"
     return unrolls_terms(len(tables.edges))
 
 

@@ -65,4 +65,5 @@ def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
         len(cut.views) if isinstance(cut, (SliceSum, ElementSum)) else 0,
         allows_cells=slices is not None and tables.clips_for_cells > 0,
         allows_lists=slices is not None and slices.listed is not None,
+        weighs_lags=tables.coherence is not None,
     )

@@ -31,6 +31,7 @@ COSTS: dict[str, Cost] = {
     "cut": Cost(3e-9, "sample, edge and line", _REGRET),
     "exact cut": Cost(20e-9, "sample, edge and line of a cluster of nearly parallel ones", _REGRET),
     "edge": Cost(35e-9, "sample and edge that is left in a slice", _REGRET),
+    "edge with weights": Cost(0.7e-6, "the same in partly coherent light", "coherence.py"),
     "pair in Python": Cost(5e-6, "edge and convex piece, for 12288 samples", _REGRET),
     "line in Python": Cost(45e-6, "line that cuts all edges as rows", _REGRET),
     "box": Cost(20e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
@@ -61,6 +62,9 @@ COSTS: dict[str, Cost] = {
     "point that radiates": Cost(1.2e-9, "sample and equivalent source of a grid", _RENDER),
     "panel of an edge": Cost(40e-9, "sample and panel of a boundary integral", _RENDER),
     "compiled term": Cost(9e-9, "sample and term of a plain sum", _REGRET),
+    "compiled edge with weights": Cost(
+        0.17e-6, "sample and edge of a slice in partly coherent light", "coherence.py"
+    ),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
     "compiled edge in cells, pairs": Cost(

@@ -227,7 +227,8 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     chunks = math.ceil(n / LIMITS["chunk"])
     lines = n * views * outline.edges * outline.lines
     run = _cost("call", 1) + _cost("cut", lines) + _cost("exact cut", lines * outline.exact)
-    run += _cost("edge", n * views * outline.edges * min(outline.pieces, 2) * waves)
+    edge = "edge with weights" if outline.weighs_lags else "edge"
+    run += _cost(edge, n * views * outline.edges * min(outline.pieces, 2) * waves)
     pairs = outline.edges * outline.pieces if cut == "code" else outline.pieces
     run += _cost("pair in Python", chunks * views * pairs)
     if cut == "rows":
@@ -242,6 +243,11 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     cut = cut_for("sorted", outline.cuts, cells)
     edges = n * views * outline.edges * outline.waves
     call = _calling(request)
+    if outline.weighs_lags:
+        # rows: an edge as code would take 0.1 s to compile, and be no faster
+        run = call + _cost("compiled edge with weights", edges)
+        yield Way("edges as rows, compiled", "llvm", _compiling(request), run, "rows")
+        return
     if request.rows and outline.allows_lists and cut != "cells":
         enough = request.columns >= LIMITS["least columns of a compiled list"]
         if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:

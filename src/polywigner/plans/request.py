@@ -29,6 +29,8 @@ class Outline:
     """Whether the field is simple enough for lists by cells."""
     allows_lists: bool = True
     """Whether slices can be listed once for many frequencies."""
+    weighs_lags: bool = False
+    """Whether lags have a weight, as in partly coherent light: an edge's term is a sum of nodes."""
 
 
 @dataclass(frozen=True)

@@ -45,8 +45,9 @@ TILT_ERROR = {True: 1e-11, False: 1e-7}
 _MOST_WIDTHS = 1 << 15
 # Widths over the diagonal of a source from which on the light is so nearly coherent that what it
 # lacks is a linear function of 1/width^2: closed forms cancel, and the next term of the degree of
-# coherence is 1.3e-13, or 8e-7 in single precision.
-_WIDEST = {True: 1e3, False: 20.0}
+# coherence is 1.3e-13, or 8e-7 in single precision. Below the least one W is the width's area times
+# a function of position: squares of lags in widths stay far from the largest float.
+_WIDEST, _NARROWEST = {True: 1e3, False: 20.0}, 1e-9
 # The points that a transform takes; its values are those of coherent light times the degree of
 # coherence at the last of them, or integrals over it.
 _POINTS = {
@@ -141,16 +142,31 @@ def partly_coherent(
         degree = degree_of_coherence(wave, points[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
     x, nu = (*points, np.zeros(dimension))[:2]
+    of_coherent = partial(transforms["wigner"], coherent, **how)
     if kernels.partly_coherent_kernel(wave, double) is None:
-        compute = partial(transforms["wigner"], coherent, **how)
-        return mean_over_tilts(compute, wave, nu, x, double=double)
-    widest = _WIDEST[double] * math.hypot(*_sides(wave))
-    if wave.coherence_width <= widest:
-        return closed_form(wave, x, nu, **how)
-    share = (widest / wave.coherence_width) ** 2
-    limit = transforms["wigner"](coherent, x, nu, **how)
-    narrow = closed_form(wave._with(coherence_width=widest), x, nu, **how)
-    return limit + (narrow - limit) * limit.dtype.type(share)
+        return mean_over_tilts(of_coherent, wave, nu, x, double=double)
+    return _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, double)
+
+
+def _in_closed_form(
+    closed_form: Callable[..., Any],
+    of_coherent: Callable[..., Any],
+    wave: Wavefront,
+    x: Values,
+    nu: Values,
+    double: bool,
+) -> Any:
+    """W of a source that is coherent over any width."""
+    size, width = math.hypot(*_sides(wave)), wave.coherence_width
+    least, most = _NARROWEST * size, _WIDEST[double] * size
+    held = wave._with(coherence_width=min(max(width, least), most))
+    values = closed_form(held, x, nu)
+    if width < least:
+        return values * (width / least) ** wave.dimension
+    if width <= most:
+        return values
+    limit = of_coherent(x, nu)
+    return limit + (values - limit) * (most / width) ** 2
 
 
 def mean_over_tilts(
