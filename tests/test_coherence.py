@@ -422,6 +422,15 @@ def test_a_width_that_is_none_is_refused(width: Any) -> None:
             make(width)
 
 
+@pytest.mark.parametrize("source", [SQUARE, SLITS, TAPERED], ids=["square", "slits", "tapered"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_w_of_what_is_no_place_and_no_frequency_is_no_number(source: Any, value: float) -> None:
+    d, partly = len(source.bounds) // 2, source.partially_coherent(3e-3)
+    inside, none = np.full(d, 1e-3), np.full(d, value)
+    assert np.isnan(pw.wigner(partly, none, np.zeros(d)))
+    assert np.isnan(pw.wigner(partly, inside, none))
+
+
 def test_shapes_that_do_not_broadcast_are_refused() -> None:
     with pytest.raises(ArgumentError, match="shapes that broadcast"):
         pw.wigner(SQUARE.partially_coherent(4e-3), np.zeros((4, 2)), np.zeros((3, 2)))

@@ -23,6 +23,7 @@ width over the largest lag) ulps where weights are complex, and nothing where th
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
@@ -83,26 +84,9 @@ def wave_over_edge(
     rule = arc.rule(is_near | is_lasting)
     rule = ops.select(is_near, rule, ops.minimum(rule, _SMOOTH))
     still = ops.select(is_lasting, ops.exp(-ops.minimum(energy, 0.5 * _FAR**2)), 0.0)
-    wave = (square, energy, still, rate, along, across * distance)
-
-    def of_arc(*row_and_samples: Any) -> Values:
-        row, samples = row_and_samples[:4], row_and_samples[4:]
-        p, r, *step = _arc_node(ops, row, samples[:4])
-        return _times(_flux(ops, p, r, *samples[4:]), step)
-
-    def of_descents(t: Any, weight: Any, start: Any, end: Any, *wave: Any) -> Values:
-        first, last = (
-            _times(_flux(ops, p, r, *wave), step)
-            for p, r, *step in (_descent_node(ops, t, weight, s, wave[3]) for s in (start, end))
-        )
-        return first[0] - last[0], first[1] - last[1]
-
-    rules = _arc_rules(_OF_EDGES[ops.double])
-    real, imag = ops.sum_over_rule(rule, rules, of_arc, 2, *arc.samples, *wave)
-    descent = ops.select(arc.is_steep & is_near, 0.0, -1.0)
-    rules = _descent_rules(_OF_DESCENTS[ops.double])
-    more = ops.sum_over_rule(descent, rules, of_descents, 2, start, end, *wave)
-    real, imag = 0.5 * (real + more[0]), 0.5 * (imag + more[1])
+    wave = (rate, square, energy, still, along, across * distance)
+    real, imag = arc.integral(rule, is_near, _OF_EDGES, _flux, wave)
+    real, imag = 0.5 * real, 0.5 * imag
     return distance * real - lever * imag, distance * imag + lever * real
 
 
@@ -110,27 +94,11 @@ def wave_over_interval(ops: Any, start: Any, end: Any, nu: Any) -> Values:
     """The integral of exp(-xi^2/2 - 2 pi i nu xi) over an interval, a complex number."""
     rate = _TURN * nu
     arc = _Arc(ops, start, end, ops.maximum(0.0 * abs(start), _SPREAD), rate)
-
-    def of_arc(*row_and_samples: Any) -> Values:
-        row, samples = row_and_samples[:4], row_and_samples[4:]
-        p, r, *step = _arc_node(ops, row, samples[:4])
-        return _times(_gaussian(ops, p, r, *samples[4:]), step)
-
-    def of_descents(t: Any, weight: Any, start: Any, end: Any, rate: Any, nu: Any) -> Values:
-        first, last = (
-            _times(_gaussian(ops, p, r, rate, nu), step)
-            for p, r, *step in (_descent_node(ops, t, weight, s, rate) for s in (start, end))
-        )
-        return first[0] - last[0], first[1] - last[1]
-
-    rules = _arc_rules(_OF_INTERVALS[ops.double])
-    real, imag = ops.sum_over_rule(
-        arc.rule(start == start), rules, of_arc, 2, *arc.samples, rate, nu
-    )
-    rules = _descent_rules(_OF_DESCENTS[ops.double])
-    descent = ops.select(arc.is_steep, 0.0, -1.0)
-    more = ops.sum_over_rule(descent, rules, of_descents, 2, start, end, rate, nu)
-    return real + more[0], imag + more[1]
+    everywhere = rate == rate
+    rule = arc.rule(everywhere)
+    real, imag = arc.integral(rule, everywhere, _OF_INTERVALS, _gaussian, (rate, nu))
+    undefined = 0.0 * (start + rate)  # not a number where an argument is none
+    return real + undefined, imag + undefined
 
 
 @lru_cache(maxsize=4)
@@ -151,10 +119,10 @@ def _descent_rules(size: int) -> Rules:
 
 
 class _Arc:
-    """The arc from one end of an edge to the other, where the wave is not steep."""
+    """The arc from one end of an edge to the other, and the descents where the wave is steep."""
 
     def __init__(self, ops: Any, start: Any, end: Any, size: Any, rate: Any) -> None:
-        self.ops = ops
+        self.ops, self.ends = ops, (start, end)
         first, last = (
             2.0 * s / (size + ops.sqrt(ops.fma(size, size, 4.0 * s * s))) for s in (start, end)
         )
@@ -173,6 +141,34 @@ class _Arc:
             number = number + ops.select(self.length > length, 1.0, 0.0)
         is_wanted = is_wanted & (self.length > 0.0)
         return ops.select(self.is_steep, -1.0, ops.select(is_wanted, number, -1.0))
+
+    def integral(
+        self, rule: Any, is_near: Any, sizes: Any, value: Callable[..., Values], wave: Values
+    ) -> Values:
+        """The integral of ``value(ops, p, r, *wave)`` over s = p + i r, a complex number.
+
+        By one of the rules of ``sizes``; by descents where a steep wave ``is_near``. The wave's
+        first number is beta_s.
+        """
+        ops = self.ops
+
+        def of_arc(t: Any, weight: Any, rise: Any, slope: Any, *samples: Any) -> Values:
+            p, r, *step = _arc_node(ops, (t, weight, rise, slope), samples[:4])
+            return _times(value(ops, p, r, *samples[4:]), step)
+
+        def of_descents(t: Any, weight: Any, start: Any, end: Any, *wave: Any) -> Values:
+            first, last = (
+                _times(value(ops, p, r, *wave), step)
+                for p, r, *step in (_descent_node(ops, t, weight, s, wave[0]) for s in (start, end))
+            )
+            return first[0] - last[0], first[1] - last[1]
+
+        rules = _arc_rules(sizes[ops.double])
+        real, imag = ops.sum_over_rule(rule, rules, of_arc, 2, *self.samples, *wave)
+        rules = _descent_rules(_OF_DESCENTS[ops.double])
+        descent = ops.select(self.is_steep & is_near, 0.0, -1.0)
+        more = ops.sum_over_rule(descent, rules, of_descents, 2, *self.ends, *wave)
+        return real + more[0], imag + more[1]
 
 
 def _arc_node(ops: Any, row: Values, samples: Values) -> Values:
@@ -194,7 +190,7 @@ def _descent_node(ops: Any, t: Any, weight: Any, s: Any, rate: Any) -> Values:
 
 def _flux(ops: Any, p: Any, r: Any, *wave: Any) -> Values:
     """f = (exp(-beta^2/2) - g)/Z, for exp(-beta^2/2) ``still`` and beta^2/2 ``energy``."""
-    square, energy, still, rate, along, across = wave
+    rate, square, energy, still, along, across = wave
     exponent = ops.fma(rate, r, -0.5 * ((p - r) * (p + r) + square))
     size = ops.exp(ops.maximum(exponent, _LEAST_EXPONENT[ops.double]))
     turns = ops.fma(along, p, ops.fma(p, r * (1 / _TURN), across))
