@@ -40,7 +40,9 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
     """Whether there is such a kernel: for W, A and F of uniform outlines."""
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
-    if kernel.slices is None or not isinstance(tables, Tables) or tables.coherence is not None:
+    if kernel.slices is None or not kernel.slices.serves_all:
+        return False
+    if not isinstance(tables, Tables) or tables.coherence is not None:
         return False
     return tables.groups == (UNIFORM,)
 

@@ -5,7 +5,7 @@ is an integral over the lag slice with this weight, in closed form (docs/coheren
 (I5)). The degree of coherence is also the mean of exp(2 pi i t.xi) over tilts t of a normal
 density, whose standard deviation is 1/(2 pi width) along each axis (PC2). So |F|^2, exact fields,
 and W of arrays that have short cuts of their own, are means over shifted frequencies: no lag of a
-source is longer than its box, so that the rules of :mod:`polywigner.numerics.mean_rules` know how
+source is longer than its box, so that the rules of :mod:`polywigner.numerics.nodes` know how
 many tilts they need.
 """
 
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.wavefront import Wavefront
-from polywigner.illumination.curved_arrays import tilted_source
-from polywigner.numerics.mean_rules import normal_product_rule
+from polywigner.illumination.array import tilted_source
+from polywigner.numerics.nodes import normal_product_rule
 from polywigner.transforms.arguments import broadcast_shape, checked_points
 
 __all__ = [
@@ -81,15 +81,16 @@ def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
-def tilts_of(source: Wavefront, error: float) -> tuple[Values, Values]:
+def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Values, Values]:
     """Tilts (n, d) in 1/m and weights (n,), whose mean of what a source makes errs by ``error``.
 
-    Relative to the largest that it could be if all of the source were in phase.
+    Relative to the largest that it could be if all of the source were in phase. ``longest``: lag in
+    m along each axis, of the mean of a number to which longer ones add next to nothing.
 
     Raises ArgumentError for a width so small that there would be too many.
     """
     sides = _sides(source)
-    reaches = sides / source.coherence_width
+    reaches = np.minimum(sides, longest) / source.coherence_width
     if math.prod(1.0 + reaches) > _MOST_WIDTHS:
         least = math.prod(sides.tolist()) ** (1 / len(sides)) / _MOST_WIDTHS ** (1 / len(sides))
         raise ArgumentError(

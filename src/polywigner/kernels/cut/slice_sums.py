@@ -29,6 +29,8 @@ class SliceSum:
     """(clipper, *arguments in the frame) -> sums."""
     listed: Any = None
     """How parts of edges are listed for many frequencies, a `SharedSlice`; None if they are not."""
+    serves_all: bool = True
+    """Whether compiled sums of one source serve all: not where they measure by its frame."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
         offset = self.offset(*inner)
