@@ -16,7 +16,6 @@ import numpy.typing as npt
 from polywigner.execution.choice import planned
 from polywigner.execution.chunks import Launched, store
 from polywigner.execution.grids import GridPlan, plan_for_grid
-from polywigner.execution.ledger import account_of
 from polywigner.execution.on_drjit import OnDrjit
 from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.on_numpy import OnNumpy
@@ -71,14 +70,13 @@ def evaluate(
         call.grid.fill(results, _by_points(kernel, call.tables, components[:-2], double))
     else:
         store(_launched(call, chosen, results))
-    account_of(kernel.name, call.tables).book(chosen)
     return results
 
 
 def explained(
     kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
 ) -> Plan:
-    """The plan by which :func:`evaluate` would carry a call out now; nothing is computed."""
+    """The plan by which :func:`evaluate` would carry a call out; nothing is computed."""
     return planned(_call_of(kernel, source, components, double, engine).request)
 
 
@@ -120,7 +118,6 @@ def _call_of(
         double=double,
         engine=engine,
         pairs=by_places,
-        account=account_of(kernel.name, tables),
     )
     grid = None
     if engine in ("auto", "numpy") and components[-1].shape == shape:

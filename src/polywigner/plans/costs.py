@@ -94,9 +94,9 @@ LIMITS: dict[str, float] = {
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
     # takes seconds.
     "most cuts as code": 4500,
-    # Each kernel keeps some 300 KB of memory for good, and is two files of Dr.Jit's cache
-    # (outlines_as_data.py).
-    "most sources as code": 256,
+    # Calls of a source, or sources, in a loop: from some ten to some thousand, ways that are taken
+    # for few calls and for many hardly change.
+    "calls that share a set-up": 100,
     # NumPy: of few samples, calls cost more than what they compute.
     "least cuts as rows, NumPy": 64,
     "most samples as rows, NumPy": 256,
