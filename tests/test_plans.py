@@ -34,7 +34,7 @@ OUTLINES = {
     "two chevrons": Outline(12, 4, 192, 14),
 }
 SAMPLES = (1, 100, 10_000, 1_000_000)
-LAYOUTS = ("points", "one place", "outer", "grid")
+LAYOUTS = ("points", "one place", "outer")
 
 
 def requests() -> dict[str, Request]:
@@ -43,17 +43,15 @@ def requests() -> dict[str, Request]:
     for (name, outline), function, layout, n in itertools.product(
         OUTLINES.items(), ("wigner", "ambiguity"), LAYOUTS, SAMPLES
     ):
-        if (layout == "grid" and function == "ambiguity") or (n == 1 and layout != "points"):
+        if n == 1 and layout != "points":
             continue
         copies = 1 if function == "wigner" else 2
         uniform = outline.waves == 1
         request = Request(function, n, replace(outline, copies=copies), takes_data=uniform)
-        if layout in ("one place", "grid"):
+        if layout == "one place":
             request = replace(request, rows=1, columns=n)
         if layout == "outer":
             request = replace(request, rows=int(n**0.5), columns=int(n**0.5))
-        if layout == "grid":
-            request = replace(request, families=min(outline.edges, outline.lines))
         found[f"{function} | {name} | {layout} | {n}"] = request
     for terms, n in itertools.product((4, 64, 1000), SAMPLES):
         points = Request("fourier", n, terms=terms, takes_data=True)

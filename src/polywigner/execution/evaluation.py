@@ -67,7 +67,7 @@ def evaluate(
         call = replace(call, shear=shear)
     if chosen.way.name == GRID:
         assert call.grid is not None
-        call.grid.fill(results, _by_points(kernel, call.tables, components[:-2], double))
+        call.grid.fill(results, OnNumpy(kernel, call.tables, double).values)
     else:
         store(_launched(call, chosen, results))
     return results
@@ -121,7 +121,7 @@ def _call_of(
     )
     grid = None
     if engine in ("auto", "numpy") and components[-1].shape == shape:
-        grid = plan_for_grid(kernel, source, components, double, request)
+        grid = plan_for_grid(kernel, source, components, double)
         if grid is not None:
             request = replace(request, families=grid.families)
     return _Call(kernel, source, tables, components, double, pairs, by_places, grid, request)
@@ -167,16 +167,6 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     if call.pairs and pairs and not is_short and compute.allows_outer_product(pairs):
         return _paired(compute, pairs, _targets(call.pairs, pairs, results))
     return compute.points(call.components, results)
-
-
-def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool) -> Any:
-    """The kernel at one place, if it has any, for some frequencies."""
-    compute = OnNumpy(kernel, tables, double)
-
-    def values(nu: Sequence[Array]) -> Sequence[Array]:
-        return compute.values([*(np.full(len(nu[0]), c.item()) for c in place), *nu])
-
-    return values
 
 
 def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, targets: Sequence[Array]) -> Launched:

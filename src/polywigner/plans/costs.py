@@ -41,8 +41,7 @@ COSTS: dict[str, Cost] = {
     "copy": Cost(0.8e-6, "sample of an array of copies, and copy of the outline", _REGRET),
     "pair of copies": Cost(0.5e-6, "sample and pair of elements near it", _REGRET),
     "family": Cost(0.2e-3, "family of parallel edges on a grid of frequencies", _REGRET),
-    "point of a family": Cost(11e-9, "point of the grid and family, of F", _REGRET),
-    "point of a family, W": Cost(6e-9, "point of the grid and family, of W", _REGRET),
+    "point of a family": Cost(11e-9, "point of the grid and family", _REGRET),
     # compiled
     "load": Cost(0.05, "process, to import Dr.Jit", "questions/latency.py"),
     "compile": Cost(0.1, "kernel", "questions/latency.py"),

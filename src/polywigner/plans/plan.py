@@ -132,9 +132,8 @@ def _allowed(request: Request) -> list[Way]:
 def _ways(request: Request) -> Iterator[Way]:
     if request.families is not None:
         points = request.families * request.samples
-        point = "point of a family" if request.outline is None else "point of a family, W"
-        run = _cost("call", 2) + _cost("family", request.families) + _cost(point, points)
-        yield _on_numpy(GRID, _listing(request, 1) + run)
+        run = _cost("call", 2) + _cost("family", request.families)
+        yield _on_numpy(GRID, run + _cost("point of a family", points))
     if request.outline is None:
         yield from _sums(request)
     elif request.is_array:
@@ -190,7 +189,7 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
         # about half of each copy's edges bound a slice
         terms = _cost("listed term", n * outline.edges * views * waves / 2)
         name = LISTED if request.rows else POINTS_LISTED
-        yield _on_numpy(name, _cost("call", 2) + _listing(request, places) + terms)
+        yield _on_numpy(name, _cost("call", 2) + _listing(outline, places) + terms)
     if request.rows and outline.allows_lists:
         return
     cells = outline.cuts if outline.allows_cells else 0
@@ -220,7 +219,7 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     if request.rows and outline.allows_lists and cut != "cells":
         enough = request.columns >= LIMITS["least columns of a compiled list"]
         if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
-            run = call + _listing(request, request.rows)
+            run = call + _listing(outline, request.rows)
             run += _cost("compiled listed term", edges)
             yield _compiled(LISTED_COMPILED, 0.0, run, cut)
             return
@@ -244,16 +243,13 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         run = call + _cost("compiled edge in coarse cells", edges)
         yield _compiled("coarse cells", setup, run, "coarse cells")
         if request.rows and outline.allows_lists:
-            run = call + _listing(request, request.rows)
+            run = call + _listing(outline, request.rows)
             run += _cost("compiled listed term", edges)
             yield _compiled(LISTED_COMPILED, 0.0, run, cut)
 
 
-def _listing(request: Request, places: int) -> float:
+def _listing(outline: Outline, places: int) -> float:
     """To list the parts that bound the slices of some places."""
-    outline = request.outline
-    if outline is None:
-        return 0.0
     boxes = places * outline.copies * outline.edges
     near = min(outline.pieces, 3) * outline.cuts / (outline.edges * outline.pieces)
     return _cost("box", boxes * outline.pieces) + _cost("listed cut", boxes * near)
