@@ -25,7 +25,7 @@ from polywigner.execution.requests import request_for
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Plan, Request
-from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
+from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED
 
 __all__ = ["evaluate", "explained"]
 
@@ -158,9 +158,6 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
         targets = _targets(call.pairs, call.by_places, results)
         exact = call.kernel.tables(call.source, True)
         return _by_parts(compute, exact, call.by_places, targets, call.shear)
-    if name == POINTS_LISTED:
-        assert isinstance(compute, OnNumpy)
-        return compute.listed(call.kernel.tables(call.source, True), call.components, results)
     pairs = call.by_places or call.pairs
     # one place is short enough to be sent with each sample
     is_short = pairs is None or (isinstance(compute, OnDrjit) and pairs.rows == 1)

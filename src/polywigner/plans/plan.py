@@ -15,7 +15,6 @@ __all__ = [
     "GRID",
     "LISTED",
     "LISTED_COMPILED",
-    "POINTS_LISTED",
     "Plan",
     "Way",
     "plan",
@@ -24,7 +23,6 @@ __all__ = [
 # The names of ways, as `pw.explain` prints them and docs/performance.md explains them.
 GRID = "grid from its axes"
 LISTED = "slices listed, on NumPy"
-POINTS_LISTED = "slices of points listed, on NumPy"
 LISTED_COMPILED = "slices listed, compiled"
 DATA = "edges as data"
 
@@ -184,13 +182,10 @@ def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
 def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     n, views = request.samples, outline.copies
     waves = outline.waves * LIMITS["waves of A on NumPy"] if views > 1 else outline.waves
-    if outline.allows_lists:
-        places = request.rows or n
+    if request.rows and outline.allows_lists:
         # about half of each copy's edges bound a slice
         terms = _cost("listed term", n * outline.edges * views * waves / 2)
-        name = LISTED if request.rows else POINTS_LISTED
-        yield _on_numpy(name, _cost("call", 2) + _listing(outline, places) + terms)
-    if request.rows and outline.allows_lists:
+        yield _on_numpy(LISTED, _cost("call", 2) + _listing(outline, request.rows) + terms)
         return
     cells = outline.cuts if outline.allows_cells else 0
     cut = cut_for("numpy", outline.cuts, cells, n)
