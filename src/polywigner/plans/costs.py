@@ -65,18 +65,15 @@ COSTS: dict[str, Cost] = {
     "compiled edge in cells, pairs": Cost(
         0.7e-9, "the same where places meet frequencies", "outer_products.py"
     ),
-    "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
     "compiled copy": Cost(0.08e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(10e-9, "sample and pair of elements near it", "array_cost.py"),
     "cell pair": Cost(1.1e-6, "edge, side and cell in which they meet", _CUTS),
 }
 
 LIMITS: dict[str, float] = {
-    # Cells: pairs in all of them together per edge, and per cut; a part of them where they are
-    # coarse (`kernels.cell_tree`).
+    # Cells: pairs in all of them together per edge (`kernels.cell_tree`), and per cut.
     "cell pairs per edge": 2000,
     "cell pairs per cut": 8,
-    "share in coarse cells": 0.25,
     # To find the cells takes 60 bytes a cut: the regular polygon of 2900 vertices, 8 million cuts.
     "most cuts in cells": 8_000_000,
     # Cuts from which on cells are faster than code, where samples are sorted by cell (the 23-gon),

@@ -44,7 +44,7 @@ class Way:
     run: float
     """Seconds for each call."""
     cut: str | None = None
-    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"``, ``"coarse cells"``, ``"data"``."""
+    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"``, ``"data"``."""
 
     @property
     def seconds(self) -> float:
@@ -234,9 +234,6 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
         name = "compiled edge in cells, pairs" if pairs else "compiled edge in cells"
         run = call + _cost(name, edges)
         yield _compiled("cells", setup + _cells(outline), run, "cells")
-        setup += LIMITS["share in coarse cells"] * _cells(outline)
-        run = call + _cost("compiled edge in coarse cells", edges)
-        yield _compiled("coarse cells", setup, run, "coarse cells")
         if request.rows and outline.allows_lists:
             run = call + _listing(outline, request.rows)
             run += _cost("compiled listed term", edges)
