@@ -3,17 +3,17 @@
 A surface element dA at y with the reflectance rho, lit by |U_t|^2 of the transmitter's exact field,
 sends rho/pi E towards the receiver, which by reciprocity reads
 
-    P = (lambda^2/N_r) int rho/pi E |U_r|^2 cos(y -> receiver) dA,
-    E = |U_t|^2 cos(y -> source)/cos(theta),
+    P = (lambda^2/N_r) int rho/pi E |U_r|^2 cos(y -> receiver) dA,    E = |U_t|^2 cos(y -> source),
 
-theta the angle at which light leaves the source; cosines are means over its squares. Fog scatters
-|U_t|^2/cos(theta) in every direction alike. U_t and U_r are :func:`polywigner.irradiance` with the
-method ``rayleigh-sommerfeld-1``; lengths in metres.
+cosines at the surface being means over the squares, and N_r the power that the receiver's field
+radiates. Fog scatters |U_t|^2 in every direction alike. U_t and U_r are
+:func:`polywigner.irradiance` with the method ``rayleigh-sommerfeld-1``; lengths in metres.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,7 @@ import numpy.typing as npt
 import polywigner as pw
 from polywigner.quantities import wavelength_of
 
-__all__ = ["WAVELENGTH", "End", "grid", "of_ball", "of_fog", "of_surface", "share_of_furnace"]
+__all__ = ["WAVELENGTH", "End", "grid", "of_ball", "of_fog", "of_surface", "radiated"]
 
 WAVELENGTH = wavelength_of(94e9)
 METHOD = "rayleigh-sommerfeld-1"
@@ -40,7 +40,7 @@ class End:
 
     @property
     def source(self) -> pw.Aperture:
-        """Centred at its origin, of unit field: its power in W is its area in m^2."""
+        """Centred at its origin, of unit field."""
         return pw.shapes.square(self.side)
 
     def irradiance(self, points: Array, method: str = METHOD) -> Array:
@@ -72,10 +72,6 @@ class End:
             total += weight * of(away / np.linalg.norm(away, axis=-1)[..., None], place)
         return total
 
-    def cosine(self, direction: Array) -> Array:
-        """To its normal, above zero."""
-        return np.asarray(np.maximum(direction @ self.pose[:3, 2], 1e-9))
-
 
 def of_surface(
     transmitter: End,
@@ -88,17 +84,13 @@ def of_surface(
 ) -> float:
     """Power of a diffuse surface; ``passes(place, points)``: the share that is not held up."""
 
-    def factor(end: End, leaves: bool) -> Array:
-        def of(direction: Array, place: Array) -> Array:
-            cosine = np.maximum(-(direction * normals).sum(axis=-1), 0.0)
-            share = 1.0 if passes is None else passes(place, points)
-            return np.asarray(share * cosine / (end.cosine(direction) if leaves else 1.0))
+    def of(direction: Array, place: Array) -> Array:
+        cosine = np.maximum(-(direction * normals).sum(axis=-1), 0.0)
+        return np.asarray(cosine if passes is None else cosine * passes(place, points))
 
-        return end.mean(points, of) * end.irradiance(points)
-
-    sent = reflectance / np.pi * factor(transmitter, True)
-    taken = WAVELENGTH**2 / receiver.source.area * factor(receiver, False)
-    return float((areas * sent * taken).sum())
+    both = [end.mean(points, of) * end.irradiance(points) for end in (transmitter, receiver)]
+    power = reflectance / np.pi * (areas * both[0] * both[1]).sum()
+    return float(WAVELENGTH**2 / radiated(receiver.side) * power)
 
 
 def of_fog(
@@ -111,15 +103,12 @@ def of_fog(
 ) -> float:
     """Power of light that fog has scattered once, in all directions alike; 1/m."""
 
-    def factor(end: End, leaves: bool) -> Array:
-        def of(direction: Array, place: Array) -> Array:
-            return np.asarray(passes(place, points) / (end.cosine(direction) if leaves else 1.0))
+    def of(direction: Array, place: Array) -> Array:
+        return np.asarray(passes(place, points))
 
-        return end.mean(points, of) * end.irradiance(points)
-
-    sent = scattering / (4 * np.pi) * factor(transmitter, True)
-    taken = WAVELENGTH**2 / receiver.source.area * factor(receiver, False)
-    return float((volumes * sent * taken).sum())
+    both = [end.mean(points, of) * end.irradiance(points) for end in (transmitter, receiver)]
+    power = scattering / (4 * np.pi) * (volumes * both[0] * both[1]).sum()
+    return float(WAVELENGTH**2 / radiated(receiver.side) * power)
 
 
 def _hemisphere(count: int) -> tuple[Array, Array]:
@@ -141,11 +130,12 @@ def of_ball(receiver: End, obliquity: str, radius: float) -> float:
 
     seen = receiver.mean(points, of) * receiver.irradiance(points, obliquity)
     total = (solid_angles * radius**2 * seen).sum()
-    return float(WAVELENGTH**2 / receiver.source.area * total)
+    return float(WAVELENGTH**2 / radiated(receiver.side, obliquity) * total)
 
 
-def share_of_furnace(source: pw.Aperture, obliquity: str) -> float:
-    """Power of a radiance 1 from everywhere over wavelength^2, by the hemisphere integral of g."""
+@lru_cache
+def radiated(side: float, obliquity: str = METHOD) -> float:
+    """Power in W that a square of unit field radiates: the integral of g |F|^2 over directions."""
     directions, solid_angles = _hemisphere(200)
     cosine = directions[..., 2]
     nu = directions[..., :2] / WAVELENGTH
@@ -154,8 +144,8 @@ def share_of_furnace(source: pw.Aperture, obliquity: str) -> float:
         "kirchhoff": ((1 + cosine) / 2) ** 2,
         "rayleigh-sommerfeld-2": np.ones_like(cosine),
     }[obliquity]
-    pattern = np.abs(pw.fourier(source, nu)) ** 2 * g
-    return float((solid_angles * pattern).sum() / (WAVELENGTH**2 * source.area))
+    pattern = np.abs(pw.fourier(pw.shapes.square(side), nu)) ** 2 * g
+    return float((solid_angles * pattern).sum() / WAVELENGTH**2)
 
 
 def grid(low: Any, high: Any, panels: Any) -> tuple[Array, Array]:

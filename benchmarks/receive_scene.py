@@ -1,8 +1,9 @@
 """How near do receivers in rendered scenes come to the power that quadrature finds?
 
 Square sources at 94 GHz, some 10 mm wide, of unit field, in scenes of diffuse surfaces, a fog and
-an obstacle. Of each case: the mean of 16 renders with equal numbers of samples, the quadrature of
-module `receive_reference`, the difference in dB, and the standard error of the mean.
+an obstacle. Powers are radiated powers. Of each case: the mean of 16 renders with equal numbers of
+samples, the quadrature of module `receive_reference`, the difference in dB, and the standard error
+of the mean.
 
     python benchmarks/receive_scene.py [--samples 4194304] [--only floor]
 """
@@ -29,7 +30,7 @@ from receive_reference import (
     of_ball,
     of_fog,
     of_surface,
-    share_of_furnace,
+    radiated,
 )
 
 MILLIMETRE = 1e-3
@@ -161,8 +162,8 @@ def furnaces() -> Iterator[tuple[str, Case]]:
     for estimator in ("exact", "wigner"):
         for name in OBLIQUITIES:
 
-            def everywhere(name: str = name) -> float:
-                return WAVELENGTH**2 * share_of_furnace(SENDS.source, name)
+            def everywhere() -> float:
+                return WAVELENGTH**2
 
             def nearby(name: str = name) -> float:
                 return of_ball(SENDS, name, BALL)
@@ -199,18 +200,21 @@ def floors() -> Iterator[tuple[str, Case]]:
 
 
 def exchanged() -> Iterator[tuple[str, Case]]:
-    """Both look at a tilted plate, from different places; then the other way round."""
+    """Both light a tilted plate, one of them aside of its axis; then the other way round."""
     target = (0.0, 0.0, 1.0)
-    ends = [End(0.010, pose((0.0, 0.0, 0.0), target)), End(0.007, pose((0.5, 0.1, 0.2), target))]
     things = (target, (0.15, 0.3, 0.0), 0.05)
-    for name, (first, second) in (("there", ends), ("back", ends[::-1])):
-        yield (
-            f"plate, exchange: {name}, exact",
-            Case(
-                lambda a=first, b=second: scene_of(reader(b), sender(a), plate(*things)),
-                lambda a=first, b=second: of_surface(a, b, *on_plate(*things, 4)),
-            ),
-        )
+    for degrees in (0, 30, 60):
+        angle = np.deg2rad(degrees)
+        leaning = (np.sin(angle), 0.0, np.cos(angle))
+        ends = [End(0.003, pose(target=leaning)), End(0.007, pose((0.5, 0.1, 0.2), target))]
+        for name, (first, second) in (("there", ends), ("back", ends[::-1])):
+            yield (
+                f"plate, {degrees} degrees off one axis, {name}, exact",
+                Case(
+                    lambda a=first, b=second: scene_of(reader(b), sender(a), plate(*things)),
+                    lambda a=first, b=second: of_surface(a, b, *on_plate(*things, 4)),
+                ),
+            )
 
 
 def obstacles() -> Iterator[tuple[str, Case]]:
@@ -291,10 +295,10 @@ def fogs() -> Iterator[tuple[str, Case]]:
 
 
 def by_radar_equation(cross_section: float, distance: float) -> float:
-    """Power of a target on the axis of both ends; gain 4 pi area/wavelength^2."""
-    area = SENDS.source.area
-    gain = 4 * np.pi * area / WAVELENGTH**2
-    density = area * gain / (4 * np.pi * distance**2)
+    """Power of a target on the axis of both ends; gain 4 pi |F|^2/(wavelength^2 radiated power)."""
+    power = radiated(SENDS.side)
+    gain = 4 * np.pi * SENDS.source.area**2 / (WAVELENGTH**2 * power)
+    density = power * gain / (4 * np.pi * distance**2)
     return density * cross_section / (4 * np.pi * distance**2) * gain * WAVELENGTH**2 / (4 * np.pi)
 
 

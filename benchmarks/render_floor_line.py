@@ -1,13 +1,14 @@
 """Question: does a rendered floor show the diffraction integral it should, without bias?
 
 Renders the line through the axis on a floor under an aperture (4096 samples per pixel, multijitter)
-and compares it with the pixel-averaged quadrature of the same integral, and that quadrature with
-|RS-I|^2, the exact Rayleigh-Sommerfeld integral of the first kind. Prints one row per distance:
+and compares it with the pixel-averaged quadrature of the same integral. Without the floor's cosine
+that integral is compared with |U|^2 of the exact Rayleigh-Sommerfeld integral of the first kind.
+Prints one row per distance:
 
 - error: mean |rendered - quadrature| over the line, in dB of the peak, for one seed;
 - bias: (mean signed error of the line over all seeds) / (its statistical error): within about 3
   (of 64 seeds: the error of the error itself, from a dozen, makes larger values by chance);
-- model: rms of quadrature against |RS-I|^2 in dB where the latter exceeds -20 dB of its peak;
+- model: rms of the integral against that |U|^2 in dB where the latter exceeds -20 dB of its peak;
 - quadrature: its own largest change with more nodes, over the peak.
 """
 
@@ -125,7 +126,7 @@ def quadrature_line(case: Case, columns: int = COLUMNS) -> npt.NDArray[np.float6
 def model_error_db(case: Case, columns: int = COLUMNS) -> float:
     """Rms difference of the leading-order integral from |RS-I|^2 above -20 dB."""
     points = reference.pixel_points(columns, _SPREAD * case.z, case.z, per_side=1)[:, 0, 0]
-    leading = reference.wigner_floor(case.aperture, points, WAVELENGTH)
+    leading = reference.wigner_intensity(case.aperture, points, WAVELENGTH)
     exact = reference.rayleigh_sommerfeld(case.aperture, points, WAVELENGTH)
     lit = exact > 0.01 * exact.max()
     return float(np.sqrt(np.mean((10 * np.log10(leading[lit] / exact[lit])) ** 2)))

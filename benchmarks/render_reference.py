@@ -1,7 +1,8 @@
-"""What a floor under an aperture must show: two independent integrals, for tests and benchmarks.
+"""Power density under an aperture by two independent integrals, for tests and benchmarks.
 
-- ``wigner_floor``: the integral that the renderer estimates, (1/lambda^2) int W g/|r|^2 dx over
-  the automean, by Gauss-Legendre quadrature on the pieces between which W is analytic.
+- ``wigner_intensity``: |U|^2 to leading order, (1/lambda^2) int W g/|r|^2 dx over the automean, by
+  Gauss-Legendre quadrature on the pieces between which W is analytic; ``wigner_floor``: the same
+  times the floor's cosine, the integral that the renderer estimates.
 - ``rayleigh_sommerfeld``: |U|^2 of the exact Rayleigh-Sommerfeld integral of the first kind, as a
   line integral over the aperture's edges; shares no code with the package but the vertices.
 """
@@ -22,6 +23,7 @@ __all__ = [
     "pixel_points",
     "rayleigh_sommerfeld",
     "wigner_floor",
+    "wigner_intensity",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -90,10 +92,21 @@ def _nodes(triangles: list[Array], count: int) -> tuple[Array, Array]:
     return nodes.reshape(-1, 2), (weights * np.abs(np.linalg.det(sides))[:, None, None]).ravel()
 
 
+def wigner_intensity(aperture: pw.Aperture, points: Array, wavelength: float) -> Array:
+    """(1/lambda^2) int W g/|r|^2 dx at points (..., 3), g = cos^2 (Rayleigh-Sommerfeld I)."""
+    return _wigner_integral(aperture, points, wavelength, None, 2)
+
+
 def wigner_floor(
     aperture: pw.Aperture, points: Array, wavelength: float, count: int | None = None
 ) -> Array:
-    """(1/lambda^2) int W g/|r|^2 dx at points (..., 3), g = cos^2 (Rayleigh-Sommerfeld I)."""
+    """The same times the cosine at points of a floor below the aperture."""
+    return _wigner_integral(aperture, points, wavelength, count, 3)
+
+
+def _wigner_integral(
+    aperture: pw.Aperture, points: Array, wavelength: float, count: int | None, cosines: int
+) -> Array:
     triangles = _cells(aperture)
     if count is None:
         side = max(np.ptp(triangle, axis=0).max() for triangle in triangles)
@@ -107,8 +120,8 @@ def wigner_floor(
         distance = np.linalg.norm(r, axis=-1)
         nu = r[..., :2] / distance[..., None] / wavelength
         density = pw.wigner(aperture, np.broadcast_to(nodes, nu.shape), nu)
-        g = (r[..., 2] / distance) ** 2
-        result[first:last] = (density * g / distance**2 * weights).sum(axis=-1)
+        factor = (r[..., 2] / distance) ** cosines
+        result[first:last] = (density * factor / distance**2 * weights).sum(axis=-1)
     return result.reshape(points.shape[:-1]) / wavelength**2
 
 

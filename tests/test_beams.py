@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
+from polywigner.cli import main
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.figures import draw_hemispheres, draw_pattern
 
@@ -64,17 +66,105 @@ def test_a_beam_towards_minus_x_has_phi_of_half_a_turn() -> None:
     assert found.phi == pytest.approx(math.pi)
 
 
+# A beam 0.6 degrees from a cut or a sample: well below this, in dB, of one of 12 degrees.
+BETWEEN_SAMPLES = 0.05
+
+
+def _steered(theta: float, phi: float) -> Any:
+    """An array of 8 x 8 patches half a wavelength apart."""
+    places = pw.arrays.grid_positions(8, 8, WAVELENGTH / 2, WAVELENGTH / 2)
+    direction = [math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]
+    weights = pw.arrays.steering_weights(places, direction, WAVELENGTH)
+    return pw.phased_array(pw.shapes.square(0.49 * WAVELENGTH), places, weights)
+
+
+@pytest.mark.parametrize("azimuth", [30.0, 45.0, 200.0])
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2"])
+def test_a_beam_beside_the_cuts_has_its_own_directivity_and_direction(
+    azimuth: float, obliquity: str
+) -> None:
+    source = _steered(math.radians(45), math.radians(azimuth))
+    about = np.radians(azimuth + np.arange(-3, 3.01, 0.1))
+    dense = pw.radiation_pattern(
+        source, WAVELENGTH, np.radians(np.arange(40, 50, 0.1)), about, obliquity=obliquity
+    )
+    levels = dense["directivity"].values
+    polar, around = np.unravel_index(levels.argmax(), levels.shape)
+    with pytest.warns(PolywignerWarning, match="miss the beam"):
+        found = _metrics(source, obliquity=obliquity)
+    assert found.directivity == pytest.approx(levels.max(), abs=BETWEEN_SAMPLES / 10)
+    assert found.directivity >= levels.max()
+    assert found.theta == pytest.approx(dense["theta"].values[polar], abs=math.radians(0.1))
+    assert found.phi == pytest.approx(about[around], abs=math.radians(0.1))
+    assert max(cut.directivity for cut in found.cuts) < levels.max() - 5
+
+
+def test_gain_and_eirp_are_those_of_the_beam_and_not_of_the_cuts() -> None:
+    source = _steered(math.radians(45), math.radians(30))
+    pattern = pw.radiation_pattern(source, WAVELENGTH, *CUTS)
+    with pytest.warns(PolywignerWarning, match="miss the beam"):
+        found = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
+    around = pw.radiation_pattern(
+        source, WAVELENGTH, np.radians(np.arange(0, 91)), np.radians([0.0, 30.0])
+    )
+    beam = pw.beam_metrics(around)
+    assert found.gain == pytest.approx(beam.directivity - 10 * math.log10(2), abs=1e-9)
+    assert found.eirp == pytest.approx(10 ** (beam.directivity / 10), rel=1e-9)
+
+
+def test_cuts_through_the_beam_are_not_warned_of() -> None:
+    theta, phi = np.radians(np.arange(-90, 90.5)), np.radians([0.0, 30.0, 90.0])
+    for source in (_steered(math.radians(45), math.radians(30)), _steered(0.0, 0.0)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = _metrics(source, theta, phi)
+        largest = max(cut.directivity for cut in found.cuts)
+        assert found.directivity == pytest.approx(largest, abs=BETWEEN_SAMPLES)
+
+
+def test_of_equal_beams_the_first_around_the_axis_is_named() -> None:
+    pair = pw.phased_array(
+        pw.shapes.square(1.5e-3), [(-2e-3, 0.0), (2e-3, 0.0)], [1, -1]
+    )  # two beams, towards +x and -x
+    found = _metrics(pair, *CUTS)
+    assert found.phi == pytest.approx(0.0, abs=1e-6)
+    assert found.theta == pytest.approx(abs(found.cuts[0].theta), abs=1e-3)
+
+
 def test_eirp_is_the_power_that_an_isotropic_source_would_need() -> None:
     """4 pi times the largest radiant intensity; gain and EIRP follow losses and the power."""
     pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
-    found = pw.beam_metrics(pattern)
+    radiated = pattern.attrs["radiated_power"]
+    found = pw.beam_metrics(pattern, power=radiated)
     intensity = float((np.abs(pattern["field"].values) ** 2).max())
     assert found.eirp == pytest.approx(4 * math.pi * intensity, rel=1e-9)
     lossy = pw.beam_metrics(pattern, power=2.0, efficiency=0.5)
     assert lossy.gain == pytest.approx(found.directivity - 10 * math.log10(2), abs=1e-9)
     assert lossy.radiated_power == 1.0
     assert lossy.eirp == pytest.approx(10 ** (found.directivity / 10), rel=1e-9)
+    assert "EIRP" in str(lossy)
     assert "dBm" in str(lossy)
+
+
+def test_without_a_power_there_is_no_eirp() -> None:
+    pattern = pw.radiation_pattern(pw.shapes.square(10e-3), WAVELENGTH, *CUTS)
+    found = pw.beam_metrics(pattern, efficiency=0.5)
+    assert found.eirp is None
+    assert "EIRP" not in str(found)
+    assert found.radiated_power == pattern.attrs["radiated_power"]
+
+
+@pytest.mark.parametrize("power", [None, "10 dBm"])
+def test_the_command_tells_eirp_of_a_power_alone(
+    power: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a.wkt").write_text("POLYGON ((0 0, 0.01 0, 0.01 0.01, 0 0.01, 0 0))")
+    given = [] if power is None else ["--power", power]
+    options = ["--frequency", "94 GHz", "--step", "3 deg", "--out", str(tmp_path / "a"), *given]
+    assert main(["pattern", str(tmp_path / "a.wkt"), "--unit", "m", *options]) == 0
+    shown = capsys.readouterr().out
+    assert ("EIRP" in shown) == (power is not None)
+    assert "directivity" in shown
 
 
 def test_small_patches_radiate_a_part_of_their_power() -> None:
@@ -158,6 +248,40 @@ def test_a_lobe_that_runs_into_the_horizon_is_no_sidelobe() -> None:
     for obliquity in ("rayleigh-sommerfeld-2", "kirchhoff", "rayleigh-sommerfeld-1"):
         for cut in _metrics(square, theta, obliquity=obliquity).cuts:
             assert all(math.isnan(level) or level < 0 for level in cut.sidelobe_levels)
+
+
+@pytest.mark.parametrize("turns", [0.25, 0.5, 0.6, 0.7, 0.9])
+def test_ripples_of_a_horns_beam_are_no_sidelobes(turns: float) -> None:
+    """The phase error at the rim, in turns, fills nulls: maxima above half power are the beam."""
+    mouth = 5.5 * WAVELENGTH
+    horn = pw.horns.e_plane(
+        0.7 * WAVELENGTH, mouth, mouth**2 / (8 * turns * WAVELENGTH), WAVELENGTH
+    )
+    theta = np.radians(np.arange(-90, 90.1, 0.1))
+    pattern = pw.radiation_pattern(horn, WAVELENGTH, theta, [math.pi / 2])
+    (cut,) = pw.beam_metrics(pattern).cuts
+    levels = pattern["directivity"].values[:, 0] - cut.directivity
+    assert not all(map(math.isnan, cut.sidelobe_levels))
+    for level, angle in zip(cut.sidelobe_levels, cut.sidelobe_angles, strict=True):
+        between = (theta > min(cut.theta, angle)) & (theta < max(cut.theta, angle))
+        assert math.isnan(level) or levels[between].min() < -3.01
+
+
+def test_the_first_sidelobe_of_a_rippled_beam_is_the_first_beyond_half_power() -> None:
+    """Half a turn at the rim: a bump of -2.3 dB at 10 degrees, half power at 13, a lobe at 24."""
+    mouth = 5.5 * WAVELENGTH
+    horn = pw.horns.e_plane(0.7 * WAVELENGTH, mouth, mouth**2 / (4 * WAVELENGTH), WAVELENGTH)
+    theta = np.radians(np.arange(0, 60, 0.01))
+    levels = pw.radiation_pattern(horn, WAVELENGTH, theta, [math.pi / 2])["directivity"].values
+    fall = 10 * math.log10(2)
+    flank = int(np.flatnonzero(levels[:, 0] < levels.max() - fall)[0])
+    null = flank + int(np.flatnonzero(np.diff(levels[flank:, 0]) > 0)[0])
+    lobe = null + int(levels[null:, 0].argmax())
+    cut = _metrics(horn).cuts[1]
+    assert cut.half_power_beamwidth / 2 == pytest.approx(theta[flank], rel=1e-2)
+    assert cut.sidelobe_angles == pytest.approx((-theta[lobe], theta[lobe]), rel=1e-2)
+    expected = levels[lobe, 0] - levels.max()
+    assert cut.sidelobe_levels == pytest.approx((expected, expected), abs=0.01)
 
 
 def test_a_plane_in_which_the_field_cancels_has_no_numbers() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,19 @@ def test_a_mesh_is_a_body(tmp_path: Path) -> None:
         s = (math.sqrt(3) / 4, 0.75, 0.5)
         metres = pw.Polyhedron(body.vertices * 1e-3, body.faces)
         assert float(value) == pytest.approx(pw.rcs(metres, s, WAVELENGTH), rel=1e-9)
+
+
+def test_a_body_with_a_concave_edge_is_warned_of(tmp_path: Path, capsys: Captured) -> None:
+    body = extruded([(0, 0), (300, 0), (300, 100), (100, 100), (100, 300), (0, 300)], 150)
+    lines = [f"v {x} {y} {z}" for x, y, z in body.vertices.tolist()]
+    lines += ["f " + " ".join(str(k + 1) for k in face) for face in body.faces]
+    path = tmp_path / "body.obj"
+    path.write_text("\n".join(lines) + "\n")
+    options = ("--step", "30 deg", "--out", str(tmp_path))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")  # not once in a process
+        assert main(["rcs", str(path), *FREQUENCY, *options]) == 0
+    assert "two or three reflections" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

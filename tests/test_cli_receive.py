@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import polywigner as pw
 from polywigner.cli import main
+from polywigner.figures import DirectArrival, draw_arrivals
 
 pytestmark = pytest.mark.drjit
 
@@ -74,7 +76,7 @@ def test_a_table_is_printed_and_all_of_it_recorded(
     assert found["power_dbm"] == pytest.approx(expected, abs=1e-4)
     assert found["noise_power_w"] == pytest.approx(1.380649e-23 * 290 * 1e9 * 10**0.3)
     out, err = capfd.readouterr()
-    assert re.search(r"^tx .* -20\.08 dBm$", out, re.MULTILINE)
+    assert re.search(r"^tx .* -19\.17 dBm$", out, re.MULTILINE)
     assert "signal to noise" in out
     assert out.splitlines()[-2:] == [f"{tmp_path / 'out'}{suffix}" for suffix in (".json", ".png")]
     assert err == ""
@@ -146,8 +148,11 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     assert main(["receive", str(EXAMPLE), "--spp", "16384", "--out", str(out)]) == 0
     (found,) = json.loads(out.with_suffix(".json").read_text())["receivers"]
     straight, mirrored = found["emitters"][0]["paths"]
-    # Friis, of a uniform patch of 10 x 4 mm
-    expected = (40e-6 / (found["wavelength_m"] * 2.0)) ** 2
+    # Friis, with the directivity of a uniform patch of 10 x 4 mm
+    wavelength, patch = found["wavelength_m"], pw.shapes.rectangle(10e-3, 4e-3)
+    pattern = pw.radiation_pattern(patch, wavelength, 0.0, 0.0)
+    gain = 10 ** (pattern.attrs["largest_directivity"] / 10)
+    expected = (gain * wavelength / (4 * math.pi * 2.0)) ** 2
     assert straight["coupling"] == pytest.approx(expected, rel=1e-3)
     assert mirrored["mirrors"] == ["metal_wall"] and mirrored["power_w"] < straight["power_w"]
     assert 0 < 3 * found["standard_error_w"] < found["scattered_w"] < found["direct_w"]
@@ -158,3 +163,70 @@ def test_the_example_is_received_and_its_map_adds_up(tmp_path: Path) -> None:
     total = arrival_map(load_scene(EXAMPLE, "llvm_ad_mono"), 0).sum()
     # 64 samples of each pixel
     assert total == pytest.approx(found["scattered_w"], abs=5 * found["standard_error_w"])
+
+
+# A small lamp at the right-hand side of a receiver that looks to -z, and above its axis.
+LAMP = """<scene version="3.0.0">
+    <integrator type="path"/>
+    <shape type="wigner" id="tx">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+        <transform name="to_world"><translate z="-5"/><rotate y="1" angle="180"/></transform>
+    </shape>
+    <sensor type="wigner_receiver" id="rx">
+        <string name="aperture" value="square.wkt"/>
+        <string name="frequency" value="94 GHz"/>
+        <transform name="to_world">
+            <lookat origin="0, 0, 1" target="0, 0, 0" up="0, 1, 0"/>
+        </transform>
+        <film type="hdrfilm">
+            <integer name="width" value="12"/><integer name="height" value="12"/>
+            <rfilter type="box"/>
+        </film>
+    </sensor>
+    <shape type="sphere">
+        <point name="center" x="{right}" y="{above}" z="0"/><float name="radius" value="0.1"/>
+        <emitter type="area"><spectrum name="radiance" value="1"/></emitter>
+    </shape>
+</scene>
+"""
+
+
+@pytest.mark.parametrize("command", ["receive", "render"])
+@pytest.mark.parametrize(("right", "above"), [(0.5, 0.25), (-0.25, -0.5)])
+def test_pictures_are_seen_as_the_receiver_sees(
+    command: str, right: float, above: float, tmp_path: Path
+) -> None:
+    """Along its z axis, its y axis upwards: its x axis points to the left."""
+    (tmp_path / "square.wkt").write_text("POLYGON ((-5 -5, 5 -5, 5 5, -5 5, -5 -5))")
+    path = tmp_path / "lamp.xml"
+    path.write_text(LAMP.format(right=right, above=above))
+    words = [command, str(path), "--variant", "scalar_rgb", "--spp", "4"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    drawn = np.asarray(Image.open(tmp_path / "out.png").convert("RGB")).astype(int)
+    panel = drawn[:, : int(0.78 * drawn.shape[1])]  # the colour bar is beside it
+    dark = np.argwhere(panel.max(axis=-1) < 16)
+    middle = (dark.min(axis=0) + dark.max(axis=0)) / 2
+    bright = np.argwhere((panel[..., 0] > 200) & (panel[..., 2] < 200)).mean(axis=0)
+    down, across = bright - middle
+    assert np.sign(across) == np.sign(right)
+    assert np.sign(-down) == np.sign(above)
+
+
+def test_the_axes_of_arrivals_are_direction_cosines() -> None:
+    """Reversed, so that a mark stands at its own number and at its own side."""
+    power = np.zeros((8, 8))
+    power[5, 6] = 1e-3  # s_y = 0.375, s_x = 0.625
+    figure = draw_arrivals(power, [DirectArrival((0.625, 0.375), 1e-6, "lamp")])
+    axes = figure.axes[0]
+    assert axes.get_xlabel() == "$s_x$"
+    left, right = axes.get_xlim()
+    assert left > 0 > right
+    assert axes.get_ylim()[0] < axes.get_ylim()[1]
+    (mark,) = (line for line in axes.lines if line.get_marker() == "o")
+    assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (0.625, 0.375)
+    figure.canvas.draw()
+    shown = axes.images[0]
+    column, row = (8 * (np.array([0.625, 0.375]) + 1) / 2).astype(int)
+    assert shown.get_array()[row, column] == shown.get_array().max()
+    assert tuple(shown.get_extent()) == (-1, 1, -1, 1)

@@ -107,7 +107,7 @@ def variant(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.mark.slow
-def test_looking_at_the_aperture_shows_its_wigner_function_with_its_sign(
+def test_looking_at_the_aperture_shows_its_radiance_with_its_sign(
     tmp_path: Path, variant: str
 ) -> None:
     sine = 0.5
@@ -119,6 +119,7 @@ def test_looking_at_the_aperture_shows_its_wigner_function_with_its_sign(
     x = np.stack(np.meshgrid(across / math.sqrt(1 - sine**2), across), axis=-1)
     square = pw.shapes.square(10e-3)
     radiance = pw.wigner(square, x, np.array([sine / WAVELENGTH, 0.0])) / WAVELENGTH**2
+    radiance *= math.sqrt(1 - sine**2)  # of Rayleigh-Sommerfeld I
     expected = radiance.reshape(16, fine, 16, fine).mean(axis=(1, 3))
     peak = np.abs(expected).max()
     assert expected.min() < -0.1 * peak  # or the test would not be about signs
@@ -285,13 +286,17 @@ def test_a_wavelength_far_from_the_apertures_size_is_pointed_out(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = scene_of_a_lit_floor(tmp_path)
-    path.write_text(path.read_text().replace("94 GHz", "94 Hz"))
+    good = path.read_text()
+    path.write_text(good.replace("94 GHz", "9.4 MHz"))
     capfd.readouterr()
     rendered(path, "--variant", "scalar_rgb", "--spp", "1")
     err = capfd.readouterr().err
     assert err.startswith("polywigner: warning: ")
     assert err.count("warning") == 1
     assert "did you mean GHz" in err
+    path.write_text(good.replace("94 GHz", "94 Hz"))
+    assert main(["render", str(path), "--out", str(tmp_path / "dark")]) == 2
+    assert "check the unit of the wavelength" in capfd.readouterr().err
 
 
 @pytest.mark.slow

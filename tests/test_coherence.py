@@ -12,7 +12,7 @@ import pytest
 import polywigner as pw
 from polywigner.cli import main
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.numerics.mean_rules import flat_rule, normal_product_rule, normal_rule
+from polywigner.numerics.nodes import flat_rule, normal_product_rule, normal_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 
 WAVELENGTH = 3.2e-3
@@ -197,10 +197,20 @@ def test_rules_keep_their_error(reach: float, error: float) -> None:
     assert abs(found - math.exp(-(reach**2 + 1) / 2)) <= error
 
 
-def test_the_transfer_function_falls_by_the_degree_of_coherence() -> None:
-    partly = SQUARE.partially_coherent(5e-3)
-    assert pw.otf(partly, (5e-3, 0.0)).real == pytest.approx(0.5 * math.exp(-0.5), rel=1e-12)
-    assert pw.mtf(partly, (10.0, 0.0), 5e-6, 0.1) == pytest.approx(0.5 * math.exp(-0.5), rel=1e-12)
+@pytest.mark.parametrize("pupil", [SQUARE, SQUARE.curved(0.3, WAVELENGTH)])
+def test_there_is_no_transfer_function_in_partly_coherent_light(pupil: Any) -> None:
+    """The lag marginal falls by the degree of coherence: that of the light, not of images."""
+    partly = pupil.partially_coherent(5e-3)
+    content = pw.lag_marginal(partly, (0.0, 0.0)).real
+    fallen = abs(pw.lag_marginal(pupil, (5e-3, 0.0))) * math.exp(-0.5)
+    assert abs(pw.lag_marginal(partly, (5e-3, 0.0))) == pytest.approx(fallen, abs=1e-12 * content)
+    for ask in (
+        lambda: pw.otf(partly, (5e-3, 0.0)),
+        lambda: pw.mtf(partly, (10.0, 0.0), 5e-6, 0.1),
+    ):
+        with pytest.raises(IlluminationError, match=r"no transfer function.*lag_marginal"):
+            ask()
+    assert pw.otf(partly.coherent, (5e-3, 0.0)) == pw.otf(pupil, (5e-3, 0.0))
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from oracles.references import read_json
 from polywigner.errors import ArgumentError, GeometryError, IlluminationError
 
 WAVELENGTH = pw.SPEED_OF_LIGHT / 94e9
+APERTURE: Any = {"normalise": "aperture"}
 EXACT = ["rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff"]
 SQUARE = pw.shapes.square(10e-3)
 COSINE = SQUARE.with_illumination(pw.Illumination([0.5, 0.5], [(50.0, 0.0), (-50.0, 0.0)]))
@@ -35,7 +36,8 @@ SOURCES = {
 ROUNDING = 1e-12
 # Of fields to 1e-12, summed over some hundred nodes.
 FIELDS = 1e-10
-# Of derivatives: differences of the fourth order err by (k step)^4, 1e-11, and by rounding.
+# Of derivatives: differences of the fourth order err by (k step)^4, in weights by step^4, 1e-11,
+# and by rounding.
 DIFFERENCES = 1e-7
 
 
@@ -50,7 +52,30 @@ def pose(x: float, y: float, z: float, tilt: float = 0.0, spin: float = 0.0) -> 
 
 
 def norm(source: Any) -> float:
+    """int |u|^2: aperture power."""
     return float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+
+
+# a and b of a wave's far field at the cosine c, a c + b.
+FACTORS = {"rayleigh-sommerfeld-2": (0.0, 1.0), "kirchhoff": (0.5, 0.5)}
+
+
+def rays(count: int = 64) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (n, 3) of the hemisphere in front, and solid angles."""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    theta, phi = np.meshgrid(math.pi / 4 * (node + 1), np.arange(2 * count) * math.pi / count)
+    sine = np.sin(theta)
+    found = np.stack([sine * np.cos(phi), sine * np.sin(phi), np.cos(theta)], axis=-1)
+    return found.reshape(-1, 3), (weight * sine).ravel() * math.pi**2 / (4 * count)
+
+
+def radiated(one: Any, method: str, other: Any = None) -> complex:
+    """int g F* F' dOmega/wavelength^2 of fields that the method takes as they are, (RX1)."""
+    directions, solid_angles = rays()
+    a, b = FACTORS.get(method, (1.0, 0.0))
+    share = (a * directions[:, 2] + b) ** 2 * solid_angles / WAVELENGTH**2
+    far, second = (pw.fourier(s, directions[:, :2] / WAVELENGTH) for s in (one, other or one))
+    return complex((share * far.conj()) @ second)
 
 
 def rule(source: pw.Aperture, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -77,7 +102,9 @@ def test_couplings_have_their_reference_values(name: str, method: str) -> None:
     case, pair = REFERENCE[name], SOURCES.get(name, (SQUARE, SQUARE))
     expected = complex(*case["coupling"][method])
     for tolerance in (1e-6, 1e-10):
-        found = pw.coupling(*pair, case["to_transmitter"], WAVELENGTH, method, tolerance)
+        found = pw.coupling(
+            *pair, case["to_transmitter"], WAVELENGTH, method, tolerance, normalise="aperture"
+        )
         assert abs(found - expected) <= tolerance * abs(expected)
 
 
@@ -86,8 +113,20 @@ def test_couplings_have_their_reference_values(name: str, method: str) -> None:
     [(1.0, -30.077568), (62.7e-3, -6.930870), (31.4e-3, -3.291214), (6e-3, -1.767883)],
 )
 def test_coaxial_squares_couple_by_so_many_decibels(distance: float, expected: float) -> None:
-    found = pw.coupling(SQUARE, SQUARE, pose(0, 0, distance), frequency=94e9)
+    place = pose(0, 0, distance)
+    found = pw.coupling(SQUARE, SQUARE, place, frequency=94e9, normalise="aperture")
     assert 20 * math.log10(abs(found)) == pytest.approx(expected, abs=5e-7)
+
+
+@pytest.mark.parametrize("method", [*EXACT, "fraunhofer", "wigner"])
+def test_powers_of_a_link_are_those_that_its_sources_radiate(method: str) -> None:
+    pair, place = (STEERED, COSINE), pose(4e-3, -3e-3, 41e-3, 0.0, 0.5)
+    counts = ("radiated", "aperture")
+    by = {n: pw.coupling(*pair, place, WAVELENGTH, method, 1e-4, normalise=n) for n in counts}
+    expected = math.prod(norm(source) / radiated(source, method).real for source in pair)
+    found = by["radiated"] / by["aperture"]
+    assert found == pytest.approx(expected if method == "wigner" else expected**0.5, rel=ROUNDING)
+    assert abs(expected - 1) > 0.03
 
 
 @pytest.mark.parametrize("method", EXACT)
@@ -109,7 +148,9 @@ def test_a_coupling_is_the_field_summed_over_the_receiver(
     points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
     field = pw.amplitude(PAIR, points, WAVELENGTH, "rayleigh-sommerfeld-2", tolerance=1e-12)
     expected = field @ weights / math.sqrt(norm(PAIR) * norm(receiver))
-    found = pw.coupling(PAIR, receiver, to_transmitter, WAVELENGTH, "rayleigh-sommerfeld-2", FIELDS)
+    found = pw.coupling(
+        PAIR, receiver, to_transmitter, WAVELENGTH, "rayleigh-sommerfeld-2", FIELDS, **APERTURE
+    )
     assert abs(found - expected) <= 2 * FIELDS * abs(expected)
 
 
@@ -126,7 +167,7 @@ def test_the_cosine_of_arrival_is_the_slope_of_the_field_along_the_normal(method
     if method == "kirchhoff":
         arriving = (field[2] + arriving) / 2
     expected = arriving @ weights / math.sqrt(norm(SQUARE) * norm(L_SHAPE))
-    found = pw.coupling(SQUARE, L_SHAPE, to_transmitter, WAVELENGTH, method, 1e-9)
+    found = pw.coupling(SQUARE, L_SHAPE, to_transmitter, WAVELENGTH, method, 1e-9, **APERTURE)
     assert abs(found - expected) <= 1e-8 * abs(expected)
 
 
@@ -136,7 +177,9 @@ def test_a_tenth_of_a_wavelength_apart_a_coupling_is_still_the_field_summed() ->
     places, weights = rule(patch, 40)
     points = places @ to_transmitter[:3, :2].T + to_transmitter[:3, 3]
     field = pw.amplitude(patch, points, WAVELENGTH, "rayleigh-sommerfeld-2", tolerance=1e-9)
-    found = pw.coupling(patch, patch, to_transmitter, WAVELENGTH, "rayleigh-sommerfeld-2", 1e-8)
+    found = pw.coupling(
+        patch, patch, to_transmitter, WAVELENGTH, "rayleigh-sommerfeld-2", 1e-8, **APERTURE
+    )
     assert abs(found - field @ weights / patch.area) < 1e-7  # of the sum over the kinked field
 
 
@@ -145,9 +188,10 @@ def test_ten_thousand_wavelengths_away_the_coupling_is_friis(method: str) -> Non
     side, distance, tilt, sine = 0.7, 1e4, 0.3, 0.4
     z = math.sqrt(1 - sine**2) * distance
     patch = pw.shapes.square(side)
-    found = pw.coupling(patch, patch, pose(sine * distance, 0, z, tilt), 1.0, method)
+    found = pw.coupling(patch, patch, pose(sine * distance, 0, z, tilt), 1.0, method, **APERTURE)
 
     def gain(sine: float) -> float:
+        """Of aperture power; tests/test_friis.py has directivities."""
         pattern = side**2 * np.sinc(side * sine)
         return 4 * math.pi * (1 - sine**2) * pattern**2 / side**2
 
@@ -188,26 +232,29 @@ def test_the_overlap_in_phase_space_is_fresnels_coupling(
     pair: tuple[Any, Any], place: tuple[float, ...]
 ) -> None:
     to_transmitter = pose(*place)
-    found = pw.coupling(*pair, to_transmitter, WAVELENGTH, "wigner", 1e-5)
+    found = pw.coupling(*pair, to_transmitter, WAVELENGTH, "wigner", 1e-5, **APERTURE)
     assert isinstance(found, float)
     assert found == pytest.approx(abs(fresnel(*pair, to_transmitter)) ** 2, rel=1e-5, abs=0)
 
 
-def test_an_array_couples_as_the_sum_of_its_elements() -> None:
+@pytest.mark.parametrize("normalise", ["radiated", "aperture"])
+def test_an_array_couples_as_the_sum_of_its_elements(normalise: str) -> None:
     places = pw.arrays.grid_positions(4, 3, 2e-3, 2e-3)
     weights = np.exp(1j * np.arange(12)) * np.linspace(1, 2, 12)
     patch = pw.shapes.square(1.5e-3).with_illumination(pw.Illumination([1, 0.5], [(0, 0), (90, 0)]))
     array = pw.phased_array(patch, places, weights)
     to_transmitter = pose(5e-3, 0, 30e-3, 0.2)
-    found = pw.coupling(array, L_SHAPE, to_transmitter, WAVELENGTH, tolerance=1e-9)
+    how: Any = {"tolerance": 1e-9, "normalise": normalise}
+    found = pw.coupling(array, L_SHAPE, to_transmitter, WAVELENGTH, **how)
     total = 0j
     for place, weight in zip(places, weights, strict=True):
         own = np.eye(4)
         own[:2, 3] = -place
-        total += weight * pw.coupling(
-            patch, L_SHAPE, own @ to_transmitter, WAVELENGTH, tolerance=1e-9
-        )
-    expected = total * math.sqrt(norm(patch) / norm(array))
+        total += weight * pw.coupling(patch, L_SHAPE, own @ to_transmitter, WAVELENGTH, **how)
+    powers = [
+        norm(s) if normalise == "aperture" else radiated(s, EXACT[0]).real for s in (patch, array)
+    ]
+    expected = total * math.sqrt(powers[0] / powers[1])
     assert abs(found - expected) < 1e-8 * abs(expected)
 
 
@@ -363,6 +410,7 @@ def test_a_pose_among_many_is_named() -> None:
         ({"method": "fresnel"}, ArgumentError, "expected method to be one of"),
         ({"tolerance": 1e-14}, ArgumentError, "tolerance"),
         ({"tolerance": math.nan}, ArgumentError, "tolerance"),
+        ({"normalise": "gain"}, ArgumentError, 'expected normalise to be "radiated" or'),
         ({"wavelength": 1e-9, "to_transmitter": pose(0, 0, 1e-5)}, ArgumentError, "fewer"),
     ],
 )
@@ -402,7 +450,10 @@ def replaced(source: Any, numbers: np.ndarray) -> Any:
 
 
 @pytest.mark.llvm
-def test_derivatives_in_weights_and_amplitudes_are_differences() -> None:
+@pytest.mark.parametrize(
+    ("method", "normalise"), [*((name, "radiated") for name in EXACT), ("kirchhoff", "aperture")]
+)
+def test_derivatives_in_weights_and_amplitudes_are_differences(method: str, normalise: str) -> None:
     import drjit as dr
     from drjit.llvm.ad import Complex2f64, Float64, TensorXf64
 
@@ -416,9 +467,9 @@ def test_derivatives_in_weights_and_amplitudes_are_differences() -> None:
             replaced(source, own + t * other)
             for source, own, other in zip((CLUSTER, WAVES), start, change, strict=True)
         )
-        return pw.coupling(*pair, places, WAVELENGTH, "kirchhoff", 1e-10)
+        return pw.coupling(*pair, places, WAVELENGTH, method, 1e-10, normalise=normalise)
 
-    step = 1e-2
+    step = 1e-3
     expected = (8 * (value(step) - value(-step)) - value(2 * step) + value(-2 * step)) / (12 * step)
 
     def traced(numbers: list[Any]) -> Any:
@@ -426,7 +477,7 @@ def test_derivatives_in_weights_and_amplitudes_are_differences() -> None:
             pw.differentiable(CLUSTER, weights=numbers[0]),
             pw.differentiable(WAVES, amplitudes=numbers[1]),
         )
-        return pw.coupling(*pair, places, WAVELENGTH, "kirchhoff", 1e-9)
+        return pw.coupling(*pair, places, WAVELENGTH, method, 1e-9, normalise=normalise)
 
     def numbers_with_gradients() -> list[Any]:
         numbers = [Complex2f64(Float64(own.real), Float64(own.imag)) for own in start]
@@ -476,21 +527,28 @@ def test_couplings_of_differentiable_sources_have_the_kind_of_their_weights() ->
 
 
 @pytest.mark.llvm
-def test_the_best_weights_are_the_conjugate_couplings_of_the_elements() -> None:
-    # of elements of one power that do not overlap: nothing is left to gain there
+@pytest.mark.parametrize("normalise", ["radiated", "aperture"])
+def test_no_weights_are_better_than_the_couplings_over_the_powers(normalise: str) -> None:
+    """N w = b*, with N_kl the powers of pairs: int g F_k* F_l dOmega/wavelength^2, or diagonal."""
     import drjit as dr
     from drjit.llvm.ad import Complex2f64, Float64
 
     array = pw.phased_array(pw.shapes.square(2e-3), pw.arrays.grid_positions(3, 1, 3e-3, 1))
-    place = pose(4e-3, 0, 20e-3)
-    alone = np.array([pw.coupling(e, SQUARE, place, WAVELENGTH) for e in array.elements_in_plane])
-    weights = Complex2f64(Float64(alone.real), Float64(-alone.imag))
+    how: Any = {"tolerance": 1e-9, "normalise": normalise}
+    place, elements = pose(4e-3, 0, 20e-3), array.elements_in_plane
+    alone = np.array([pw.coupling(e, SQUARE, place, WAVELENGTH, **how) for e in elements])
+    powers = np.eye(3, dtype=complex)
+    if normalise == "radiated":
+        powers = np.array([[radiated(a, EXACT[0], b) for b in elements] for a in elements])
+        powers /= powers[0, 0]
+    found = np.linalg.solve(powers, alone.conj())
+    weights = Complex2f64(Float64(found.real), Float64(found.imag))
     dr.enable_grad(weights)
-    found = pw.coupling(pw.differentiable(array, weights=weights), SQUARE, place, WAVELENGTH)
-    dr.backward(dr.sum(found.array * found.array))
-    best = float(np.sum(np.abs(alone) ** 2))
-    assert float(dr.sum(found.array * found.array)[0]) == pytest.approx(best, rel=1e-5)
-    assert np.abs(np.array(dr.grad(weights))).max() < 1e-5 * math.sqrt(best)
+    link = pw.coupling(pw.differentiable(array, weights=weights), SQUARE, place, WAVELENGTH, **how)
+    dr.backward(dr.sum(link.array * link.array))
+    best = float((alone @ found).real)
+    assert float(dr.sum(link.array * link.array)[0]) == pytest.approx(best, rel=1e-8)
+    assert np.abs(np.array(dr.grad(weights))).max() < 1e-8 * math.sqrt(best)
 
 
 def test_in_a_null_errors_count_relative_to_the_largest_coupling() -> None:

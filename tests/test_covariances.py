@@ -33,7 +33,7 @@ FRAME = 1e-3
 OTHERS = 0.03
 
 
-def cloud(place: Any, intensity: Any, path: Any = None) -> Any:
+def cloud(place: Any, intensity: Any, path: Any = None, **attrs: Any) -> Any:
     """Scatterers for a receiver at the origin that looks along z."""
     values = {
         "position": np.asarray(place, float),
@@ -47,6 +47,7 @@ def cloud(place: Any, intensity: Any, path: Any = None) -> Any:
             "wavelength": WAVELENGTH,
             "obliquity": "rayleigh-sommerfeld-1",
             "to_world": np.eye(4).ravel().tolist(),
+            **attrs,
         },
     )
 
@@ -89,16 +90,24 @@ def test_a_covariance_is_hermitian_and_not_negative() -> None:
 def test_responses_are_fields_by_reciprocity() -> None:
     """A small source of known power at the place couples as the response says."""
     place = np.array([[0.3, -0.2, 1.0]])
-    (response,) = pm.element_responses(cloud(place, [1.0]), ELEMENT)[0]
     source = pw.shapes.square(WAVELENGTH / 100)
     turned = np.diag([-1.0, 1.0, -1.0, 1.0])
     turned[:3, 3] = place
-    b = pw.coupling(ELEMENT, source, turned, WAVELENGTH, method="rayleigh-sommerfeld-2")
+    how: Any = {"method": "rayleigh-sommerfeld-2", "normalise": "aperture"}
+    b = pw.coupling(ELEMENT, source, turned, WAVELENGTH, **how)
     field = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-2")
     # b = U A_s/sqrt(N_t A_s): the source receives the field there
     assert b == pytest.approx(field * np.sqrt(source.area / ELEMENT.area), rel=1e-3)
     first = pw.amplitude(ELEMENT, place[0], WAVELENGTH, method="rayleigh-sommerfeld-1")
-    assert response == pytest.approx(first * WAVELENGTH / np.sqrt(ELEMENT.area), rel=FIELDS)
+    radiated = pw.radiated_power(ELEMENT, WAVELENGTH)
+    assert radiated < 0.3 * ELEMENT.area
+    for attrs, power in (
+        ({}, radiated),
+        ({"normalise": "radiated"}, radiated),
+        ({"normalise": "aperture"}, ELEMENT.area),
+    ):
+        (response,) = pm.element_responses(cloud(place, [1.0], **attrs), ELEMENT)[0]
+        assert response == pytest.approx(first * WAVELENGTH / np.sqrt(power), rel=FIELDS)
 
 
 def test_gates_add_up_and_hold_what_is_in_them() -> None:
@@ -158,9 +167,15 @@ def test_bad_arguments_are_refused(change: dict[str, Any], message: str) -> None
 
 @pytest.mark.slow
 @pytest.mark.llvm
-@pytest.mark.parametrize("kind", ["element", "wide", "array"])
-def test_covariances_of_a_scene_are_received_powers(kind: str) -> None:
-    """Of clouds drawn for an element, for a wider source in its place, and for the whole array."""
+@pytest.mark.parametrize(
+    ("kind", "normalise"),
+    [("element", "radiated"), ("wide", "radiated"), ("array", "radiated"), ("array", "aperture")],
+)
+def test_covariances_of_a_scene_are_received_powers(kind: str, normalise: Any) -> None:
+    """Of clouds drawn for an element, for a wider source in its place, and for the whole array.
+
+    Beams are divided by the power of the whole array over that of an element.
+    """
     mi.set_variant("llvm_ad_mono")
     turn = mi.ScalarTransform4f().translate([0, 0, DISTANCE]).rotate([1, 0, 0], 180)
 
@@ -170,7 +185,7 @@ def test_covariances_of_a_scene_are_received_powers(kind: str) -> None:
                 "type": "scene",
                 "integrator": {"type": "path", "max_depth": 2},
                 "tx": pm.aperture(ELEMENT, WAVELENGTH, power=1.0, estimator="exact"),
-                "rx": pm.receiver(source, WAVELENGTH),
+                "rx": pm.receiver(source, WAVELENGTH, normalise=normalise),
                 "disc": {"type": "disk", "to_world": turn.scale(RADIUS)},
             }
         )
@@ -186,6 +201,8 @@ def test_covariances_of_a_scene_are_received_powers(kind: str) -> None:
         assert abs(trace - element.scattered) < SIGMAS * error
         assert trace == pytest.approx(float(found["power"].values.sum()), rel=FRAME)
     assert trace == pytest.approx(element.scattered, rel=OTHERS)
-    assert beamed.real / 12 == pytest.approx(whole.scattered, rel=OTHERS)
+    powers = [pw.radiated_power(each, WAVELENGTH) for each in (ARRAY, ELEMENT)]
+    beam = 12.0 if normalise == "aperture" else powers[0] / powers[1]
+    assert beamed.real / beam == pytest.approx(whole.scattered, rel=OTHERS)
     if kind == "wide":
         assert np.abs(degree(matrix)[0] - airy()).max() < AIRY

@@ -17,7 +17,7 @@ from polywigner.cli import main
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.aperture import triangulate
 from polywigner.geometry.field import turned_points
-from polywigner.numerics.fresnel_integrals import fresnel_tail
+from polywigner.numerics.chirps import fresnel_tail
 
 REFERENCE = read_json("curved")
 WAVELENGTH = REFERENCE["wavelength"]

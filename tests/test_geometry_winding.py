@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from outlines import CHEVRON, poses, relaxed, rotated, square_at
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.winding import winding_numbers
+from polywigner.geometry.parts import winding_numbers
 
 # Faces are noded on a grid of 2^-44 of the size or of the distance from the origin.
 GRID = 2.0**-43

@@ -25,8 +25,7 @@ from polywigner.numerics.exact import (
     signed_convex_pieces,
     with_vertices_on_sides,
 )
-from polywigner.numerics.phases import turns_to_centre
-from polywigner.numerics.trigonometry import cos_sin_turns, sin_turns
+from polywigner.numerics.phases import cos_sin_turns, sin_turns, turns_to_centre
 
 DOUBLE, SINGLE, SCALAR = NumpyOperations(True), NumpyOperations(False), ScalarOperations()
 # The measured bounds of the docstrings, in absolute terms: all values are at most one.

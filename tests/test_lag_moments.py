@@ -14,7 +14,7 @@ from oracles.references import numpy_and_few
 from polywigner import execution, kernels
 from polywigner.execution import NumpyOperations
 from polywigner.geometry.aperture import triangulate
-from polywigner.numerics.segment_moments import segment_moments
+from polywigner.numerics.polynomials import segment_moments
 
 # Of area times diameter^2 and turns^3: some roundings of each term; in float32 with phases of some
 # turns, which are rounded as well.

@@ -50,11 +50,12 @@ def floor(mi: Any, source: Any, **how: Any) -> np.ndarray:
 
 
 def on_line(source: Any, **how: Any) -> np.ndarray:
-    """The same, by exact fields in the middle of pixels, averaged over each."""
+    """The same, by exact fields and the cosine in the middle of pixels, averaged over each."""
     fine = 3
     x = ((np.arange(PIXELS * fine) + 0.5) / (PIXELS * fine) * 2 - 1) * HALF
     points = np.stack([x, 0 * x, np.full_like(x, HEIGHT)], axis=-1)
-    return pw.irradiance(source, points, WAVELENGTH, "auto", **how).reshape(-1, fine).mean(axis=1)
+    values = pw.irradiance(source, points, WAVELENGTH, "auto", **how)
+    return (values * HEIGHT / np.hypot(x, HEIGHT)).reshape(-1, fine).mean(axis=1)
 
 
 def visibility(line: np.ndarray) -> float:
@@ -83,9 +84,19 @@ def test_a_rendered_band_is_the_mean_over_its_wavelengths() -> None:
     assert np.sqrt(np.mean((found - expected) ** 2)) <= NOISE * expected.max()
 
 
+def radiated_power(source: Any, bandwidth: float | None = None) -> float:
+    """Mean over tilts and wavelengths."""
+    return sum(
+        weight * powers_of(part, length, "rayleigh-sommerfeld-1")[0]
+        for part, length, weight in parts_of(source, WAVELENGTH, bandwidth, 1e-4)
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.llvm
-def test_a_partly_coherent_receiver_takes_the_mean_of_what_its_tilts_take() -> None:
+@pytest.mark.parametrize("normalise", ["radiated", "aperture"])
+def test_a_partly_coherent_receiver_takes_of_a_sky_as_one_mode_does(normalise: str) -> None:
+    """lambda^2 L; counted by int |u|^2, less by the share that its mean wave radiates."""
     mi = use("llvm_ad_mono")
     from polywigner.mitsuba import receiver, render
 
@@ -95,15 +106,11 @@ def test_a_partly_coherent_receiver_takes_the_mean_of_what_its_tilts_take() -> N
             "type": "scene",
             "integrator": {"type": "path"},
             "sky": {"type": "constant", "radiance": 1.0},
-            "sensor": receiver(source, WAVELENGTH, estimator="wigner"),
+            "sensor": receiver(source, WAVELENGTH, estimator="wigner", normalise=normalise),
         }
     )
     found = float(np.array(render(scene, spp=1 << 20)).ravel()[0])
-    share = sum(
-        weight * np.divide(*powers_of(tilted, length, "rayleigh-sommerfeld-1"))
-        for tilted, length, weight in parts_of(source, WAVELENGTH, None, 1e-4)
-    )
-    # watts by int |u|^2: every direction counts with cos^2, the radiated power too
+    share = {"radiated": 1.0, "aperture": radiated_power(source) / 36e-6}[normalise]
     assert found == pytest.approx(share * WAVELENGTH**2, rel=0.02)
 
 
@@ -125,19 +132,21 @@ def test_mixtures_that_cannot_be_drawn_are_refused(how: dict[str, Any]) -> None:
 
 
 def test_a_direct_link_is_the_mean_over_tilts_and_wavelengths() -> None:
-    """Far away it is Friis' formula, with the blurred intensity of the emitter."""
+    """Far away it is Friis' formula, with the blurred intensity of the emitter over its power."""
     use("scalar_rgb")
     from polywigner.mitsuba.links import coupled_share, facing_parts
     from polywigner.mitsuba.mixtures import Mixture
     from polywigner.mitsuba.placed_sources import PlacedSource
 
-    square, far, width = pw.shapes.square(6e-3), 20.0, 12e-3
+    square, far, width, band = pw.shapes.square(6e-3), 20.0, 12e-3, 2e9
+    partly = square.partially_coherent(width)
     about = (WAVELENGTH, "rayleigh-sommerfeld-1", 1.0)
-    emitter = PlacedSource("sent", square, np.eye(4), *about, mixture=Mixture(width, 2e9))
-    back = pose((0.0, 0.0, far), np.pi)
-    parts = facing_parts(emitter, PlacedSource("taken", square, back, *about))
-    intensity = pw.radiant_intensity(square.partially_coherent(width), (0, 0, 1), WAVELENGTH)
-    expected = intensity * square.area**2 / far**2 / square.area**2
+    powers = radiated_power(partly, band), pw.radiated_power(square, WAVELENGTH)
+    here, back = np.eye(4), pose((0.0, 0.0, far), np.pi)
+    emitter = PlacedSource("sent", square, here, *about, powers[0], mixture=Mixture(width, band))
+    parts = facing_parts(emitter, PlacedSource("taken", square, back, *about, powers[1]))
+    intensity = pw.radiant_intensity(partly, (0, 0, 1), WAVELENGTH) / powers[0]
+    expected = intensity * square.area**2 / far**2 / powers[1]
     assert coupled_share(parts, 1e-6) == pytest.approx(expected, rel=1e-3, abs=0)
 
 

@@ -66,21 +66,20 @@ PIXEL = 1e-3
 STRATA = 1 / 64
 
 
-def received(mi: Any, emitter: Any, points: np.ndarray, frame: np.ndarray, seed: int = 1) -> Any:
-    """What floors parallel to a source receive at points (mm, world): (n,), by one sample each."""
+def received(mi: Any, emitter: Any, points: np.ndarray, seed: int = 1) -> Any:
+    """Received power density at points (mm, world): (n,) in W/m^2, by one sample each."""
     it = mi.Interaction3f()
     samples = np.random.default_rng(seed).uniform(size=(len(points), 2))
     if mi.variant().startswith("scalar"):
         found = []
         for point, sample in zip(points, samples, strict=True):
             it.p = mi.Point3f(*point.tolist())
-            ds, weight = emitter.sample_direction(it, mi.Point2f(*sample.tolist()), True)
-            found.append(-(np.array(ds.d) @ frame[:, 2]) * np.array(weight).ravel()[0])
+            _, weight = emitter.sample_direction(it, mi.Point2f(*sample.tolist()), True)
+            found.append(np.array(weight).ravel()[0])
         return np.array(found)
     it.p = vectors(mi, "Point", points)
-    ds, weight = emitter.sample_direction(it, vectors(mi, "Point", samples), True)
-    cosine = -(frame[:, 2] @ np.array(ds.d, dtype=float))
-    return cosine * np.atleast_2d(np.array(weight, dtype=float))[0]
+    _, weight = emitter.sample_direction(it, vectors(mi, "Point", samples), True)
+    return np.atleast_2d(np.array(weight, dtype=float))[0]
 
 
 def floor_points(height: float, count: int = 200) -> np.ndarray:
@@ -103,7 +102,7 @@ METHODS = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
 @pytest.mark.parametrize(
     ("name", "method"), [(name, METHODS[k % 3]) for k, name in enumerate(SOURCES)]
 )
-def test_a_parallel_floor_receives_the_exact_irradiance_near_and_far(
+def test_the_density_of_power_is_the_square_of_the_exact_field_near_and_far(
     name: str, method: str, llvm: object
 ) -> None:
     mi = use("llvm_ad_mono")
@@ -144,7 +143,7 @@ def test_equivalent_sources_have_the_far_field_of_the_source() -> None:
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", MONO, RGB, SPECTRAL])
-def test_light_is_the_irradiance_times_the_power_in_any_pose_and_variant(
+def test_light_is_the_squared_field_of_the_radiated_power_in_any_pose_and_variant(
     variant: str,
 ) -> None:
     mi = use(variant)
@@ -156,9 +155,9 @@ def test_light_is_the_irradiance_times_the_power_in_any_pose_and_variant(
     entry = light(source, to_world=placed, estimator="exact", power=2.0)
     local = np.concatenate([floor_points(h, count) for h in (0.03, 0.3)])
     points = local / MILLIMETRE @ placed[:3, :3].T + placed[:3, 3]
-    seen = received(mi, emitter_of(entry), points, placed[:3, :3])
-    energy = float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
-    exact = pw.irradiance(source, local, WAVELENGTH, method="rayleigh-sommerfeld-1") * 2 / energy
+    seen = received(mi, emitter_of(entry), points)
+    exact = pw.irradiance(source, local, WAVELENGTH, method="rayleigh-sommerfeld-1")
+    exact *= 2 / pw.radiated_power(source, WAVELENGTH)
     seen, exact = seen.reshape(2, -1), exact.reshape(2, -1)
     assert (np.abs(seen - exact).max(axis=1) < PLACES * exact.max(axis=1)).all()
 
@@ -194,8 +193,13 @@ def test_samples_follow_the_square_of_the_field(llvm: object) -> None:
     assert np.mean(x > 5.0) == pytest.approx(0.9, abs=STRATA)
 
 
-def spot(entry: Any, integrator: Any, height: float, more: Any = None, spp: int = 4) -> float:
-    """Irradiance of a white floor on the axis, from the picture of a hundredth of a millimetre."""
+def spot(
+    entry: Any, integrator: Any, height: float, more: Any = None, spp: int = 4, tilt: float = 0.0
+) -> float:
+    """Irradiance of a white floor on the axis, from the picture of a hundredth of a millimetre.
+
+    ``tilt``: of the floor, in degrees.
+    """
     import mitsuba as mi
 
     import polywigner.mitsuba as pwm
@@ -217,7 +221,7 @@ def spot(entry: Any, integrator: Any, height: float, more: Any = None, spp: int 
                 "type": "rectangle",
                 "to_world": transform()
                 .translate([0, 0, height])
-                .rotate([1, 0, 0], 180)
+                .rotate([1, 0, 0], 180 - tilt)
                 .scale(4 * height),
                 "bsdf": {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}},
             },
@@ -227,6 +231,10 @@ def spot(entry: Any, integrator: Any, height: float, more: Any = None, spp: int 
     )
     image = pwm.render(scene, mi.load_dict(integrator), spp=spp)
     return float(np.pi * image[0, 0, 0])
+
+
+# Distance (mm) from where the cosine differs by 2e-4 over the source.
+FAR = 250.0
 
 
 @cache
@@ -261,14 +269,30 @@ def test_no_integrator_counts_the_light_twice(
     integrator: dict[str, Any], visible: bool, llvm: object
 ) -> None:
     use("llvm_ad_mono")
-    seen = spot(light(estimator="exact", visible=visible), integrator, 8.0)
-    assert seen == pytest.approx(on_axis(8.0), rel=PIXEL)
+    seen = spot(light(estimator="exact", visible=visible), integrator, FAR)
+    assert seen == pytest.approx(on_axis(FAR), rel=PIXEL)
 
 
 def test_scalar_variants_render_it() -> None:
     use("scalar_rgb")
-    seen = spot(light(estimator="exact"), {"type": "path", "max_depth": 2}, 8.0)
-    assert seen == pytest.approx(on_axis(8.0), rel=PIXEL)
+    seen = spot(light(estimator="exact"), {"type": "path", "max_depth": 2}, FAR)
+    assert seen == pytest.approx(on_axis(FAR), rel=PIXEL)
+
+
+@pytest.mark.parametrize("tilt", [-30.0, 60.0])
+def test_a_surface_receives_the_squared_field_times_its_own_cosine(
+    tilt: float, llvm: object
+) -> None:
+    use("llvm_ad_mono")
+    seen = spot(light(estimator="exact"), {"type": "path", "max_depth": 2}, FAR, spp=64, tilt=tilt)
+    assert seen == pytest.approx(on_axis(FAR) * np.cos(np.radians(tilt)), rel=PIXEL)
+
+
+def test_near_by_the_cosine_is_the_mean_over_the_places_of_the_source(llvm: object) -> None:
+    use("llvm_ad_mono")
+    seen = spot(light(estimator="exact"), {"type": "path", "max_depth": 2}, 8.0, spp=4096)
+    x, y = np.meshgrid(*2 * [10 * (np.arange(400) + 0.5) / 400 - 5])
+    assert seen == pytest.approx(on_axis(8.0) * np.mean(8 / np.hypot(8, np.hypot(x, y))), rel=PIXEL)
 
 
 @pytest.mark.parametrize(
@@ -328,9 +352,9 @@ def test_wavelength_and_power_can_be_changed(llvm: object) -> None:
     params["light.emitter.wavelength"] = 2e-3
     params["light.emitter.power"] = 3.0
     params.update()
-    seen = received(mi, emitter, points, np.eye(3))
+    seen = received(mi, emitter, points)
     exact = pw.irradiance(SQUARE, points * MILLIMETRE, 2e-3, method="rayleigh-sommerfeld-1")
-    assert seen == pytest.approx(exact * 3 / SQUARE.area, rel=PLACES)
+    assert seen == pytest.approx(exact * 3 / pw.radiated_power(SQUARE, 2e-3), rel=PLACES)
 
 
 def test_derivatives_are_those_in_the_power_and_others_are_refused(llvm: object) -> None:

@@ -40,17 +40,17 @@ def test_a_file_is_found_beside_the_scene_and_read_in_its_unit(tmp_path: Path) -
     spec = load(tmp_path, GOOD)
     assert spec.source == SQUARE
     assert spec.wavelength == pytest.approx(WAVELENGTH, rel=1e-15)
-    assert spec.power == pytest.approx(SQUARE.area)
+    assert spec.power == pytest.approx(pw.radiated_power(SQUARE, WAVELENGTH), rel=1e-12)
 
 
 @pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "paper"])
-def test_a_radiated_power_is_turned_into_the_power_of_the_field(
+def test_of_an_aperture_power_the_share_that_the_obliquity_radiates_counts(
     tmp_path: Path, obliquity: str
 ) -> None:
     inside = f'{GOOD}<string name="obliquity" value="{obliquity}"/>'
-    spec = load(tmp_path, inside + '<string name="radiated_power" value="10 dBm"/>')
+    spec = load(tmp_path, inside + '<string name="aperture_power" value="10 dBm"/>')
     share = pw.radiated_power(SQUARE, WAVELENGTH, obliquity=obliquity) / SQUARE.area
-    assert spec.power == pytest.approx(0.01 / share, rel=1e-9)
+    assert spec.power == pytest.approx(0.01 * share, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -123,14 +123,15 @@ def test_optional_parameters(tmp_path: Path, parameter: str, name: str, value: A
         (GOOD.replace("patch.wkt", "memory:123"), ["expected no unit"]),
         (GOOD + '<string name="power" value="much"/>', ["power", "much"]),
         (GOOD + '<float name="power" value="-1"/>', ["power above zero"]),
-        (GOOD + '<string name="radiated_power" value="10 dB"/>', ["radiated_power", "dBm"]),
+        (GOOD + '<string name="aperture_power" value="10 dB"/>', ["aperture_power", "dBm"]),
         (
-            GOOD + '<float name="power" value="1"/><float name="radiated_power" value="1"/>',
-            ["power or radiated_power", "both", "hemisphere"],
+            GOOD + '<float name="power" value="1"/><float name="aperture_power" value="1"/>',
+            ["power or aperture_power", "both", "hemisphere"],
         ),
+        (GOOD + '<float name="radiated_power" value="1"/>', ["power, aperture_power", "'radiated"]),
         (GOOD + '<float name="power" value="1e300"/>', ["a power that single", "check its unit"]),
         (GOOD.replace("94 GHz", "1e200 Hz"), ["wavelength that single precision", "2.99792e-192"]),
-        (GOOD.replace("94 GHz", "1e-20 Hz"), ["wavelength that single precision", "2.99792e+28"]),
+        (GOOD.replace("94 GHz", "1e-20 Hz"), ["that radiates", "2.99792e+28", "check the unit"]),
         (GOOD + '<boolean name="power" value="true"/>', ["number or a text as power", "bool"]),
         (GOOD + '<float name="obliquity" value="1"/>', ['<string name="obliquity"', "float"]),
         (GOOD + '<string name="obliquity" value="rs1"/>', ["obliquity", "'rs1'", "kirchhoff"]),
@@ -349,7 +350,7 @@ def test_a_source_file_is_what_was_written(tmp_path: Path) -> None:
         inside = f'<string name="source" value="{name}"/><string name="frequency" value="94 GHz"/>'
         spec = load(tmp_path, inside)
         assert spec.source == array
-        assert spec.power == pytest.approx(12 * SQUARE.area / 4, rel=1e-12)
+        assert spec.power == pytest.approx(pw.radiated_power(array, WAVELENGTH), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -448,8 +449,8 @@ def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
         ({"wavelength": float("nan")}, "finite"),
         ({"wavelength": 1.0, "obliquity": "none"}, "obliquity"),
         ({"wavelength": 1.0, "power": 0.0}, "above zero"),
-        ({"wavelength": 1.0, "radiated_power": 0.0}, "above zero"),
-        ({"wavelength": 1.0, "radiated_power": 1.0, "power": 1.0}, "got both"),
+        ({"wavelength": 1.0, "aperture_power": 0.0}, "above zero"),
+        ({"wavelength": 1.0, "aperture_power": 1.0, "power": 1.0}, "got both"),
         ({"wavelength": 1.0, "to_world": np.diag([2.0, 2.0, 2.0, 1.0])}, "scales by 2, 2, 2"),
         ({"wavelength": 1.0, "to_world": np.full((4, 4), np.nan)}, "finite"),
         ({"wavelength": 1.0, "to_world": np.diag([1.0, 1.0, 1e300, 1.0])}, "finite"),
@@ -469,7 +470,7 @@ def test_a_dictionary_entry_carries_all_parameters(variant: str) -> None:
         ({"wavelength": 1.0, "power": 1e39}, "power that single precision"),
         ({"wavelength": 1e-10, "power": 1e20}, "power that single precision"),
         ({"wavelength": 1e-200}, "wavelength that single precision"),
-        ({"wavelength": 1e28}, "wavelength that single precision"),
+        ({"wavelength": 1e28}, r"radiates at a wavelength of 1e\+28 m.*check the unit"),
         ({"wavelength": 1.0, "scene_unit": 1e-30}, "scene_unit that single precision"),
     ],
 )
@@ -480,6 +481,19 @@ def test_a_bad_argument_of_an_entry_is_refused_at_once(
 
     with pytest.raises(PolywignerError, match=fragment):
         pwm.aperture(SQUARE, **arguments)
+
+
+def test_the_former_name_of_the_power_still_does_and_says_the_new_one() -> None:
+    import polywigner.mitsuba as pwm
+
+    with pytest.warns(DeprecationWarning, match="write power="):
+        entry = pwm.aperture(SQUARE, WAVELENGTH, radiated_power="10 dBm")
+    assert entry["power"] == pytest.approx(0.01)
+    with (
+        pytest.warns(DeprecationWarning, match="write power="),
+        pytest.raises(SceneError, match="both are one number"),
+    ):
+        pwm.aperture(SQUARE, WAVELENGTH, radiated_power=1.0, power=1.0)
 
 
 @pytest.mark.parametrize("wavelength", [1e-10, 500e-9, 1.0, 1e6])

@@ -60,6 +60,7 @@ def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(
         "bandwidth": "1 GHz",
         "temperature": "290 K",
         "noise_figure": "3 dB",
+        "normalise": "aperture",
     }
     inside = "".join(f'<string name="{name}" value="{text}"/>' for name, text in texts.items())
     turn = '<transform name="to_world"><translate x="7"/></transform>'
@@ -71,6 +72,7 @@ def test_a_receiver_in_xml_has_the_parameters_of_its_source_and_of_its_noise(
     assert (spec.bandwidth, spec.temperature, spec.noise_figure) == (1e9, 290.0, 3.0)
     assert (spec.obliquity, spec.estimator, spec.sampling) == ("kirchhoff", "wigner", "marginal")
     assert (spec.scene_unit, spec.pose[0, 3]) == (1e-3, 7.0)
+    assert spec.normalise == "aperture"
 
 
 def test_defaults_are_exact_light_and_no_noise(tmp_path: Path) -> None:
@@ -83,6 +85,7 @@ def test_defaults_are_exact_light_and_no_noise(tmp_path: Path) -> None:
         1,
     )
     assert (spec.bandwidth, spec.temperature, spec.noise_figure) == (None, None, None)
+    assert spec.normalise == "radiated"
     assert tuple(sensor.film().size()) == (1, 1)
 
 
@@ -107,6 +110,10 @@ WRONG = {
     "no boundary condition": (
         SOURCE + FREQUENCY + FILM + '<string name="obliquity" value="paper"/>',
         "a boundary condition as obliquity",
+    ),
+    "another count of power": (
+        SOURCE + FREQUENCY + FILM + '<string name="normalise" value="gain"/>',
+        'expected normalise to be "radiated" or "aperture", got .gain.',
     ),
     "another estimator": (
         SOURCE + FREQUENCY + FILM + '<string name="estimator" value="rays"/>',

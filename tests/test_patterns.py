@@ -260,6 +260,22 @@ def test_planning_tools_get_attenuations_all_around(tmp_path: Path) -> None:
     assert lines[start + 360] == "VERTICAL 360" and len(lines) == start + 721
 
 
+def test_planning_tools_get_the_gain_of_a_beam_beside_both_cuts(tmp_path: Path) -> None:
+    """Gain less attenuation is the directivity along the cuts."""
+    direction = (0.5, 0.5, math.sqrt(0.5))
+    source = pw.shapes.square(30e-3).with_illumination(pw.steering(direction, WAVELENGTH))
+    pattern = _pattern(source, np.radians(np.arange(-90, 91)), np.radians([0.0, 90.0]))
+    pw.write_pattern(pattern, tmp_path / "a.msi")
+    lines = (tmp_path / "a.msi").read_text().splitlines()
+    gain = float(lines[3].split()[1])
+    beam = pw.radiation_pattern(source, WAVELENGTH, np.radians(np.arange(40, 46, 0.1)), np.pi / 4)
+    sample = 0.01  # dB, of steps of 0.1 degrees
+    assert gain == pytest.approx(beam.attrs["largest_directivity"], abs=sample)
+    attenuation = float(lines[lines.index("HORIZONTAL 360") + 1].split()[1])
+    rounding = 1e-3
+    assert gain - attenuation == pytest.approx(pattern["directivity"].values[90, 0], abs=rounding)
+
+
 def test_the_old_order_of_arguments_still_writes(tmp_path: Path) -> None:
     pattern = _pattern(SQUARE, [0.0, 0.1], [0.0])
     with pytest.warns(DeprecationWarning, match="pattern, path"):
@@ -321,3 +337,31 @@ def test_what_is_no_pattern_is_refused_in_words_and_leaves_no_file(
     with pytest.raises(kind, match=words):
         call()
     assert not list(tmp_path.iterdir())
+
+
+BROAD = pw.shapes.square(1e-3)
+WIDE = {
+    "hexagon": pw.shapes.regular_polygon(6, 0.5e-3),
+    "steered": BROAD.with_illumination(pw.steering((0.6, 0.0, 0.8), 1e-3 * math.sqrt(2) / 600)),
+    "tapered": BROAD.with_illumination(pw.cosine_taper(1e-3)),
+}
+# Of the closed form, and of what 2e-4 more wavelengths change.
+OF_WIDE = 1.1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WIDE)
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff", "paper"])
+def test_wide_sources_radiate_all_but_the_share_that_their_edges_keep(
+    name: str, obliquity: Any
+) -> None:
+    """By (RP3) just beyond 600 wavelengths, and by the integral over directions just before."""
+    source = WIDE[name]
+    diameter = source.diameter
+    shares = [
+        pw.radiated_power(source, diameter / wavelengths, obliquity)
+        / float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+        for wavelengths in (599.97, 600.03)
+    ]
+    assert shares[0] == pytest.approx(shares[1], abs=OF_WIDE + 6e-5 * (name == "steered"))
+    assert 1e-4 < 1 - shares[1] < 0.21

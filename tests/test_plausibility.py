@@ -102,3 +102,73 @@ def test_angles_in_radians_are_not_asked_about():
     assert not warned(pw.radiation_pattern, SQUARE, WAVELENGTH, theta, phi)
     assert not warned(pw.radiation_pattern, SQUARE, WAVELENGTH, [0.0, 1.0], 0.0)
     assert not warned(SQUARE.turned, 2 * np.pi / 3 + 4 * np.pi)
+
+
+PUPIL = pw.shapes.square(10e-3)
+LENSES = {
+    "mtf": lambda w, f, pupil=PUPIL: pw.mtf(pupil, (50.0, 0.0), w, f),
+    "psf": lambda w, f, pupil=PUPIL: pw.psf(pupil, (1e-6, 0.0), w, f),
+    "of slits": lambda w, f: pw.mtf(pw.Slits([(0.0, 10e-3)]), (50.0,), w, f),
+    "curved": lambda w, f: pw.mtf(PUPIL.curved(10.0, 0.5e-6), (50.0, 0.0), w, f),
+}
+
+
+@pytest.mark.parametrize("name", LENSES)
+@pytest.mark.parametrize("wavelength", [0.55, [0.45, 0.55, 0.65]])
+def test_micrometres_of_light_in_a_lens_are_asked_about(name, wavelength):
+    (found,) = warned(LENSES[name], wavelength, 0.1)
+    assert found.category is PolywignerWarning
+    assert "micrometres for m?" in str(found.message)
+    assert found.filename == __file__
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_focal_lengths_in_millimetres_are_asked_about(name):
+    (found,) = warned(LENSES[name], 0.55e-6, 100.0)
+    assert "focal length" in str(found.message)
+    assert "mm for m?" in str(found.message)
+    assert found.filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("size", "wavelength", "focal_length"),
+    [
+        (5e-3, 0.5e-6, 2e-3),  # a microscope
+        (8.2, 2e-6, 120.0),  # a telescope
+        (0.3e-3, 0.55e-6, 0.1),  # a camera with a pinhole
+        (50e-3, 1e-3, 0.1),  # a lens for terahertz waves
+        (25.0, 0.21, 10.0),  # a dish
+    ],
+)
+@pytest.mark.parametrize("name", ["mtf", "psf"])
+def test_lenses_of_the_usual_kinds_are_not_asked_about(name, size, wavelength, focal_length):
+    assert not warned(LENSES[name], wavelength, focal_length, pw.shapes.square(size))
+
+
+def link(source, distance, wavelength):
+    facing = np.diag([-1.0, 1.0, -1.0, 1.0])
+    facing[2, 3] = distance
+    return pw.coupling(source, source, facing, wavelength)
+
+
+def test_links_of_a_hundred_thousand_sizes_are_asked_about():
+    """10 mm squares, 3000 mm apart."""
+    (found,) = warned(link, SQUARE, 3000.0, WAVELENGTH)
+    assert found.category is PolywignerWarning
+    assert "3000 m" in str(found.message)
+    assert "mm for m?" in str(found.message)
+    assert found.filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("size", "distance", "wavelength"),
+    [
+        (10e-3, 3.0, WAVELENGTH),
+        (10e-3, 250.0, WAVELENGTH),  # radar on the road
+        (1.9e-3, 100.0, 3.9e-3),  # one element of it
+        (0.3, 5e3, 3.7e-3),  # between two masts
+        (0.1, 3e3, 1.55e-6),  # between two telescopes
+    ],
+)
+def test_links_of_the_usual_lengths_are_not_asked_about(size, distance, wavelength):
+    assert not warned(link, pw.shapes.square(size), distance, wavelength)

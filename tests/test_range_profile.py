@@ -77,8 +77,14 @@ def nodes(half: float, pose: Any, count: int = 10) -> tuple[np.ndarray, np.ndarr
 def lit(source: Any, points: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """W/m^2 on a surface by a source of 1 W at the origin, or a receiver's weight there."""
     away = points / np.linalg.norm(points, axis=1)[:, None]
-    flat = pw.irradiance(source, points, WAVELENGTH, method="rayleigh-sommerfeld-1")
-    return flat / source.area * (-away @ normal) / away[:, 2]
+    density = pw.irradiance(source, points, WAVELENGTH, method="rayleigh-sommerfeld-1")
+    return density / pw.radiated_power(source, WAVELENGTH) * (-away @ normal)
+
+
+def gain(source: Any) -> float:
+    """Directivity along z."""
+    pattern = pw.radiation_pattern(source, WAVELENGTH, 0.0, 0.0)
+    return float(10 ** (pattern.attrs["largest_directivity"] / 10))
 
 
 def test_a_plate_falls_into_its_bin_and_bins_add_up_to_the_scattered_power() -> None:
@@ -179,7 +185,8 @@ def test_a_small_patch_falls_off_as_the_fourth_power_of_its_range(distance: floa
     axis = np.array([[0.0, 0.0, distance]])
     on_axis = (lit(SQUARE, axis, normal) * lit(LARGE, axis, normal)).item() * areas.sum()
     pattern = expected / (WAVELENGTH**2 * REFLECTANCE / math.pi * on_axis)
-    law = SQUARE.area * LARGE.area * areas.sum() * REFLECTANCE / math.pi / WAVELENGTH**2
+    both = gain(SQUARE) * gain(LARGE) * WAVELENGTH**2 / (4 * math.pi) ** 2
+    law = both * areas.sum() * REFLECTANCE / math.pi
     assert abs(10 * math.log10(power.max() / pattern * distance**4 / law)) < LAW
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.errors import ArgumentError, FileFormatError
+from polywigner.errors import ArgumentError, FileFormatError, PolywignerWarning
 
 xarray = pytest.importorskip("xarray")
 
@@ -67,6 +68,25 @@ def test_a_source_file_of_opticstudio_is_written_byte_by_byte(rays: Any, tmp_pat
     assert (x, y, z) == pytest.approx(tuple(ray.position.values * 1e3), rel=SINGLE, abs=1e-30)
     assert (l, m, n) == pytest.approx(tuple(ray.direction.values), rel=SINGLE)
     assert w == pytest.approx(float(ray.weight), rel=SINGLE)
+
+
+def test_negative_powers_in_a_source_file_are_warned_of_with_their_share(
+    rays: Any, tmp_path: Path
+) -> None:
+    weight = rays.weight.values
+    rays_below = f"{100 * (weight < 0).mean():.0f} % of the rays"
+    power_below = f"{100 * -weight[weight < 0].sum() / np.abs(weight).sum():.0f} % of all power"
+    with pytest.warns(PolywignerWarning, match=f"{rays_below}.*{power_below}.*split") as found:
+        pw.rays.save(rays, tmp_path / "rays.dat")
+    assert [w.filename for w in found] == [__file__]
+    above = rays.isel(ray=weight > 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pw.rays.save(rays, tmp_path / "rays.dat", split=True)
+        pw.rays.save(above, tmp_path / "above.dat")
+        pw.rays.save(rays.isel(ray=slice(0, 0)), tmp_path / "none.dat")
+        for suffix in ("npz", "csv"):
+            pw.rays.save(rays, tmp_path / f"rays.{suffix}")
 
 
 @pytest.mark.parametrize("unit", ["m", "in", "cm", "ft", "mm"])
@@ -209,9 +229,17 @@ def test_the_command_line_writes_the_same_rays(rays: Any, square: Path, capsys: 
     assert printed.endswith(f"{out}\n")
     found = pw.rays.load(out)
     assert found.weight.values == pytest.approx(rays.weight.values, rel=1e-9)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")  # not once in a process
+        given = ("--format", "dat", "--format", "npz", "--out", str(square.parent / "both"))
+        assert main(["rays", str(square), *COMMAND, *given]) == 0
+    said = capsys.readouterr().err
+    assert said.count("may ignore or refuse") == 1
+    assert "--split" in said
     options = ("--format", "dat", "--split", "--power", "1 mW", "--cone", "60 deg")
     assert main(["rays", str(square), *COMMAND, *options, "--out", str(square.parent)]) == 0
-    capsys.readouterr()
+    assert not capsys.readouterr().err
+    (square.parent / "both.dat").unlink()
     names = sorted(path.name for path in square.parent.glob("*.dat"))
     assert names == ["square_rays_negative.dat", "square_rays_positive.dat"]
 

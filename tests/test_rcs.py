@@ -405,3 +405,95 @@ def test_angles_of_a_pattern_are_checked() -> None:
 def test_wrong_arguments_are_refused(arguments: Any, message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
         pw.rcs(*arguments)
+
+
+def turned(axis: int, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    """A pose whose z axis is x, y or z of space, at a place."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.roll(np.eye(3), 2 - axis, axis=1)
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+PLATE = pw.shapes.square(1.0)
+# Three plates [0, 1]^2 that meet at the origin, with their insides towards (1, 1, 1).
+TRIHEDRAL = [
+    PLATE.placed(turned(k, *(0.5 * (np.arange(3) != k)))) for k in range(3)
+]  # fmt: skip
+INWARDS = np.ones(3) / math.sqrt(3)
+ACROSS = np.array([1.0, 1.0, 0.0]) / math.sqrt(2)
+WEDGE = pw.Polyhedron(  # an L of 90 degrees inside, with a fan of many facets
+    L_BODY.vertices, [tuple(t) for t in L_BODY.triangles.tolist()]
+)
+GROUND = pw.shapes.square(8.0)
+
+
+@pytest.mark.parametrize(
+    ("body", "direction"),
+    [
+        (TRIHEDRAL, INWARDS),
+        (TRIHEDRAL[:2], ACROSS),
+        (L_BODY, ACROSS),
+        (WEDGE, ACROSS),
+        (STEPS, ACROSS),
+        ([GROUND, BOX], towards(45, 0)),  # a box that stands on the ground
+        ([GROUND, pw.shapes.square(1.0).placed(turned(0, z=0.5))], towards(60, 0)),  # a wall
+        ([GROUND, pw.shapes.square(1.0).placed(turned(0, z=0.5))], towards(60, 180)),
+    ],
+    ids=[
+        "trihedral",
+        "dihedral",
+        "L",
+        "L of triangles",
+        "stairs",
+        "box on the ground",
+        "wall",
+        "behind it",
+    ],
+)
+def test_faces_that_light_each_other_at_a_concave_edge_are_warned_of(
+    body: Any, direction: np.ndarray
+) -> None:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        pw.rcs(body, direction, 0.05)
+    (about,) = found
+    assert about.category is PolywignerWarning
+    assert "two or three reflections" in str(about.message)
+    assert about.filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("body", "direction"),
+    [
+        (TRIHEDRAL, -INWARDS),  # its outside
+        (TRIHEDRAL, np.eye(3)[2]),  # along two of its plates
+        (L_BODY, -ACROSS),
+        (L_BODY, towards(90, 300)),
+        (BOX, DIRECTIONS),
+        (HOLED, DIRECTIONS),
+        (sphere(1), DIRECTIONS),
+        (torus(40, 20), DIRECTIONS),  # smooth
+        ([PLATE, PLATE.placed(at(0, 0, 0.5))], DIRECTIONS),
+        ([PLATE, PLATE.placed(at(1, 0, 0))], DIRECTIONS),  # side by side in one plane
+        ([GROUND, pw.shapes.square(1.0).placed(turned(0, z=0.5))], towards(60, 90)),
+    ],
+)
+def test_bodies_without_lit_concave_edges_are_not_warned_of(
+    body: Any, direction: np.ndarray
+) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pw.rcs(body, direction, 0.05)
+
+
+def test_concave_edges_near_an_antenna_are_warned_of_once() -> None:
+    feed, place = pw.shapes.square(0.05), 5.0 * INWARDS
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("default")
+        for distance in (1.0, 2.0):
+            pw.rcs(TRIHEDRAL, distance * place, 0.05, source=feed, tolerance=0.1)
+    assert ["two or three reflections" in str(w.message) for w in found] == [True]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pw.rcs(TRIHEDRAL, -place, 0.05, source=feed, tolerance=0.1)

@@ -23,6 +23,8 @@ HALVES = [
     extruded([(-0.1, 0), (0, 0), (0, 0.1), (-0.1, 0.1)], 0.1),
 ]
 PLATE = pw.shapes.square(0.2)
+# Powers of (SC3) as int |u|^2; by default they are radiated powers.
+APERTURE: Any = {"return_power": True, "normalise": "aperture"}
 
 
 def unit(*vector: float) -> np.ndarray:
@@ -47,7 +49,7 @@ def grid(width: float, height: float, count: int) -> tuple[np.ndarray, np.ndarra
 def field_and_slope(
     width: float, height: float, pose: np.ndarray, points: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rayleigh and Sommerfeld's first integral of a rectangle by points, per root of watts.
+    """Rayleigh and Sommerfeld's first integral of a rectangle by points, per root of int |u|^2.
 
     At points (n, 3), which ``pose`` maps into the frame of the rectangle; and its derivative along
     a normal over ik.
@@ -81,7 +83,7 @@ def test_a_plate_near_a_radar_is_that_of_quadrature(distance: float) -> None:
     points, areas = grid(0.2, 0.2, 36)
     field, slope = field_and_slope(0.06, 0.04, pose, points, np.array([0.0, 0.0, 1.0]))
     expected = abs((field * slope * areas).sum()) ** 2
-    _, power = pw.rcs(PLATE, pose, WAVELENGTH, polarisation="vv", source=FEED, return_power=True)
+    _, power = pw.rcs(PLATE, pose, WAVELENGTH, polarisation="vv", source=FEED, **APERTURE)
     content = (np.abs(field * slope) * areas).sum()
     assert math.sqrt(power) == pytest.approx(math.sqrt(expected), abs=TOLERANCE * content)
     assert content < 10 * math.sqrt(expected)  # no null
@@ -137,7 +139,7 @@ def test_shadows_near_a_radar_are_those_of_rays() -> None:
     at = np.array([0.05, 0.03, 0.45])
     radar = looking(at)
     pair = [PLATE, small.placed(pose)]
-    _, power = pw.rcs(pair, radar, WAVELENGTH, polarisation="vv", source=FEED, return_power=True)
+    _, power = pw.rcs(pair, radar, WAVELENGTH, polarisation="vv", source=FEED, **APERTURE)
     points, areas = grid(0.2, 0.2, 100)
     # where a ray from the radar meets the plane of the small plate
     through = at + (points - at) * ((at[2] - 0.1) / at[2])
@@ -185,21 +187,33 @@ def test_an_antenna_with_a_null_at_the_body_has_a_power_alone() -> None:
 
 
 def test_the_radar_equation_has_its_decibels() -> None:
-    """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz, no losses: -81.089 dBm."""
+    """10 dBm, antennas of 0 dBi, 20 dBsm at 10 m, 24.125 GHz, no losses: -81.089 dBm.
+
+    The gain of an antenna is the directivity of its pattern.
+    """
     wavelength = pw.SPEED_OF_LIGHT / 24.125e9
-    patch = pw.shapes.square(wavelength / math.sqrt(4 * math.pi))  # 4 pi A/wavelength^2 = 1
-    facing = np.diag([-1.0, 1.0, -1.0, 1.0])
-    facing[2, 3] = 10.0
-    there = abs(pw.coupling(patch, patch, facing, wavelength, "fraunhofer")) ** 2
-    one_way = there / (wavelength / (4 * math.pi * 10)) ** 2
-    assert 10 * math.log10(one_way) == pytest.approx(0, abs=1e-9)  # both gains are 1
+    patch = pw.shapes.square(0.4 * wavelength)
+    gain = pw.radiation_pattern(patch, wavelength, 0.0, 0.0).attrs["largest_directivity"]
     plate = pw.shapes.square(math.sqrt(10 * wavelength / math.sqrt(4 * math.pi)))
     assert pw.rcs(plate, (0, 0, 1), wavelength) == pytest.approx(100)
     sigma, power = pw.rcs(plate, (0, 0, 10.0), wavelength, source=patch, return_power=True)
-    received = 10 + 10 * math.log10(power)
+    received = 10 + 10 * math.log10(power) - 2 * gain
     curved = 10 * math.log10(sigma / 100)  # the plate is 19 cm wide, 10 m are not far away
     assert received - curved == pytest.approx(-81.089, abs=1e-3)
     assert -0.3 < curved < 0
+
+
+def test_cross_sections_are_the_same_however_powers_count() -> None:
+    """Of both powers the one is the other times the squares of the shares that radiate."""
+    at = 0.5 * S, WAVELENGTH, 0.6 * T
+    found, expected = (
+        pw.rcs(PLATE, *at, source=FEED, receiver=OTHER, return_power=True, normalise=count)
+        for count in ("radiated", "aperture")
+    )
+    assert found[0] == pytest.approx(expected[0], rel=1e-12)
+    shares = [pw.radiated_power(s, WAVELENGTH) / s.area for s in (FEED, OTHER)]
+    assert found[1] == pytest.approx(expected[1] / math.prod(shares), rel=1e-12)
+    assert math.prod(shares) < 0.9
 
 
 @pytest.mark.parametrize(
@@ -210,6 +224,7 @@ def test_the_radar_equation_has_its_decibels() -> None:
         (((0, 0, 1e200), 0.02), {"source": FEED}, ArgumentError, "not finite"),
         (((0, 0), 0.02), {"source": FEED}, ArgumentError, "in m from the body"),
         (((0, 0, 1), 0.02), {"source": PLATE, "tolerance": 1.0}, ArgumentError, "tolerance"),
+        (((0, 0, 1), 0.02), {"source": PLATE, "normalise": "all"}, ArgumentError, "normalise"),
         ((np.eye(4), 0.02), {"source": FEED}, GeometryError, "in front of the source"),
         ((2 * np.eye(4), 0.02), {"source": FEED}, GeometryError, "to_radar as rigid poses"),
     ],

@@ -170,7 +170,8 @@ def test_of_a_source_that_reaches_behind_the_other_the_part_in_front_counts(plai
     upper = SQUARE  # all of the receiver stands in front of the emitter
     least = pose.copy()
     least[0, 3] = -1e-9  # the emitter's edge lies in its plane
-    expected = coupled(half, np.eye(4), upper, least) * half.area / SQUARE.area
+    radiated = [pw.radiated_power(source, WAVELENGTH) for source in (half, SQUARE)]
+    expected = coupled(half, np.eye(4), upper, least) * radiated[0] / radiated[1]
     assert float(found) == pytest.approx(expected, rel=1e-3)
     assert "left out" in found.notes[0]
 
@@ -283,11 +284,10 @@ def scene_with_floor(swapped: bool = False, **more: Any) -> Any:
     )
 
 
-def scattered_by_floor() -> tuple[float, float]:
-    """A sum over the floor of both exact irradiances, there and back.
+def scattered_by_floor() -> float:
+    """A sum over the floor of the exact densities of power of both, times the floor's cosines.
 
-    |U|^2 is what a floor parallel to the emitter receives: one turned to it receives cos_y/cos_x of
-    that, cos_x the emitter's own cosine.
+    It is the same there and back.
     """
     steps = 300
     half = 1.0
@@ -300,29 +300,57 @@ def scattered_by_floor() -> tuple[float, float]:
     points, back = points[in_front], back[in_front]
     sent = pw.irradiance(HANDED, points, WAVELENGTH, method="rayleigh-sommerfeld-1")
     taken = pw.irradiance(SQUARE, back, WAVELENGTH, method="rayleigh-sommerfeld-1")
-    sent = sent / pw.lag_marginal(HANDED, (0.0, 0.0)).real  # of 1 W
-    taken = taken / SQUARE.area
+    sent = sent / pw.radiated_power(HANDED, WAVELENGTH)  # of 1 W
+    taken = taken / pw.radiated_power(SQUARE, WAVELENGTH)
     centre = np.array([*HANDED.centre, 0.0])
     away = points - centre
     from_one, from_other = (np.linalg.norm(way, axis=-1) for way in (away, back))
     cosines = (FLOOR + centre[1]) / from_one * FLOOR / from_other
     light = 0.5 / np.pi * sent * taken * cosines * WAVELENGTH**2 * (2 * half / steps) ** 2
-    there, back_again = light * from_one / away[:, 2], light * from_other / back[:, 2]
-    return float(there.sum()), float(back_again.sum())
+    return float(light.sum())
 
 
 @pytest.mark.llvm
 @pytest.mark.slow
-def test_a_floor_scatters_what_the_product_of_both_irradiances_says() -> None:
+def test_a_floor_scatters_the_same_there_and_back_by_the_product_of_both_irradiances() -> None:
     mi.set_variant("llvm_ad_mono")
     there = pm.received_power(scene_with_floor(), spp=16384)
     back = pm.received_power(scene_with_floor(swapped=True), spp=16384)
-    for found, expected in zip((there, back), scattered_by_floor(), strict=True):
+    expected = scattered_by_floor()
+    for found in (there, back):
         allowed = SIGMAS * found.standard_error + QUADRATURE * expected
         assert abs(found.scattered - expected) < allowed
         assert 0 < found.standard_error < 0.1 * expected
     assert there.direct == pytest.approx(back.direct, rel=SINGLE)
     assert there.power == there.direct + there.scattered
+
+
+@pytest.mark.parametrize("obliquity", ["rayleigh-sommerfeld-1", "kirchhoff"])
+def test_a_receiver_that_counts_aperture_power_gets_the_share_that_it_radiates(
+    plain: None, obliquity: Any
+) -> None:
+    """Straight and scattered, of the same samples; and an emitter of 1 W over its aperture."""
+    more = {"obliquity": obliquity}
+    floor = plate(0, -FLOOR, 0.25, [1, 0, 0], -90)
+
+    def found(options: dict[str, Any], **of: Any) -> Any:
+        tx = pm.aperture(SQUARE, WAVELENGTH, **of, **more)
+        rx = receiver(HANDED, facing(0.5), estimator="wigner", **more, **options)
+        return power_of(tx=tx, rx=rx, floor=floor)
+
+    plain_one = found({}, power=1.0)
+    energy = pw.lag_marginal(HANDED, (0.0, 0.0)).real
+    shares = [
+        pw.radiated_power(source, WAVELENGTH, obliquity) / own
+        for source, own in ((HANDED, energy), (SQUARE, SQUARE.area))
+    ]
+    assert max(shares) < 0.95
+    for other, share in (
+        (found({"normalise": "aperture"}, power=1.0), shares[0]),
+        (found({}, aperture_power=1.0), shares[1]),
+    ):
+        assert other.direct == pytest.approx(share * plain_one.direct, rel=SINGLE)
+        assert other.scattered == pytest.approx(share * plain_one.scattered, rel=SINGLE)
 
 
 @pytest.mark.slow

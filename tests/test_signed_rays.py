@@ -38,7 +38,7 @@ UNLIKELY = 4.5
 ROUNDING = 1e-12
 
 # Pixels in front of the square, beside the axis too.
-Z, BOUNDS, SHAPE = 0.03, (-0.03, -0.02, 0.05, 0.02), (4, 2)
+GRID = Z, BOUNDS, SHAPE = 0.03, (-0.03, -0.02, 0.05, 0.02), (4, 2)
 
 
 def gauss(low: float, high: float, cells: int, order: int = 5) -> tuple[np.ndarray, np.ndarray]:
@@ -49,18 +49,24 @@ def gauss(low: float, high: float, cells: int, order: int = 5) -> tuple[np.ndarr
     return ((edges[1:] + edges[:-1])[:, None] / 2 + half * t).ravel(), w / 2
 
 
+def across(rays: Any) -> Any:
+    """Rays whose sums are |U|^2, the power per area across them: a plane receives its cosine."""
+    weight = rays.weight / rays.direction[:, 2]
+    return pw.rays.traced(rays, rays.position, rays.direction, weight)
+
+
 def mean_irradiance(source: Any, obliquity: Any = None) -> np.ndarray:
     """Means over the pixels of |U|^2 of Wigner rays, by quadrature."""
     (x, w), (y, _) = gauss(BOUNDS[0], BOUNDS[2], 4), gauss(BOUNDS[1], BOUNDS[3], 2)
     points = np.stack(np.meshgrid(x, y, [Z], indexing="ij"), axis=-1)[..., 0, :]
     found = pw.irradiance(source, points, WAVELENGTH, method="wigner", obliquity=obliquity)
-    return np.einsum("iajb,a,b->ij", found.reshape(4, 5, 2, 5), w, w)
+    return np.einsum("iajb,a,b->ji", found.reshape(4, 5, 2, 5), w, w)
 
 
 def rebuilt(source: Any, seeds: int, **how: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Irradiance and standard errors (seeds, 4, 2)."""
+    """Irradiance and standard errors (seeds, 2, 4)."""
     pictures = [
-        pw.rays.rebuild(pw.sample_rays(source, WAVELENGTH, 2048, k, **how), Z, BOUNDS, SHAPE)
+        pw.rays.rebuild(across(pw.sample_rays(source, WAVELENGTH, 2048, k, **how)), *GRID)
         for k in range(seeds)
     ]
     return tuple(
@@ -74,13 +80,25 @@ def significance(values: np.ndarray, expected: Any) -> np.ndarray:
     return abs(values.mean(axis=0) - expected) / error
 
 
+def check_sum(rays: Any, expected: float) -> None:
+    """Of 24 sets of independent rays."""
+    sums = 24 * rays.weight.values.reshape(24, -1).sum(axis=1)
+    assert significance(sums, expected) < UNLIKELY
+    assert sums.std() / math.sqrt(24) < 0.015 * expected
+
+
 @pytest.mark.parametrize("name", SOURCES)
-def test_weights_add_up_to_the_power_through_the_hemisphere(name: str) -> None:
+def test_weights_add_up_to_the_radiated_power(name: str) -> None:
     source = SOURCES[name]
     how: Any = {"sampling": "marginal"} if name == "square" else {"directions": "uniform"}
-    rays = pw.sample_rays(source, WAVELENGTH, 24 * 512, **how)
-    sums = 24 * rays.weight.values.reshape(24, 512).sum(axis=1)  # of independent rays
-    assert significance(sums, pw.power(source, WAVELENGTH)) < UNLIKELY
+    rays = pw.sample_rays(source, WAVELENGTH, 24 << 14, **how)
+    check_sum(rays, pw.radiated_power(source, WAVELENGTH))
+
+
+@pytest.mark.parametrize("obliquity", ["kirchhoff", "rayleigh-sommerfeld-2", "paper"])
+def test_each_obliquity_has_its_radiated_power(obliquity: Any) -> None:
+    rays = pw.sample_rays(STEERED, WAVELENGTH, 24 << 16, directions="uniform", obliquity=obliquity)
+    check_sum(rays, pw.radiated_power(STEERED, WAVELENGTH, obliquity))
 
 
 @pytest.mark.slow
@@ -96,27 +114,58 @@ def test_rebuilt_irradiance_is_unbiased_and_knows_its_error(name: str, sampling:
     assert ratio.mean() == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize("obliquity", ["kirchhoff", "rayleigh-sommerfeld-2", "paper"])
-def test_obliquities_are_those_of_wigner_rays(obliquity: str) -> None:
-    rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 14, cone=1.4, obliquity=obliquity)
-    found = pw.rays.rebuild(rays, Z, BOUNDS, SHAPE)
+@pytest.mark.parametrize("obliquity", [None, "kirchhoff", "rayleigh-sommerfeld-2", "paper"])
+def test_obliquities_are_those_of_wigner_rays(obliquity: Any) -> None:
+    rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 18, cone=1.4, obliquity=obliquity)
+    found = pw.rays.rebuild(across(rays), *GRID)
     error = abs(found.irradiance.values - mean_irradiance(STEERED, obliquity))
     assert (error / found.standard_error.values).max() < UNLIKELY
 
 
+def test_a_plane_receives_the_paper_s_density_of_power_times_its_cosine() -> None:
+    """With g = cos that is g = cos^2, of Rayleigh-Sommerfeld I."""
+    rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 16, cone=1.4, obliquity="paper")
+    found = pw.rays.rebuild(rays, *GRID)
+    error = abs(found.irradiance.values - mean_irradiance(STEERED))
+    assert (error / found.standard_error.values).max() < UNLIKELY
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6])
+def test_far_away_a_plane_receives_the_exact_density_of_power_times_its_cosine(
+    angle: float,
+) -> None:
+    """A pixel in the beam, 300 mm from the source, and the same on a plane that is turned to it."""
+    axis, half = np.array([0.3, 0.2, math.sqrt(0.87)]), 4e-3
+    rays = pw.sample_rays(STEERED, WAVELENGTH, 1 << 18, cone=0.05, axis=axis)
+    sine, cosine = math.sin(angle), math.cos(angle)
+    plane = np.eye(4)
+    plane[:3, :3] = [[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]
+    plane[:3, 3] = 0.3 * axis
+    found = pw.rays.rebuild(rays, plane, (-half, -half, half, half), (1, 1))
+    t, w = gauss(-half, half, 1)
+    x, y = np.meshgrid(t, t, indexing="ij")
+    points = np.stack([x, y], axis=-1) @ plane[:3, :2].T + plane[:3, 3]
+    towards = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    received = pw.irradiance(STEERED, points, WAVELENGTH) * (towards @ plane[:3, 2])
+    expected, error = w @ received @ w, found.standard_error.item()
+    assert abs(found.irradiance.item() - expected) < UNLIKELY * error
+    assert error < 0.01 * expected
+
+
 def test_the_power_in_a_tilted_cone_is_that_of_the_radiant_intensity() -> None:
     axis, half = np.array([0.3, 0.2, math.sqrt(0.87)]), 0.25
-    rays = pw.sample_rays(STEERED, WAVELENGTH, 24 * 512, cone=half, axis=axis)
-    sums = 24 * rays.weight.values.reshape(24, 512).sum(axis=1)
+    rays = pw.sample_rays(STEERED, WAVELENGTH, 24 << 12, cone=half, axis=axis)
     theta, w = gauss(0.0, half, 4)
     phi = np.arange(64) * math.pi / 32
-    across = np.cross(axis, [0.0, 1.0, 0.0])
-    across /= np.linalg.norm(across)
-    around = np.cos(phi)[:, None] * across + np.sin(phi)[:, None] * np.cross(axis, across)
+    aside = np.cross(axis, [0.0, 1.0, 0.0])
+    aside /= np.linalg.norm(aside)
+    around = np.cos(phi)[:, None] * aside + np.sin(phi)[:, None] * np.cross(axis, aside)
     s = np.cos(theta)[:, None, None] * axis + np.sin(theta)[:, None, None] * around
-    intensity = pw.radiant_intensity(STEERED, s, WAVELENGTH).mean(axis=1)
+    # of Rayleigh-Sommerfeld I: g |F|^2/lambda^2, g = cos^2
+    pattern = np.abs(pw.fourier(STEERED, s[..., :2] / WAVELENGTH)) ** 2
+    intensity = (s[..., 2] ** 2 * pattern).mean(axis=1) / WAVELENGTH**2
     power = 2 * math.pi * half / 4 * float(np.tile(w, 4) @ (intensity * np.sin(theta)))
-    assert significance(sums, power) < UNLIKELY
+    check_sum(rays, power)
 
 
 def test_rays_through_a_thin_lens_focus_to_the_fourier_transform() -> None:
@@ -132,7 +181,7 @@ def test_rays_through_a_thin_lens_focus_to_the_fourier_transform() -> None:
     x, w = gauss(-half, half, 5)
     nu = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1) / (light * focal_length)
     exact = np.abs(pw.fourier(pupil, nu)) ** 2 / (light * focal_length) ** 2
-    mean = np.einsum("iajb,a,b->ij", exact.reshape(5, 5, 5, 5), w, w)
+    mean = np.einsum("iajb,a,b->ji", exact.reshape(5, 5, 5, 5), w, w)
     # t of 15 degrees of freedom: exceeds 5 once in 1e4
     assert (abs(found.irradiance.values - mean) / found.standard_error.values).max() < 5
     assert found.standard_error.values.max() < 0.03 * mean.max()
@@ -157,7 +206,7 @@ def test_defocus_by_waves_is_exact() -> None:
     lens = share * np.exp(1j * math.pi * (1 - z / focal_length) / (light * z) * (nodes**2).sum(1))
     waves = [np.exp(-2j * math.pi / (light * z) * np.outer(x, n)) for n in nodes.T]
     exact = abs((waves[0] * lens) @ waves[1].T / (light * z)) ** 2
-    mean = np.einsum("iajb,a,b->ij", exact.reshape(4, 8, 4, 8), w, w)
+    mean = np.einsum("iajb,a,b->ji", exact.reshape(4, 8, 4, 8), w, w)
     assert exact.max() < 0.4 * pupil.area**2 / (light * z) ** 2  # far from the focus
     assert (abs(found.irradiance.values - mean) / found.standard_error.values).max() < UNLIKELY
     assert found.standard_error.values.max() < 0.1 * mean.max()
@@ -184,8 +233,12 @@ def test_a_pose_moves_rays_and_the_plane_that_meets_them() -> None:
 
 def test_power_scales_and_a_frequency_is_a_wavelength() -> None:
     rays = pw.sample_rays(SQUARE, WAVELENGTH, 64)
-    watt = pw.sample_rays(SQUARE, WAVELENGTH, 64, power=1.0)
-    assert watt.weight.values == pytest.approx(rays.weight.values / SQUARE.area, rel=ROUNDING)
+    for count, own in (
+        ("power", pw.radiated_power(SQUARE, WAVELENGTH)),
+        ("aperture_power", SQUARE.area),
+    ):
+        watts = pw.sample_rays(SQUARE, WAVELENGTH, 64, **{count: 2.0})
+        assert watts.weight.values == pytest.approx(2 * rays.weight.values / own, rel=ROUNDING)
     by_frequency = pw.sample_rays(SQUARE, 64, frequency=pw.SPEED_OF_LIGHT / WAVELENGTH)
     assert by_frequency.equals(rays)
     assert not pw.sample_rays(SQUARE, WAVELENGTH, 64, 1).equals(rays)
@@ -207,15 +260,27 @@ def test_rays_are_counted_where_they_meet_the_plane() -> None:
     direction[5] = 1.0, 0.0, 0.0  # along it
     rays = by_hand(position, direction, [1.0, -2.0, 4.0, 8.0, 16.0, 32.0])
     found = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4))
-    assert found.irradiance.values.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
+    assert found.irradiance.values.T.tolist() == [[0, 0, 8, 0], [0, 0, -16, 0]]
     assert (found.power, found.lost, found.missed) == (-1.0, 1, 3)
     # one of six rays: variance 6/5 (w^2 - w^2/6)
-    assert found.standard_error.values[0, 2] == pytest.approx(8.0)
+    assert found.standard_error.values[2, 0] == pytest.approx(8.0)
     virtual = pw.rays.rebuild(rays, 1.0, (0, 0, 1, 1), (2, 4), virtual=True)
-    assert virtual.irradiance.values[0, 2] == 8 * 9
+    assert virtual.irradiance.values[2, 0] == 8 * 9
     # rays that end on the plane, to rounding, are there
     ended = by_hand(position[:3] + np.array([0, 0, 1e-12]), direction[:3], [1.0, 1.0, 1.0])
     assert pw.rays.rebuild(ended, 0.0, (0, 0, 1, 1), (1, 1)).power == 2.0
+
+
+def test_pictures_of_rays_have_y_upwards_and_x_to_the_right() -> None:
+    """One ray off both axes: rows are along x, the first at the bottom (``origin="lower"``)."""
+    rays = by_hand([[0.3, 0.8, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
+    found = pw.rays.rebuild(rays, 0.0, (-1, -1, 1, 1), (10, 5))
+    for name in ("irradiance", "standard_error"):
+        assert found[name].dims == ("y", "x")
+        assert found[name].shape == (5, 10)
+    assert np.argwhere(found.irradiance.values).tolist() == [[4, 6]]
+    assert (np.diff(found.x) > 0).all() and (np.diff(found.y) > 0).all()
+    assert float(found.irradiance.sel(x=0.3, y=0.8, method="nearest")) > 0
 
 
 def test_rays_left_out_by_a_selection_still_count_as_drawn() -> None:
@@ -267,7 +332,9 @@ def test_a_cone_as_narrow_as_numbers_go_has_rays() -> None:
         ({"axis": (0.0, 0.0, 2.0)}, "unit vector"),
         ({"axis": "z"}, "unit vector"),
         ({"obliquity": "lambert"}, "obliquity"),
-        ({"power": -1.0}, "power"),
+        ({"power": -1.0}, "expected power as"),
+        ({"aperture_power": 0.0}, "expected aperture_power as"),
+        ({"power": 1.0, "aperture_power": 1.0}, "got both"),
         ({"seed": -1}, "seed"),
         ({"wavelength": 0.0}, "wavelength"),
         ({"source": pw.Slits([[0.0, 1.0]])}, "Aperture"),
@@ -282,8 +349,10 @@ def test_arguments_of_sample_rays_are_checked(change: dict[str, Any], said: str)
 
 def test_sources_without_power_and_poses_that_scale_are_refused() -> None:
     dark = pw.Array([SQUARE, SQUARE], [1.0, -1.0])
-    with pytest.raises(IlluminationError, match="cancel"):
+    with pytest.raises(IlluminationError, match="expected a source that radiates"):
         pw.sample_rays(dark, WAVELENGTH, 64, power=1.0)
+    with pytest.raises(IlluminationError, match="cancel"):
+        pw.sample_rays(dark, WAVELENGTH, 64, aperture_power=1.0)
     with pytest.raises(GeometryError, match="scales"):
         pw.sample_rays(SQUARE, WAVELENGTH, 64, to_world=np.diag([2.0, 2.0, 2.0, 1.0]))
 

@@ -104,18 +104,18 @@ axes.set_ylabel("y (mm)")
 # What should be there
 # --------------------
 # The floor is far away in terms of the aperture, :math:`a^2/\lambda = 31` mm, so a formula knows
-# the answer: the power that comes in is :math:`E = |F(\nu)|^2\cos^4\theta/(\lambda h)^2`, with
+# the answer: the power that comes in is :math:`E = |F(\nu)|^2\cos^5\theta/(\lambda h)^2`, with
 # :math:`\nu = \sin\theta/\lambda` along each axis and :math:`\cos\theta = h/r`, and a diffuse
 # floor of albedo :math:`\varrho` sends back the radiance :math:`\varrho E/\pi`. (Two cosines for
-# the obliquity of Rayleigh and Sommerfeld's first integral, two for the distance; see
-# :doc:`/docs/theory`.)
+# the obliquity of Rayleigh and Sommerfeld's first integral, two for the distance, one for the
+# floor, which light meets at an angle; see :doc:`/docs/theory`.)
 
 axis = (np.arange(PIXELS) + 0.5) / PIXELS * 2 * HALF - HALF
 oversampled = (axis[:, None] + np.linspace(-0.5, 0.5, 9)[None, 1::2] * 2 * HALF / PIXELS).ravel()
 place = np.stack(np.meshgrid(oversampled, oversampled), axis=-1)
 r = np.sqrt(np.sum(place**2, axis=-1) + HEIGHT**2)
 power = np.abs(pw.fourier(patch, place / r[..., None] / WAVELENGTH)) ** 2
-expected = ALBEDO / np.pi * power * (HEIGHT / r) ** 4 / (WAVELENGTH * HEIGHT) ** 2
+expected = ALBEDO / np.pi * power * (HEIGHT / r) ** 5 / (WAVELENGTH * HEIGHT) ** 2
 expected = expected.reshape(PIXELS, 4, PIXELS, 4).mean(axis=(1, 3))  # pixels are means
 
 peak = expected.max()

@@ -93,7 +93,7 @@ def mean_of(values: Values) -> Values:
 
 def collins(pupil: pw.Aperture, focal_length: float, half: float) -> Values:
     """Irradiance in the focus of a perfect lens, |F|^2/(lambda f)^2: Collins' integral, A = 0."""
-    points = np.stack(np.meshgrid(*[pixels(half)[0]] * 2, indexing="ij"), axis=-1)
+    points = np.stack(np.meshgrid(*[pixels(half)[0]] * 2), axis=-1)
     field = pw.fourier(pupil, points / (WAVELENGTH * focal_length))
     return mean_of(np.abs(field / (WAVELENGTH * focal_length)) ** 2)
 
@@ -121,7 +121,7 @@ class Wavefront:
         k = 2 * np.pi / WAVELENGTH
         x, _ = pixels(half)
         along_x, along_y = (np.exp(1j * k * np.outer(x, d)) for d in self.directions)
-        field = (along_x * (self.shares * np.exp(1j * k * self.path))) @ along_y.T
+        field = (along_y * (self.shares * np.exp(1j * k * self.path))) @ along_x.T
         return mean_of(np.abs(field / (WAVELENGTH * focal_length)) ** 2)
 
 
@@ -197,14 +197,14 @@ def main(folder: Path) -> None:
         shown = [("rays", found["rays"] / peak), ("wavefront", found["Huygens"] / peak)]
         for axis, (kind, values) in zip(row, shown, strict=False):
             picture = axis.imshow(
-                10 * np.log10(np.maximum(values.T, 1e-5)),
+                10 * np.log10(np.maximum(values, 1e-5)),
                 extent=[-edge, edge, -edge, edge], origin="lower", vmin=-40, vmax=0,
             )  # fmt: skip
             axis.set(title=f"{name}: {kind}", xlabel="x in um", ylabel="y in um")
         figure.colorbar(picture, ax=row[:2], label="dB of the peak")
         middle = pixels(found["half"])[1] * 1e6
-        row[2].plot(middle, found["Huygens"][:, PIXELS // 2] / peak, label="wavefront")
-        row[2].plot(middle, found["rays"][:, PIXELS // 2] / peak, ".", label="rays")
+        row[2].plot(middle, found["Huygens"][PIXELS // 2] / peak, label="wavefront")
+        row[2].plot(middle, found["rays"][PIXELS // 2] / peak, ".", label="rays")
         row[2].set(title="along x", xlabel="x in um", ylabel="of the peak")
         row[2].legend(loc="upper left", fontsize="small")
     folder.mkdir(parents=True, exist_ok=True)

@@ -39,7 +39,7 @@ def pattern(
     power: Annotated[
         str | None,
         typer.Option(
-            help="That the antenna accepts, such as '10 dBm' or '10 mW' (default: the field's own)."
+            help="That the antenna accepts, such as '10 dBm' or '10 mW'; without it, no EIRP."
         ),
     ] = None,
     efficiency: Annotated[

@@ -51,7 +51,7 @@ def rays(
     obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
     power: Annotated[
         str | None,
-        typer.Option(help="Over the aperture, such as '1 mW' (default: the field's own)."),
+        typer.Option(help="Radiated in all directions, such as '1 mW' (default: the field's own)."),
     ] = None,
     unit: Unit = None,
     tolerance: Tolerance = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.plausibility import doubt_of_wavelength
+from polywigner.geometry.arguments import doubt_of_wavelength
 
 __all__ = ["check_wavelength"]
 

@@ -88,12 +88,18 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     check_is_no_aperture(scene)
 
     from polywigner.execution import kernel_threads
-    from polywigner.figures import draw_scene, picture_peak, write_range_animation
+    from polywigner.figures import (
+        draw_arrivals,
+        draw_scene,
+        picture_peak,
+        write_range_animation,
+    )
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
     from polywigner.mitsuba.images import mean_of_colours, write_exr
     from polywigner.mitsuba.logs import to_list
     from polywigner.mitsuba.range_frames import prepared_frames
+    from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import render_parts
     from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
@@ -148,7 +154,10 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     record["seconds"] = {"load": round(ready - start, 3), "render": round(done - ready, 3)}
     _warn_of_darkness(radiance)
     title = _title(loaded, scene, chosen, samples)
-    figure = draw_scene(radiance, reference, settings.floor_db, title=title)
+    if is_receiver(loaded.sensors()[0]):
+        figure = draw_arrivals(radiance, (), settings.floor_db, title)
+    else:
+        figure = draw_scene(radiance, reference, settings.floor_db, title=title)
     with writing(files) as (exr, png, text, *others):
         write_exr(exr, image)
         figure.savefig(png, format="png")
@@ -248,6 +257,7 @@ def _record(
     import numpy as np
 
     from polywigner.figures.levels import PEAK_RULE
+    from polywigner.mitsuba.receiver import is_receiver
 
     camera = scene.sensors()[0]
     height, width = radiance.shape
@@ -259,7 +269,7 @@ def _record(
             "size": [width, height],
         },
         "radiance": {
-            "unit": _RADIANCE_UNIT,
+            "unit": "W" if is_receiver(camera) else _RADIANCE_UNIT,
             "largest": float(radiance.max()),
             "smallest": float(radiance.min()),
             "fraction_not_positive": float(np.mean(~(radiance > 0))),

@@ -17,7 +17,7 @@ from polywigner.execution.drjit_points import (
 )
 from polywigner.execution.drjit_results import as_complex, as_tensor_of, product_of_complex
 from polywigner.execution.operations import DrjitOperations
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["PointKind", "components_of_all", "matrix_times"]
 

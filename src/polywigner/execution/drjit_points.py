@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution.aligned import array_of
 from polywigner.execution.parameters import tensor_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers
 
 __all__ = [
     "common_width",

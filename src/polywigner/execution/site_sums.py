@@ -14,7 +14,7 @@ from polywigner.execution.drjit_points import plane_components
 from polywigner.execution.drjit_results import as_complex
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameter
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["site_sum"]
 

@@ -122,7 +122,7 @@ def draw_view(state: State, name: str) -> Figure:
             for axes, key in zip(panels, picture.arrays, strict=True):
                 _draw(axes, picture, shown(picture, key, state.part, state.unit), state)
         lit = [state.wave, *(f"{key} {text}" for key, text in feeding_of(state))]
-        if state.coherence and name in ("wigner_nu", "wigner_x", "otf"):
+        if state.coherence and name in ("wigner_nu", "wigner_x"):
             lit.append(f"coherent over {state.coherence:g} {state.unit}")
         figure.suptitle("; ".join([*lit, _chosen(state, name)]), fontsize=9, wrap=True)
     return figure

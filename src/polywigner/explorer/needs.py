@@ -14,7 +14,7 @@ _NEEDS: Mapping[str, frozenset[str]] = {
     "fourier": _SOURCE | {"reach", "part"},
     "wigner_nu": _SOURCE | {"x", "reach", "coherence"},
     "wigner_x": _SOURCE | {"nu", "coherence"},
-    "otf": _SOURCE | {"defocus", "coherence"},
+    "otf": _SOURCE | {"defocus"},
     "far": _SOURCE | {"reach"},
     "near": _SOURCE | {"distance", "order"},
     "values": _SOURCE | {"x", "nu", "coherence"},

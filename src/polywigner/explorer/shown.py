@@ -50,10 +50,12 @@ def written(exponent: int) -> str:
 
 
 def _number(value: float) -> str:
-    """Three digits, and the power of ten if there is one."""
+    """Three digits or, of thousands, four; and the power of ten if there is one."""
+    if 1e3 <= abs(value) < 1e5:
+        return f"{float(f'{value:.4g}'):.0f}"
     exponent = power_of_ten(value)
     if exponent == 0:
-        return f"{value:.4g}" if abs(value) >= 1000 else f"{value:.3g}"
+        return f"{value:.3g}"
     return f"{value / 10.0**exponent:.3g} · {written(exponent)}"
 
 
@@ -88,10 +90,8 @@ def shown(picture: Picture, key: str, part: Part = "level", unit: Unit = "m") ->
     if key == "OTF":
         return Shown(np.abs(values), 0.0, 1.0, "unit", "|OTF(ξ)|", "modulus")
     if key == "F" and part == "level":
-        power = np.abs(values) ** 2
-        peak = float(power.max())
-        bar = f"dB relative to {_number(peak * factor**2)} {unit}⁴"
-        return _levels(power, peak, "|F(ν)|²", bar)
+        bar = f"dB relative to {_number(picture.peak * factor**2)} {unit}⁴"
+        return _levels(np.abs(values) ** 2, picture.peak, "|F(ν)|²", bar)
     if key == "F" and part == "phase":
         return Shown(np.degrees(np.angle(values)), -180, 180, "phase", "phase of F(ν)", "degrees")
     if key == "W":

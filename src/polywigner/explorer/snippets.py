@@ -89,7 +89,7 @@ def _view_lines(state: State, name: str, samples: int | None) -> list[str]:
     if name == "otf":
         return [
             *_axis_lines(windows.lag_half(state), count),
-            f"values = pw.otf({light}, grid, {state.defocus!r}, {engine})",
+            f"values = pw.otf(source, grid, {state.defocus!r}, {engine})",
         ]
     if name == "near":
         return [

@@ -26,6 +26,7 @@ from polywigner.explorer.state import State
 from polywigner.figures.differences import difference_db
 from polywigner.geometry import Aperture
 from polywigner.illumination.support import mutual_support
+from polywigner.numerics.peaks import climbed, largest
 
 __all__ = [
     "ENGINE",
@@ -78,6 +79,8 @@ class Picture:
     """Unit of the arrays; "" for none."""
     note: str = ""
     """A note for the visitor about these values."""
+    peak: float = 0.0
+    """The largest |F|^2 in the window, between samples too; 0 for other quantities."""
 
     @property
     def samples(self) -> int:
@@ -154,8 +157,18 @@ def _frequency(state: State) -> tuple[float, float]:
 def fourier(state: State, samples: int = SAMPLES) -> Picture:
     """F(nu) of the source, complex, in m^2."""
     half = windows.frequency_half(state)
-    values = pw.fourier(source_of(state), windows.square(half, samples), engine=ENGINE)
-    return Picture("fourier", (0.0, 0.0), half, "1/m", {"F": values}, "m²")
+    source, grid = source_of(state), windows.square(half, samples)
+    values = pw.fourier(source, grid, engine=ENGINE)
+
+    def power(nu: Values) -> tuple[Values, Values]:
+        inside = np.clip(nu, -half, half)
+        return inside, np.abs(pw.fourier(source, inside, engine=ENGINE)) ** 2
+
+    step = np.full(2, 2 * half / (samples - 1))
+    width = np.ptp(np.reshape(source.bounds, (2, 2)), axis=0)
+    near, _ = largest(grid.reshape(-1, 2), np.abs(values.ravel()) ** 2, step, width)
+    peak = float(climbed(power, near, step, width)[1][0])
+    return Picture("fourier", (0.0, 0.0), half, "1/m", {"F": values}, "m²", peak=peak)
 
 
 def wigner_at_position(state: State, samples: int = SAMPLES) -> Picture:
@@ -178,7 +191,7 @@ def transfer(state: State, samples: int = SAMPLES) -> Picture:
     """OTF over lags with the chosen defocus, complex, without unit: A(-2 w xi/a^2, xi)/A(0, 0)."""
     half = windows.lag_half(state)
     grid = windows.square(half, samples)
-    values = pw.otf(light_of(state), grid, state.defocus, engine=ENGINE)
+    values = pw.otf(source_of(state), grid, state.defocus, engine=ENGINE)
     return Picture("otf", (0.0, 0.0), half, "m", {"OTF": values}, "")
 
 

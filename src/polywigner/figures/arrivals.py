@@ -49,12 +49,14 @@ def draw_arrivals(
 ) -> Any:
     """A map of scattered power over direction cosines, in dBm, with marks for direct light.
 
+    As the receiver sees it, along its +z with its +y upwards: its +x points to the left.
+
     Parameters
     ----------
-    power : (n, m) W of each pixel, columns along alpha, rows along beta, from -1 to 1.
+    power : (n, m) W of each pixel, columns along s_x, rows along s_y, from -1 to 1.
     direct : light from single directions, which no map can show.
-    floor_db : lowest level, dB below the peak (the largest 3x3 median); all that is less, negative
-        values included, has its colour.
+    floor_db : lowest level, dB below the peak (the largest 3x3 median; of targets smaller than that
+        the largest pixel); all that is less, negative values included, has its colour.
     title : above the picture.
     ax : matplotlib axes to draw on, whose figure gets the colour bar; None: a new figure.
 
@@ -70,7 +72,10 @@ def draw_arrivals(
     from matplotlib.patches import Circle
 
     values = np.asarray(power, dtype=np.float64)
-    peak = picture_peak(values)
+    peak, rule = picture_peak(values), PEAK_RULE
+    if peak is None:  # a target of a few pixels
+        highest = float(np.max(values, initial=0.0, where=np.isfinite(values)))
+        peak, rule = (highest, "largest pixel") if highest > 0 else (None, "")
     levels = level_db(values, peak, floor_db)
     top = 0.0 if peak is None else 10 * math.log10(peak / _MILLIWATT)
     with mpl.rc_context(TYPOGRAPHY):
@@ -93,18 +98,18 @@ def draw_arrivals(
             how: dict[str, Any] = {"edgecolor": "0.4" if is_rim else "white", "fill": False}
             axes.add_patch(Circle((0, 0), radius, lw=0.6, ls="-" if is_rim else ":", **how))
             if not is_rim:
-                place = -radius * math.sqrt(0.5)
+                place = radius * math.sqrt(0.5)  # at the lower left
                 axes.text(
-                    place, place, f"{degrees}°", color="white", fontsize=7, ha="right", va="top"
+                    place, -place, f"{degrees}°", color="white", fontsize=7, ha="right", va="top"
                 )
         _mark(axes, direct)
-        axes.set_xlim(-1.02, 1.02)
+        axes.set_xlim(1.02, -1.02)
         axes.set_ylim(-1.02, 1.02)
         axes.set_xlabel(r"$s_x$")
         axes.set_ylabel(r"$s_y$")
         axes.set_title(title, fontsize=8)
         extend = "max" if np.any(levels > 0) else "neither"
-        colour_bar(axes, shown, _label(peak, floor_db, values.shape), extend)
+        colour_bar(axes, shown, _label(rule, floor_db, values.shape), extend)
     return figure if figure is not None else axes
 
 
@@ -112,7 +117,8 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
     for number, arrival in enumerate(direct):
         axes.plot(*arrival.place, "o", mfc="none", mec=_MARK, ms=7, mew=1.2)
         level = f"{10 * math.log10(arrival.power / _MILLIWATT):.1f} dBm".replace("-", "−")
-        side, above = (1 if arrival.place[0] < 0 else -1), (1 if number % 2 == 0 else -1)
+        # into the picture: places of s_x > 0 are at the left
+        side, above = (1 if arrival.place[0] > 0 else -1), (1 if number % 2 == 0 else -1)
         axes.annotate(
             f"{arrival.name}\n{level}",
             arrival.place,
@@ -125,9 +131,9 @@ def _mark(axes: Any, direct: Sequence[DirectArrival]) -> None:
         )
 
 
-def _label(peak: float | None, floor_db: float, shape: tuple[int, ...]) -> str:
+def _label(rule: str, floor_db: float, shape: tuple[int, ...]) -> str:
     pixels = f"scattered power of a pixel ({shape[1]} x {shape[0]}), dBm"
     floor = f"floor {number_text(floor_db)} dB"
-    if peak is None:
+    if not rule:
         return f"{pixels}; nothing positive\n{floor}"
-    return f"{pixels}\n(peak: {PEAK_RULE}); {floor}:\nall below it, negative power included"
+    return f"{pixels}\n(peak: {rule}); {floor}:\nall below it, negative power included"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn, final
 
@@ -10,26 +11,20 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.array_types import Outline
-from polywigner.geometry.convex import convex_pieces, triangulate_part
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+from polywigner.geometry.arguments import Outline, checked_number, rigid_pose
 from polywigner.geometry.display import length_text, plot_rings, shown_as_html
 from polywigner.geometry.exact import Ring, orientations, total_area
 from polywigner.geometry.field import Field, checked_field, checked_shift, turned_points
-from polywigner.geometry.outline_inputs import parts_from
-from polywigner.geometry.parts import merge_parts
-from polywigner.geometry.placed import PlacedAperture
-from polywigner.geometry.pose import rigid_pose
-from polywigner.geometry.rings import Part, polygon_of_part
-from polywigner.geometry.set_operations import difference, intersection, union
+from polywigner.geometry.grid import combined_on_grid, union_on_grid
+from polywigner.geometry.parts import merge_parts, parts_from, split_ring
+from polywigner.geometry.rings import Part, convex_pieces, polygon_of_part, triangulate_part
 from polywigner.geometry.wavefront import TakesWaves
-from polywigner.geometry.winding import split_ring
+
+__all__ = ["Aperture", "PlacedAperture", "difference", "intersection", "triangulate", "union"]
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-__all__ = ["Aperture", "triangulate"]
 
 
 def _frozen(array: NDArray[Any]) -> NDArray[Any]:
@@ -337,3 +332,92 @@ def triangulate(aperture: Aperture) -> tuple[Ring, NDArray[np.intp]]:
         triangles.append(indices[orientations(a, b, c) > 0] + count)
         count += len(points)
     return np.concatenate(vertices), np.concatenate(triangles)
+
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+
+def union(one: Aperture, other: Aperture) -> BaseGeometry:
+    """What lies in either. Raises IlluminationError where their fields differ."""
+    if one.illumination != other.illumination:
+        raise IlluminationError(
+            "expected one field on both apertures of a union, got two that differ; join outlines "
+            "without a field, and give the union its own by with_illumination"
+        )
+    return union_on_grid([one.polygons, other.polygons])
+
+
+def intersection(one: Aperture, other: Aperture) -> BaseGeometry:
+    """What lies in both. Raises as :func:`_checked` does, GeometryError where nothing does."""
+    found = combined_on_grid(shapely.intersection, one.polygons, _checked(one, other).polygons)
+    return _not_empty(found, "apertures that overlap", "two without any area in common")
+
+
+def difference(one: Aperture, other: Aperture) -> BaseGeometry:
+    """What lies in the first alone. Raises as :func:`_checked` does, GeometryError for nothing."""
+    found = combined_on_grid(shapely.difference, one.polygons, _checked(one, other).polygons)
+    return _not_empty(found, "one that the other does not cover", "one of which nothing is left")
+
+
+def _checked(one: Aperture, other: Aperture) -> Aperture:
+    """The second aperture, an outline; IlluminationError where it has a field of its own."""
+    if other.illumination is not None and other.illumination != one.illumination:
+        raise IlluminationError(
+            "expected a second aperture without a field, which cuts the first, got one with "
+            "another field; take it off by with_illumination(None)"
+        )
+    return other
+
+
+def _not_empty(found: BaseGeometry, expected: str, got: str) -> BaseGeometry:
+    if found.is_empty:
+        raise GeometryError(f"expected {expected}, got {got}")
+    return found
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class PlacedAperture:
+    """An aperture and its rigid pose in space; made by :meth:`Aperture.placed`."""
+
+    aperture: Aperture
+    pose: NDArray[np.float64]
+    """(4, 4) read-only: from the aperture's frame, in whose plane z = 0 it lies, to the world."""
+
+    def __post_init__(self) -> None:
+        pose = np.array(self.pose, dtype=np.float64)
+        pose.setflags(write=False)
+        object.__setattr__(self, "pose", pose)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Through the constructor: an array that is copied or unpickled can be written to.
+        return PlacedAperture, (self.aperture, self.pose)
+
+    @property
+    def normal(self) -> NDArray[np.float64]:
+        """Unit normal (3,), the side to which the aperture radiates."""
+        return self.pose[:3, 2]
+
+    @property
+    def area(self) -> float:
+        return self.aperture.area
+
+    def plot(self, ax: Axes | None = None, unit: str = "mm") -> Axes:
+        """The outline in its own plane, as :meth:`Aperture.plot` draws it."""
+        return self.aperture.plot(ax, unit)
+
+    def _key(self) -> tuple[Aperture, bytes]:
+        return self.aperture, self.pose.tobytes()
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PlacedAperture):
+            return NotImplemented
+        return self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())

@@ -1,19 +1,32 @@
-"""Checks of numbers, lengths and counts that people pass to functions."""
+"""Checks of arguments: numbers, arrays, wavelengths or frequencies, poses, and plausible units."""
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import os
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, Protocol, TypeAlias, TypeVar, cast, overload
 
 import numpy as np
-from numpy.typing import NDArray
+import shapely
+from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError
-from polywigner.geometry.numbers import real_numbers
+from polywigner.errors import ArgumentError, GeometryError, PolywignerError, PolywignerWarning
+from polywigner.interruption import unfinished
+from polywigner.quantities import SPEED_OF_LIGHT
 
 __all__ = [
+    "RIGID_TOLERANCE",
+    "DrJitArray",
+    "Outline",
+    "Points",
     "checked_count",
     "checked_generator",
     "checked_length",
@@ -21,8 +34,57 @@ __all__ = [
     "checked_path",
     "checked_row",
     "checked_wavelength",
+    "doubt_of_wavelength",
+    "is_called_by_user",
+    "real_numbers",
+    "rigid_pose",
     "shape_of",
+    "takes_frequency",
+    "warn_caller",
+    "warn_of_degrees",
+    "warn_of_distance",
+    "warn_of_lens",
+    "warn_of_wavelength",
+    "write_lines",
 ]
+
+
+class DrJitArray(Protocol):
+    """A Dr.Jit array or tensor, such as ``Array2f``; this room does not import Dr.Jit."""
+
+    @property
+    def index_ad(self) -> int:
+        """Which variable of its graph of derivatives it is."""
+        ...
+
+    def __dlpack__(self, stream: object | None = None) -> Any: ...
+
+
+Points: TypeAlias = ArrayLike | DrJitArray
+"""Numbers with their components along the last axis: whatever NumPy takes, ``xarray.DataArray``
+among it, or a Dr.Jit array, which has its components first unless it is a tensor."""
+
+Outline: TypeAlias = (
+    ArrayLike | shapely.Polygon | shapely.MultiPolygon | Sequence[ArrayLike | shapely.Polygon]
+)
+"""One ring (n, 2), several of different lengths, or shapely polygons."""
+
+
+def real_numbers(values: Any) -> NDArray[np.float64]:
+    """A float64 copy.
+
+    Raises ValueError for what NumPy would convert, but not without loss or guessing: complex
+    numbers, texts, and arrays with masked elements; and for what it does not convert.
+    """
+    if np.ma.is_masked(values):
+        raise ValueError("masked elements; leave them out")
+    try:
+        raw = np.asarray(values)
+        if raw.dtype.kind not in "iufO":
+            raise TypeError
+        return np.array(raw, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(type(values).__name__) from None
 
 
 def shape_of(value: Any) -> str:
@@ -118,3 +180,274 @@ def checked_path(path: Any) -> Path:
     if not isinstance(text, str) or not text or "\0" in text:
         raise ArgumentError(f"expected a path of a file or folder, got {path!r}")
     return Path(os.path.abspath(text))  # noqa: PTH100 (a pathlib path keeps the "..")
+
+
+_PACKAGE = __name__.partition(".")[0]
+
+# Metres: no wave of an antenna is so long, and frequencies in Hz are such numbers.
+_LIKE_A_FREQUENCY = 1e6, 1e17
+# A source that is a point, in effect.
+_LONGEST = 1e4
+# A slip between mm and m is a factor of a thousand: beyond so many wavelengths a source may be one
+# that has one. Of radio waves few sources are that large, of light nearly all; there up to a metre.
+_MOST_OF_RADIO, _MOST_OF_LIGHT = 1e3, 1e6
+_SHORTEST_RADIO = 1e-4
+# Lenses are wider than so many wavelengths, and their images within so many pupils: pinholes are at
+# f/300, and mm for m would make f/1000 of f/1.
+_NARROWEST_LENS, _LONGEST_FOCUS = 10.0, 500.0
+# A link over so many sizes and wavelengths: a hundred times that of a radar on the road.
+_LONGEST_LINK = 1e5
+_asked: set[tuple[str, int, str]] = set()
+
+# Radians: a turn, and a coarse step beyond it.
+_A_TURN = 7.0
+
+
+def doubt_of_wavelength(wavelength: float, diameter: float) -> str | None:
+    """What is odd about a wavelength for a source of this size, both in m; None for nothing."""
+    ratio = diameter / wavelength
+    most = _MOST_OF_RADIO if wavelength >= _SHORTEST_RADIO else _MOST_OF_LIGHT
+    if 1 / _LONGEST <= ratio <= most:
+        return None
+    size = f"a source of {diameter:.3g} m at a wavelength of {wavelength:.3g} m"
+    if ratio < 1:
+        return f"{size}, {1 / ratio:.3g} times as long: did you mean GHz for the frequency?"
+    return f"{size}, {ratio:.3g} wavelengths across: is a unit wrong, mm for m?"
+
+
+def warn_of_wavelength(source: Any, wavelength: Any) -> None:
+    """Ask about a wavelength like a frequency, or one that hardly belongs to the source."""
+    try:
+        length = float(wavelength) if isinstance(wavelength, Real) else 0.0
+    except OverflowError:  # of a large int
+        return
+    if not 0 < length < math.inf:
+        return  # the function says what it expects
+    if _LIKE_A_FREQUENCY[0] < length < _LIKE_A_FREQUENCY[1]:
+        warn_caller(
+            f"got a wavelength of {length:g} m: a frequency? Then write frequency={length:g} in "
+            "its place"
+        )
+        return
+    diameter = _diameter(source)
+    doubt = None if diameter is None else doubt_of_wavelength(length, diameter)
+    if doubt is not None:
+        warn_caller(f"got {doubt}")
+
+
+def warn_of_lens(pupil: Any, wavelength: float, focal_length: float) -> None:
+    """Ask about a lens of a few wavelengths, or one whose focus is hundreds of pupils away."""
+    diameter = _diameter(pupil)
+    if diameter is None:
+        return
+    if diameter < _NARROWEST_LENS * wavelength:
+        warn_caller(
+            f"got a pupil of {diameter:.3g} m at a wavelength of {wavelength:.3g} m: micrometres "
+            "for m? Then write 0.55e-6 for 0.55 micrometres"
+        )
+    elif focal_length > _LONGEST_FOCUS * diameter:
+        warn_caller(
+            f"got a focal length of {focal_length:.3g} m, {focal_length / diameter:.3g} times the "
+            f"pupil of {diameter:.3g} m: is a unit wrong, mm for m?"
+        )
+
+
+def warn_of_distance(sources: Any, places: NDArray[np.float64], wavelength: float) -> None:
+    """Ask about links to places (n, 3) that are farther than links of such sources are."""
+    distance = float(np.linalg.norm(places, axis=-1).max(initial=0.0))
+    size = max(_diameter(source) or 0.0 for source in sources)
+    if distance > _LONGEST_LINK * max(size, wavelength):
+        warn_caller(
+            f"got a link of {distance:.6g} m, {distance / size:.3g} times the size of its sources: "
+            "is a unit wrong, mm for m?"
+        )
+
+
+def _diameter(source: Any) -> float | None:
+    """Diagonal of the bounds of a source, in m; None for anything else."""
+    outline = getattr(source, "source", source)  # of a differentiable one
+    try:
+        bounds = getattr(getattr(outline, "aperture", outline), "bounds", None)
+    except PolywignerError:
+        return None
+    if bounds is None:
+        return None
+    middle = len(bounds) // 2
+    return math.dist(bounds[:middle], bounds[middle:])
+
+
+def warn_of_degrees(name: str, radians: NDArray[np.float64]) -> None:
+    """Ask about angles beyond a turn, or whole numbers of which some are behind the source."""
+    largest = float(np.abs(radians).max(initial=0.0))
+    behind = name == "theta" and largest > math.pi / 2 and bool((radians % 1 == 0).all())
+    if largest > _A_TURN or behind:
+        warn_caller(f"got {name} up to {largest:g} rad: degrees? Then write numpy.radians({name})")
+
+
+def is_called_by_user(depth: int = 1) -> bool:
+    """Whether the function that asks was called from outside of the package."""
+    return not _is_ours(sys._getframe(depth + 1))
+
+
+def warn_caller(message: str) -> None:
+    """A :class:`PolywignerWarning` at the line outside of the package that called into it.
+
+    Once for a line, whatever the numbers in it, as a sweep would change them; always where filters
+    say so.
+    """
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and _is_ours(frame):
+        level, frame = level + 1, frame.f_back
+    # Python's own memory of lines is lost with every catch_warnings, also one in a library.
+    place = frame.f_code.co_filename, frame.f_lineno, re.sub(r"\d[\d.e+-]*", "", message)
+    if place not in _asked or not _is_once():
+        _asked.add(place)
+        warnings.warn(message, PolywignerWarning, stacklevel=level)
+
+
+def _is_once() -> bool:
+    """Whether filters leave it at one warning for a line."""
+    for action, text, category, module, _ in warnings.filters:
+        if text is None and module is None and issubclass(PolywignerWarning, category):
+            return action not in ("always", "error")
+    return True
+
+
+def _is_ours(frame: Any) -> bool:
+    name = str(frame.f_globals.get("__name__", ""))
+    return name.partition(".")[0] == _PACKAGE
+
+
+# Hz: a wavelength of a thousand kilometres; less is in GHz.
+_LEAST = 300.0
+
+P = ParamSpec("P")
+R = TypeVar("R", covariant=True)
+
+
+class _WithFrequency(Protocol[P, R]):
+    """A function as it is written, or without its wavelength and with a frequency in Hz."""
+
+    __name__: str
+
+    @overload
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R: ...
+
+    @overload
+    def __call__(self, *args: Any, frequency: float, **kwargs: Any) -> R: ...
+
+
+def takes_frequency(function: Callable[P, R]) -> _WithFrequency[P, R]:
+    """The function with a keyword ``frequency`` (Hz), which its ``wavelength`` (m) follows from.
+
+    With it the wavelength is left out, among positional arguments too:
+    ``radiation_pattern(source, theta, phi, frequency=77e9)``.
+    """
+    signature = inspect.signature(function)
+    names = list(signature.parameters)
+    place = names.index("wavelength")
+    following = list(signature.parameters.values())[place + 1 :]
+    # what follows has a default: a number in its place is a wavelength
+    is_last = not following or following[0].default is not inspect.Parameter.empty
+
+    @functools.wraps(function)
+    def wrapper(*args: Any, frequency: float | None = None, **kwargs: Any) -> Any:
+        if frequency is None:
+            if is_called_by_user():
+                warn_of_wavelength(
+                    args[0] if args else kwargs.get("source"),
+                    args[place] if len(args) > place else kwargs.get("wavelength"),
+                )
+            return function(*args, **kwargs)
+        length = SPEED_OF_LIGHT / _checked(frequency)
+        has_both = is_last and len(args) > place and isinstance(args[place], Real)
+        if kwargs.get("wavelength") is None and not has_both:
+            kwargs.pop("wavelength", None)
+            given = (*args[:place], length, *args[place:])
+            if len(args) < place:  # arguments before it are named
+                given, kwargs = args, {**kwargs, "wavelength": length}
+            try:
+                signature.bind(*given, **kwargs)
+            except TypeError as error:
+                if "too many" not in str(error):
+                    raise
+            else:
+                if is_called_by_user():
+                    warn_of_wavelength(given[0] if given else kwargs.get("source"), length)
+                return function(*given, **kwargs)
+        raise ArgumentError("expected a wavelength or a frequency, got both; leave one of them out")
+
+    extra = inspect.Parameter("frequency", inspect.Parameter.KEYWORD_ONLY, default=None)
+    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    rest = [p for p in signature.parameters.values() if p.kind is p.VAR_KEYWORD]
+    wrapper.__signature__ = signature.replace(  # type: ignore[attr-defined]
+        parameters=[*kept, extra.replace(annotation="float | None"), *rest]
+    )
+    return cast("_WithFrequency[P, R]", wrapper)
+
+
+def _checked(frequency: Any) -> float:
+    number = checked_number(frequency, "frequency", "a number in Hz above zero")
+    if not number > 0:
+        raise ArgumentError(f"expected frequency as a number in Hz above zero, got {frequency!r}")
+    if number < _LEAST:
+        raise ArgumentError(
+            f"expected frequency in Hz, got {number:g}, a wavelength of "
+            f"{SPEED_OF_LIGHT / number:.3g} m; write 94e9 for 94 GHz"
+        )
+    return number
+
+
+# Scene files give angles in single precision: a product of a few such rotations departs from a
+# rotation by some 1e-6. A scale that anybody wants differs by more than this.
+RIGID_TOLERANCE = 1e-4
+
+
+def rigid_pose(to_world: Any) -> NDArray[np.float64]:
+    """A read-only (4, 4) pose: the nearest rotation, and the translation.
+
+    Raises GeometryError for anything but rotations and translations: a scaled or sheared aperture
+    would be another aperture, whose transforms this one's are not.
+    """
+    try:
+        given = real_numbers(to_world)
+    except ValueError as error:
+        raise GeometryError(f"expected to_world as a (4, 4) matrix, got {error}") from None
+    if given.shape != (4, 4):
+        raise GeometryError(f"expected to_world of shape (4, 4), got {given.shape}")
+    if not np.isfinite(given).all():
+        raise GeometryError(f"expected a finite to_world, got {given.tolist()}")
+    rotation = given[:3, :3]
+    if not np.allclose(given[3], (0.0, 0.0, 0.0, 1.0)):
+        raise GeometryError("expected a rigid to_world, got a perspective transformation")
+    if float(np.abs(rotation.T @ rotation - np.eye(3)).max()) > RIGID_TOLERANCE:
+        scales = ", ".join(f"{scale:.6g}" for scale in np.linalg.svd(rotation, compute_uv=False))
+        raise GeometryError(
+            "expected a to_world of rotations and translations only, got one that scales by "
+            f"{scales}; scale the aperture itself, or set its unit"
+        )
+    if np.linalg.det(rotation) < 0:
+        raise GeometryError(
+            "expected a to_world of rotations and translations only, got a mirror image; "
+            "mirror the aperture itself"
+        )
+    left, _, right = np.linalg.svd(rotation)
+    given[:3, :3] = left @ right
+    given[3] = (0.0, 0.0, 0.0, 1.0)
+    given.flags.writeable = False
+    return given
+
+
+def write_lines(file: Path, lines: Iterable[str]) -> None:
+    """Write lines, without their ends, to a file in UTF-8; one that is there is replaced.
+
+    What ``lines`` raises leaves no file behind. Raises ArgumentError where it cannot be written.
+    """
+    text = "".join(f"{line}\n" for line in lines)
+    scratch = file.with_name(f"{file.name}.{os.getpid()}.partial")
+    try:
+        with unfinished(scratch):
+            scratch.write_text(text, encoding="utf-8", newline="\n")
+            scratch.replace(file)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        raise ArgumentError(f"expected to write {file}, got: {error}") from None

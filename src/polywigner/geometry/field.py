@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.numbers import real_numbers
-from polywigner.geometry.plausibility import warn_of_degrees
+from polywigner.geometry.arguments import checked_number, real_numbers, warn_of_degrees
 
 __all__ = ["Field", "checked_field", "checked_shift", "turned_points"]
 

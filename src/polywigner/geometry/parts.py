@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import GeometryError
-from polywigner.geometry.exact import shoelace
-from polywigner.geometry.grid import polygons_in, straightened, union_on_grid
+from polywigner.errors import ArgumentError, GeometryError
+from polywigner.geometry.exact import Ring, orientations, shoelace
+from polywigner.geometry.grid import grid_size, polygons_in, straightened, union_on_grid
 from polywigner.geometry.rings import (
     Part,
     clean_ring,
@@ -25,12 +26,71 @@ from polywigner.geometry.rings import (
     oriented,
     part_of_polygon,
     polygon_of_part,
+    rings_of_polygon,
     rounding_tolerance,
     spans_area,
 )
-from polywigner.geometry.weld import weld
 
-__all__ = ["merge_parts", "part_of_ring", "part_of_rings", "union_parts"]
+__all__ = [
+    "enclosed",
+    "merge_parts",
+    "part_of_ring",
+    "part_of_rings",
+    "parts_from",
+    "split_ring",
+    "union_parts",
+    "weld",
+    "winding_numbers",
+]
+
+
+def _joined_vertices(points: Ring, reach: float) -> Ring:
+    """Replace each point by the first point of the set within reach (itself, mostly)."""
+    geometries = shapely.points(points)
+    later, earlier = shapely.STRtree(geometries).query(
+        geometries, predicate="dwithin", distance=reach
+    )
+    target = np.arange(len(points))
+    np.minimum.at(target, later, earlier)
+    return points[target]
+
+
+def _with_vertices_on_edges(ring: Ring, tree: shapely.STRtree, points: Ring, reach: float) -> Ring:
+    """Insert into each edge the points that lie within reach of it."""
+    if not len(ring):  # all of it was within reach of one point
+        return ring
+    following = np.roll(ring, -1, axis=0)
+    edges = shapely.linestrings(np.stack([ring, following], axis=1))
+    edge, point = tree.query(edges, predicate="dwithin", distance=reach)
+    order = np.argsort(edge, kind="stable")
+    bounds = np.searchsorted(edge[order], np.arange(len(ring) + 1))
+    inserted: list[Ring] = []
+    for number, (start, end) in enumerate(zip(ring, following, strict=True)):
+        inserted.append(start[None])
+        near = points[point[order[bounds[number] : bounds[number + 1]]]]
+        near = near[np.any(near != start, axis=1) & np.any(near != end, axis=1)]
+        along = (near - start) @ (end - start)
+        inside = (along > 0) & (along < (end - start) @ (end - start))
+        inserted.append(near[inside][np.argsort(along[inside], kind="stable")])
+    return np.concatenate(inserted)
+
+
+def weld(parts: Sequence[Part]) -> list[Part]:
+    """Parts with nearly equal vertices made equal, and vertices put into the edges they touch.
+
+    Nothing moves by more than 64 ulp of the largest coordinate. Afterwards, parts that touch
+    along an edge share the very same chain of vertices there.
+    """
+    rings = [ring for part in parts for ring in part]
+    reach = max(rounding_tolerance(ring) for ring in rings)
+    sizes = [len(ring) for ring in rings]
+    joined = np.split(_joined_vertices(np.concatenate(rings), reach), np.cumsum(sizes)[:-1])
+    points = np.unique(np.concatenate(joined), axis=0)
+    tree = shapely.STRtree(shapely.points(points))
+    kept = [ring[np.any(ring != np.roll(ring, 1, axis=0), axis=1)] for ring in joined]
+    welded = iter([_with_vertices_on_edges(ring, tree, points, reach) for ring in kept])
+    return [tuple(next(welded) for _ in part) for part in parts]
+
 
 # In units of area/diameter: dropping vertices this near a line changes the area by about as small
 # a fraction of itself, however thin the part is. In a unit square it is 16 ulp.
@@ -201,3 +261,121 @@ def union_parts(parts: Sequence[Part]) -> list[Part]:
 
 def _joined_on_grid(polygons: Sequence[shapely.Polygon]) -> list[Part]:
     return [part_of_polygon(polygon) for polygon in polygons_in(union_on_grid(polygons))]
+
+
+# Bounds the memory of one step.
+_PAIRS_AT_ONCE = 1_000_000
+
+_RULES = ("nonzero", "evenodd")
+
+
+def winding_numbers(ring: Ring, points: Ring) -> NDArray[np.int64]:
+    """How many times the ring (n, 2) runs counter-clockwise around each of the points (m, 2).
+
+    Counts signed crossings of the ray towards +x, with exact orientations; points on the ring
+    itself get the value of one of its sides.
+    """
+    return _turns(ring, np.roll(ring, -1, axis=0), points)
+
+
+def _turns(start: Ring, end: Ring, points: Ring) -> NDArray[np.int64]:
+    """Winding numbers (m,) of closed rings given by their edges, start and end (n, 2)."""
+    tree = shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1)))
+    farthest = np.column_stack([np.full(len(points), start[:, 0].max()), points[:, 1]])
+    rays = shapely.linestrings(np.stack([points, farthest], axis=1))
+    numbers = np.zeros(len(points), dtype=np.int64)
+    step = max(1, _PAIRS_AT_ONCE // len(start))
+    for first in range(0, len(points), step):
+        # Edges elsewhere do not meet the ray: not even their boxes do.
+        place, edge = tree.query(rays[first : first + step])
+        place += first
+        a, b, point = start[edge], end[edge], points[place]
+        side = orientations(a, b, point)
+        upward = (a[:, 1] <= point[:, 1]) & (b[:, 1] > point[:, 1]) & (side > 0)
+        downward = (a[:, 1] > point[:, 1]) & (b[:, 1] <= point[:, 1]) & (side < 0)
+        np.add.at(numbers, place, upward.astype(np.int64) - downward)
+    return numbers
+
+
+def split_ring(vertices: Any, winding: str) -> list[Part]:
+    """The parts of the region where the ring's winding number is not zero, or is odd.
+
+    Raises
+    ------
+    ArgumentError for an unknown `winding`; GeometryError for vertices that do not make a ring, or
+    one that encloses no area.
+    """
+    if winding not in _RULES:
+        raise ArgumentError(f"expected winding to be one of {_RULES}, got {winding!r}")
+    ring = clean_ring(vertices, "the ring")
+    if shapely.is_valid(shapely.Polygon(ring)):
+        return [part_of_ring(ring)]
+    kept = enclosed([ring], winding)
+    if not kept:
+        raise GeometryError(
+            f"expected a ring that encloses an area, got none by the {winding!r} rule"
+        )
+    return [part_of_polygon(polygon) for polygon in kept]
+
+
+def enclosed(rings: Sequence[Ring], winding: str) -> list[shapely.Polygon]:
+    """The region that the rings (n, 2) together run around: not zero times, or an odd number.
+
+    The rings may cross themselves and each other. Polygons that are apart or touch in points;
+    none where no area is enclosed.
+    """
+    # Faces of the arrangement of the rings' edges, noded on a grid: passes that differ by rounding
+    # only, as in a curve run through twice, then leave no hairline faces between them.
+    points = np.concatenate(rings)
+    following = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    # One line per ring: GEOS takes many times longer over as many lines as there are edges.
+    lines = [shapely.LineString(np.concatenate([ring, ring[:1]])) for ring in rings]
+    noded = shapely.union_all(lines, grid_size=grid_size(points))
+    faces = polygons_in(shapely.polygonize([noded]))
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces)).reshape(-1, 2)
+    numbers = _turns(points, following, inside)
+    chosen = numbers != 0 if winding == "nonzero" else numbers % 2 == 1
+    kept = [face for face, keep in zip(faces, chosen, strict=True) if keep]
+    return polygons_in(union_on_grid(kept, points)) if kept else []
+
+
+def _is_ring(vertices: Any) -> bool:
+    """Whether this is one ring of (x, y) pairs rather than a sequence of rings."""
+    if isinstance(vertices, np.ndarray) and vertices.dtype != object:
+        return vertices.ndim <= 2
+    if not len(vertices) or isinstance(vertices[0], shapely.Polygon):
+        return not len(vertices)
+    return np.ndim(np.asarray(vertices[0], dtype=object)) < 2
+
+
+def _part_of_polygon(polygon: shapely.Polygon, name: str) -> Part:
+    return part_of_rings(rings_of_polygon(polygon, name), name)
+
+
+def parts_from(vertices: Any) -> list[Part]:
+    """The parts of one ring (n, 2), of a list of rings, or of shapely polygons.
+
+    Raises GeometryError for anything else.
+    """
+    if isinstance(vertices, (shapely.Polygon, shapely.MultiPolygon)):
+        polygons = polygons_in(vertices)
+        if not polygons:
+            raise GeometryError("expected a polygon with vertices, got an empty one")
+        single = len(polygons) == 1
+        return [
+            _part_of_polygon(p, "the polygon" if single else f"polygon {n}")
+            for n, p in enumerate(polygons)
+        ]
+    if not isinstance(vertices, (np.ndarray, Sequence)) or isinstance(vertices, (str, bytes)):
+        raise GeometryError(
+            "expected an (n, 2) array of vertices, a list of such rings, or a shapely Polygon or "
+            f"MultiPolygon, got {type(vertices).__name__}"
+        )
+    if _is_ring(vertices):
+        return [part_of_ring(vertices)]
+    return [
+        _part_of_polygon(ring, f"part {n}")
+        if isinstance(ring, shapely.Polygon)
+        else part_of_ring(ring, f"ring {n}")
+        for n, ring in enumerate(vertices)
+    ]

@@ -14,9 +14,9 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.exact import whole_numbers
-from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE, SMALLEST_EXTENT
 
 __all__ = ["Polyhedron"]

@@ -20,8 +20,8 @@ from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.arguments import checked_count as _count
 from polywigner.geometry.arguments import checked_length as _length
 from polywigner.geometry.arguments import checked_number as _number
+from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.parts import part_of_rings
 from polywigner.geometry.slits import Slits
 

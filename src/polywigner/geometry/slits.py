@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import GeometryError
+from polywigner.geometry.arguments import real_numbers
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.field import Field, checked_field, checked_shift
-from polywigner.geometry.numbers import real_numbers
 from polywigner.geometry.wavefront import TakesWaves
 
 __all__ = ["Slits"]

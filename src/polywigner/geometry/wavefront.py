@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import checked_length, checked_wavelength
+from polywigner.geometry.arguments import checked_length, checked_wavelength, real_numbers
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.field import checked_shift, turned_points
-from polywigner.geometry.numbers import real_numbers
 
 if TYPE_CHECKING:
     from polywigner.geometry.aperture import Aperture

@@ -1,12 +1,11 @@
 """Fields on sources: sums of plane waves, and weights of the elements of coherent collections.
 
-- ``waves``: the immutable :class:`Illumination`
-- ``tapers``, ``directions``: steering, tapers and modes; ``fitting``: to sampled fields
-- ``array``: :class:`Array` and :func:`phased_array`
-- ``elements``, ``copies``, ``sites``, ``lattices``: what an array's elements have in common
-- ``arrays``: where elements go (``layouts``) and what weights they have (``weights``)
+- ``waves``: the immutable :class:`Illumination`; ``tapers``: steering, tapers and modes;
+  ``fitting``: waves for sampled fields
+- ``array``: :class:`Array` and :func:`phased_array`; ``lattices``: sites of equal elements
+- ``arrays``: layouts and weights of elements
 - ``files``: sources in TOML and JSON; ``texts``: tapers and layouts in a few words
-- ``support``: the region outside of which W is zero; ``direction_cosines``: waves weighted by them
+- ``support``: the region outside of which W is zero
 - ``obliquities``: factors of angle and wave, for each boundary condition
 """
 

@@ -3,25 +3,220 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, NoReturn, final, overload
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from polywigner.errors import ArgumentError, GeometryError
-from polywigner.geometry import Aperture, Slits
+from polywigner.errors import ArgumentError, GeometryError, IlluminationError
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry.arguments import rigid_pose
 from polywigner.geometry.display import length_text, shown_as_html
 from polywigner.geometry.grid import union_on_grid
-from polywigner.geometry.pose import rigid_pose
 from polywigner.geometry.wavefront import TakesWaves, Wavefront
-from polywigner.illumination.copies import shifted_copies
-from polywigner.illumination.curved_arrays import array_of_waves, copies_of_wave, has_waves
-from polywigner.illumination.elements import Element, checked_elements, in_plane, placed
-from polywigner.illumination.sites import Sites, checked_sites, checked_weights
+from polywigner.illumination.lattices import Sites, checked_sites, checked_weights
+from polywigner.illumination.waves import Illumination
 
-__all__ = ["Array", "Element"]
+__all__ = [
+    "Array",
+    "Element",
+    "array_of_waves",
+    "checked_elements",
+    "copies_of_wave",
+    "has_waves",
+    "in_plane",
+    "phased_array",
+    "placed",
+    "shifted_copies",
+    "tilted_source",
+]
+
+Element = Aperture | PlacedAperture | Polyhedron | Slits
+
+# How far an element may lie off the plane z = 0, as a fraction of its diameter, and lean, in
+# radians, and still be in it: what rounding does to a pose multiplied from several.
+_IN_PLANE = 1e-12
+
+
+def checked_elements(elements: Any) -> tuple[Element, ...]:
+    expected = "expected a sequence of elements (Aperture, placed aperture, Polyhedron, Slits)"
+    if isinstance(elements, Element):
+        raise ArgumentError(f"{expected}, got one {type(elements).__name__}; put it into a list")
+    try:
+        found = tuple(elements)
+    except TypeError:
+        raise ArgumentError(f"{expected}, got {type(elements).__name__}") from None
+    if not found:
+        raise ArgumentError(f"{expected}, got none")
+    for k, element in enumerate(found):
+        if not isinstance(element, Element):
+            nested = hasattr(element, "elements")  # an array, which cannot be imported here
+            hint = "; join its elements and weights" if nested else ""
+            raise ArgumentError(f"{expected}, got {type(element).__name__} at {k}{hint}")
+    slits = [isinstance(element, Slits) for element in found]
+    if any(slits) and not all(slits):
+        raise ArgumentError(
+            "expected elements of one space, got Slits (one dimension) and others; "
+            "make rectangles of the slits with polywigner.shapes.rectangle"
+        )
+    return found
+
+
+def placed(element: Element, pose: NDArray[np.float64]) -> Element:
+    if isinstance(element, Aperture):
+        return element.placed(pose)
+    if isinstance(element, PlacedAperture):
+        return element.aperture.placed(pose @ element.pose)
+    if isinstance(element, Polyhedron):
+        moved = element.vertices @ pose[:3, :3].T + pose[:3, 3]
+        return Polyhedron(moved, element.faces)
+    raise GeometryError("expected elements of the plane or of space to place, got Slits")
+
+
+def in_plane(number: int, element: Element) -> Aperture:
+    if isinstance(element, Aperture):
+        return element
+    advice = (
+        "Wigner and ambiguity functions need all elements in the plane z = 0 "
+        "(polywigner.fourier has the others)"
+    )
+    if not isinstance(element, PlacedAperture):
+        raise GeometryError(
+            f"expected elements of one plane, got {type(element).__name__} at {number}; {advice}"
+        )
+    rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
+    lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
+    if lean > _IN_PLANE:
+        raise GeometryError(
+            f"expected elements of one plane, got one that leans by {np.degrees(lean):.3g} degrees "
+            f"at {number}; {advice}"
+        )
+    if abs(shift[2]) > _IN_PLANE * element.aperture.diameter:
+        raise GeometryError(
+            f"expected elements of one plane, got one at z = {shift[2]:.6g} at {number}; {advice}"
+        )
+    plane = rotation[:2, :2]
+    outline = shapely.transform(element.aperture.polygons, lambda p: p @ plane.T + shift[:2])
+    field = element.aperture.illumination
+    if field is None:
+        return Aperture(outline)
+    turned = Illumination(field.amplitudes, field.frequencies @ plane.T)
+    return Aperture(outline).with_illumination(turned.moved(shift[:2]))
+
+
+# Elements are copies if their vertices, shifted, miss those of the first by this fraction of the
+# largest coordinate: a few roundings; fields, which come from a sine, may miss by more.
+_COPIES, _COPIED_FIELDS = 1e-15, 1e-13
+
+
+def shifted_copies(
+    elements: Sequence[Aperture] | Sequence[Slits],
+) -> tuple[Aperture, NDArray[np.float64], NDArray[np.complex128]] | None:
+    """One element, shifts (n, 2) and factors (n,) of its field that give all; None if they do not.
+
+    For apertures only.
+    """
+    first = elements[0]
+    if not isinstance(first, Aperture):
+        return None
+    corners = np.concatenate(first.rings)
+    shifts, factors = [], []
+    for element in elements:
+        assert isinstance(element, Aperture)  # elements of one plane are of one kind
+        if [len(ring) for ring in element.rings] != [len(ring) for ring in first.rings]:
+            return None
+        own = np.concatenate(element.rings)
+        shift = (own - corners).mean(axis=0)
+        allowed = _COPIES * max(float(np.abs(own).max()), float(np.abs(corners).max()))
+        factor = _factor_of_copy(first.illumination, element.illumination, shift)
+        if factor is None or float(np.abs(own - corners - shift).max()) > allowed:
+            return None
+        shifts.append(shift)
+        factors.append(factor)
+    return first, np.array(shifts), np.array(factors, np.complex128)
+
+
+def _factor_of_copy(first: Any, other: Any, shift: NDArray[np.float64]) -> complex | None:
+    """The factor between a field and another one shifted; None where there is none."""
+    if first is None or other is None:
+        return 1.0 if first is other else None
+    moved = first.moved(shift)
+    if not np.array_equal(moved.frequencies, other.frequencies):
+        return None
+    factor = complex(other.amplitudes[0] / moved.amplitudes[0])
+    error = float(np.abs(other.amplitudes - factor * moved.amplitudes).max())
+    return factor if error <= _COPIED_FIELDS * float(np.abs(other.amplitudes).max()) else None
+
+
+# Curvatures of elements that were turned, or read, differ by rounding.
+_SAME = 1e-12
+
+
+def has_waves(elements: Any) -> bool:
+    """Whether one of a list of elements has a curved or partly coherent wave."""
+    return isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements)
+
+
+def array_of_waves(make: Any, elements: Sequence[Any], weights: Any) -> Wavefront:
+    """The array of elements whose waves have one curvature, as one curved wave on an array.
+
+    ``make``: (elements, weights) -> Array. Raises IlluminationError where curvatures differ.
+    """
+    waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
+    first = waves[0]
+    size = float(np.abs([wave.curvature for wave in waves]).max())
+    for k, wave in enumerate(waves):
+        apart = float(np.abs(wave.curvature - first.curvature).max())
+        if apart > _SAME * size or wave.coherence_width != first.coherence_width:
+            raise IlluminationError(
+                f"expected elements with one curvature and coherence width, got {wave!r} as "
+                f"element {k} beside {first!r}; make an array of those alike, and add fields"
+            )
+    factors = checked_weights(weights, len(waves))
+    tilted = [_tilted(wave.source, wave, wave.centre - first.centre) for wave in waves]
+    phases = np.array([phase for _, phase in tilted])
+    return first._with(source=make([source for source, _ in tilted], factors * phases))
+
+
+def copies_of_wave(
+    make: Any, wave: Wavefront, places: NDArray[np.float64], weights: NDArray[np.complex128]
+) -> Wavefront:
+    """Copies of an element with its wave at places (n, d)."""
+    return array_of_waves(make, [wave.moved(place) for place in places], weights)
+
+
+def _tilted(source: Any, wave: Wavefront, away: NDArray[np.float64]) -> tuple[Any, complex]:
+    """The source with the tilt of a wave whose centre is ``away``, and what is left of its phase.
+
+    exp(-2 pi i x.Q d) stands on the source, exp(i pi d.Q d + 2 pi i c.Q d) is left; c = c_k - d.
+    """
+    slope = wave.curvature @ away
+    turns = float((wave.centre - away / 2) @ slope)
+    phase = complex(np.exp(2j * np.pi * (turns - round(turns))))
+    return tilted_source(source, -slope), phase
+
+
+def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
+    """A flat source times exp(2 pi i kappa.x), kappa (d,)."""
+    if not kappa.any():
+        return source
+    if hasattr(source, "with_illumination"):
+        tilt, own = Illumination([1.0], kappa[None]), source.illumination
+        return source.with_illumination(tilt if own is None else own * tilt)
+    if source.repeated is None:
+        elements = [tilted_source(element, kappa) for element in source.elements_in_plane]
+        return type(source)(elements, source.weights)
+    # each copy brings its element's tilt along
+    (element, positions), make = source.repeated, type(source)._repeated
+    return make(
+        tilted_source(element, kappa),
+        positions,
+        source.weights * np.exp(2j * np.pi * (positions @ kappa)),
+    )
+
 
 # Outlines that a notebook draws: a few hundred kB.
 _MOST_DRAWN = 2000

@@ -5,13 +5,27 @@
 - in which phase: ``steering_weights``, ``focusing_weights``
 """
 
-from polywigner.illumination.layouts import (
-    grid_positions,
-    ring_positions,
-    thinned,
-    triangular_positions,
+from __future__ import annotations
+
+import importlib
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polywigner.errors import ArgumentError, MissingExtraError, install_command
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_length,
+    checked_number,
+    real_numbers,
+    shape_of,
+    takes_frequency,
 )
-from polywigner.illumination.weights import focusing_weights, steering_weights, window_weights
+from polywigner.illumination.tapers import checked_sidelobes, transverse, unit_vector
 
 __all__ = [
     "focusing_weights",
@@ -22,3 +36,378 @@ __all__ = [
     "triangular_positions",
     "window_weights",
 ]
+
+MOST_ELEMENTS = 2**20
+"""Most elements of one layout: 16 MiB of positions."""
+
+Positions = NDArray[np.float64]
+
+
+def grid_positions(nx: int, ny: int, pitch_x: float, pitch_y: float | None = None) -> Positions:
+    """A rectangular lattice: (nx ny, 2), y running fastest.
+
+    `grid_positions(nx, ny, ...).reshape(nx, ny, 2)[i, j]` is at
+    ((i - (nx - 1)/2) pitch_x, (j - (ny - 1)/2) pitch_y). Slits take the x of one row,
+    `grid_positions(n, 1, pitch)[:, 0]`.
+
+    Parameters
+    ----------
+    nx, ny
+        Elements along x and y.
+    pitch_x, pitch_y
+        Distances in metres; pitch_y None: the same.
+
+    Raises
+    ------
+    ArgumentError for counts below 1, more than 2^20 elements, and pitches that are not above zero.
+    """
+    columns, rows = _counts(nx, ny)
+    across = checked_length(pitch_x, "pitch_x")
+    up = across if pitch_y is None else checked_length(pitch_y, "pitch_y")
+    along_x, along_y = _steps(columns) * (across / 2), _steps(rows) * (up / 2)
+    return _pairs(*np.meshgrid(along_x, along_y, indexing="ij"))
+
+
+def triangular_positions(
+    nx: int, ny: int, pitch_x: float, pitch_y: float | None = None
+) -> Positions:
+    """A triangular lattice: ny rows of nx elements, every other one shifted by half a pitch.
+
+    (nx ny, 2), y running fastest. Even rows are a quarter of pitch_x to the left of where
+    :func:`grid_positions` has them, odd rows a quarter to the right.
+
+    Parameters
+    ----------
+    nx, ny
+        Elements of a row, and rows.
+    pitch_x, pitch_y
+        Distance in a row, and between rows, in metres. pitch_y None: sqrt(3)/2 pitch_x, which
+        makes the triangles equilateral.
+
+    Raises
+    ------
+    ArgumentError for counts below 1, more than 2^20 elements, and pitches that are not above zero.
+    """
+    columns, rows = _counts(nx, ny)
+    across = checked_length(pitch_x, "pitch_x")
+    up = across * math.sqrt(0.75) if pitch_y is None else checked_length(pitch_y, "pitch_y")
+    side = 2 * (np.arange(rows) % 2) - 1 if rows > 1 else np.zeros(1, np.int64)
+    along_x = (2 * _steps(columns)[:, None] + side) * (across / 4)
+    along_y = _steps(rows) * (up / 2)
+    return _pairs(along_x, np.broadcast_to(along_y, along_x.shape))
+
+
+def ring_positions(radii: ArrayLike, counts: ArrayLike) -> Positions:
+    """Concentric rings: counts[k] elements at equal angles on the circle of radius radii[k].
+
+    (sum of counts, 2), ring after ring, each counter-clockwise from the x axis. A radius of 0 with
+    a count of 1 is an element at the centre.
+
+    Raises
+    ------
+    ArgumentError for radii below zero, counts below 1, several elements at the centre, another
+    number of counts than of radii, and more than 2^20 elements.
+    """
+    sizes = [checked_length(r, "each of the radii", zero=True) for r in _listed(radii)]
+    numbers = [checked_count(n, "each of the counts", 1, MOST_ELEMENTS) for n in _listed(counts)]
+    if len(sizes) != len(numbers) or not sizes:
+        raise ArgumentError(
+            f"expected as many radii as counts, got {len(sizes)} radii and {len(numbers)} counts"
+        )
+    _check_number(sum(numbers))
+    if any(size == 0 and number > 1 for size, number in zip(sizes, numbers, strict=True)):
+        raise ArgumentError("expected one element at radius 0, got several; give a count of 1")
+    turns = [2 * np.pi * np.arange(n) / n for n in numbers]
+    rings = [r * np.stack([np.cos(t), np.sin(t)], 1) for r, t in zip(sizes, turns, strict=True)]
+    return np.concatenate(rings) + 0.0
+
+
+@overload
+def thinned(
+    positions: ArrayLike,
+    fill: float,
+    seed: int,
+    taper: ArrayLike | None = None,
+    return_index: Literal[False] = False,
+) -> Positions: ...
+
+
+@overload
+def thinned(
+    positions: ArrayLike,
+    fill: float,
+    seed: int,
+    taper: ArrayLike | None = None,
+    *,
+    return_index: Literal[True],
+) -> tuple[Positions, NDArray[np.intp]]: ...
+
+
+def thinned(
+    positions: ArrayLike,
+    fill: float,
+    seed: int,
+    taper: ArrayLike | None = None,
+    return_index: bool = False,
+) -> Positions | tuple[Positions, NDArray[np.intp]]:
+    """Positions drawn at random from a full layout: statistical thinning.
+
+    Each element is kept, independently of the others, with a probability p_k proportional to the
+    taper, and on average fill times n are. With weights of 1 the mean pattern is then that of the
+    tapered full array, plus a floor:
+
+        <|AF|^2> = |sum_k p_k exp(-2 pi i nu.x_k)|^2 + sum_k p_k (1 - p_k)
+
+    M. I. Skolnik, J. W. Sherman, F. C. Ogg, IEEE Trans. Antennas Propag. 12 (1964) 408-417.
+
+    Parameters
+    ----------
+    positions
+        (n, 2) in metres; for slits (n,) or (n, 1); in space (n, 3).
+    fill
+        The fraction kept on average, above 0 and up to 1, or up to mean/peak of the taper.
+    seed
+        Of NumPy's default generator: equal seeds draw equal elements.
+    taper
+        (n,) real weights of the full array, of zero or more; None: all equal.
+    return_index
+        See below.
+
+    Returns
+    -------
+    (m, d), in the order given, the very same floats. With `return_index` also their numbers (m,)
+    in the full layout, for weights of it: `window_weights(...)[index]`.
+
+    Raises
+    ------
+    ArgumentError for positions, tapers, fills and seeds out of shape or range, and if no element
+    was drawn.
+    """
+    places = checked_positions(positions, (1, 2, 3))
+    share = checked_number(fill, "fill", "a fraction above 0 and up to 1")
+    try:
+        likely = np.ones(len(places)) if taper is None else real_numbers(taper)
+    except ValueError:
+        raise ArgumentError(
+            f"expected a taper of real numbers, got {type(taper).__name__}; give the moduli of "
+            "complex weights"
+        ) from None
+    if likely.shape != places.shape[:1] or not (likely >= 0).all() or not likely.any():
+        raise ArgumentError(
+            f"expected a taper of {len(places)} weights of zero or more, got shape {likely.shape}"
+            + (" with negative ones, or zeros only" if likely.shape == places.shape[:1] else "")
+        )
+    most = float(likely.mean() / likely.max())
+    if not 0 < share <= most:
+        raise ArgumentError(
+            f"expected fill above 0 and up to {most:.6g} (mean/peak of the taper), got {fill!r}"
+        )
+    random = np.random.default_rng(checked_count(seed, "seed", 0))
+    kept = random.random(len(places)) < likely * (share / float(likely.mean()))
+    if not kept.any():
+        raise ArgumentError("expected an element to be drawn, got none; try another seed")
+    return (places[kept], np.flatnonzero(kept)) if return_index else places[kept]
+
+
+def checked_positions(positions: Any, components: tuple[int, ...]) -> Positions:
+    """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1).
+
+    Raises ArgumentError for anything else.
+    """
+    try:
+        places = real_numbers(positions)
+    except ValueError:
+        places = np.empty(0)
+    if places.ndim == 1 and 1 in components:
+        places = places[:, None]
+    fits = places.ndim == 2 and places.shape[1] in components and len(places)
+    if not fits or not np.isfinite(places).all():
+        shapes = " or ".join(f"(n, {c})" for c in components)
+        raise ArgumentError(
+            f"expected finite positions of shape {shapes}, got {shape_of(positions)}"
+        )
+    return places
+
+
+def _listed(values: Any) -> list[Any]:
+    return list(values) if np.iterable(values) else [values]
+
+
+def _counts(nx: Any, ny: Any) -> tuple[int, int]:
+    columns, rows = checked_count(nx, "nx", 1), checked_count(ny, "ny", 1)
+    _check_number(columns * rows)
+    return columns, rows
+
+
+def _check_number(elements: int) -> None:
+    if elements > MOST_ELEMENTS:
+        raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {elements}")
+
+
+def _steps(count: int) -> NDArray[np.int64]:
+    """-(n - 1), -(n - 3), ..., n - 1: twice the centred numbers, whole."""
+    return 2 * np.arange(count) - (count - 1)
+
+
+def _pairs(x: NDArray[Any], y: NDArray[Any]) -> Positions:
+    return np.stack([x, y], axis=-1).reshape(-1, 2)
+
+
+WINDOWS = ("uniform", "taylor", "chebyshev", "hamming")
+"""Windows that :func:`window_weights` knows."""
+
+
+@takes_frequency
+def steering_weights(
+    positions: ArrayLike, direction: ArrayLike, wavelength: float
+) -> NDArray[np.complex128]:
+    """Weights (n,) that steer an array: w_k = exp(2 pi i s.x_k/wavelength).
+
+    The array factor, and what the array radiates, peaks towards `direction`. The elements' own
+    fields stay as they are: for those see :func:`polywigner.steering`.
+
+    Parameters
+    ----------
+    positions
+        (n, 2) in metres; for slits (n,) or (n, 1); (n, 3) for elements anywhere in space, which
+        need a direction (3,).
+    direction
+        A unit vector (3,) with a positive z; or its components (2,) along the array; or for slits
+        one number, the sine of the angle.
+    wavelength
+        In metres.
+
+    Raises
+    ------
+    ArgumentError for positions out of shape, directions that do not fit them or are of no unit
+    vector (see :func:`polywigner.steering`), and wavelengths that are not above zero.
+    """
+    places = checked_positions(positions, (1, 2, 3))
+    towards = unit_vector(direction) if places.shape[1] == 3 else transverse(direction)
+    if len(towards) != places.shape[1]:
+        raise ArgumentError(
+            f"expected a direction for positions of {places.shape[1]} components, got one with "
+            f"{len(towards)} along the array"
+        )
+    return _phases(lambda length: places @ (towards / length), wavelength)
+
+
+@takes_frequency
+def focusing_weights(
+    positions: ArrayLike, point: ArrayLike, wavelength: float
+) -> NDArray[np.complex128]:
+    """Weights (n,) that focus an array: w_k = exp(-2 pi i (R_k - R)/wavelength).
+
+    R_k is the distance from element k to the point, R that from the origin: the waves
+    exp(2 pi i R_k/wavelength)/R_k of all elements arrive in phase. They only turn phases. Far away
+    they are the :func:`steering_weights` towards the point.
+
+    Parameters
+    ----------
+    positions
+        (n, 2) in metres, in the plane z = 0.
+    point
+        (x, y, z) in metres, z > 0.
+    wavelength
+        In metres.
+
+    Raises
+    ------
+    ArgumentError for positions or points out of shape, a point not in front of the array, and
+    wavelengths that are not above zero.
+    """
+    places = checked_positions(positions, (2,))
+    try:
+        focus = real_numbers(point)
+    except ValueError:
+        focus = np.empty(0)
+    if focus.shape != (3,) or not np.isfinite(focus).all() or not focus[2] > 0:
+        raise ArgumentError(f"expected a point (x, y, z) with z above zero, got {point!r}")
+    distance = np.linalg.norm(
+        np.column_stack([focus[:2] - places, np.full(len(places), focus[2])]), axis=1
+    )
+    # R_k - R without the difference of two long distances
+    path = ((places - 2 * focus[:2]) * places).sum(axis=1) / (distance + np.linalg.norm(focus))
+    return _phases(lambda length: -path / length, wavelength)
+
+
+def _phases(turns: Callable[[float], NDArray[np.float64]], wavelength: Any) -> Any:
+    """exp(2 pi i turns) of what a wavelength makes of distances."""
+    length = checked_length(wavelength, "wavelength")
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = turns(length)
+    if not np.isfinite(found).all():
+        raise ArgumentError(
+            f"expected a wavelength in metres for positions in metres, got {wavelength!r}, of "
+            "which there are too many between them for a float; check its unit"
+        )
+    return np.exp(2j * np.pi * found)
+
+
+def window_weights(
+    shape: int | Sequence[int],
+    window: str | Sequence[str],
+    sll: float = 30.0,
+    nbar: int = 4,
+) -> NDArray[np.float64]:
+    """Amplitudes of a taper over a row or a grid of elements, real, the largest in size 1.
+
+    Parameters
+    ----------
+    shape
+        n elements in a row, or (nx, ny) in a grid.
+    window
+        "uniform", "taylor", "chebyshev" (Dolph) or "hamming"; or one for each axis. Taylor and
+        Chebyshev are scipy's and need the extra `arrays`.
+    sll
+        Of "taylor" and "chebyshev": sidelobe suppression in dB, above 0 and up to 200.
+    nbar
+        Of "taylor": number of sidelobes at about this level, plus one.
+
+    Returns
+    -------
+    (n,), or (nx ny,) with y running fastest, as :func:`grid_positions` has the elements.
+
+    Raises
+    ------
+    ArgumentError for shapes, windows and options out of range; MissingExtraError without scipy.
+    """
+    sizes = tuple(shape) if isinstance(shape, Sequence) else (shape,)
+    if len(sizes) not in (1, 2):
+        raise ArgumentError(f"expected a shape of n or (nx, ny), got {shape!r}")
+    names = (window,) * len(sizes) if isinstance(window, str) else tuple(window)
+    if len(names) != len(sizes):
+        raise ArgumentError(f"expected {len(sizes)} windows, got {window!r}")
+    decibels, zeros = checked_sidelobes(sll, nbar)
+    if np.prod([checked_count(n, "shape", 1) for n in sizes], dtype=object) > MOST_ELEMENTS:
+        raise ArgumentError(f"expected at most {MOST_ELEMENTS} elements, got {shape!r}")
+    along = [_window(n, name, decibels, zeros) for n, name in zip(sizes, names, strict=True)]
+    whole = along[0] if len(along) == 1 else np.multiply.outer(*along).ravel()
+    # The largest amplitude may be negative if there are few sidelobes, which hardly fall off.
+    return np.asarray(whole / whole[np.abs(whole).argmax()])
+
+
+def _window(count: int, name: str, sll: float, nbar: int) -> NDArray[np.float64]:
+    if name not in WINDOWS:
+        raise ArgumentError(f"expected one of the windows {', '.join(WINDOWS)}, got {name!r}")
+    if name == "uniform" or count == 1:
+        return np.ones(count)
+    if name == "hamming":
+        return np.hamming(count)
+    windows = _scipy_windows(name)
+    if name == "taylor":
+        return np.asarray(windows.taylor(count, nbar=nbar, sll=sll, norm=True, sym=True))
+    with warnings.catch_warnings():
+        # It warns below 45 dB that the window is a poor one for spectra of signals.
+        warnings.simplefilter("ignore")
+        return np.asarray(windows.chebwin(count, at=sll))
+
+
+def _scipy_windows(name: str) -> Any:
+    try:
+        return importlib.import_module("scipy.signal.windows")
+    except ImportError:
+        raise MissingExtraError(
+            f"expected scipy to be installed, which has the window {name!r}, got none; run "
+            f"{install_command('arrays')}"
+        ) from None

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import checked_count, checked_number, shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_count, checked_number, real_numbers, shape_of
 from polywigner.illumination.waves import Illumination, restored
 
 __all__ = ["FittedIllumination", "fit_illumination"]

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, QuantityError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.illumination import layouts, tapers
+from polywigner.illumination import arrays, tapers
 from polywigner.illumination.array import Array, phased_array
-from polywigner.illumination.directions import unit_vector
-from polywigner.illumination.files.values import at, radius_of, shown
+from polywigner.illumination.arrays import focusing_weights, steering_weights, window_weights
+from polywigner.illumination.files.fields import at, radius_of, shown
+from polywigner.illumination.tapers import unit_vector
 from polywigner.illumination.waves import Illumination
-from polywigner.illumination.weights import focusing_weights, steering_weights, window_weights
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
 __all__ = ["FEEDING", "direction", "fed"]
@@ -160,7 +160,7 @@ def _layout(text: str) -> tuple[NDArray[np.float64], tuple[int, int]]:
             f'expected an array such as "12 x 16, 2 mm" or "12 x 16, 2 mm, 1.9 mm", got '
             f"{shown(text)}; give the elements along x and y, and their distances"
         )
-    layout = layouts.triangular_positions if match[1] else layouts.grid_positions
+    layout = arrays.triangular_positions if match[1] else arrays.grid_positions
     shape = int(match[2]), int(match[3])
     return layout(*shape, *(parse_length(pitch) for pitch in pitches)), shape
 

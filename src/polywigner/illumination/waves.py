@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry.arguments import checked_length
+from polywigner.geometry.arguments import checked_length, real_numbers
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.field import checked_shift, turned_points
-from polywigner.geometry.numbers import real_numbers
 
 __all__ = ["LARGEST_AMPLITUDE", "Illumination", "restored"]
 

@@ -7,7 +7,7 @@ from typing import Any
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.illumination import Array
-from polywigner.illumination.sites import Sites
+from polywigner.illumination.lattices import Sites
 from polywigner.kernels.arrays import distant_sums, lattice_arrays, scattered_arrays
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.distant_parts import distant_parts

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.mitsuba.radiator import radiator_of
+from polywigner.mitsuba.radiator import norm_of, radiator_of
 from polywigner.propagation.amplitudes import amplitude
+from polywigner.reception.norms import NORMALISATIONS
 
 __all__ = ["covariance", "element_responses"]
 
@@ -35,10 +36,10 @@ def element_responses(
 
     e_kn = lambda U_k(y_n)/sqrt(N_k), with U_k the exact field (docs/receivers.md, (RX8)) that
     element k would send to the scatterer's place y_n, by the obliquity of the cloud's receiver, and
-    N_k = int abs(u_k)^2. By reciprocity the element receives the power
-    intensity_n abs(e_kn)^2 of the scatterer, and sqrt(intensity_n) e_kn times a random number of
-    variance 1 is a draw of its amplitude: speckle. The phase is that of the way from the first
-    surface, exp(+ikR).
+    N_k the power that it would radiate, or int abs(u_k)^2 if the receiver counts by it. By
+    reciprocity the element receives the power intensity_n abs(e_kn)^2 of the scatterer, and
+    sqrt(intensity_n) e_kn times a random number of variance 1 is a draw of its amplitude: speckle.
+    The phase is that of the way from the first surface, exp(+ikR).
 
     Parameters
     ----------
@@ -130,9 +131,10 @@ def _responses(places: Any, sources: list[Aperture], pose: Any, attrs: dict[str,
         return result
     wavelength, obliquity = attrs["wavelength"], attrs["obliquity"]
     for row, source in zip(result, sources, strict=True):
-        energy = radiator_of(source, obliquity).energy
+        radiator_of(source, obliquity)  # or its error
+        norm = norm_of(source, wavelength, obliquity, normalise=attrs["normalise"])
         field = amplitude(source, own[front], wavelength, obliquity, tolerance=_TOLERANCE)
-        row[front] = field * (wavelength / math.sqrt(energy))
+        row[front] = field * (wavelength / math.sqrt(norm))
     return result
 
 
@@ -142,6 +144,7 @@ def _checked(cloud: Any) -> tuple[Any, Any, dict[str, Any]]:
     try:
         places, intensity, _ = (np.asarray(cloud[name].values, np.float64) for name in names)
         attrs = {name: cloud.attrs[name] for name in ("wavelength", "obliquity", "to_world")}
+        attrs["normalise"] = cloud.attrs.get("normalise", NORMALISATIONS[0])
     except (AttributeError, KeyError, TypeError, IndexError, ValueError):
         raise ArgumentError(
             f"expected a cloud of polywigner.mitsuba.scatterers, got {type(cloud).__name__} "

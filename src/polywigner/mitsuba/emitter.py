@@ -1,11 +1,13 @@
 """The emitter inside a ``wigner`` shape: the Wigner radiance of a source, for Mitsuba.
 
-    L(x, s) = (power / int |u|^2) W(x, s_par / lambda) / lambda^2 h(theta)
+    L(x, s) = (power/N) W(x, s_par/lambda)/lambda^2 h(theta),    N = int g |F|^2 dOmega/lambda^2
 
-in the source's own frame, for directions s on its +z side and zero on the other. W comes from the
-same kernel as :func:`polywigner.wigner`, traced into Mitsuba's render kernel: that of apertures
-with any field, of arrays of any elements, or of equal elements on a lattice. Where h differs from
-wave to wave, h W is a sum of such terms (module `obliquity`).
+in the source's own frame, for directions s on its +z side and zero on the other. N is the power
+that the field radiates as it is, a number of the host or, with derivatives, a traced sum over
+directions; h = g/cos(theta). W comes from the same kernel as :func:`polywigner.wigner`, traced into
+Mitsuba's render kernel: that of apertures with any field, of arrays of any elements, or of equal
+elements on a lattice. Where h differs from wave to wave, h W is a sum of such terms (module
+`obliquity`).
 
 Positions are relative to the middle of the source. They are drawn, and directions formed, in the
 source's frame: the reference point is brought there first. An aperture of some millimetres may then
@@ -34,9 +36,10 @@ from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.mitsuba.parameters import EmitterSpec, check_range
 from polywigner.mitsuba.placement import Frame, check_place, cover, matrix_of, move
 from polywigner.mitsuba.radiance import WignerSum
-from polywigner.mitsuba.radiator import radiator_of
+from polywigner.mitsuba.radiator import norm_of, radiator_of
 from polywigner.mitsuba.sampling import cells_with_field, positions_of
 from polywigner.mitsuba.traced import TracedSource
+from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 
 __all__ = ["emitter_class"]
 
@@ -158,7 +161,8 @@ def emitter_class(variant: str) -> Any:
             antithetic = len(spec.radiator.shifts) > 1
             radiator = radiator_of(source, spec.obliquity, antithetic)
             wavelength = _single(self.wavelength, "wavelength")
-            self._set_source(replace(spec, radiator=radiator), wavelength)
+            norm = norm_of(source, wavelength, spec.obliquity, spec.mixture)
+            self._set_source(replace(spec, radiator=radiator, norm=norm), wavelength)
             # the arrays that a user holds, and their derivatives
             self._traced.vertices, self._traced.weights = traced.vertices, traced.weights
             if shape is not None:
@@ -172,13 +176,36 @@ def emitter_class(variant: str) -> Any:
                 raise SceneError(f"expected a wavelength above zero, got {wavelength:.6g} m")
             if not power >= 0:
                 raise SceneError(f"expected a power of zero or more, got {power:.6g} W")
-            check_range(self.spec.radiator, wavelength, power, self._unit)
+            spec = self.spec
+            norm = norm_of(spec.source, wavelength, spec.obliquity, spec.mixture)
+            check_range(spec.radiator, wavelength, power, norm, self._unit)
+            self.spec = replace(spec, norm=norm)
 
         def _take_over(self) -> None:
             # Opaque: as literals, every new value would compile the render kernel again.
             if jit:
                 dr.make_opaque(self.wavelength, self.power)
             self._frame = Frame(m, self.to_world, self._centre)
+            is_followed = jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength))
+            self._norm = self._traced_norm() if is_followed else opaque(m, self.spec.norm)
+
+        def _traced_norm(self) -> Any:
+            """N with derivatives; its value is that of the host."""
+            wavelength = _single(self.wavelength, "wavelength")
+            lag = largest_lag(self._source)
+            blocks = [np.column_stack(both) for both in directions_and_weights(lag, wavelength)]
+            nodes = np.concatenate(blocks)
+            waves = self.spec.mixture.nodes(self._source, wavelength)
+            both = np.concatenate(
+                [np.repeat(nodes, len(waves), axis=0), np.tile(waves, (len(nodes), 1))], axis=1
+            )
+            x, y, z, solid_angle, shift, tilt_x, tilt_y, share = map(m.Float, both.T.tolist())
+            inverse = 1.0 / self.wavelength + shift
+            wave = Wave(inverse, m.Vector2f(tilt_x, tilt_y))
+            own = self._traced.intensity if self._follows() else None
+            intensity = self._sum.integral(m.Vector3f(x, y, z), wave, own) * inverse * inverse
+            total = dr.sum(intensity * z * solid_angle * share)
+            return self.spec.norm * (total / dr.detach(total))
 
         # ---- the radiance --------------------------------------------------------------------
 
@@ -199,7 +226,7 @@ def emitter_class(variant: str) -> Any:
             if jit and (self._traced.is_followed() or dr.grad_enabled(self.wavelength)):
                 raise SceneError(FIXED)
             found = self._exact.intensity(point, self._unit)
-            return found * (_value(self.power, jit) / self.spec.radiator.energy)
+            return found * (_value(self.power, jit) / self._norm)
 
         def _intensity(self, direction: Any, wave: Wave) -> Any:
             """The integral of L over positions: radiance times area."""
@@ -212,10 +239,7 @@ def emitter_class(variant: str) -> Any:
             return jit and self._traced.is_followed() and self._sum.is_single
 
         def _scale(self, inverse: Any) -> Any:
-            energy = self.spec.radiator.energy
-            if self._traced.is_followed():
-                energy = self._traced.energy()
-            return _value(self.power, jit) * (inverse * inverse / energy)
+            return _value(self.power, jit) * (inverse * inverse / self._norm)
 
         def eval(self, si: Any, active: Any = True) -> Any:
             if not self.spec.visible:  # or unseen for a while, with a surface of its own

@@ -83,15 +83,15 @@ def sampled_emitter_class(variant: str) -> Any:
 
         def _weight(self, it: Any, x: Any, per_area: Any) -> Any:
             if self._cells is not None:
-                return self._seen_exactly(it, self._seen_from(it, x)[0].z)
+                return self._seen_exactly(it)
             return self._received(it, x, per_area) / per_area
 
-        def _seen_exactly(self, it: Any, cosine: Any) -> Any:
-            """|U|^2 at the point ``it`` over the cosine at the source, that of a parallel floor."""
+        def _seen_exactly(self, it: Any) -> Any:
+            """|U|^2 at the point ``it``; the surface there multiplies it by its own cosine."""
             place = self._frame.to_own(it.p - self._frame.origin)
-            front = cosine > 0.0
+            front = place.z > 0.0
             found = self._irradiance(m.Point3f(place.x, place.y, dr.select(front, place.z, 1.0)))
-            return dr.select(front, found / dr.select(front, cosine, 1.0), 0.0)
+            return dr.select(front, found, 0.0)
 
         def _received(self, it: Any, x: Any, per_area: Any) -> Any:
             """L cos/r^2 at the point ``it``, the mean over the places that a sample stands for.

@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError
-from polywigner.illumination.direction_cosines import times_direction_cosine
-from polywigner.illumination.obliquities import Shares
+from polywigner.illumination.obliquities import Shares, times_direction_cosine
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans.traced import sums_over_points
 from polywigner.propagation.panels import Radiator
 from polywigner.transforms import fourier

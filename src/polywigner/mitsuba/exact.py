@@ -23,15 +23,14 @@ from polywigner.errors import IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.direction_cosines import times_direction_cosine
-from polywigner.illumination.obliquities import SHARES, warn_of_slopes
+from polywigner.illumination.obliquities import SHARES, times_direction_cosine, warn_of_slopes
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.distances import distance_of
 from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources
 from polywigner.mitsuba.numbers import opaque
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 from polywigner.propagation.boundary import boundary_tables, panels_in
 from polywigner.propagation.panels import radiator_of
 from polywigner.transforms import fourier

@@ -19,6 +19,7 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.mitsuba.placed_sources import PlacedSource
 from polywigner.mitsuba.placement import PLACE_ERROR
+from polywigner.mitsuba.radiator import norm_of
 from polywigner.reception import coupling
 from polywigner.transforms.energies import energy_of
 
@@ -57,7 +58,7 @@ def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts |
 
 
 def coupled_share(parts: FacingParts, tolerance: float) -> float:
-    """|b|^2: received over emitted power with nothing in between, both as int |u|^2.
+    """Received over radiated power with nothing in between, as the receiver counts it.
 
     Of partly coherent sources and of a band of frequencies its mean.
 
@@ -70,14 +71,20 @@ def coupled_share(parts: FacingParts, tolerance: float) -> float:
     pose = emitter.pose_of(receiver)
     method: Any = emitter.obliquity
     share = 0.0
+    # mixtures take no slopes, by which the fields of links and of patterns differ in scale
+    is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
+    counted: Any = "radiated" if is_plain else "aperture"
     try:
         for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
             for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
-                b = coupling(sent, taken, pose, wavelength, method, tolerance)
+                b = coupling(sent, taken, pose, wavelength, method, tolerance, normalise=counted)
                 share += weight * other * abs(b) ** 2
     except PolywignerError as error:
         raise SceneError(f"{link}: {error}") from None
-    return float(share * parts.share)
+    for placed in (emitter, receiver):
+        mine = norm_of(placed.source, placed.wavelength, method, normalise=counted)
+        share *= mine / placed.norm
+    return float(share)
 
 
 def _check_obliquity(link: str, one: str, other: str) -> None:

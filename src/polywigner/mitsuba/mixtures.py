@@ -15,19 +15,33 @@ from typing import Any, NamedTuple
 
 import drjit as dr
 import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Wavefront
-from polywigner.illumination.obliquities import takes_slopes
+from polywigner.illumination.obliquities import (
+    irradiance_factor,
+    takes_slopes,
+    weighted_sources,
+)
 from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.propagation.mixtures import parts_of
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.bands import checked_bandwidth
+from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
+from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
+from polywigner.transforms import fourier
+from polywigner.transforms.coherence import tilts_of
 
 __all__ = ["PLAIN", "DrawnWaves", "Mixture", "Wave", "check_mixture", "mixture_of"]
 
 # Error of means over tilts and wavelengths where a number is asked for, as a share of the largest.
 _ERROR = 1e-7
+# Relative error of the mean power; and wavelengths, beyond which lags add next to nothing to it: it
+# is an integral of the correlation times a transform of g that oscillates and falls. Measured, two
+# slits and squares of 0.5 to 100 wavelengths, coherent over 0.3 to 30: 2e-5 of the power at most.
+_OF_POWER, _LONGEST = 1e-5, 4.0
+# Values of F at a time: 16 MB.
+_BLOCK = 1 << 20
 # Odd numbers whose multiples differ in all bits, for hashing; 2^32 over the golden ratio is one.
 _FACTORS = (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35, 0x27D4EB2F)
 _WORD = 0xFFFFFFFF
@@ -61,6 +75,45 @@ class Mixture:
         if self.coherence_width < math.inf:
             wave = source.partially_coherent(self.coherence_width)
         return parts_of(wave, wavelength, self.bandwidth, _ERROR)
+
+    def nodes(self, source: Any, wavelength: float) -> NDArray[np.float64]:
+        """Waves (n, 4) whose mean power is that of the mixture: of the coherent ``source`` in m.
+
+        By how much the inverse of their wavelength differs, tilts along x and y, both in 1/m, and
+        weights.
+        """
+        tilts, shares = np.zeros((1, 2)), np.ones(1)
+        if self.coherence_width < math.inf:
+            wave = source.partially_coherent(self.coherence_width)
+            tilts, shares = tilts_of(wave, _OF_POWER, _LONGEST * wavelength)
+        band = [(wavelength, 1.0)]
+        if self.bandwidth is not None:
+            band = wavelengths_of_band(wavelength, self.bandwidth, largest_lag(source), _OF_POWER)
+        return np.array(
+            [
+                (1 / length - 1 / wavelength, *tilt, share * weight)
+                for tilt, share in zip(tilts.tolist(), shares.tolist(), strict=True)
+                for length, weight in band
+            ]
+        )
+
+    def power(self, source: Any, wavelength: float, obliquity: str) -> float:
+        """Radiated power in W of the coherent ``source`` in light of this mixture."""
+        waves = self.nodes(source, wavelength)
+        inverse = 1 / wavelength + waves[:, 0]
+        fields = weighted_sources(source, obliquity, wavelength)
+        total = 0.0
+        for s, solid_angle in directions_and_weights(largest_lag(source), 1 / inverse.max()):
+            step = max(1, _BLOCK // len(s))
+            for first in range(0, len(waves), step):
+                some = slice(first, first + step)
+                nu = s[:, :2] * inverse[some, None, None] - waves[some, None, 1:3]
+                weights = waves[some, 3] * inverse[some] ** 2
+                for field, forms in fields:
+                    g = irradiance_factor(forms, s[:, 2])
+                    far = np.square(np.abs(fourier(field, nu)))
+                    total += float(weights @ far @ (g * solid_angle))
+        return total
 
 
 PLAIN = Mixture()

@@ -1,13 +1,13 @@
-"""From a radiance to a diffraction integral: the factor h of the emitted radiance.
+"""The radiance of a source for each diffraction integral: the factor h of W/lambda^2.
 
-The Wigner radiance W/lambda^2 leaves the choice of the diffraction integral open. A floor
-parallel to the aperture receives (R1), to leading order,
+The Wigner radiance W/lambda^2 leaves the choice of the diffraction integral open. Each of them has
+a far field whose radiant intensity is g |F|^2/lambda^2, and radiance, an integral over the source
+of which is intensity over the cosine, is
 
-    I = (1/lambda^2) int W g / |r|^2 dx,
+    L = h W/lambda^2,    h = g/cos(theta).
 
-and a renderer that lights it with the radiance L collects int L cos^2(theta) / |r|^2 dx: one
-cosine from the emitter, one from the receiver. Hence L = h W/lambda^2 with h = g/cos^2. The
-emitter cannot know the receiver, so h is defined by that parallel floor.
+So the power that leaves is that of the far field, and a surface receives |U|^2 times its own
+cosine, to leading order (R1). With g = cos, the paper's flux, h is 1.
 """
 
 from __future__ import annotations
@@ -16,11 +16,12 @@ from typing import Any
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Wavefront
-from polywigner.illumination.direction_cosines import fields_of, grazing_error
 from polywigner.illumination.obliquities import (
     OBLIQUITIES,
     Forms,
     emission_factor,
+    fields_of,
+    grazing_error,
     takes_slopes,
     weighted_sources,
 )

@@ -22,7 +22,7 @@ from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
 from polywigner.mitsuba.mixtures import PLAIN, Mixture, check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
-from polywigner.mitsuba.radiator import Radiator, emitted_power, radiator_of
+from polywigner.mitsuba.radiator import Radiator, emitted_power, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.quantities import parse_frequency, parse_power
 
@@ -38,7 +38,7 @@ __all__ = [
 PARAMETERS = (
     *SOURCE_PARAMETERS,
     "power",
-    "radiated_power",
+    "aperture_power",
     "obliquity",
     "estimator",
     "antithetic",
@@ -62,6 +62,9 @@ class EmitterSpec:
     radiator: Radiator
     wavelength: float
     power: float
+    """Radiated, in W."""
+    norm: float
+    """Power in W that the field of the source radiates as it is."""
     pose: npt.NDArray[np.float64]
     """(4, 4), read-only; the translation in scene units."""
     obliquity: str = OBLIQUITIES[0]
@@ -95,15 +98,16 @@ def read_parameters(props: Any) -> EmitterSpec:
     _reject_nested(given.values)
     given.check_names(PARAMETERS)
     obliquity = check_obliquity(given.text("obliquity", OBLIQUITIES[0]))
-    powers = [given.optional(name, parse_power) for name in ("power", "radiated_power")]
+    powers = [given.optional(name, parse_power) for name in ("power", "aperture_power")]
     wavelength = given.wavelength()
     scene_unit = given.scene_unit()
     antithetic = given.flag("antithetic", False)
     bandwidth = given.optional("bandwidth", parse_frequency)
     source, mixture = mixture_of(given.source(wavelength), wavelength, bandwidth)
     radiator = radiator_of(source, obliquity, antithetic)
-    power = emitted_power(radiator, wavelength, obliquity, powers[0], powers[1], mixture)
-    check_range(radiator, wavelength, power, scene_unit)
+    norm = norm_of(source, wavelength, obliquity, mixture)
+    power = emitted_power(radiator, norm, *powers)
+    check_range(radiator, wavelength, power, norm, scene_unit)
     varied = given.flag("control_variate", False)
     estimator = given.text("estimator", ESTIMATORS[0])
     check_estimator(estimator, radiator.source, wavelength, obliquity, antithetic, varied)
@@ -112,6 +116,7 @@ def read_parameters(props: Any) -> EmitterSpec:
         radiator=radiator,
         wavelength=wavelength,
         power=power,
+        norm=norm,
         pose=given.pose(),
         obliquity=obliquity,
         estimator=estimator,
@@ -125,14 +130,14 @@ def read_parameters(props: Any) -> EmitterSpec:
 
 
 def check_range(
-    radiator: Radiator, wavelength: float, power: float, scene_unit: float = 1.0
+    radiator: Radiator, wavelength: float, power: float, norm: float, scene_unit: float = 1.0
 ) -> None:
     """Raise SceneError where single precision cannot hold what the emitter computes.
 
-    `wavelength` and `scene_unit` in metres, `power` in watts; none below zero.
+    `wavelength` and `scene_unit` in metres, `power` and `norm` in watts; none below zero.
     """
     # Logarithms, because the numbers themselves may leave double precision as well.
-    energy, inverse_square = _exponent(radiator.energy), -2 * _exponent(wavelength)
+    energy, inverse_square = _exponent(norm), -2 * _exponent(wavelength)
     area_in_scene = _exponent(radiator.support.area) - 2 * _exponent(scene_unit)
     radiance = _exponent(power) + inverse_square
     _fits("wavelength", f"{wavelength:.6g} m", -inverse_square / 2, inverse_square)

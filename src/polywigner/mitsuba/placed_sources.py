@@ -38,7 +38,10 @@ class PlacedSource:
     wavelength: float
     obliquity: str
     scene_unit: float
+    norm: float
+    """Power in W that the field as it is counts, all of the source: radiated, or int |u|^2."""
     power: float = 0.0
+    """Radiated, in W."""
     mixture: Mixture = PLAIN
     """Of its light."""
     medium: Any = None
@@ -130,6 +133,7 @@ def _placed(plugin: Any, name: str) -> PlacedSource:
         wavelength,
         spec.obliquity,
         spec.scene_unit,
+        spec.norm,
         mixture=spec.mixture,
     )
 

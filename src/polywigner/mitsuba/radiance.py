@@ -1,6 +1,6 @@
 """The Wigner function of a source with the factors of its obliquity, traced into a render kernel.
 
-The emitter's radiance is proportional to it, and so is what a receiver takes of a radiance.
+The emitter's radiance is proportional to it, and so is the power that a receiver takes of one.
 """
 
 from __future__ import annotations

@@ -18,10 +18,12 @@ from polywigner.mitsuba.mixtures import PLAIN, Mixture
 from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import check_slopes, powers_of
+from polywigner.radiometry.directions import checked_radiator
+from polywigner.reception.norms import NORMALISATIONS
 from polywigner.transforms.energies import energy_of
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 
-__all__ = ["Radiator", "emitted_power", "radiator_of"]
+__all__ = ["Radiator", "emitted_power", "norm_of", "radiator_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,36 +78,50 @@ def radiator_of(source: Any, obliquity: str, antithetic: bool = False) -> Radiat
         raise SceneError(str(error)) from None
 
 
-def emitted_power(
-    radiator: Radiator,
+# Read when an entry is made, when its scene is loaded, and whenever a parameter changes.
+@lru_cache(maxsize=64)
+def norm_of(
+    source: Any,
     wavelength: float,
     obliquity: str,
-    power: float | None,
-    radiated_power: float | None,
     mixture: Mixture = PLAIN,
+    normalise: str = NORMALISATIONS[0],
 ) -> float:
-    """The emitter's int |u|^2, in W, of either power in W; that of the field as it is for neither.
+    """Power of a source's field in W for |u|^2 in W/m^2, as ``normalise`` counts it.
 
-    ``mixture``: what the light is, of which the radiated power is the mean.
+    ``radiated``: the power that leaves through the hemisphere in front, by the obliquity and, of a
+    mixture, the mean over its waves. ``aperture``: int |u|^2.
 
-    Raises SceneError for both, and for a source that radiates nothing.
+    Raises SceneError for a source that radiates nothing.
     """
-    if radiated_power is None:
-        return radiator.energy if power is None else power
-    if power is not None:
-        raise SceneError(
-            "expected power or radiated_power, got both; power is the integral of |u|^2 over the "
-            "aperture, radiated_power what leaves through the hemisphere in front"
-        )
+    if normalise == "aperture":
+        return _energy(source)
     try:
-        found = [
-            (powers_of(source, length, obliquity), weight)
-            for source, length, weight in mixture.parts(radiator.source, wavelength)
-        ]
+        radiator = checked_radiator(source)
+        if mixture.is_plain:
+            return powers_of(radiator, wavelength, obliquity)[0]
+        return mixture.power(radiator, wavelength, obliquity)
     except PolywignerError as error:
         raise SceneError(str(error)) from None
-    radiated = sum(weight * power for (power, _), weight in found)
-    return radiated_power * found[0][0][1] / radiated
+
+
+def emitted_power(
+    radiator: Radiator, norm: float, power: float | None, aperture_power: float | None
+) -> float:
+    """Radiated power of an emitter in W; its ``norm`` for neither number.
+
+    ``norm``: the power that the field as it is radiates; ``aperture_power``: int |u|^2 in W.
+
+    Raises SceneError for both.
+    """
+    if power is not None and aperture_power is not None:
+        raise SceneError(
+            "expected power or aperture_power, got both; power leaves through the hemisphere in "
+            "front, aperture_power is the integral of |u|^2 over the aperture: give one"
+        )
+    if aperture_power is not None:
+        return norm * (aperture_power / radiator.energy)
+    return norm if power is None else power
 
 
 # A scene entry is checked when it is made, and read when the scene is loaded.
@@ -151,7 +167,8 @@ def _advice(source: Any) -> str:
     return "make rectangles of slits" if type(source).__name__ == "Slits" else "use an aperture"
 
 
-def _energy(source: Aperture | Array) -> float:
+def _energy(source: Aperture | Array | Wavefront) -> float:
+    source = flat_of(source)
     if isinstance(source, Aperture) and source.illumination is None:
         return source.area
     energy = energy_of(source)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers
 from polywigner.mitsuba.parts import seed_of
 from polywigner.mitsuba.range_film import sorted_by_range
 from polywigner.mitsuba.received import OTHER_LIGHTS, noise_power_of

@@ -1,7 +1,7 @@
 """The ``wigner_receiver`` sensor: the power that a coherent aperture receives of a scene.
 
 A radiance L that arrives at the receiver's plane adds, in the receiver's own frame and with
-N = int |u|^2 of the field that it would send,
+N the power that the field u which it would send radiates, or int |u|^2,
 
     P = (1/N) int int g W(x, s_par / lambda) L(x, s) dx ds                   (estimator ``wigner``)
 
@@ -80,12 +80,12 @@ def receiver_class(variant: str) -> Any:
                 reach = float(np.hypot(*np.abs(np.reshape(source.bounds, (2, 2))).max(axis=0)))
                 far = _FAR * reach * max(reach / spec.wavelength, 1.0)
                 self._far = opaque(m, far / unit)
-                scale = spec.wavelength**2 * unit**2 / radiator.energy
+                scale = spec.wavelength**2 * unit**2 / spec.norm
             else:
                 self._waves = DrawnWaves(m, spec.mixture)
                 self._sum = WignerSum(m, source, spec.wavelength, spec.obliquity, unit)
                 self._positions = positions_of(m, radiator, spec.sampling, unit)
-                scale = unit**2 / radiator.energy
+                scale = unit**2 / spec.norm
             self._scale = opaque(m, scale)
 
         def _place(self) -> None:
@@ -172,10 +172,9 @@ def receiver_class(variant: str) -> Any:
             return self._frame.axes[2] * self._lift
 
         def _signed_weight(self, x: Any, direction: Any) -> Any:
-            """g W/N, of positions in scene units; g = h cos^2."""
+            """g W/N, of positions in scene units; g = h cos."""
             wave = self._waves.wave(self._inverse, x, direction)
-            value = self._sum.at(x, direction, wave, None)
-            return self._scale * value * (direction.z * direction.z)
+            return self._scale * self._sum.at(x, direction, wave, None) * direction.z
 
         def _exact_weight(self, ray: Any, x: Any, direction: Any, active: Any) -> Any:
             """lambda^2 r^2 |U|^2/N of the point that the ray meets, or of one far out."""

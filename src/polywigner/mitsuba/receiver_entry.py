@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry import Aperture
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import check_estimator
@@ -18,12 +18,13 @@ from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.mixtures import check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_range
-from polywigner.mitsuba.radiator import radiator_of
+from polywigner.mitsuba.radiator import norm_of, radiator_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME
 from polywigner.mitsuba.receiver_parameters import RECEIVER_ESTIMATORS
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_noise
+from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 
 __all__ = ["receiver"]
 
@@ -41,6 +42,7 @@ def receiver(
     noise_figure: float | None = None,
     scene_unit: float = 1.0,
     sampling: str = SAMPLINGS[0],
+    normalise: str = NORMALISATIONS[0],
 ) -> dict[str, Any]:
     """A coherent aperture or array that receives, as an entry of a dictionary for ``mi.load_dict``.
 
@@ -61,6 +63,9 @@ def receiver(
     scene_unit: metres in one unit of the scene, which is that of ``to_world``'s translation.
     sampling: density of positions with the estimator ``wigner``, see
         :func:`polywigner.mitsuba.aperture`.
+    normalise: ``radiated``: its gain is the directivity, so that a sky of the radiance L gives
+        lambda^2 L to any receiver. ``aperture``: received power counts as int |u|^2 does, less by
+        the share of it that is evanescent; docs/receivers.md.
 
     The entry holds a key, see :func:`register_source`: load it in the process that made it. Render
     it with :func:`polywigner.mitsuba.render`, which hands the scene over to the estimator
@@ -76,7 +81,9 @@ def receiver(
     radiator = radiator_of(coherent, obliquity)
     check_mixture(mixture, coherent, length, obliquity, estimator)
     check_estimator(estimator, radiator.source, length, obliquity, False, False)
-    check_range(radiator, length, 1.0, unit)
+    checked_normalise(normalise, SceneError)
+    norm = norm_of(coherent, length, obliquity, mixture, normalise)
+    check_range(radiator, length, 1.0, norm, unit)
     entry: dict[str, Any] = {
         "type": RECEIVER_NAME,
         "source": register_source(given),
@@ -85,6 +92,7 @@ def receiver(
         "estimator": estimator,
         "sampling": check_sampling(sampling),
         "scene_unit": unit,
+        "normalise": normalise,
         "film": _film(film),
         "sampler": {"type": "multijitter"},
     }

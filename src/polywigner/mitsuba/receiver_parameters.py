@@ -20,9 +20,10 @@ from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
 from polywigner.mitsuba.mixtures import PLAIN, Mixture, check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
 from polywigner.mitsuba.parameters import check_range
-from polywigner.mitsuba.radiator import Radiator, radiator_of
+from polywigner.mitsuba.radiator import Radiator, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.quantities import NOISE_PARSERS
+from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 
 __all__ = ["RECEIVER_ESTIMATORS", "RECEIVER_PARAMETERS", "ReceiverSpec", "read_receiver"]
 
@@ -36,6 +37,7 @@ RECEIVER_PARAMETERS = (
     "estimator",
     "sampling",
     "scene_unit",
+    "normalise",
     *NOISE_PARSERS,
 )
 
@@ -47,6 +49,8 @@ class ReceiverSpec:
     radiator: Radiator
     """Of the field that the receiver would send."""
     wavelength: float
+    norm: float
+    """Power in W of the field that it would send, by which received powers are divided."""
     pose: npt.NDArray[np.float64]
     """(4, 4), read-only; the translation in scene units."""
     scene_unit: float = 1.0
@@ -61,6 +65,8 @@ class ReceiverSpec:
     """K, of the noise at the input."""
     noise_figure: float | None = None
     """dB."""
+    normalise: str = NORMALISATIONS[0]
+    """Which power ``norm`` is: radiated, or int |u|^2."""
     mixture: Mixture = PLAIN
     """Of the waves that it would send, and so receives: its width of coherence."""
 
@@ -88,14 +94,18 @@ def read_receiver(props: Any) -> ReceiverSpec:
     scene_unit = given.scene_unit()
     source, mixture = mixture_of(given.source(wavelength), wavelength)
     radiator = radiator_of(source, obliquity)
+    normalise = checked_normalise(given.text("normalise", NORMALISATIONS[0]), SceneError)
+    norm = norm_of(source, wavelength, obliquity, mixture, normalise)
     # of power 1 W: a received power is that of the scene
-    check_range(radiator, wavelength, 1.0, scene_unit)
+    check_range(radiator, wavelength, 1.0, norm, scene_unit)
     estimator = given.text("estimator", RECEIVER_ESTIMATORS[0])
     check_estimator(estimator, radiator.source, wavelength, obliquity, False, False)
     check_mixture(mixture, source, wavelength, obliquity, estimator)
     return ReceiverSpec(
         radiator=radiator,
         wavelength=wavelength,
+        norm=norm,
+        normalise=normalise,
         pose=given.pose(),
         scene_unit=scene_unit,
         obliquity=obliquity,

@@ -86,7 +86,7 @@ def scatterers(
       in m/s, by which the whole path grows: minus the Doppler shift times the wavelength
 
     Attributes: wavelength, frequency, receiver, to_world (16 numbers, the translation in m),
-    obliquity, estimator, rays, seed, and ``standard_error`` of the sum of powers in W.
+    obliquity, normalise, estimator, rays, seed, and ``standard_error`` of the sum of powers in W.
 
     Raises
     ------
@@ -116,6 +116,7 @@ def scatterers(
         "frequency": SPEED_OF_LIGHT / place.wavelength,
         "to_world": place.pose.ravel().tolist(),
         "obliquity": place.obliquity,
+        "normalise": sensor.spec.normalise,
         "estimator": sensor.spec.estimator,
         "rays": -(-asked // BATCHES) * BATCHES,
         "seed": given.seed,

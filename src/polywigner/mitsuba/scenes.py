@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
 from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
@@ -23,7 +23,7 @@ from polywigner.mitsuba.mixtures import check_mixture, mixture_of
 from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
 from polywigner.mitsuba.plugins import original_error, register
-from polywigner.mitsuba.radiator import emitted_power, radiator_of
+from polywigner.mitsuba.radiator import emitted_power, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.scene_files import check_scene_file, resolving
 from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested
@@ -44,7 +44,7 @@ def aperture(
     wavelength: float,
     to_world: Any = None,
     obliquity: str = OBLIQUITIES[0],
-    power: float | None = None,
+    power: float | str | None = None,
     bsdf: Mapping[str, Any] | None = None,
     scene_unit: float = 1.0,
     sampling_weight: float = 1.0,
@@ -52,9 +52,10 @@ def aperture(
     sampling: str = SAMPLINGS[0],
     control_variate: bool = False,
     visible: bool = True,
-    radiated_power: float | None = None,
+    radiated_power: float | str | None = None,
     estimator: str = ESTIMATORS[0],
     bandwidth: float | str | None = None,
+    aperture_power: float | str | None = None,
 ) -> dict[str, Any]:
     """A coherent aperture or array as an entry of a dictionary for ``mi.load_dict``.
 
@@ -65,10 +66,12 @@ def aperture(
     wavelength: metres.
     to_world: rigid pose, as a (4, 4) matrix or a Mitsuba transform; the aperture lies in the plane
         z = 0 of its own frame and radiates to +z. Default: none.
-    obliquity: the diffraction integral that a floor parallel to the aperture receives:
-        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2`` or ``paper``.
-    power: watts or a text such as "10 dBm", the integral of |u|^2 over the source. Default: that of
-        the field as it is, in W/m^2: of a uniform aperture the area in m^2.
+    obliquity: the diffraction integral whose |U|^2, times its own cosine, a surface receives:
+        ``rayleigh-sommerfeld-1``, ``kirchhoff``, ``rayleigh-sommerfeld-2``; or ``paper``, the
+        paper's radiance W/lambda^2.
+    power: watts or a text such as "10 dBm", radiated through the hemisphere in front, as
+        :func:`polywigner.radiated_power` counts it for this obliquity. Default: the power that the
+        field radiates as it is, with |u|^2 in W/m^2.
     bsdf: entry of the surface that radiates. Default: ``null``, which light passes through, though
         ``direct``, ``path`` and ``prb`` do not know it when they sample a light behind:
         docs/plugin.md.
@@ -84,10 +87,9 @@ def aperture(
         source, bias where they see a part of it or gloss: docs/plugin.md.
     visible: False leaves the surface out. It lights the scene as before and stands in no other
         light, but is not seen: by no camera, in no mirror, by no irradiance meter.
-    radiated_power: in place of power, watts or a text: what leaves through the hemisphere in front,
-        as :func:`polywigner.radiated_power` counts it for this obliquity. Small sources radiate
-        less than the integral of |u|^2; the rest is evanescent.
-
+    aperture_power: in place of power, watts or a text: the integral of |u|^2 over the source, of
+        which small sources radiate little; the rest is evanescent.
+    radiated_power: the former name of power; deprecated.
     estimator: how a point of the scene is lit. ``wigner``: by signed radiance from a random place
         of the source. ``exact``: by the exact irradiance |U|^2 of the point, to 1e-4 of its peak at
         any distance, with no noise where all of the source is seen; docs/plugin.md.
@@ -124,11 +126,21 @@ def aperture(
         "visible": check_flag("visible", visible),
     }
     check_nested([] if bsdf is None else ["bsdf"], entry["visible"])
-    powers = [None if given is None else parse_power(given) for given in (power, radiated_power)]
-    watts = emitted_power(radiator, entry["wavelength"], obliquity, powers[0], powers[1], mixture)
-    check_range(radiator, entry["wavelength"], watts, entry["scene_unit"])
+    if radiated_power is not None:
+        warnings.warn(
+            "radiated_power is deprecated: power is the radiated power now; write power=",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        if power is not None:
+            raise SceneError("expected power, got radiated_power as well; both are one number")
+        power = radiated_power
+    powers = [None if given is None else parse_power(given) for given in (power, aperture_power)]
+    norm = norm_of(coherent, length, obliquity, mixture)
+    watts = emitted_power(radiator, norm, *powers)
+    check_range(radiator, length, watts, norm, entry["scene_unit"])
     entry |= pose_entry(to_world)
-    if power is not None or radiated_power is not None:
+    if power is not None or aperture_power is not None:
         entry["power"] = watts
     if band is not None:
         entry["bandwidth"] = band

@@ -119,24 +119,6 @@ class TracedSource:
             total = total + value
         return total.real * total.real + total.imag * total.imag
 
-    def energy(self) -> Any:
-        """int |u|^2, with derivatives."""
-        corners = self._centred()
-        total: Any = 0.0
-        start = 0
-        for number, element in enumerate(self._radiator.source.elements_in_plane):
-            twice: Any = 0.0
-            for ring in element.rings:
-                own = corners[start : start + len(ring)]
-                start += len(ring)
-                for (ax, ay), (bx, by) in zip(own, own[1:] + own[:1], strict=True):
-                    twice = twice + (ax * by - ay * bx)
-            if self.weights is not None:
-                real, imag = self._pair(self.weights, number)
-                twice = twice * (real * real + imag * imag)
-            total = total + 0.5 * twice
-        return self._radiator.energy * (total / dr.detach(total))
-
     def _pair(self, flat: Any, number: int) -> tuple[Any, Any]:
         m = self._m
         first, second = (dr.gather(m.Float, flat, m.UInt32(2 * number + k)) for k in (0, 1))

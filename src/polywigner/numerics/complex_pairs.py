@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["Pair", "decaying_sinh", "mean_wave", "plane_wave", "select"]
 

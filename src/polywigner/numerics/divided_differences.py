@@ -19,7 +19,7 @@ from itertools import combinations
 from typing import Any
 
 from polywigner.numerics.complex_pairs import Pair, mean_wave, plane_wave, select
-from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave
 
 __all__ = ["simplex_complex_wave", "simplex_plane_wave"]
 

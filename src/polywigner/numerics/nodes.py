@@ -11,13 +11,27 @@ neither is the error. Source: (B5).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
+from itertools import count
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["SUMS", "Rules", "gauss_rules", "missed", "node_sums", "nodes_needed", "rule_of"]
+__all__ = [
+    "SUMS",
+    "Rule",
+    "Rules",
+    "flat_rule",
+    "gauss_rules",
+    "missed",
+    "node_sums",
+    "nodes_needed",
+    "normal_product_rule",
+    "normal_rule",
+    "rule_of",
+]
 
 Rules = tuple[npt.NDArray[np.float64], ...]
 """Tables (n, 4) of node, weight, and the weights that give the last two Legendre coefficients."""
@@ -129,3 +143,82 @@ def missed(ops: Any, sums: tuple[Any, ...], expected: tuple[Any, ...], turns: An
     # no more than the size itself is missing
     share = ops.minimum(_SAFETY * ops.maximum(found, least), 2.0)
     return mean * (share + ulp * (4.0 + 2.0 * turns))
+
+
+Rule = tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]
+"""Nodes, and weights that add up to 1; both read-only."""
+
+
+@lru_cache(maxsize=64)
+def normal_rule(reach: float, error: float) -> Rule:
+    """Nodes (n,) and weights (n,) for the mean over t of mean 0 and standard deviation 1."""
+    tail = math.sqrt(2 * math.log(2 / error))
+    half = math.ceil(tail * (reach + tail) / (2 * math.pi))
+    nodes: Any
+    weights: Any
+    by_gauss = _fewest(lambda n: _hermite_remainder(n, reach), error, below=2 * half + 1)
+    if by_gauss is not None:
+        nodes, weights = np.polynomial.hermite_e.hermegauss(by_gauss)
+    else:
+        nodes = np.arange(-half, half + 1) * (2 * math.pi / (reach + tail))
+        weights = np.exp(-(nodes**2) / 2)
+    return _frozen(nodes, weights)
+
+
+@lru_cache(maxsize=64)
+def normal_product_rule(reaches: tuple[float, ...], error: float) -> Rule:
+    """Nodes (n, d) and weights (n,) for t of d independent components, each with its own reach.
+
+    Without the nodes of least weight, as far as these add up to a tenth of the error.
+    """
+    rules = [normal_rule(reach, error / (2 * len(reaches))) for reach in reaches]
+    nodes = np.stack(np.meshgrid(*(n for n, _ in rules), indexing="ij"), -1)
+    weights = np.ones(1)
+    for _, own in rules:
+        weights = np.multiply.outer(weights, own)
+    flat = weights.ravel()
+    order = np.argsort(flat)
+    kept = np.sort(order[np.cumsum(flat[order]) > error / 10])
+    return _frozen(nodes.reshape(-1, len(reaches))[kept], flat[kept])
+
+
+@lru_cache(maxsize=64)
+def flat_rule(reach: float, error: float) -> Rule:
+    """Nodes (n,) and weights (n,) for the mean over t from -1 to 1.
+
+    Two nodes more than the remainder asks for: what is meant also varies by powers of frequency.
+    """
+    least = _fewest(lambda n: _legendre_remainder(n, reach), error)
+    assert least is not None
+    return _frozen(*np.polynomial.legendre.leggauss(least + 2))
+
+
+def _fewest(
+    remainder: Callable[[int], float], error: float, below: int | None = None
+) -> int | None:
+    """The smallest number of nodes whose remainder, a logarithm, is within the error."""
+    allowed = math.log(error)
+    for n in count(1) if below is None else range(1, below):
+        if remainder(n) <= allowed:
+            return n
+    return None
+
+
+def _hermite_remainder(n: int, reach: float) -> float:
+    return 2 * n * _log(reach) + math.lgamma(n + 1) - math.lgamma(2 * n + 1)
+
+
+def _legendre_remainder(n: int, reach: float) -> float:
+    factorials = 4 * math.lgamma(n + 1) - 3 * math.lgamma(2 * n + 1)
+    return 2 * n * _log(2 * reach) + factorials - math.log(2 * n + 1)
+
+
+def _log(value: float) -> float:
+    return math.log(value) if value > 0 else -math.inf
+
+
+def _frozen(nodes: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> Rule:
+    weights = weights / weights.sum()
+    for array in (nodes, weights):
+        array.setflags(write=False)
+    return nodes, weights

@@ -1,4 +1,6 @@
-"""Phases nu.p in turns, from error-free products: none loses digits because it is large.
+"""Phases nu.p in turns, from error-free products, and sine and cosine of turns by polynomial.
+
+No phase loses digits because it is large.
 
 A number may be a ``Doubled``, the unrounded sum of two floats; so may a spatial frequency.
 """
@@ -11,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.numerics.trigonometry import cos_sin_turns
-
 __all__ = [
     "Doubled",
+    "cos_sin_over_turns",
+    "cos_sin_turns",
     "cross",
     "difference",
     "dot",
@@ -24,10 +26,89 @@ __all__ = [
     "halves",
     "less_carrier",
     "level",
+    "mean_plane_wave",
     "reduced",
     "rotated",
+    "sin_turns",
+    "sinc",
+    "sinc_less_one",
     "turns_to_centre",
 ]
+
+_SINE_DOUBLE = (
+    25.132741228718345, -64.83584404672554, 67.07762091738222, -38.51295534186807,
+    14.182954388478867, -3.646752364831226, 0.6927968586177335, -0.10127479441363349,
+    0.011700148974859654, -0.0010057071302593576,
+)  # fmt: skip
+_SINE_SINGLE = (
+    25.13274115471077, -64.8358227214753, 67.07662306642158, -38.495830637736184,
+    14.049443530985526, -3.1612498251959376,
+)  # fmt: skip
+
+
+def _sine_over_reduced(ops: Any, r: Any) -> Any:
+    """sin(2 pi r)/r for |r| <= 1/2, 2 pi at r = 0."""
+    coefficients = _SINE_DOUBLE if ops.double else _SINE_SINGLE
+    square = r * r
+    q = ops.fma(square, coefficients[-1], coefficients[-2])
+    for c in coefficients[-3::-1]:
+        q = ops.fma(q, square, c)
+    return q * (0.25 - square)
+
+
+def _sine_of_reduced(ops: Any, r: Any) -> Any:
+    """sin(2 pi r) for |r| <= 1/2."""
+    return _sine_over_reduced(ops, r) * r
+
+
+def sin_turns(ops: Any, turns: Any) -> Any:
+    """sin(2 pi turns)."""
+    return _sine_of_reduced(ops, turns - ops.round(turns))
+
+
+def cos_sin_turns(ops: Any, turns: Any) -> tuple[Any, Any]:
+    """cos(2 pi turns) and sin(2 pi turns)."""
+    r = turns - ops.round(turns)
+    return _sine_of_reduced(ops, 0.25 - abs(r)), _sine_of_reduced(ops, r)
+
+
+def cos_sin_over_turns(ops: Any, turns: Any) -> tuple[Any, Any, Any]:
+    """cos(2 pi turns), sin(2 pi turns), and for |turns| < 1/2 sin(2 pi turns)/turns, at 0 too."""
+    r = turns - ops.round(turns)
+    ratio = _sine_over_reduced(ops, r)
+    return _sine_of_reduced(ops, 0.25 - abs(r)), ratio * r, ratio
+
+
+def sinc(ops: Any, turns: Any) -> Any:
+    """sin(pi turns)/(pi turns), the modulus of the mean plane wave over a segment so long."""
+    half = 0.5 * turns
+    reduced = half - ops.round(half)
+    ratio = _sine_over_reduced(ops, reduced)
+    # Nothing is divided by a small number, for the sake of derivatives: those of a quotient would
+    # cancel, and err by an ulp over the turns.
+    near = abs(half) < 0.5
+    quotient = ratio * reduced / ops.select(near, 1.0, half)
+    return ops.select(near, ratio, quotient) * (0.5 / math.pi)
+
+
+def sinc_less_one(ops: Any, turns: Any, terms: int) -> Any:
+    """sinc(turns) - 1 by its series, for small arguments: no digits are lost to the 1."""
+    square = (math.pi * turns) * (math.pi * turns)
+    series: Any = 0.0
+    for k in range(terms, 0, -1):
+        series = ops.fma(series, square, (-1.0) ** k / math.factorial(2 * k + 1))
+    return series * square
+
+
+def mean_plane_wave(ops: Any, start: Any, end: Any) -> tuple[Any, Any]:
+    """Mean of exp(-2 pi i p) over p from ``start`` to ``end`` (turns): cosine part, sine part.
+
+    The value is ``cosine - i sine`` = exp(-pi i (start + end)) sinc(end - start).
+    """
+    scale = sinc(ops, end - start)
+    cosine, sine = cos_sin_turns(ops, 0.5 * (start + end))
+    return scale * cosine, scale * sine
+
 
 Doubled = tuple[Any, Any]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers
 
 __all__ = ["check_symplectic", "checked_pair", "checked_vectors"]
 

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number
+from polywigner.geometry.arguments import checked_number, real_numbers
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.field import turned_points
-from polywigner.geometry.numbers import real_numbers
 from polywigner.optics.checks import check_symplectic, checked_pair, checked_vectors
 
 __all__ = ["FirstOrder", "restored"]

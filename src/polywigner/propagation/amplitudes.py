@@ -13,8 +13,7 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.array_types import Points
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import Points, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES, BoundaryCondition, warn_of_slopes
 from polywigner.illumination.support import moved_source

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_row
-from polywigner.geometry.plausibility import warn_of_degrees
+from polywigner.geometry.arguments import checked_row, warn_of_degrees
 
 __all__ = ["checked_angles", "checked_phi", "checked_theta", "unit_vectors"]
 

@@ -35,6 +35,8 @@ _DARK = -400.0
 _STEEP = 10.0
 # A cut so far below the beam, in dB, holds nothing but rounding.
 _NOTHING = 150.0
+# A beam so far above all cuts, in dB, is not on them: more than a data sheet's last digit.
+_MISSED = 0.1
 # With fewer samples within half power, a beamwidth is off by percents.
 _LEAST_SAMPLES = 6
 # A beam along the normal, to the rounding of degrees.
@@ -62,8 +64,8 @@ class CutMetrics:
     half_power_beamwidth: float
     """In rad, between the directions of half the cut's peak; NaN where the cut ends before."""
     sidelobe_levels: tuple[float, float]
-    """The first sidelobe towards smaller and larger theta, in dB relative to the cut's peak; NaN
-    where the cut ends before."""
+    """The first maximum beyond half power towards smaller and larger theta, in dB relative to the
+    cut's peak; NaN where the cut ends before."""
     sidelobe_angles: tuple[float, float]
     """Their theta, in rad."""
 
@@ -79,17 +81,18 @@ class BeamMetrics:
     """
 
     theta: float
-    """From the normal to the largest directivity, in rad."""
+    """Of the beam, the largest directivity in any direction, from the normal in rad."""
     phi: float
-    """From the x axis, in rad; 0 for a beam along the normal."""
+    """Of the beam, from the x axis in rad; 0 for a beam along the normal."""
     directivity: float
-    """In dBi: 4 pi |E|^2 over the radiated power."""
+    """Of the beam, in dBi: 4 pi |E|^2 over the radiated power."""
     gain: float
     """In dBi: the directivity times the efficiency."""
     radiated_power: float
     """In W, through the hemisphere in front."""
-    eirp: float
-    """Equivalent isotropically radiated power in W: radiated power times directivity."""
+    eirp: float | None
+    """Equivalent isotropically radiated power in W: radiated power times directivity; None without
+    a power."""
     front_share: float
     """The radiated power over int |u|^2: what is not evanescent, as the obliquity counts it."""
     cuts: tuple[CutMetrics, ...]
@@ -99,8 +102,13 @@ class BeamMetrics:
         rows = [
             ("directivity", f"{self.directivity:.2f} dBi"),
             ("gain", f"{self.gain:.2f} dBi"),
-            ("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"),
-            ("radiated power", f"{self.radiated_power:.4g} W"),
+        ]
+        of_field = ", of the field as it is"
+        if self.eirp is not None:
+            of_field = ""
+            rows.append(("EIRP", f"{decibels_milliwatt(self.eirp):.2f} dBm ({self.eirp:.4g} W)"))
+        rows += [
+            ("radiated power", f"{self.radiated_power:.4g} W{of_field}"),
             ("front share", f"{100 * self.front_share:.1f} % of int |u|^2"),
             ("beam direction", f"theta {_degrees(self.theta)}, phi {_degrees(self.phi)}"),
         ]
@@ -138,15 +146,18 @@ def beam_metrics(
 ) -> BeamMetrics:
     """Directivity, gain, EIRP, beam direction, half-power beamwidths and first sidelobes.
 
-    Cuts are meridians: columns of the pattern where theta has both signs, else those of phi and phi
-    + pi joined. Between samples the peak is that of a parabola in dB, and half of it is where an
-    inverse parabola crosses: beamwidths are right to 3e-3 of themselves for ten samples in them.
-    Cuts end at the horizon, for nothing goes backwards.
+    Directivity, gain, EIRP and direction are those of the beam, wherever it points: the pattern's
+    attributes know it. Beamwidths and sidelobes are those of cuts along meridians: columns of the
+    pattern where theta has both signs, else those of phi and phi + pi joined. Between samples the
+    peak of a cut is that of a parabola in dB, and half of it is where an inverse parabola crosses:
+    beamwidths are right to 3e-3 of themselves for ten samples in them. Cuts end at the horizon, for
+    nothing goes backwards.
 
     Parameters
     ----------
     pattern : what :func:`radiation_pattern` returned.
-    power : accepted by the antenna, in W; None: what radiates as much as the field does.
+    power : accepted by the antenna, in W; None: the radiated power is that of the field as it is,
+        and there is no EIRP.
     efficiency : radiated over accepted power, above 0 and up to 1: losses that the field does not
         know.
 
@@ -161,7 +172,8 @@ def beam_metrics(
 
     Warns
     -----
-    PolywignerWarning where fewer than six samples lie within half power of the beam.
+    PolywignerWarning where fewer than six samples lie within half power of the beam, and where the
+    beam is 0.1 dB or more above all cuts.
 
     >>> import numpy as np, polywigner as pw
     >>> theta, phi = np.radians(np.arange(-90, 91)), np.radians([0, 90])
@@ -180,14 +192,15 @@ def beam_metrics(
     )
     best = max(cuts, key=lambda cut: cut.directivity)
     _warn_of_few_samples(theta, best)
-    normal = abs(best.theta) < _SAME_ANGLE
+    _warn_of_missed_beam(about, best)
+    directivity = about["peak_directivity"]
     return BeamMetrics(
-        theta=abs(best.theta),
-        phi=0.0 if normal else (best.phi + (math.pi if best.theta < 0 else 0.0)) % (2 * math.pi),
-        directivity=best.directivity,
-        gain=best.directivity + 10 * math.log10(share),
+        theta=about["peak_theta"],
+        phi=about["peak_phi"],
+        directivity=directivity,
+        gain=directivity + 10 * math.log10(share),
         radiated_power=radiated,
-        eirp=radiated * 10 ** (best.directivity / 10),
+        eirp=None if power is None else radiated * 10 ** (directivity / 10),
         front_share=about["radiated_power"] / about["aperture_power"],
         cuts=cuts,
     )
@@ -200,6 +213,19 @@ def _warn_of_few_samples(theta: Levels, beam: CutMetrics) -> None:
         warnings.warn(
             f"steps of {_degrees(step)} are coarse for a half-power width of {_degrees(width)}: "
             "the numbers may be off by percents; give radiation_pattern more angles theta",
+            PolywignerWarning,
+            stacklevel=3,
+        )
+
+
+def _warn_of_missed_beam(about: dict[str, float], best: CutMetrics) -> None:
+    beam, phi = about["peak_directivity"], about["peak_phi"]
+    if beam > best.directivity + _MISSED:
+        warnings.warn(
+            f"the cuts of the pattern miss the beam of {beam:.2f} dBi at theta "
+            f"{_degrees(about['peak_theta'])}, phi {_degrees(phi)}: the largest on them is "
+            f"{best.directivity:.2f} dBi; give radiation_pattern more angles, phi = "
+            f"{_degrees(phi)} among them",
             PolywignerWarning,
             stacklevel=3,
         )
@@ -229,15 +255,18 @@ def _side(
     along = levels[peak::step] if step > 0 else levels[peak::-1]
     places = theta[peak::step] if step > 0 else theta[peak::-1]
     below = np.flatnonzero(along < level - _HALF)
-    half = _crossing(along, places, int(below[0]), level - _HALF) if below.size else math.nan
-    rising = np.flatnonzero(np.diff(along) > 0)
+    if not below.size:
+        return math.nan, math.nan, math.nan
+    flank = int(below[0])  # maxima before it are ripples of the beam
+    half = _crossing(along, places, flank, level - _HALF)
+    rising = np.flatnonzero(np.diff(along[flank:]) > 0)
     if not rising.size:
         return half, math.nan, math.nan
-    first = int(rising[0])  # the null
-    falling = np.flatnonzero(np.diff(along[first:]) < 0)
+    null = flank + int(rising[0])
+    falling = np.flatnonzero(np.diff(along[null:]) < 0)
     if not falling.size:
         return half, math.nan, math.nan
-    lobe_angle, lobe = _vertex(places, along, first + int(falling[0]))
+    lobe_angle, lobe = _vertex(places, along, null + int(falling[0]))
     return half, lobe, lobe_angle
 
 

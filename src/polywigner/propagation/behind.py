@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
-from polywigner.geometry.numbers import real_numbers
-from polywigner.illumination.curved_arrays import tilted_source
+from polywigner.geometry.arguments import real_numbers
+from polywigner.illumination.array import tilted_source
 from polywigner.optics import FirstOrder
 from polywigner.propagation.collins import collins_field
 from polywigner.propagation.fields_traced import has_derivatives

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Wavefront
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import takes_frequency
 from polywigner.propagation.datasets import FieldBlock, dataset, described
 from polywigner.propagation.field_settings import FieldOptions, checked_settings
 from polywigner.propagation.grids import (

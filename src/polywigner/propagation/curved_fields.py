@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.illumination.direction_cosines import direction_cosines
-from polywigner.illumination.obliquities import SHARES
+from polywigner.illumination.obliquities import SHARES, direction_cosines
 from polywigner.propagation.panels import Radiator, radiator_of
 from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
 

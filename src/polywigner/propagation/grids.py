@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_count, checked_length, shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_count, checked_length, real_numbers, shape_of
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.places import LARGEST, checked_points
 from polywigner.transforms.labelled import LabelledArray

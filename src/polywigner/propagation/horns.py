@@ -17,8 +17,7 @@ import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront, shapes
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination import te_mode
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms import fourier, lag_marginal

@@ -20,10 +20,13 @@ from polywigner.execution import (
     is_drjit,
 )
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.array_types import DrJitArray, Points
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import (
+    DrJitArray,
+    Points,
+    checked_number,
+    takes_frequency,
+    warn_caller,
+)
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
 from polywigner.optics import FirstOrder

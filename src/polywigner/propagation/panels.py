@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.geometry import Aperture
-from polywigner.illumination.direction_cosines import direction_cosines
+from polywigner.illumination.obliquities import direction_cosines
 from polywigner.numerics import phases
 from polywigner.radiometry.directions import PlaneSource, checked_source
 

@@ -17,6 +17,10 @@ __all__ = ["angle_between", "checked_pattern", "cuts_of", "front_of"]
 _SAME_ANGLE = 1e-9
 _OPPOSITE = 1e-6
 
+_ATTRIBUTES = (
+    "radiated_power", "aperture_power", "frequency", "peak_directivity", "peak_theta", "peak_phi",
+)  # fmt: skip
+
 Levels = NDArray[np.float64]
 
 
@@ -29,8 +33,7 @@ def checked_pattern(pattern: Any) -> tuple[Levels, Levels, Levels, dict[str, flo
         dims = tuple(pattern["directivity"].dims)
         theta, phi = (np.asarray(pattern[name].values, np.float64) for name in ("theta", "phi"))
         levels = np.asarray(pattern["directivity"].values, np.float64)
-        names = ("radiated_power", "aperture_power", "frequency")
-        about = {name: float(pattern.attrs[name]) for name in names}
+        about = {name: float(pattern.attrs[name]) for name in _ATTRIBUTES}
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         dims = ()
     if sorted(dims) != ["phi", "theta"]:

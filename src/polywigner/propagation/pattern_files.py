@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import checked_path
-from polywigner.geometry.text_files import write_lines
+from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.propagation.beams import checked_efficiency
 from polywigner.propagation.pattern_cuts import checked_pattern, cuts_of
 from polywigner.transforms.labelled import Labelled
@@ -52,6 +51,8 @@ class _Pattern:
     """Hz."""
     radiated_power: float
     """W."""
+    peak: float
+    """Directivity of the beam in dBi."""
     efficiency: float
 
 
@@ -154,6 +155,7 @@ def _checked(pattern: Any, polarisation: str, efficiency: float) -> _Pattern:
         (scaled * along, scaled * across),
         about["frequency"],
         about["radiated_power"],
+        about["peak_directivity"],
         checked_efficiency(efficiency),
     )
 
@@ -215,7 +217,7 @@ def _grasp(pattern: _Pattern) -> Lines:
 
 
 def _msi(pattern: _Pattern) -> Lines:
-    peak = float(pattern.directivity.max())
+    peak = pattern.peak
     yield "NAME polywigner"
     yield "MAKE polywigner"
     yield f"FREQUENCY {pattern.frequency / 1e6:.9g}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,21 +11,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.illumination.obliquities import OBLIQUITIES, Obliquity, warn_of_slopes
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
+from polywigner.illumination.obliquities import (
+    OBLIQUITIES,
+    Obliquity,
+    fields_of,
+    warn_of_slopes,
+)
+from polywigner.numerics.peaks import climbed, largest
 from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
 from polywigner.propagation.far_fields import check_slopes, far_field, powers_of
 from polywigner.propagation.places import checked_name
 from polywigner.propagation.stores_layout import source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
+from polywigner.radiometry.hemisphere import check_width, largest_lag
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["radiation_pattern"]
 
 Values = NDArray[Any]
+
+# Samples of direction cosines across the hemisphere at least: where the source is small the
+# obliquity is what varies. Directions at a time: some megabytes.
+_LEAST_STEPS = 16
+_BLOCK = 1 << 17
+# Directions of the whole hemisphere, a tenth of a second; of wider sources those near their waves,
+# so many lobes of an element away.
+_MOST, _LOBES = 1 << 20, 4.0
 
 
 @takes_frequency
@@ -63,8 +78,9 @@ def radiation_pattern(
     xarray.Dataset if xarray can be imported, else a LabelledArrays as of :func:`projections`, with
     ``directivity`` (n, m) in dBi, minus infinity where nothing is radiated, and ``field`` (n, m),
     complex, in m times the unit of u; accurate to 1e-12 of the largest |E|. Attributes: the
-    wavelength, frequency, obliquity, radiated power, aperture power int |u|^2, and the largest
-    directivity on these angles.
+    wavelength, frequency, obliquity, radiated power, aperture power int |u|^2, the largest
+    directivity on these angles, and that of the beam in all directions, ``peak_directivity`` in
+    dBi, at ``peak_theta`` and ``peak_phi``.
 
     Raises
     ------
@@ -89,11 +105,13 @@ def radiation_pattern(
     polar, azimuth = checked_theta(theta), checked_phi(phi)
     check_slopes(radiator, name)
     warn_of_slopes(flat_of(radiator), length, name)
+    check_width(largest_lag(radiator), length)
     power, energy = powers_of(radiator, length, name)
     directions = unit_vectors(polar, azimuth)
     field = far_field(radiator, directions, length, name, precision=precision, engine=engine)
     with np.errstate(divide="ignore"):
         directivity = 10 * np.log10(4 * math.pi / power * np.square(np.abs(field)))
+    intensity, peak_theta, peak_phi = _beam(radiator, length, name)
     axes = {"theta": (polar, "angle from z"), "phi": (azimuth, "angle from x")}
     about = {
         "wavelength": length,
@@ -102,8 +120,73 @@ def radiation_pattern(
         "radiated_power": power,
         "aperture_power": energy,
         "largest_directivity": float(directivity.max()),
+        "peak_directivity": 10 * math.log10(4 * math.pi / power * intensity),
+        "peak_theta": peak_theta,
+        "peak_phi": peak_phi,
     }
     return labelled(_described(radiator, axes, field, directivity, about))
+
+
+def _beam(
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: str
+) -> tuple[float, float, float]:
+    """Return the largest |E|^2 of all directions in front, in W/sr, and its theta and phi.
+
+    Of several equal ones, that of the smallest theta, and then phi.
+    """
+    width = np.ptp(np.reshape(flat_of(source).bounds, (2, 2)), axis=0) / wavelength
+    steps = np.maximum(2 * np.ceil(2 * width), _LEAST_STEPS).astype(int)
+    windows = [(np.zeros(2), steps // 2)]
+    if steps.prod() > _MOST:
+        windows = _windows(source, wavelength, 2 / steps)
+    evaluate = partial(_intensity, source, wavelength, obliquity)
+    found = []
+    for middle, counts in windows:
+        across, along = (
+            m + step * np.arange(-n, n + 1)
+            for m, step, n in zip(middle, 2 / steps, counts, strict=True)
+        )
+        rows = max(1, _BLOCK // len(across))
+        for k in range(0, len(along), rows):
+            grid = np.stack(np.meshgrid(across, along[k : k + rows]), axis=-1).reshape(-1, 2)
+            found.append(largest(*evaluate(grid), 2 / steps, width))
+    places, values = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    places, _ = largest(places, values, 2 / steps, width)
+    places, values = climbed(evaluate, places, 2 / steps, width)
+    theta = np.arcsin(np.minimum(1, np.linalg.norm(places, axis=-1)))
+    phi = np.arctan2(places[:, 1], places[:, 0]) % (2 * math.pi)
+    first = np.lexsort([phi.round(6), theta.round(6)])[0]
+    return float(values.max()), float(theta[first]), float(phi[first])
+
+
+def _windows(
+    source: PlaneSource | Wavefront, wavelength: float, step: Values
+) -> list[tuple[Values, NDArray[np.intp]]]:
+    """Middles of windows of direction cosines that hold the beam of a wide source; half counts.
+
+    Elements radiate within some lobes about their waves, whatever their weights add up to.
+    """
+    flat = flat_of(source)
+    sides = [np.ptp(np.reshape(e.bounds, (2, 2)), axis=0) for e in flat.elements_in_plane]
+    reach = _LOBES * wavelength / np.min(sides, axis=0)
+    if isinstance(source, Wavefront):
+        half = np.ptp(np.reshape(flat.bounds, (2, 2)), axis=0) / 2
+        reach = reach + wavelength * np.abs(source.curvature) @ half
+    counts = np.ceil(np.minimum(reach, 1.0) / step).astype(np.intp)
+    waves = [np.zeros((1, 2)) if f is None else f.frequencies for f in fields_of(flat)]
+    middles = np.unique(np.round(np.concatenate(waves) * wavelength / step), axis=0) * step
+    return [(middle, counts) for middle in middles if np.linalg.norm(middle) <= 1.0]
+
+
+def _intensity(
+    source: PlaneSource | Wavefront, wavelength: float, obliquity: str, places: Values
+) -> tuple[Values, Values]:
+    """Return direction cosines (..., 2), moved into the unit disc, and |E|^2 (...) there."""
+    places = places / np.maximum(1, np.linalg.norm(places, axis=-1, keepdims=True))
+    cosine = np.sqrt(np.maximum(0, 1 - np.square(places).sum(axis=-1, keepdims=True)))
+    directions = np.concatenate([places, cosine], axis=-1).reshape(-1, 3)
+    field = far_field(source, directions, wavelength, obliquity)
+    return places, np.square(np.abs(field)).reshape(places.shape[:-1])
 
 
 def _described(

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.geometry.arguments import checked_number, checked_wavelength, shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_number, checked_wavelength, real_numbers, shape_of
 
 __all__ = [
     "DEFAULT_TOLERANCE",

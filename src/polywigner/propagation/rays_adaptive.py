@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.illumination.direction_cosines import fields_of
+from polywigner.illumination.obliquities import fields_of
 from polywigner.illumination.support import mutual_support
 from polywigner.propagation.arrangement import (
     Triangles,

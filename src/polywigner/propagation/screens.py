@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers
 from polywigner.illumination import Illumination
 from polywigner.illumination.obliquities import SHARES
 from polywigner.propagation.boundary import boundary_field

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import checked_length, checked_row
-from polywigner.geometry.array_types import Points
+from polywigner.geometry.arguments import Points, checked_length, checked_row, warn_of_lens
 from polywigner.illumination import Array
 from polywigner.optics import FirstOrder
 from polywigner.propagation.irradiances import irradiance
@@ -76,7 +75,9 @@ def psf(
     lengths = checked_row(wavelength, "expected a wavelength in m or (k,) of them")
     for length in lengths.tolist():
         checked_length(length, "wavelength")
-    system = FirstOrder.fourier(checked_length(focal_length, "focal_length"))
+    distance = checked_length(focal_length, "focal_length")
+    warn_of_lens(source, float(lengths.max()), distance)
+    system = FirstOrder.fourier(distance)
     share = shares_of(weights, lengths.size)
     radius = checked_pupil_radius(source, pupil_radius)
     # exp(2 pi i w |x|^2/a^2) is a lens of power -2 w lambda/a^2, the same for all wavelengths

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.illumination.files.encoding import json_of, table_of
 from polywigner.illumination.files.reading import SOURCE_COORDINATE
+from polywigner.illumination.files.writing import json_of, table_of
 from polywigner.transforms.labelled import LabelledArray
 
 __all__ = [

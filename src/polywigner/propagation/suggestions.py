@@ -11,8 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import checked_length, checked_number, checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import (
+    checked_length,
+    checked_number,
+    checked_wavelength,
+    takes_frequency,
+)
 from polywigner.illumination import Array
 from polywigner.propagation.suggestions_fields import (
     Band,

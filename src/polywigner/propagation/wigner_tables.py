@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.execution.choice import resolved
-from polywigner.geometry.arguments import checked_count
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import (

@@ -15,7 +15,7 @@ from typing import Any
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number
-from polywigner.numerics.mean_rules import flat_rule
+from polywigner.numerics.nodes import flat_rule
 from polywigner.quantities import SPEED_OF_LIGHT
 
 __all__ = ["checked_bandwidth", "wavelengths_of_band"]

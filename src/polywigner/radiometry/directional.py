@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_precision
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.directions import (
     PlaneSource,

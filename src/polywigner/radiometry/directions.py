@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers, shape_of
 from polywigner.illumination import Array
 from polywigner.transforms.wavefronts import checked_wavefront
 
@@ -64,7 +63,8 @@ def checked_source(source: Any) -> PlaneSource:
             "expected an Array of apertures, got one of Slits; make rectangles of slits, power "
             "needs an area"
         )
-    return source
+    # poses within the plane applied: spatial frequencies then have two components
+    return source if source.dimension == 2 else Array(source.elements_in_plane, source.weights)
 
 
 def checked_directions(directions: Any) -> NDArray[np.float64]:

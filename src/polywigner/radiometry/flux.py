@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.execution import Engine
 from polywigner.geometry import Wavefront
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.radiometry.directional import radiance, radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag

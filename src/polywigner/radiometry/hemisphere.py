@@ -24,7 +24,7 @@ from polywigner.radiometry.directions import PlaneSource
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["directions_and_weights", "largest_lag"]
+__all__ = ["check_width", "directions_and_weights", "largest_lag"]
 
 Array = NDArray[np.float64]
 
@@ -56,6 +56,16 @@ def _diameter(points: Array) -> float:
     return max(float(np.hypot(*(hull - point).T).max()) for point in hull)
 
 
+def check_width(lag: float, wavelength: float) -> None:
+    """Raise ArgumentError for a source of so many wavelengths that nobody would wait for it."""
+    if not lag / wavelength <= _MOST_WAVELENGTHS:
+        raise ArgumentError(
+            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths across, for integrals "
+            f"over directions, got one of {lag / wavelength:.3g}; check the unit of the "
+            "wavelength (of wide sources, all but about perimeter wavelength/area is radiated)"
+        )
+
+
 def directions_and_weights(
     lag: float, wavelength: float, places: int = 1
 ) -> Iterator[tuple[Array, Array]]:
@@ -69,12 +79,7 @@ def directions_and_weights(
 
     Raises ArgumentError for a lag of so many wavelengths that nobody would wait for the sum.
     """
-    if not lag / wavelength <= _MOST_WAVELENGTHS:
-        raise ArgumentError(
-            f"expected a source at most {_MOST_WAVELENGTHS:.0e} wavelengths across, for integrals "
-            f"over directions, got one of {lag / wavelength:.3g}; check the unit of the "
-            "wavelength (of wide sources, all but about perimeter wavelength/area is radiated)"
-        )
+    check_width(lag, wavelength)
     phase = 2 * math.pi * lag / wavelength
     theta, weight = _polar(phase)
     counts = _azimuths(phase * np.sin(theta))

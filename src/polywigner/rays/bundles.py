@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers, shape_of
 from polywigner.propagation.stores_files import required
 
 if TYPE_CHECKING:

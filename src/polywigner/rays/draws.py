@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_generator, checked_number
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_generator, checked_number, real_numbers
 from polywigner.propagation.rays_sampling import sobol_numbers
 from polywigner.transforms.sampling import Weights
 

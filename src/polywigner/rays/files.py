@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
-from polywigner.geometry.arguments import checked_path
+from polywigner.geometry.arguments import checked_path, warn_caller
 from polywigner.interruption import unfinished
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_files import required
@@ -63,7 +63,8 @@ def save(
     ======  ======================================================================================
 
     Programs expect the power of a ray in a ``.dat`` file to be positive: no standard knows others.
-    A program may clip, ignore or reject negative ones. ``split`` writes two files, NAME_positive
+    A program may clip, ignore or reject negative ones: there is a warning with their share.
+    ``split`` writes two files, NAME_positive
     and NAME_negative, with positive powers both: trace each, and subtract the second picture from
     the first.
 
@@ -144,11 +145,25 @@ def write_to(rays: Any, scratch: Sequence[Path], paths: Sequence[Path], unit: st
         head = f"# {json.dumps(_plain(rays.attrs))}\n{','.join(names)}"
         np.savetxt(scratch[0], columns, digits, ",", header=head, comments="", encoding="utf-8")
     else:
-        parts = [1] if len(paths) == 1 else list(_PARTS.values())
+        parts = list(_PARTS.values())
+        if len(paths) == 1:
+            parts = [1]
+            _warn_of_negative(weight)
         given = rays.attrs.get("wavelength")
         wavelength = float(given) if isinstance(given, (int, float, np.number)) else 0.0
         for file_, part in zip(scratch, parts, strict=True):
             write_source_file(file_, columns, wavelength, unit, count_of(rays), part)
+
+
+def _warn_of_negative(weight: Any) -> None:
+    below = weight < 0
+    if below.any():
+        share = float(np.abs(weight[below]).sum() / np.nansum(np.abs(weight)))
+        warn_caller(
+            f"got negative powers in {100 * below.mean():.0f} % of the rays of a .dat file, "
+            f"{100 * share:.0f} % of all power by modulus, which programs may ignore or refuse; "
+            "try a small file, or write positive and negative rays apart, with split=True (--split)"
+        )
 
 
 def load(path: str | os.PathLike[str]) -> xarray.Dataset:

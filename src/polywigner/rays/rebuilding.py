@@ -9,9 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_count, checked_number, shape_of
-from polywigner.geometry.numbers import real_numbers
-from polywigner.geometry.pose import rigid_pose
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_number,
+    real_numbers,
+    rigid_pose,
+    shape_of,
+)
 from polywigner.propagation.stores_files import required
 from polywigner.rays.bundles import MOST_BATCHES, checked_bundle, count_of
 
@@ -42,8 +46,8 @@ def rebuild(
 ) -> xarray.Dataset:
     """Irradiance on a plane that rays meet: the sum of their weights in each pixel over its area.
 
-    The mean over a pixel, without bias, of what :func:`polywigner.sample_rays` draws from: on a
-    plane parallel to the source |U|^2 of Wigner rays (docs/signed_rays.md, (Y2)). Rays go on in
+    The mean over a pixel, without bias, of the power per area that rays bring: |U|^2 of Wigner rays
+    times the cosine between ray and normal of the plane (docs/signed_rays.md, (Y2)). Rays go on in
     straight lines.
 
     Parameters
@@ -57,11 +61,12 @@ def rebuild(
 
     Returns
     -------
-    xarray.Dataset with ``irradiance`` (x, y) and its ``standard_error`` (x, y) in W/m^2, over x and
-    y of the pixels' middles in m. Of independent rays the error follows from the squares of their
-    weights, of quasi-random ones from the scatter of 16 batches: it is then known to a fifth.
-    Attributes: ``power`` and ``power_error``, the sum in the grid in W; ``lost``, how many rays
-    have NaN; ``missed``, how many do not meet the grid.
+    xarray.Dataset with ``irradiance`` (y, x) and its ``standard_error`` (y, x) in W/m^2, over y and
+    x of the pixels' middles in m: a picture whose rows are along x, the first at the bottom, as
+    ``plt.imshow(found.irradiance, origin="lower")`` shows it. Of independent rays the error follows
+    from the squares of their weights, of quasi-random ones from the scatter of 16 batches: it is
+    then known to a fifth. Attributes: ``power`` and ``power_error``, the sum in the grid in W;
+    ``lost``, how many rays have NaN; ``missed``, how many do not meet the grid.
 
     Raises
     ------
@@ -70,9 +75,9 @@ def rebuild(
 
     >>> import polywigner as pw
     >>> rays = pw.sample_rays(pw.shapes.square(10e-3), 3.2e-3, 4096)
-    >>> found = pw.rays.rebuild(rays, 0.1, (-0.02, -0.02, 0.02, 0.02), (4, 4))
+    >>> found = pw.rays.rebuild(rays, 0.1, (-0.03, -0.02, 0.03, 0.02), (6, 4))
     >>> found.irradiance.dims, found.irradiance.shape
-    (('x', 'y'), (4, 4))
+    (('y', 'x'), (4, 6))
     """
     position, direction, weight, batch = checked_bundle(rays)
     pose = _pose(plane)
@@ -144,7 +149,7 @@ def _pixels(
         largest = np.maximum(np.abs(own).max(axis=1), max(map(np.ptp, edges)))
         meets = np.isfinite(place).all(axis=1) & (virtual | (reach >= -_ON_PLANE * largest))
     index = np.zeros(len(position), np.intp)
-    for k, axis in enumerate(edges):
+    for k, axis in reversed([*enumerate(edges)]):  # rows of x
         n = len(axis) - 1
         step = (place[:, k] - axis[0]) / (axis[-1] - axis[0]) * n
         meets &= (step >= 0) & (step < n)
@@ -181,18 +186,18 @@ def _edges(bounds: Any, shape: Any) -> tuple[Values, Values]:
 def _dataset(
     edges: tuple[Values, Values], irradiance: Values, error: Values, attrs: dict[str, Any]
 ) -> xarray.Dataset:
-    size = len(edges[0]) - 1, len(edges[1]) - 1
+    size = len(edges[1]) - 1, len(edges[0]) - 1
     middles = [(axis[1:] + axis[:-1]) / 2 for axis in edges]
     units = {"units": "W m-2"}
     dataset: xarray.Dataset = required("xarray").Dataset(
         {
             "irradiance": (
-                ("x", "y"),
+                ("y", "x"),
                 irradiance.reshape(size),
                 {**units, "long_name": "irradiance, the mean over a pixel"},
             ),
             "standard_error": (
-                ("x", "y"),
+                ("y", "x"),
                 error.reshape(size),
                 {**units, "long_name": "standard error of the irradiance"},
             ),

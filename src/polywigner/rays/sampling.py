@@ -11,16 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
-from polywigner.geometry.arguments import checked_count, checked_number, checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.pose import rigid_pose
+from polywigner.geometry.arguments import (
+    checked_count,
+    checked_number,
+    checked_wavelength,
+    rigid_pose,
+    takes_frequency,
+)
 from polywigner.illumination.obliquities import (
     Obliquity,
     checked_obliquity,
     emission_factor,
     weighted_sources,
 )
-from polywigner.propagation.far_fields import check_slopes
+from polywigner.propagation.far_fields import check_slopes, radiated_power
 from polywigner.propagation.stores_layout import source_attrs
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
@@ -68,14 +72,15 @@ def sample_rays(
     to_world: ArrayLike | None = None,
     obliquity: Obliquity | None = None,
     power: float | None = None,
+    aperture_power: float | None = None,
     engine: Engine = "auto",
 ) -> xarray.Dataset:
     """Rays of a source, weighted by its Wigner function: positions, directions and watts.
 
-    Each of n rays carries ``W(x, s_par/lambda) h/(lambda^2 p n)``, p the density of rays per area
-    and projected solid angle: the sum over rays is the power in their cone, without bias, and with
-    no ``cone`` that of :func:`power`. Weights are negative where W is. Source: docs/signed_rays.md,
-    (Y1).
+    Each of n rays carries ``W(x, s_par/lambda) h/(lambda^2 p n)``, h = g/cos, p the density of rays
+    per area and projected solid angle: the sum over rays is the power in their cone, without bias,
+    and with no ``cone`` it is :func:`radiated_power`. Weights are negative where W is. Source:
+    docs/signed_rays.md, (Y1).
 
     Trace them through ray optics, then :func:`polywigner.rays.rebuild` the irradiance.
 
@@ -99,10 +104,10 @@ def sample_rays(
         partly coherent wave as far from it as the wave is inclined there, ever fewer outside;
         "uniform" is uniform in projected solid angle.
     to_world : (4, 4) rigid pose of the source; None: its own, or none. Units of m.
-    obliquity : as of :func:`irradiance`: None or "rayleigh-sommerfeld-1" is h = 1. Of the others h
-        grows towards the horizon, and what they add up to is |U|^2 on planes in front, no power.
-        Curved and partly coherent waves have "rayleigh-sommerfeld-1" and "paper".
-    power : int |u|^2 over the aperture in W; None: as the field of the source says.
+    obliquity : as of :func:`irradiance`: None is "rayleigh-sommerfeld-1", h = cos; "paper" is
+        h = 1. Curved and partly coherent waves have these two.
+    power : radiated in W, over all directions; None: the power of the field as it is.
+    aperture_power : in place of power, int |u|^2 over the aperture in W.
     engine : see :func:`fourier`.
 
     Returns
@@ -119,7 +124,7 @@ def sample_rays(
     >>> import polywigner as pw
     >>> square = pw.shapes.square(10e-3)
     >>> rays = pw.sample_rays(square, 3.2e-3, 4096)
-    >>> abs(float(rays.weight.sum()) / pw.power(square, 3.2e-3) - 1) < 0.1
+    >>> abs(float(rays.weight.sum()) / pw.radiated_power(square, 3.2e-3) - 1) < 0.1
     True
     >>> bool((rays.weight < 0).any())
     True
@@ -133,7 +138,7 @@ def sample_rays(
     name = checked_obliquity(obliquity)
     check_slopes(radiator, name)
     flat = flat_of(radiator)
-    scale = 1.0 if power is None else _watts(power) / _energy(flat)
+    scale = _scale(radiator, length, name, power, aperture_power)
     parts = weighted_sources(flat, name, length)
     tilts = 2 if is_partly_coherent(radiator) else 0
 
@@ -199,11 +204,27 @@ def _width(directions: Any, source: PlaneSource | Wavefront, wavelength: float) 
     return wavelength / largest_lag(source)
 
 
-def _watts(power: Any) -> float:
+def _scale(
+    source: Any, wavelength: float, obliquity: str, power: Any, aperture_power: Any
+) -> float:
+    """Power in W that is wanted over the power that the field has as it is."""
+    if power is not None and aperture_power is not None:
+        raise ArgumentError(
+            "expected power or aperture_power, got both; power leaves through the hemisphere in "
+            "front, aperture_power is the integral of |u|^2 over the aperture: give one"
+        )
+    if aperture_power is not None:
+        return _watts("aperture_power", aperture_power) / _energy(flat_of(source))
+    if power is None:
+        return 1.0
+    return _watts("power", power) / radiated_power(source, wavelength, obliquity)  # type: ignore
+
+
+def _watts(name: str, power: Any) -> float:
     meaning = "a number in W above zero"
-    watts = checked_number(power, "power", meaning)
+    watts = checked_number(power, name, meaning)
     if not watts > 0:
-        raise ArgumentError(f"expected power as {meaning}, got {power!r}")
+        raise ArgumentError(f"expected {name} as {meaning}, got {power!r}")
     return watts
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.grid import polygons_in
-from polywigner.illumination.direction_cosines import fields_of
+from polywigner.illumination.obliquities import fields_of
 from polywigner.propagation.arrangement import triangulated
 from polywigner.propagation.rays_rules import NODES_PER_CYCLE, areas, rule_by_triangles
 from polywigner.transforms.wavefronts import flat_of

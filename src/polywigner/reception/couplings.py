@@ -13,9 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.array_types import DrJitArray
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import (
+    DrJitArray,
+    checked_number,
+    takes_frequency,
+    warn_of_distance,
+)
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES
 from polywigner.illumination.support import moved_source
@@ -27,7 +30,7 @@ from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of
 from polywigner.reception.link_sums import link_slopes_of, link_sums
-from polywigner.reception.norms import root_of_norm, slopes_of_fields
+from polywigner.reception.norms import checked_normalise, root_of_norm, slopes_of_fields
 from polywigner.reception.overlaps import overlap
 from polywigner.reception.poses import check_facing, checked_poses
 from polywigner.transforms import Differentiable
@@ -66,14 +69,15 @@ def coupling(
     tolerance: float = 1e-6,
     *,
     return_error: bool = False,
+    normalise: Literal["radiated", "aperture"] = "radiated",
 ) -> Any:
     """Amplitude b that one source receives of another, |b|^2 = received/transmitted power.
 
-    Both are counted as int |u|^2. The overlap of what the transmitter radiates with the field of
-    the receiver, without a conjugate, so that it is the same in both directions (docs/links.md,
-    (RX1) to (RX3)):
+    Both are radiated powers, so that far away Friis' formula holds with directivities. The overlap
+    of the transmitter's field with the field that the receiver would send, without a conjugate, so
+    that it is the same in both directions (docs/links.md, (RX1) to (RX3)):
 
-        b = 1/sqrt(N_t N_r) int int u_t(x) K(x, y) u_r(y) dx dy,    N = int |u|^2
+        b = 1/sqrt(N_t N_r) int int u_t(x) K(x, y) u_r(y) dx dy,   N = int g |F|^2 dOmega/lambda^2
 
     with exp(ikR)/(i wavelength R) for K ("rayleigh-sommerfeld-2"), or this with the cosines at both
     ends ("rayleigh-sommerfeld-1"), or the mean of both at each end ("kirchhoff"), near terms
@@ -98,6 +102,8 @@ def coupling(
         is less, to a thousandth of the largest that sources of these areas can have at that
         distance, min(1, sqrt(A_t A_r)/(wavelength R)). Not for "fraunhofer".
     return_error : also return the estimated error of each value, |.|; "fraunhofer": rounding only.
+    normalise : "radiated": N as above, of the boundary condition ("fraunhofer" and "wigner": of
+        Rayleigh-Sommerfeld I); "aperture": N = int |u|^2, of which small sources radiate little.
 
     Returns
     -------
@@ -129,12 +135,13 @@ def coupling(
     >>> square = pw.shapes.square(10e-3)
     >>> b = pw.coupling(square, square, facing, frequency=94e9)
     >>> round(20 * np.log10(abs(b)), 6)
-    np.float64(-30.077568)
+    np.float64(-29.16531)
     """
     name = checked_method(method, get_args(LinkMethod))
     traced = tuple(_checked_source(source) for source in (transmitter, receiver))
     length, allowed = checked_wavelength(wavelength), checked_tolerance(tolerance)
-    find = partial(_found, traced, length, name, allowed)
+    counted = checked_normalise(normalise)
+    find = partial(_found, traced, length, name, allowed, counted)
     fields = [source.weights or source.amplitudes for source in traced]
     if execution.is_drjit(to_transmitter) or any(fields):
         if return_error:
@@ -156,6 +163,7 @@ def _found(
     wavelength: float,
     method: str,
     tolerance: float,
+    normalise: str,
     to_transmitter: Any,
     wanted: Sequence[bool],
 ) -> tuple[NDArray[Any], Floats, list[Complex | None]]:
@@ -174,6 +182,7 @@ def _found(
     flat = poses.reshape(-1, 4, 4)
     cells = [cells_of(source, wavelength) for source in sources]
     check_facing(flat, cells[0].corners, cells[1].corners)
+    warn_of_distance(sources, flat[:, :3, 3], wavelength)
     if method == "wigner" and any(isinstance(source, Wavefront) for source in sources):
         raise ArgumentError(
             'expected a flat wave with method="wigner", got a curved one; use '
@@ -195,13 +204,30 @@ def _found(
         values[some], errors[some], limits[some] = found[:3]
         if slopes is not None:
             slopes[some] = found[3].reshape(-1, 12)
+    # after the sums, which are refused where they would take too long
+    scale = math.prod(
+        root_of_norm(source, wavelength, method, "aperture")
+        / root_of_norm(source, wavelength, method, normalise)
+        for source in sources
+    )
+    counts = scale**2 if method == "wigner" else scale
+    values, errors, limits = values * counts, errors * counts, limits * counts
+    if slopes is not None:
+        slopes *= scale
     warn_of_missed(errors, limits, "couplings", stacklevel=5)
     found_slopes = [slopes, None, None]
     for own in (0, 1):
         if wanted[1 + own]:
-            call = partial(_found, wavelength=wavelength, method=method, tolerance=tolerance)
+            counted = wavelength, method, normalise
+            call = partial(
+                _found,
+                wavelength=wavelength,
+                method=method,
+                tolerance=tolerance,
+                normalise=normalise,
+            )
             found_slopes[1 + own] = slopes_of_fields(
-                call, traced, own, flat, values.astype(np.complex128)
+                call, traced, own, flat, values.astype(np.complex128), counted
             )
     return values.reshape(shape), errors.reshape(shape), found_slopes
 
@@ -220,7 +246,9 @@ def _near(
     extra = _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(tolerance) - 6)
     rotation = poses[:, :3, :3]
     links = Links(cells[0], cells[1], rotation, offset / wavelength, SHARES[method], extra)
-    norm = math.prod(root_of_norm(source) / wavelength for source in sources)
+    norm = math.prod(
+        root_of_norm(source, wavelength, method, "aperture") / wavelength for source in sources
+    )
     largest = _largest(sources, wavelength, offset)
     sums = link_sums(links, tolerance, norm * _FLOOR * largest)
     turn = np.exp(2j * np.pi * _turns(offset, wavelength)) / norm
@@ -242,7 +270,7 @@ def _far(sources: tuple[Any, ...], cells: list[Cells], poses: Floats, wavelength
         curved = isinstance(source, Wavefront)
         centred = source.moved(-own.centre) if curved else moved_source(source, -own.centre)
         pattern = far_field(centred, directions, wavelength, "rayleigh-sommerfeld-1")
-        result *= pattern / root_of_norm(source)
+        result *= pattern / root_of_norm(source, wavelength, "fraunhofer", "aperture")
     return result
 
 

@@ -1,4 +1,4 @@
-"""The power int |u|^2 of a source; derivatives of a coupling in weights of elements or of waves."""
+"""Powers by which links are divided; derivatives of links in weights of elements or waves."""
 
 from __future__ import annotations
 
@@ -11,29 +11,61 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from polywigner.errors import IlluminationError
-from polywigner.geometry import Aperture
+from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import OBLIQUITIES, SHARES
+from polywigner.illumination.obliquities import fields_of as fields_on
+from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.field_slopes import parts_of
-from polywigner.transforms import Differentiable
+from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
+from polywigner.transforms import Differentiable, fourier
 from polywigner.transforms.energies import energy_of
 from polywigner.transforms.traced_sources import fields_of
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["root_of_norm", "slopes_of_fields"]
+__all__ = ["NORMALISATIONS", "checked_normalise", "root_of_norm", "slopes_of_fields"]
 
 Complex = NDArray[np.complex128]
 
+NORMALISATIONS = ("radiated", "aperture")
+"""Powers of sources that links count: through the hemisphere in front, or int |u|^2."""
+
 # int |u|^2 of a source that cancels itself, relative to that of its parts.
 _DARK = 1e-12
+# Far fields of parts at a time: 64 MB.
+_BLOCK = 1 << 22
 
 
-@lru_cache(maxsize=16)
-def root_of_norm(source: Any) -> float:
-    """sqrt(int |u|^2), in m times the unit of the field.
+def checked_normalise(name: Any, error: type[PolywignerError] = ArgumentError) -> str:
+    """Return ``name`` itself, or raise the error with the names that there are."""
+    if name not in NORMALISATIONS:
+        names = " or ".join(f'"{known}"' for known in NORMALISATIONS)
+        raise error(f"expected normalise to be {names}, got {name!r}")
+    return str(name)
 
-    Raises IlluminationError for a source that cancels itself.
+
+@lru_cache(maxsize=64)
+def root_of_norm(source: Any, wavelength: float, method: str, normalise: str) -> float:
+    """Root of a source's power in W for |u|^2 in W/m^2, by which couplings are divided.
+
+    ``radiated``: the power that leaves by the boundary condition of the method, which takes u for
+    what it needs, as (RX1) does. ``aperture``: int |u|^2.
+
+    Raises IlluminationError for a source that cancels itself, or radiates nothing.
     """
+    _check_field(source)
+    if normalise == "aperture":
+        return math.sqrt(energy_of(source))
+    condition = method if method in SHARES else OBLIQUITIES[0]
+    is_flat = not isinstance(source, Wavefront)
+    if condition == OBLIQUITIES[0] or (is_flat and fields_on(source) == (None,)):
+        return math.sqrt(powers_of(source, wavelength, condition)[0])
+    alone = radiated_overlaps([source], np.ones(1, np.complex128), source, wavelength, condition)
+    return math.sqrt(alone[0].real)
+
+
+def _check_field(source: Any) -> None:
     source = flat_of(source)  # a curved wave is of the same modulus
     norm = energy_of(source)
     weights = [1.0] if isinstance(source, Aperture) else np.abs(source.weights).tolist()
@@ -47,7 +79,26 @@ def root_of_norm(source: Any) -> float:
             f"expected a source with a field on it, got one whose elements cancel, int |u|^2 = "
             f"{norm:.3g}"
         )
-    return math.sqrt(norm)
+
+
+def radiated_overlaps(
+    parts: Sequence[Any], weights: Complex, source: Any, wavelength: float, condition: str
+) -> Complex:
+    """Overlaps int g F_k* F dOmega/lambda^2 of the parts of a source with their sum, (k,) in W.
+
+    ``source``: of whose size the parts are; g takes u for what the boundary condition needs.
+    """
+    a, b = SHARES[condition]
+    found = np.zeros(len(parts), np.complex128)
+    step = max(1, _BLOCK // len(parts))
+    for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
+        factor = (a * directions[:, 2] + b) ** 2 * solid_angle / wavelength**2
+        for start in range(0, len(directions), step):
+            some = slice(start, start + step)
+            nu = directions[some, :2] / wavelength
+            far = np.stack([fourier(part, nu) for part in parts])
+            found += (far.conj() * factor[some]) @ (weights @ far)
+    return found
 
 
 def slopes_of_fields(
@@ -56,23 +107,30 @@ def slopes_of_fields(
     own: int,
     poses: NDArray[np.float64],
     values: Complex,
+    counted: tuple[float, str, str],
 ) -> Complex:
     """Derivatives (n, 2 k) of couplings (n,) in weights of elements, or of waves, (RX6).
 
     In the real parts of all weights of the source ``own``, then in the imaginary ones.
-    ``find(pair of sources, to_transmitter=, wanted=)`` has the couplings of others.
+    ``find(pair of sources, to_transmitter=, wanted=)`` has the couplings of others; ``counted``:
+    wavelength, method and normalisation.
     """
     source = traced[own].source
     parts = list(parts_of(source, traced[own].amplitudes is not None))
-    whole = root_of_norm(source)
+    whole = root_of_norm(source, *counted)
     found = np.empty((2, len(parts), len(values)), np.complex128)
     for k, part in enumerate(parts):
         pair = list(traced)
         pair[own] = Differentiable(part)
         alone, _, _ = find(tuple(pair), to_transmitter=poses, wanted=(False,) * 3)
-        found[0, k] = alone * (root_of_norm(part) / whole)
+        found[0, k] = alone * (root_of_norm(part, *counted) / whole)
     found[1] = 1j * found[0]
-    overlaps = _overlaps(parts, fields_of(traced[own])) / whole**2
+    weights = fields_of(traced[own])
+    wavelength, method, normalise = counted
+    if normalise == "aperture":
+        overlaps = _overlaps(parts, weights) / whole**2
+    else:
+        overlaps = radiated_overlaps(parts, weights, source, wavelength, method) / whole**2
     for place, part_of in enumerate((overlaps.real, overlaps.imag)):
         found[place] -= part_of[:, None] * values
     return found.reshape(2 * len(parts), len(values)).T

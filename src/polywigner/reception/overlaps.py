@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.illumination.direction_cosines import fields_of
+from polywigner.illumination.obliquities import fields_of
 from polywigner.propagation.arrangement import has_few_kinks, smooth_triangles
 from polywigner.propagation.rays_rules import gauss_rule, node_count
 from polywigner.transforms import wigner

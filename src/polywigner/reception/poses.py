@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry.arguments import shape_of
-from polywigner.geometry.numbers import real_numbers
-from polywigner.geometry.pose import RIGID_TOLERANCE
+from polywigner.geometry.arguments import RIGID_TOLERANCE, real_numbers, shape_of
 
 __all__ = ["check_facing", "checked_poses"]
 

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture
-from polywigner.geometry.arguments import shape_of
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers, shape_of
 from polywigner.illumination import Array
 from polywigner.propagation import amplitude
 from polywigner.propagation.field_slopes import FieldSlopes
@@ -28,6 +27,9 @@ Source = Aperture | Array
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
+# Boundary condition of the fields of antennas.
+_CONDITION = "rayleigh-sommerfeld-1"
+
 
 @dataclass(frozen=True, eq=False)
 class Antenna:
@@ -37,6 +39,8 @@ class Antenna:
     pose: Floats
     """(4, 4) maps the body's frame into that of the source."""
     wavelength: float
+    normalise: str
+    """Power by which fields are divided: "radiated", or "aperture"."""
     tolerance: float
     """Of fields, relative to what reaches a place in phase."""
 
@@ -59,8 +63,8 @@ class Antenna:
 
     @cached_property
     def root_of_power(self) -> float:
-        """sqrt(int |u|^2)"""
-        return root_of_norm(self.source)
+        """Root of the power in W for |u|^2 in W/m^2."""
+        return root_of_norm(self.source, self.wavelength, _CONDITION, self.normalise)
 
     def inside(self, places: Floats) -> Floats:
         """Places (n, 3) of the body's frame in that of the source."""
@@ -84,7 +88,7 @@ class Antenna:
     def gradient(self, places: Floats) -> Complex:
         """Gradient of the field over ik, (n, 3) in the body's frame: of a wave, it times k."""
         slopes = FieldSlopes(
-            self.source, self.wavelength, "rayleigh-sommerfeld-1", self.tolerance, by_waves=False
+            self.source, self.wavelength, _CONDITION, self.tolerance, by_waves=False
         )
         found = slopes.of_points(self.inside(places)) @ self.pose[:3, :3].astype(np.complex128)
         return found * (self.wavelength / (2j * np.pi * self.root_of_power))

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry.frequency import takes_frequency
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import takes_frequency, warn_caller
 from polywigner.scattering.antennas import Source
-from polywigner.scattering.facets import Body, Facets, facets_of
+from polywigner.scattering.facets import Body, Facets, facets_of, warn_of_corners
 from polywigner.scattering.lit_sums import lit_sums
 from polywigner.scattering.near_sections import near_sections
 from polywigner.scattering.polarisations import (
@@ -43,6 +42,7 @@ def rcs(
     receiver: Source | None = None,
     tolerance: float = 1e-3,
     return_power: bool = False,
+    normalise: Literal["radiated", "aperture"] = "radiated",
 ) -> Any:
     """Radar cross section of a perfect conductor, by physical optics (docs/rcs.md, (SC1)).
 
@@ -78,6 +78,7 @@ def rcs(
     tolerance : with ``source``: error allowed by splitting what is lit into plane pieces of wave
         fronts, relative to the amplitude of all lit parts in phase, from 1e-6 to 0.1.
     return_power : with ``source``: also return the received over the transmitted power.
+    normalise : how these powers count, as in :func:`coupling`: "radiated", or "aperture".
 
     All broadcast against each other.
 
@@ -85,10 +86,10 @@ def rcs(
     -------
     (...) floats in m^2. With ``source``, the cross section of a small body that would send back as
     much power from the middle of the box around the body, which tends to that of antennas far
-    away; with ``return_power`` a pair of that and of |b|^2 (...), both powers counted as
-    int |u|^2. Errors are some 1e-15 of the amplitude of a plate of all lit faces, times
-    the body's size in wavelengths where that is above 1; of parts that stand partly in a shadow,
-    1e-12 of it. A face seen edge-on, within 1e-12 rad, counts as dark.
+    away; with ``return_power`` a pair of that and of |b|^2 (...). Errors are some 1e-15 of the
+    amplitude of a plate of all lit faces, times the body's size in wavelengths where that is above
+    1; of parts that stand partly in a shadow, 1e-12 of it. A face seen edge-on, within 1e-12 rad,
+    counts as dark.
 
     Time is linear in the triangles that faces are split into, times directions and wavelengths.
     Bodies that are not convex cost set operations besides, once a direction (docs/rcs.md).
@@ -96,7 +97,9 @@ def rcs(
     Warns
     -----
     PolywignerWarning, once for a line of your code, where a face is smaller than a square
-    wavelength, of which physical optics says little. Facets that join smoothly are one face.
+    wavelength, of which physical optics says little. Facets that join smoothly are one face. And
+    once where faces light each other across a concave edge, as in corner reflectors: what comes
+    back by two or three reflections is left out.
 
     Raises
     ------
@@ -120,7 +123,15 @@ def rcs(
         _warn_of_small(facets, float(lengths.min()))
     if source is not None:
         found = near_sections(
-            facets, source, receiver, to_radar, to_transmitter, lengths, polarisation, tolerance
+            facets,
+            source,
+            receiver,
+            to_radar,
+            to_transmitter,
+            lengths,
+            polarisation,
+            tolerance,
+            normalise,
         )
         return (found[0][()], found[1][()]) if return_power else found[0][()]
     if receiver is not None or return_power:
@@ -155,6 +166,7 @@ def _sections(
         np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3)
         for vectors in (receiver, transmitter, *polarisations)
     )
+    warn_of_corners(facets, -t)
     flat = np.broadcast_to(lengths, shape).ravel()
     sums = lit_sums(facets, -t, s, (s + t) / flat[:, None], to_transmitter is None)
     areas = 4 * np.pi / flat**2 * _power(sums, -t, s, both)

@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, triangulate
+from polywigner.geometry.arguments import warn_caller
 from polywigner.illumination import Array
-from polywigner.scattering.convexity import is_convex
+from polywigner.scattering.convexity import (
+    corners_of_body,
+    corners_where_parts_touch,
+    is_convex,
+    lit_corners,
+)
 from polywigner.scattering.sheets import least_area
 
-__all__ = ["Body", "Facets", "facets_of"]
+__all__ = ["Body", "Facets", "facets_of", "warn_of_corners"]
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
 Floats = NDArray[np.float64]
@@ -43,6 +49,8 @@ class Facets:
     """(3,) the centre of the box, in the body's frame."""
     least_face: float
     """Root of the area of the smallest face; facets that join smoothly are one."""
+    inner_corners: Floats
+    """(m, 2, 3) normals of two faces that see each other from the edge where they meet."""
 
     @cached_property
     def vector(self) -> Floats:
@@ -74,6 +82,15 @@ def facets_of(body: Any) -> Facets:
     Raises ArgumentError for anything but bodies and plates of uniform metal.
     """
     return _facets(_parts(body))
+
+
+def warn_of_corners(facets: Facets, travelling: Floats) -> None:
+    """Warn of faces that light each other across an edge, of waves that travel along k (m, 3)."""
+    if lit_corners(facets.inner_corners, travelling):
+        warn_caller(
+            "got faces that light each other across a concave edge: what comes back by two or three"
+            " reflections is left out, which is most of it in corner reflectors (docs/rcs.md)"
+        )
 
 
 def _parts(body: Any) -> tuple[Any, ...]:
@@ -127,7 +144,13 @@ def _facets(parts: tuple[Any, ...]) -> Facets:
     is_plate = np.concatenate(plates)
     least = min(least_area(p) if isinstance(p, Polyhedron) else _outline(p).area for p in parts)
     shadows = not plane_or_convex
-    return Facets(every[:, 0], first, second, is_plate, shadows, middle, math.sqrt(least))
+    inner = np.empty((0, 2, 3))
+    if shadows:
+        owner = np.repeat(np.arange(len(parts)), [len(found) for found in corners])
+        own = [corners_of_body(part) for part in parts if isinstance(part, Polyhedron)]
+        inner = np.concatenate([corners_where_parts_touch(every, is_plate, owner), *own])
+    root = math.sqrt(least)
+    return Facets(every[:, 0], first, second, is_plate, shadows, middle, root, inner)
 
 
 def _outline(plate: Aperture | PlacedAperture) -> Aperture:

@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_number
-from polywigner.geometry.plausibility import warn_caller
+from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.radiometry.directions import checked_source
+from polywigner.reception.norms import checked_normalise
 from polywigner.scattering.antennas import Antenna, Source, checked_places, directions_of
-from polywigner.scattering.facets import Facets
+from polywigner.scattering.facets import Facets, warn_of_corners
 from polywigner.scattering.near_fields import near_sums
 from polywigner.scattering.polarisations import (
     Polarisation,
@@ -38,12 +38,14 @@ def near_sections(
     wavelengths: Floats,
     polarisation: Polarisation | None,
     tolerance: float,
+    normalise: str,
 ) -> tuple[Floats, Floats]:
     """Apparent cross sections (...) in m^2, and received over transmitted powers (...): (SC3)."""
     meaning = f"a number from {_LEAST:g} to {_MOST:g}"
     allowed = checked_number(tolerance, "tolerance", meaning)
     if not _LEAST <= allowed <= _MOST:
         raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
+    counted = checked_normalise(normalise)
     for antenna in (source, receiver):
         if antenna is not None:
             checked_source(antenna)
@@ -56,7 +58,9 @@ def near_sections(
     there = here
     if to_transmitter is not None:
         there = checked_places("to_transmitter", to_transmitter, facets.middle)
-    q, p = _polarisations(polarisation, directions_of(here), directions_of(there))
+    to_sender = directions_of(there)
+    warn_of_corners(facets, -to_sender.reshape(-1, 3))
+    q, p = _polarisations(polarisation, directions_of(here), to_sender)
     try:
         shape = np.broadcast_shapes(
             wavelengths.shape, here.shape[:-2], there.shape[:-2], q.shape[:-2], p.shape[:-2]
@@ -72,10 +76,9 @@ def near_sections(
     sections, powers = np.empty(shape), np.empty(shape)
     alone = receiver is None and to_transmitter is None
     for k in np.ndindex(*shape):
-        transmitter = Antenna(source, others[k], float(lengths[k]), _OF_FIELD * allowed)
-        back = Antenna(
-            source if receiver is None else receiver, own[k], float(lengths[k]), _OF_FIELD * allowed
-        )
+        how = float(lengths[k]), counted, _OF_FIELD * allowed
+        transmitter = Antenna(source, others[k], *how)
+        back = Antenna(source if receiver is None else receiver, own[k], *how)
         transmitter.check_in_front(facets, "source")
         back.check_in_front(facets, "receiver")
         sums = near_sums(

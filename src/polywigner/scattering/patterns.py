@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import checked_wavelength
-from polywigner.geometry.frequency import takes_frequency
+from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.propagation.angles import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.progress import progress_bar

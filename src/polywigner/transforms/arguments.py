@@ -12,7 +12,7 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.sites import Sites
+from polywigner.illumination.lattices import Sites
 from polywigner.transforms.extremes import check_width, is_wide, within_reach
 
 __all__ = [

@@ -4,7 +4,7 @@ The degree of coherence exp(-xi^2/(2 width^2)) is the mean of exp(2 pi i t.xi) o
 normal density, whose standard deviation is 1/(2 pi width) along each axis (docs/coherence.md,
 (PC1), (PC2)). So A and R are those of the coherent source times the degree of coherence, and W and
 |F|^2 are means over shifted frequencies: no lag of a source is longer than its box, so that the
-rules of :mod:`polywigner.numerics.mean_rules` know how many tilts they need.
+rules of :mod:`polywigner.numerics.nodes` know how many tilts they need.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.wavefront import Wavefront
-from polywigner.illumination.curved_arrays import tilted_source
-from polywigner.numerics.mean_rules import normal_product_rule
+from polywigner.illumination.array import tilted_source
+from polywigner.numerics.nodes import normal_product_rule
 from polywigner.transforms.arguments import broadcast_shape, checked_points
 
 __all__ = [
@@ -74,15 +74,16 @@ def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
         return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
-def tilts_of(source: Wavefront, error: float) -> tuple[Values, Values]:
+def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Values, Values]:
     """Tilts (n, d) in 1/m and weights (n,), whose mean of what a source makes errs by ``error``.
 
-    Relative to the largest that it could be if all of the source were in phase.
+    Relative to the largest that it could be if all of the source were in phase. ``longest``: lag in
+    m along each axis, of the mean of a number to which longer ones add next to nothing.
 
     Raises ArgumentError for a width so small that there would be too many.
     """
     sides = np.subtract(*np.reshape(source.bounds, (2, -1))[::-1])
-    reaches = sides / source.coherence_width
+    reaches = np.minimum(sides, longest) / source.coherence_width
     if math.prod(1.0 + reaches) > _MOST_WIDTHS:
         least = math.prod(sides.tolist()) ** (1 / len(sides)) / _MOST_WIDTHS ** (1 / len(sides))
         raise ArgumentError(

@@ -20,7 +20,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
 from polywigner.geometry.exact import whole_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE
 from polywigner.illumination import Array, phased_array
-from polywigner.illumination.sites import Sites
+from polywigner.illumination.lattices import Sites
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.arrays import lattice_arrays, scattered_arrays
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from polywigner import kernels
 from polywigner.execution import Engine, Precision
-from polywigner.geometry.array_types import Points
+from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
 from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
 from polywigner.transforms.through import before

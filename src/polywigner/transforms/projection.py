@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, checked_engine
 from polywigner.geometry import Wavefront
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled

@@ -11,9 +11,10 @@ from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.arguments import checked_length, checked_row
+from polywigner.geometry.arguments import checked_length, checked_row, warn_of_lens
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
+from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.phase_space import ambiguity, lag_marginal
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -64,14 +65,15 @@ def otf(
     Raises
     ------
     ArgumentError for arguments of the wrong type, shape or range; IlluminationError for an Array
-    whose fields cancel everywhere; EngineError without the engine.
+    whose fields cancel everywhere, and for partly coherent light, in which images are no linear
+    function of what they show; EngineError without the engine.
 
     >>> import polywigner as pw
     >>> square = pw.shapes.square(2.0)
     >>> float(pw.otf(square, (0.5, 0.0)).real)
     0.75
     """
-    kernel = kernels.kernel_for("ambiguity", flat_of(source))
+    kernel = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source)))
     radius = checked_pupil_radius(source, pupil_radius)
     waves = checked_waves(defocus)
     # Two divisions: the square of a radius may be too small or too large for a float.
@@ -110,7 +112,7 @@ def mtf(
     Parameters
     ----------
     source : Aperture (d = 2) or Slits (d = 1), or an Array of either with the field in the pupil;
-        or one with a curved or partly coherent wave.
+        or one with a curved wave, as of :func:`otf`.
     frequency : (..., d) in the image, in cycles per mm.
     wavelength : in m, or (k,) of a polychromatic source.
     focal_length : in m, or the distance of the image from the pupil.
@@ -139,7 +141,8 @@ def mtf(
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
     share = shares_of(weights, lengths.size)
-    dimension = kernels.kernel_for("ambiguity", flat_of(source)).dimension
+    warn_of_lens(source, float(lengths.max()), distance)
+    dimension = kernels.kernel_for("ambiguity", flat_of(_checked_pupil(source))).dimension
     cycles = checked_points("frequency", frequency, dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     aberration = checked_waves(defocus) * float(share @ lengths)
@@ -148,6 +151,18 @@ def mtf(
         lags = np.asarray(cycles) * (_PER_MM * length * distance)
         total = total + part * otf(source, lags, aberration / length, pupil_radius, **how)
     return np.abs(total).astype(np.float64)[()]
+
+
+def _checked_pupil(source: Any) -> Any:
+    """Return the source; IlluminationError for a partly coherent one."""
+    if is_partly_coherent(source):
+        raise IlluminationError(
+            "expected a pupil in coherent light, got one that is coherent over "
+            f"{source.coherence_width:g} m: there is no transfer function of images in partly "
+            "coherent light; use its .coherent for that of the pupil, or polywigner.lag_marginal "
+            "for the coherence of the light"
+        )
+    return source
 
 
 def shares_of(weights: Any, count: int) -> NDArray[np.float64]:

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, NumpyOperations
 from polywigner.geometry import Aperture, Slits, automean
-from polywigner.geometry.arguments import checked_generator
-from polywigner.geometry.numbers import real_numbers
+from polywigner.geometry.arguments import checked_generator, real_numbers
 from polywigner.geometry.trapezoids import point_in_trapezoid, trapezoids
 from polywigner.illumination import Array
 from polywigner.kernels import kernel_for

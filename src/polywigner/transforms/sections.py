@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
 from polywigner.numerics.divided_differences import simplex_plane_wave
-from polywigner.numerics.phases import turns_to_centre
-from polywigner.numerics.trigonometry import cos_sin_turns, mean_plane_wave
+from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave, turns_to_centre
 from polywigner.transforms.fields import PlaneField
 
 __all__ = [

@@ -14,10 +14,10 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.geometry.array_types import Points
+from polywigner.geometry.arguments import Points
 from polywigner.illumination import Array
+from polywigner.illumination.lattices import Sites, checked_sites
 from polywigner.illumination.obliquities import cosine_to
-from polywigner.illumination.sites import Sites, checked_sites
 from polywigner.kernels import is_separable
 from polywigner.transforms.arguments import (
     Source,

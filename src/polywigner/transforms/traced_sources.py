@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, Slits
-from polywigner.geometry.array_types import DrJitArray
+from polywigner.geometry.arguments import DrJitArray
 from polywigner.geometry.exact import signed_area
 from polywigner.illumination import Array, Illumination
 from polywigner.kernels.outline.waves import waves_in_frame

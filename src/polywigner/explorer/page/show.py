@@ -37,7 +37,7 @@ def fill(controls: Controls, history: History) -> None:
     controls.part.active = PARTS.index(state.part)
     controls.order.active = ORDERS.index(state.order)
     _slide(controls.coherence, state.coherence)
-    controls.coherence.title = f"Coherent over ({state.unit}; 0: all; W and OTF)"
+    controls.coherence.title = f"Coherent over ({state.unit}; 0: all; of W)"
     _slide(controls.defocus, state.defocus)
     _slide(controls.distance, state.distance)
     controls.distance.title = f"Near field at z ({state.unit})"

@@ -71,12 +71,13 @@ def render_room(
 
 
 def wigner_source() -> str:
-    """The square as a coherent aperture: |u|^2 = 1 W/m^2."""
+    """The square as a coherent aperture: |u|^2 = 1 W/m^2, the paper's radiance W/wavelength^2."""
     return f"""
     <shape type="wigner">
         <string name="aperture" value="square.wkt"/>
         <string name="unit" value="m"/>
         <float name="wavelength" value="{float(WAVELENGTH)!r}"/>
+        <string name="obliquity" value="paper"/>
         <transform name="to_world">{POSE}</transform>
     </shape>"""
 

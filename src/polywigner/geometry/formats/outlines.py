@@ -13,7 +13,7 @@ from polywigner.geometry.exact import Ring, estimated_area
 from polywigner.geometry.formats.limits import MOST_CROSSINGS, check_rings, check_vertices
 from polywigner.geometry.formats.work import Work
 from polywigner.geometry.grid import polygons_in, union_on_grid
-from polywigner.geometry.parts import part_of_ring
+from polywigner.geometry.parts import enclosed, part_of_ring
 from polywigner.geometry.rings import (
     clean_ring,
     different_vertices,
@@ -22,7 +22,6 @@ from polywigner.geometry.rings import (
     rounding_tolerance,
     spans_area,
 )
-from polywigner.geometry.winding import enclosed
 
 __all__ = ["filled", "nested", "without_duplicates"]
 

@@ -1,8 +1,7 @@
 """Source files: apertures with their fields, and arrays, in TOML or JSON.
 
 - ``reading``, ``writing``: :func:`read_source`, :func:`write_source`
-- ``values``: numbers and texts of a file; ``tables``: sources; ``fields``: what is on them
-- ``encoding``: from sources to tables, and to text
+- ``tables``: sources and their outlines; ``fields``: fields on them, numbers and texts
 """
 
 from polywigner.illumination.files.reading import Source, read_source

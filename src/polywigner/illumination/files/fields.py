@@ -9,36 +9,201 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.errors import FileFormatError
-from polywigner.illumination import layouts, tapers, weights
-from polywigner.illumination.directions import unit_vector
-from polywigner.illumination.files.values import (
-    Table,
-    angle,
-    at,
-    checked_list,
-    checked_table,
-    complex_numbers,
-    coordinates,
-    decibels,
-    frequency,
-    length,
-    numbers,
-    shown,
-    text,
-    whole,
-)
+from polywigner.errors import FileFormatError, PolywignerError
+from polywigner.illumination import arrays, tapers
+from polywigner.illumination.tapers import unit_vector
 from polywigner.illumination.waves import Illumination
-from polywigner.quantities import wavelength_of
+from polywigner.quantities import (
+    parse_angle,
+    parse_coordinate,
+    parse_decibels,
+    parse_frequency,
+    parse_length,
+    wavelength_of,
+)
 
-__all__ = ["Positions", "illumination_of", "positions_of", "wavelength_in", "weights_of"]
+__all__ = [
+    "Positions",
+    "Table",
+    "angle",
+    "at",
+    "checked_list",
+    "checked_table",
+    "complex_numbers",
+    "coordinates",
+    "decibels",
+    "drawing_options",
+    "flag",
+    "frequency",
+    "illumination_of",
+    "length",
+    "number",
+    "numbers",
+    "positions_of",
+    "radius_of",
+    "text",
+    "wavelength_in",
+    "weights_of",
+    "whole",
+]
+
+Table = Mapping[str, Any]
+
+# Polygons are lists (1) of rings (2) of vertices (3) of coordinates (4).
+_DEEPEST = 4
+_LONGEST_SHOWN = 60
+
+
+@contextmanager
+def at(place: str) -> Iterator[None]:
+    """Put the place in front of the message of what is raised inside."""
+    try:
+        yield
+    except PolywignerError as error:
+        raise type(error)(f"{place}: {error}") from None
+
+
+def checked_table(value: Any, required: Collection[str], optional: Collection[str] = ()) -> Table:
+    """A table with all required keys and none beyond the optional ones."""
+    if not isinstance(value, dict):
+        raise FileFormatError(f"expected a table, got {shown(value)}")
+    accepted = (*required, *optional)
+    for key in value:
+        if key not in accepted:
+            raise FileFormatError(f"expected the keys {', '.join(accepted)}, got {shown(key)}")
+    for key in required:
+        if key not in value:
+            raise FileFormatError(f"expected the key {key!r}, got a table without it")
+    return value
+
+
+def checked_list(value: Any) -> list[Any]:
+    """A list."""
+    if not isinstance(value, list):
+        raise FileFormatError(f"expected a list, got {shown(value)}")
+    return value
+
+
+def shown(value: Any) -> str:
+    """A value of a file as messages quote it: one short line."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    try:
+        quoted = repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        quoted = "a number of thousands of digits"
+    return quoted if len(quoted) <= _LONGEST_SHOWN else quoted[:_LONGEST_SHOWN] + "..."
+
+
+def number(value: Any) -> float:
+    """A finite number."""
+    try:
+        plain = isinstance(value, (int, float)) and not isinstance(value, bool)
+        result = float(value) if plain else math.nan
+    except OverflowError:
+        result = math.nan
+    if not math.isfinite(result):
+        raise FileFormatError(f"expected a finite number, got {shown(value)}")
+    return result
+
+
+def whole(value: Any) -> int:
+    """A whole number."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise FileFormatError(f"expected a whole number, got {shown(value)}")
+    return value
+
+
+def flag(value: Any) -> bool:
+    """true or false."""
+    if not isinstance(value, bool):
+        raise FileFormatError(f"expected true or false, got {shown(value)}")
+    return value
+
+
+def text(value: Any) -> str:
+    """A text."""
+    if not isinstance(value, str):
+        raise FileFormatError(f"expected a text, got {shown(value)}")
+    return value
+
+
+def _quantity(value: Any, parse: Callable[[str], float]) -> float:
+    return parse(value) if isinstance(value, str) else number(value)
+
+
+def length(value: Any) -> float:
+    """A length above zero: a text such as "10 mm", or metres."""
+    return parse_length(value if isinstance(value, str) else number(value))
+
+
+def radius_of(value: Any) -> float:
+    """A radius of a curved wave: a length of either sign, or "inf" for a flat one."""
+    if isinstance(value, str) and value.strip().lower() in ("inf", "flat"):
+        return math.inf
+    return _quantity(value, parse_coordinate)
+
+
+def angle(value: Any) -> float:
+    """An angle: a text such as "20 deg", or radians."""
+    return _quantity(value, parse_angle)
+
+
+def decibels(value: Any) -> float:
+    """A level: a text such as "25 dB", or decibels."""
+    return _quantity(value, parse_decibels)
+
+
+def frequency(value: Any) -> float:
+    """A frequency above zero: a text such as "94 GHz", or hertz."""
+    return parse_frequency(value if isinstance(value, str) else number(value))
+
+
+def _nested(value: Any, convert: Callable[[Any], Any], depth: int = _DEEPEST) -> Any:
+    if not isinstance(value, list):
+        return convert(value)
+    if not depth:
+        raise FileFormatError("expected numbers, got lists nested too deeply")
+    return [_nested(item, convert, depth - 1) for item in value]
+
+
+def numbers(value: Any) -> Any:
+    """Finite numbers, or lists of them as they are nested."""
+    return _nested(value, number)
+
+
+def coordinates(value: Any) -> Any:
+    """Lengths of either sign, as texts or metres, or lists of them as they are nested."""
+    return _nested(value, lambda item: _quantity(item, parse_coordinate))
+
+
+def complex_numbers(value: Any, depth: int = 1) -> Any:
+    """Lists, nested `depth` deep, of complex numbers: real ones, or pairs [real, imaginary]."""
+    if depth:
+        return [complex_numbers(item, depth - 1) for item in checked_list(value)]
+    if not isinstance(value, list):
+        return complex(number(value))
+    if len(value) != 2:
+        raise FileFormatError(f"expected a complex number as [real, imaginary], got {shown(value)}")
+    return complex(number(value[0]), number(value[1]))
+
+
+def drawing_options(table: Table) -> dict[str, Any]:
+    """Which layers of a drawing, and whether to join what overlaps."""
+    layer = table.get("layer")
+    names = [layer] if isinstance(layer, str) or layer is None else checked_list(layer)
+    layers = tuple(text(name) for name in names if name is not None)
+    return {"layer": layers or None, "union": flag(table.get("union", False))}
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +310,7 @@ def _window(values: dict[str, Any], around: _Surroundings) -> NDArray[np.float64
             "expected positions of kind row, grid or triangular for the weights of a window, got "
             "others; give the weights as numbers"
         )
-    return weights.window_weights(positions.shape, **values)
+    return arrays.window_weights(positions.shape, **values)
 
 
 def _names(value: Any) -> Any:
@@ -201,23 +366,23 @@ _LATTICE: Converters = {"nx": whole, "ny": whole, "pitch_x": length}
 _LAYOUTS: dict[str, _Kind] = {
     "row": _Kind(
         lambda v, on: Positions(
-            layouts.grid_positions(v["count"], 1, v["pitch"])[:, :1], (v["count"],)
+            arrays.grid_positions(v["count"], 1, v["pitch"])[:, :1], (v["count"],)
         ),
         {"count": whole, "pitch": length},
         {},
     ),
     "grid": _Kind(
-        lambda v, on: Positions(layouts.grid_positions(**v), (v["nx"], v["ny"])),
+        lambda v, on: Positions(arrays.grid_positions(**v), (v["nx"], v["ny"])),
         _LATTICE,
         {"pitch_y": length},
     ),
     "triangular": _Kind(
-        lambda v, on: Positions(layouts.triangular_positions(**v), (v["nx"], v["ny"])),
+        lambda v, on: Positions(arrays.triangular_positions(**v), (v["nx"], v["ny"])),
         _LATTICE,
         {"pitch_y": length},
     ),
     "rings": _Kind(
-        lambda v, on: Positions(layouts.ring_positions(**v)),
+        lambda v, on: Positions(arrays.ring_positions(**v)),
         {"radii": _listed(coordinates), "counts": _listed(whole)},
         {},
     ),
@@ -226,14 +391,14 @@ _LAYOUTS: dict[str, _Kind] = {
 _WEIGHTS: dict[str, _Kind] = {
     "window": _Kind(_window, {"window": _names}, {"sll": decibels, "nbar": whole}),
     "steering": _Kind(
-        lambda v, on: weights.steering_weights(
+        lambda v, on: arrays.steering_weights(
             _places(on), _direction(v, on.dimension), _wavelength(v, on)
         ),
         {},
         _STEERING,
     ),
     "focusing": _Kind(
-        lambda v, on: weights.focusing_weights(_places(on), v["point"], _wavelength(v, on)),
+        lambda v, on: arrays.focusing_weights(_places(on), v["point"], _wavelength(v, on)),
         {"point": coordinates},
         _WAVELENGTH,
     ),
@@ -260,7 +425,7 @@ def positions_of(value: Any, dimension: int) -> Positions:
     """Positions (n, d) from a list, or from a table that names a layout."""
     if isinstance(value, dict):
         return _one(value, _LAYOUTS, _Surroundings(dimension, None))
-    return Positions(layouts.checked_positions(coordinates(value), (dimension,)))
+    return Positions(arrays.checked_positions(coordinates(value), (dimension,)))
 
 
 def weights_of(value: Any, positions: Positions, wavelength: float | None) -> Any:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
-from polywigner.errors import FileFormatError
+from polywigner.errors import FileFormatError, GeometryError
 from polywigner.geometry import (
     Aperture,
     PlacedAperture,
@@ -22,17 +25,21 @@ from polywigner.geometry import (
     rigid_pose,
     shapes,
 )
-from polywigner.geometry.formats.limits import MOST_FACES, MOST_LISTED
-from polywigner.illumination.array import Array, Element, phased_array
-from polywigner.illumination.files.counts import Counts, check_shape
-from polywigner.illumination.files.fields import (
-    illumination_of,
-    positions_of,
-    wavelength_in,
-    weights_of,
+from polywigner.geometry.formats.limits import (
+    LARGEST_FILE,
+    LARGEST_PART,
+    MOST_FACES,
+    MOST_LISTED,
+    MOST_RINGS,
+    MOST_WAVES,
+    check_rings,
+    check_vertices,
 )
-from polywigner.illumination.files.polygons import from_polygons, slits_as_they_are
-from polywigner.illumination.files.values import (
+from polywigner.geometry.formats.work import check_polygons
+from polywigner.geometry.parts import merge_parts, part_of_rings
+from polywigner.geometry.rings import Part, oriented, polygon_of_part
+from polywigner.illumination.array import Array, Element, phased_array
+from polywigner.illumination.files.fields import (
     Table,
     at,
     checked_list,
@@ -41,13 +48,177 @@ from polywigner.illumination.files.values import (
     coordinates,
     drawing_options,
     flag,
+    illumination_of,
+    length,
+    numbers,
+    positions_of,
+    radius_of,
     shown,
     text,
+    wavelength_in,
+    weights_of,
     whole,
 )
-from polywigner.illumination.files.wavefronts import wavefront_of
 
-__all__ = ["VERSION", "Source", "source_of"]
+__all__ = [
+    "VERSION",
+    "Counts",
+    "Source",
+    "aperture_of_polygons",
+    "check_shape",
+    "from_polygons",
+    "slits_as_they_are",
+    "source_of",
+    "table_of_wavefront",
+    "wavefront_of",
+]
+
+
+@dataclass
+class Counts:
+    """Sums over all elements of a file and the files that it names."""
+
+    rings: int = 0
+    vertices: int = 0
+    waves: int = 0
+    bytes: int = 0
+
+    def add_outlines(self, rings: int, vertices: int) -> None:
+        """Count outlines and their vertices."""
+        self.rings += rings
+        self.vertices += vertices
+        check_rings(self.rings)
+        check_vertices(self.vertices)
+
+    def add_waves(self, count: int) -> None:
+        """Count plane waves, before they are made."""
+        self.waves += count
+        if self.waves > MOST_WAVES:
+            raise FileFormatError(
+                f"expected fields of at most {MOST_WAVES} plane waves in a file, got more; use "
+                "fewer or lower tapers"
+            )
+
+    def add_bytes(self, count: int) -> None:
+        """Count what is read of another file."""
+        self.bytes += count
+        if self.bytes > LARGEST_FILE:
+            raise FileFormatError(
+                f"expected to read at most {LARGEST_FILE >> 20} MiB of other files, got more; "
+                "simplify them"
+            )
+
+
+def check_shape(values: Mapping[str, Any]) -> None:
+    """Raise for parameters of a shape by name that make it very large."""
+    for name, value in values.items():
+        if isinstance(value, int) and value > LARGEST_PART:
+            raise FileFormatError(f"expected {name} of at most {LARGEST_PART}, got more")
+    sizes = [len(v) if isinstance(v, list) else v if type(v) is int else 1 for v in values.values()]
+    check_vertices(math.prod(max(1, size) for size in sizes))
+    rings = values.get("rings", 0)
+    if 3 * rings * rings > MOST_RINGS:  # of hexagons around each other
+        raise FileFormatError(
+            f"expected rings of at most {MOST_RINGS} segments, got {3 * rings * (rings + 1)}"
+        )
+
+
+def from_polygons(value: Any, verbatim: bool) -> Aperture:
+    """The aperture of a list of polygons; `verbatim`: with all its vertices as they are."""
+    polygons = coordinates(value)
+    listed = isinstance(polygons, list) and all(
+        isinstance(rings, list) and rings and all(isinstance(ring, list) for ring in rings)
+        for rings in polygons
+    )
+    if not listed or not polygons:
+        raise FileFormatError(
+            "expected a list of polygons, each a list of rings, each a list of vertices [x, y]"
+        )
+    check_polygons(polygons)
+    return _aperture_as_it_is(polygons) if verbatim else aperture_of_polygons(polygons)
+
+
+def aperture_of_polygons(polygons: list[list[Any]]) -> Aperture:
+    """The aperture of polygons, each a list of rings with the exterior first."""
+    parts = [part_of_rings(rings, f"polygon {k}") for k, rings in enumerate(polygons)]
+    return Aperture._of_parts(merge_parts(parts))
+
+
+def _aperture_as_it_is(polygons: list[list[Any]]) -> Aperture:
+    """Outlines exactly as they were written, without a vertex dropped or moved.
+
+    Apertures that were shifted far, say, have vertices that rounding has put on a line, which the
+    constructor would drop.
+    """
+    parts: list[Part] = []
+    for rings in polygons:
+        part = tuple(_array_of(ring) for ring in rings)
+        for n, ring in enumerate(part):
+            if ring.ndim != 2 or ring.shape[1] != 2 or len(ring) < 3:
+                raise FileFormatError(f"expected rings of vertices [x, y], got shape {ring.shape}")
+            if oriented(ring, counter_clockwise=n == 0) is not ring:
+                raise GeometryError(
+                    "expected exteriors counter-clockwise and holes clockwise where verbatim is "
+                    "true; leave verbatim out"
+                )
+        parts.append(part)
+    reason = shapely.is_valid_reason(shapely.MultiPolygon([polygon_of_part(p) for p in parts]))
+    if reason != "Valid Geometry":
+        raise GeometryError(
+            f"expected valid polygons where verbatim is true, got {reason}; leave verbatim out"
+        )
+    return Aperture._of_parts(parts)
+
+
+def slits_as_they_are(intervals: Any) -> Slits:
+    """Intervals exactly as they were written; see :func:`_aperture_as_it_is`."""
+    array = _array_of(intervals)
+    fits = array.ndim == 2 and array.shape[1] == 2 and len(array)
+    if not fits or not (np.diff(array.ravel()) >= 0).all() or not (np.diff(array) > 0).all():
+        raise GeometryError(
+            "expected ascending slits wider than zero where verbatim is true; leave verbatim out"
+        )
+    return Slits._of_intervals(array)
+
+
+def _array_of(numbers: Any) -> NDArray[np.float64]:
+    try:
+        return np.array(numbers, dtype=np.float64)
+    except ValueError:  # lists of different lengths
+        return np.empty(0)
+
+
+def wavefront_of(source: Any, table: Any, wavelength: float | None) -> Wavefront:
+    """The source with the wave that a table describes; ``wavelength``: that of the file, in m."""
+    keys = ("radius", "wavelength", "curvature", "centre", "coherence_width")
+    checked_table(table, (), keys)
+    if not isinstance(source, Aperture | Slits | Array):
+        raise FileFormatError("expected it of an aperture without a pose, of slits or of an array")
+    if "radius" in table and "curvature" in table:
+        raise FileFormatError("expected the key radius or curvature, got both")
+    with at("centre"):
+        centre = coordinates(table["centre"]) if "centre" in table else None
+    with at("curvature"):
+        matrix = numbers(table["curvature"]) if "curvature" in table else None
+    with at("coherence_width"):
+        width = length(table["coherence_width"]) if "coherence_width" in table else math.inf
+    wave = Wavefront(source, matrix, centre, width)
+    if "radius" not in table:
+        return wave
+    with at("radius"):
+        given = table["radius"]
+        radii = [radius_of(r) for r in given] if isinstance(given, list) else radius_of(given)
+        own = length(table["wavelength"]) if "wavelength" in table else wavelength
+        if own is None:
+            raise FileFormatError("expected a frequency or wavelength in the file, got none")
+        return wave.curved(radii, own, centre)
+
+
+def table_of_wavefront(wave: Wavefront) -> dict[str, Any]:
+    """What :func:`wavefront_of` makes the same wave of."""
+    table: dict[str, Any] = {"curvature": wave.curvature.tolist(), "centre": wave.centre.tolist()}
+    return table if wave.is_coherent else {**table, "coherence_width": wave.coherence_width}
+
 
 Source = Element | Array | Wavefront
 

@@ -15,13 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.illumination.lattices import Lattice, Profile, column_and_row, separated
-from polywigner.illumination.sites import Sites
+from polywigner.illumination.lattices import Lattice, Profile, Sites, column_and_row, separated
 from polywigner.kernels.arrays.factors import ProfileFactor, profile_factor
 from polywigner.kernels.kernel import Kernel, Values, leave_parts, leave_wave
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, plane_wave
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import has_own_factor
 
 __all__ = ["array_factor_kernel"]

@@ -12,7 +12,7 @@ from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.waves import WavePair
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["NUMBERS", "DistantWave", "Point", "less"]
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from polywigner.illumination.lattices import Profile
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns, sin_turns
+from polywigner.numerics.phases import cos_sin_turns, sin_turns
 
 __all__ = ["ProfileFactor", "profile_factor"]
 

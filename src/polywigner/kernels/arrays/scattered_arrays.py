@@ -31,7 +31,7 @@ from polywigner.kernels.kernel import (
 )
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = [
     "AMBIGUITY",

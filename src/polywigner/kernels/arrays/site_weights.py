@@ -18,7 +18,7 @@ from polywigner.kernels.arrays.weight_tables import (
     mean_table,
 )
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import tabulates_products
 
 __all__ = ["LatticeSites", "Weights"]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.interpolation import RATE, interpolation
+from polywigner.numerics.polynomials import RATE, interpolation
 
 __all__ = [
     "DifferenceTable",

@@ -21,7 +21,7 @@ from polywigner.kernels.boundary.edge_waves import PanelView
 from polywigner.kernels.boundary.integrals import anglewise, lengthwise
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics.nodes import Rules, gauss_rules, nodes_needed, rule_of
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["FRESNEL_STRIPS", "STRIPS"]
 

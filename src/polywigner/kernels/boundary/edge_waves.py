@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["EVANESCENT", "TRAVELLING", "EdgeWave", "PanelView", "wave_difference"]
 

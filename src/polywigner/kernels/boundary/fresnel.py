@@ -23,7 +23,7 @@ from polywigner.kernels.kernel import Values
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import SUMS, missed, node_sums, nodes_needed, rule_of
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["fresnel_edge_sum"]
 

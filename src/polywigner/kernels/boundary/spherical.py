@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from polywigner.numerics.trigonometry import cos_sin_turns, sinc
+from polywigner.numerics.phases import cos_sin_turns, sinc
 
 __all__ = ["spherical_edge"]
 

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 from polywigner.kernels.cut.clipping import times
 from polywigner.kernels.functions.stokes import moved_off_zero, segment_wave
-from polywigner.numerics.trigonometry import sin_turns
+from polywigner.numerics.phases import sin_turns
 
 __all__ = ["EdgeTerms", "EvenTerms", "WaveTerms", "ambiguity_terms", "term_of_part", "wigner_terms"]
 

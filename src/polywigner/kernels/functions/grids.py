@@ -21,7 +21,7 @@ from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.families import Family, families_of
 from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
-from polywigner.numerics.trigonometry import cos_sin_turns, sinc, sinc_less_one
+from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
 
 __all__ = ["GridTables", "OutlineSum", "fourier_on_grid", "grid_tables"]
 

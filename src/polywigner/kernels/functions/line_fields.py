@@ -22,7 +22,7 @@ from typing import Any
 from polywigner.kernels.functions.slits import Interval
 from polywigner.kernels.outline.waves import WavePair, Waves, difference_pairs, mean_pairs
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns, sinc
+from polywigner.numerics.phases import cos_sin_turns, sinc
 
 __all__ = ["LineField", "line_field"]
 

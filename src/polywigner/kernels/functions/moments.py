@@ -34,9 +34,8 @@ from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge
 from polywigner.kernels.outline.waves import WavePair, WavePairRow
-from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled
-from polywigner.numerics.segment_moments import segment_moments
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled, segment_moments
 
 __all__ = ["LAG_MOMENTS", "LAG_MOMENTS_ALONG"]
 
@@ -243,18 +242,12 @@ def _leave(ops: Any, frame: Frame, inner: Values, sums: Values) -> Values:
     return tuple(s * (f * frame.content) for s, f in zip(sums, factors, strict=True))
 
 
-LAG_MOMENTS = Kernel(
-    "lag moments",
-    2,
-    tables_of,
-    _enter,
-    SliceSum((MIRRORED,), doubled_position, _lag_moments, serves_all=False),
-    _leave,
-)
+_OVER_SLICE = SliceSum((MIRRORED,), doubled_position, _lag_moments, serves_all=False)
+LAG_MOMENTS = Kernel("lag moments", 2, tables_of, _enter, _OVER_SLICE, _leave)
 # Along a ray whose frequency is not that of the moments, as that of a curved wave.
 LAG_MOMENTS_ALONG = replace(
     LAG_MOMENTS,
     name="lag moments along rays apart",
     enter=_enter_along,
-    edge_sum=replace(LAG_MOMENTS.edge_sum, summed=partial(_lag_moments, apart=True)),
+    edge_sum=replace(_OVER_SLICE, summed=partial(_lag_moments, apart=True)),
 )

@@ -24,8 +24,7 @@ from polywigner.kernels.outline.frame import Matrix, frame_of, power_of_two, tim
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair, mean_wave
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
-from polywigner.numerics.phases import Doubled, doubled
-from polywigner.numerics.trigonometry import cos_sin_turns, sinc
+from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
 
 __all__ = [
     "SLITS",

@@ -22,8 +22,7 @@ from polywigner.illumination import Array
 from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, field_of, waves_in_frame
 from polywigner.numerics import phases
-from polywigner.numerics.phases import Doubled, doubled
-from polywigner.numerics.trigonometry import cos_sin_turns, sinc
+from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
 
 __all__ = [
     "Interval",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from polywigner.numerics.trigonometry import sin_turns, sinc_less_one
+from polywigner.numerics.phases import sin_turns, sinc_less_one
 
 __all__ = [
     "moved_off_zero",

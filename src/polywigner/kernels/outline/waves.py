@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = [
     "UNIFORM",

@@ -20,8 +20,8 @@ from typing import Any, Protocol
 
 from polywigner.kernels.functions.stokes import moved_off_zero
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.segment_moments import segment_moments
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
+from polywigner.numerics.polynomials import segment_moments
 
 __all__ = ["Axes", "GradientAccumulator", "Segment", "Slopes", "Wanted", "times_i"]
 

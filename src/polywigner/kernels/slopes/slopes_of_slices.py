@@ -14,7 +14,7 @@ from polywigner.kernels.outline.tables import Edge, Piece, Tables
 from polywigner.kernels.outline.waves import Wave, WavePair, difference_pairs, mean_pairs
 from polywigner.kernels.slopes.slopes import Axes, GradientAccumulator, Slopes, Wanted
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans import cut_for
 
 __all__ = ["ambiguity_slopes", "wigner_slopes"]

@@ -11,7 +11,7 @@ from typing import Any
 from polywigner.geometry import Slits
 from polywigner.kernels.outline.waves import Wave, Waves, field_of
 from polywigner.numerics.complex_pairs import Pair
-from polywigner.numerics.trigonometry import cos_sin_turns
+from polywigner.numerics.phases import cos_sin_turns
 
 __all__ = ["slopes_in_ends"]
 

@@ -1,0 +1,144 @@
+"""One gain everywhere: Friis' formula and the radar equation with directivities of patterns."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+
+EXACT = ("rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff")
+# Fraunhofer distances 2 D^2/wavelength between sources: quadratic phases of 1e-3 radians are left.
+FAR = 1000.0
+# Decibels that these phases leave of a curved source; of flat ones some millionths.
+DECIBELS = 1e-3
+# Decibels of an opening of 0.01 wavelengths off its limit: (side/wavelength)^2.
+SMALL = 2e-3
+
+
+def square(side: float) -> pw.Aperture:
+    """Sides in wavelengths, and wavelengths of 1 m, in all of this file."""
+    return pw.shapes.square(side)
+
+
+ROW = pw.phased_array(
+    square(0.4),
+    pw.arrays.grid_positions(8, 1, 0.5, 0.5),
+    np.exp(2j * np.pi * math.sin(math.pi / 6) * 0.5 * np.arange(8)),
+)
+# A source, its diameter in wavelengths, and angles of the line of sight from both normals.
+LINKS: dict[str, tuple[Any, float, float, float]] = {
+    **{f"{side} wavelengths": (square(side), 1.42 * side, 0.25, -0.15) for side in (0.3, 0.47, 1)},
+    "3 wavelengths": (square(3.0), 4.25, 0.1, -0.2),
+    "10 wavelengths": (square(10.0), 14.2, 0.02, 0.03),
+    "steered row": (ROW, 3.95, math.pi / 6, math.pi / 6 + 0.03),
+}
+CURVED = {"curved": (square(3.0).curved(20.0, 1.0), 4.25, 0.1, -0.2)}
+CASES = [(name, obliquity) for name in LINKS for obliquity in EXACT] + [("curved", EXACT[0])]
+
+
+def along(angle: float) -> np.ndarray:
+    """At an angle from z towards x."""
+    return np.array([math.sin(angle), 0.0, math.cos(angle)])
+
+
+def placed(angle: float, other: float, distance: float) -> np.ndarray:
+    """Pose of a source so far off, for a line of sight at these angles from both normals."""
+    turn = math.pi + angle - other
+    c, s = math.cos(turn), math.sin(turn)
+    pose = np.eye(4)
+    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    pose[:3, 3] = distance * along(angle)
+    # seen from there, the first source is at the other angle
+    assert np.allclose(-pose[:3, :3].T @ along(angle), along(other))
+    return pose
+
+
+def directivity(source: Any, angle: float, obliquity: str) -> float:
+    """In dBi."""
+    pattern = pw.radiation_pattern(source, 1.0, angle, 0.0, obliquity=obliquity)  # type: ignore
+    return float(pattern["directivity"].values.item())
+
+
+def decibels(power: float) -> float:
+    return 10 * math.log10(power)
+
+
+def link(name: str, obliquity: str) -> tuple[Any, np.ndarray, float]:
+    """Source of both ends, the receiver's pose, and Friis' received over radiated power in dB."""
+    source, diameter, *angles = (LINKS | CURVED)[name]
+    distance = FAR * 2 * diameter**2
+    gains = sum(directivity(source, angle, obliquity) for angle in angles)
+    pose = placed(angles[0], angles[1], distance)
+    return source, pose, gains - 2 * decibels(4 * math.pi * distance)
+
+
+@pytest.mark.parametrize(("name", "obliquity"), CASES)
+def test_far_away_a_coupling_is_friis_with_directivities(name: str, obliquity: Any) -> None:
+    source, pose, expected = link(name, obliquity)
+    b = pw.coupling(source, source, pose, 1.0, obliquity)
+    assert decibels(abs(b) ** 2) == pytest.approx(expected, abs=DECIBELS)
+
+
+@pytest.mark.drjit
+@pytest.mark.parametrize(("name", "obliquity"), CASES)
+def test_far_away_direct_light_of_a_scene_is_friis(name: str, obliquity: Any) -> None:
+    pm = pytest.importorskip("polywigner.mitsuba")
+    import mitsuba as mi
+
+    mi.set_variant("scalar_rgb")
+    source, pose, expected = link(name, obliquity)
+    transmitter = pm.aperture(source, 1.0, obliquity=obliquity, power=1.0)
+    receiver = pm.receiver(source, 1.0, pose, obliquity=obliquity, estimator="wigner")
+    scene = mi.load_dict({"type": "scene", "tx": transmitter, "rx": receiver})
+    found = pm.received_power(scene, spp=16)
+    assert decibels(found.power) == pytest.approx(expected, abs=DECIBELS)
+    assert found.scattered == 0
+
+
+@pytest.mark.parametrize("name", LINKS)
+def test_a_small_plate_far_away_echoes_by_the_radar_equation(name: str) -> None:
+    """|b|^2 = G^2 lambda^2 sigma/((4 pi)^3 r^4), with the plate across the line of sight."""
+    source, diameter, angle, _ = LINKS[name]
+    distance = FAR * 2 * max(diameter, 2.0) ** 2
+    plate = square(1.4)
+    pose = placed(angle, 0.0, distance)
+    _, power = pw.rcs(plate, pose, 1.0, source=source, polarisation="vv", return_power=True)
+    sigma = 4 * math.pi * plate.area**2
+    gain = directivity(source, angle, EXACT[0])
+    expected = 2 * gain + decibels(sigma / ((4 * math.pi) ** 3 * distance**4))
+    assert decibels(power) == pytest.approx(expected, abs=DECIBELS)
+
+
+@pytest.mark.parametrize(
+    ("obliquity", "limit"),
+    [
+        ("paper", 4.0),
+        ("rayleigh-sommerfeld-1", 6.0),
+        ("rayleigh-sommerfeld-2", 2.0),
+        ("kirchhoff", 24 / 7),
+    ],
+)
+def test_the_directivity_of_a_tiny_opening_is_that_of_its_obliquity(
+    obliquity: Any, limit: float
+) -> None:
+    """4 pi g(0)/int g dOmega, of patterns and of links; the paper's cosine has no links."""
+    tiny, distance = square(0.01), 1e4
+    assert directivity(tiny, 0.0, obliquity) == pytest.approx(decibels(limit), abs=SMALL)
+    if obliquity in EXACT:
+        b = pw.coupling(tiny, tiny, placed(0.0, 0.0, distance), 1.0, obliquity)
+        gain = abs(b) * 4 * math.pi * distance
+        assert decibels(gain) == pytest.approx(decibels(limit), abs=SMALL)
+
+
+@pytest.mark.parametrize("obliquity", EXACT)
+def test_propagating_waves_bring_no_more_than_all(obliquity: Any) -> None:
+    """A wavelength apart and aside, where waves that do not propagate have died away."""
+    for side in (0.47, 1.0, 3.0):
+        poses = [placed(angle, -angle, 1.0 + 2 * side * abs(angle)) for angle in (0.0, 0.3)]
+        shares = np.abs(pw.coupling(square(side), square(side), poses, 1.0, obliquity, 1e-4)) ** 2
+        assert (shares < 1).all()
+    assert shares[0] > 0.7

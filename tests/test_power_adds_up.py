@@ -1,0 +1,274 @@
+"""Power adds up at both ends: boxes and spheres of detectors, furnaces, exchange of both ends.
+
+One table of sources, boundary conditions and estimators. An emitter of 1 W puts 1 W into a closed
+box; a receiver in a furnace of radiance L reads lambda^2 L, whatever its aperture; and a scene
+passes as much from one aperture to another as back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import polywigner as pw
+from mitsuba_scenes import KEPT, WAVELENGTH, emitter_of, use
+
+pytestmark = [pytest.mark.drjit, pytest.mark.llvm]
+
+# Means of so many renders; 3 of their standard errors, Student's with 15 degrees of freedom, are
+# passed once in 100 fair tests, and seeds are fixed.
+RENDERS, ERRORS = 16, 3.0
+# Beyond noise: exact light is good to 1e-4 of its peak. Signed weights have rare large values, for
+# which errors of 16 renders are not Student's (12 million samples: 4e-4 +- 1e-3 off).
+BIAS = {"exact": 1e-3, "wigner": 1e-2}
+# Noise that a test may have to see faults of per cents; a factor 1/cos is 10 % and more.
+NOISE = {"exact": 1e-3, "wigner": 1e-2}
+# Rays differ from quadrature of exact fields 40 wavelengths away (0.1 dB were asked for).
+RAYS = 0.01
+
+VARIANT = "llvm_ad_mono"
+OBLIQUITIES = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2", "paper")
+SITES = 0.5 * WAVELENGTH * (np.argwhere(np.ones((4, 3))) - [1.5, 1.0])
+STEERED = pw.phased_array(
+    pw.shapes.square(0.4 * WAVELENGTH), SITES, np.exp(2j * np.pi * SITES @ [0.5, 0.0] / WAVELENGTH)
+)
+SQUARES = {f"{side} wavelengths": pw.shapes.square(side * WAVELENGTH) for side in (0.3, 1, 3, 10)}
+HORN = pw.shapes.rectangle(3 * WAVELENGTH, 2 * WAVELENGTH)
+# Waves in many directions have no slopes, which the other conditions take.
+BENT = {
+    "curved": HORN.curved(5 * WAVELENGTH, WAVELENGTH),
+    "partly coherent": HORN.partially_coherent(WAVELENGTH),
+}
+SOURCES = {**SQUARES, "steered array": STEERED, **BENT}
+QUICK = [
+    ("steered array", "rayleigh-sommerfeld-1"),
+    ("1 wavelengths", "kirchhoff"),
+    ("0.3 wavelengths", "rayleigh-sommerfeld-2"),
+    ("curved", "paper"),
+]
+
+
+def cases(*estimators: str) -> list[Any]:
+    """Sources, boundary conditions and estimators that go together; but a few are slow."""
+    found = []
+    for name in SOURCES:
+        for obliquity in OBLIQUITIES:
+            for estimator in estimators:
+                bent = name in BENT and (
+                    estimator == "exact" or obliquity in ("kirchhoff", "rayleigh-sommerfeld-2")
+                )
+                if bent or (obliquity == "paper" and estimator == "exact"):
+                    continue
+                marks = [] if (name, obliquity) in QUICK else [pytest.mark.slow]
+                found.append(pytest.param(name, obliquity, estimator, marks=marks))
+    return found
+
+
+def detectors(shape: str, half: float, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (n, 3) on a closed surface in front, normals inwards, and areas, by Gauss's rule."""
+    node, weight = np.polynomial.legendre.leggauss(count)
+    theta, phi = np.pi / 4 * (node + 1), 2 * np.pi * (np.arange(2 * count) + 0.5) / (2 * count)
+    solid = (np.pi / 4 * weight * np.sin(theta))[:, None] * np.full(2 * count, np.pi / count)
+    sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
+    s = np.stack(np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine), axis=-1)
+    s, solid = s.reshape(-1, 3), solid.ravel()
+    if shape == "sphere":
+        return half * s, -s, half**2 * solid
+    axis = np.abs(s).argmax(axis=1)
+    normal = -np.sign(s) * np.eye(3)[axis]
+    facing = np.abs(s).max(axis=1)
+    return half * s / facing[:, None], normal, half**2 * solid / facing**3
+
+
+def collected(entry: dict[str, Any], shape: str, half: float, samples: int) -> tuple[float, float]:
+    """Power in W that detectors all around an emitter receive, and its standard error."""
+    import drjit as dr
+
+    mi = use(VARIANT)
+    emitter = emitter_of(entry)
+    places, normals, areas = detectors(shape, half, 48)
+    rng = mi.PCG32(len(places))
+    points = dr.zeros(mi.SurfaceInteraction3f, len(places))
+    points.p, points.n = mi.Point3f(places.T), mi.Normal3f(normals.T)
+    totals = []
+    for _ in range(RENDERS):
+        irradiance: Any = 0.0
+        for _ in range(samples):
+            draw = mi.Point2f(rng.next_float32(), rng.next_float32())
+            seen, weight = emitter.sample_direction(points, draw, True)
+            irradiance = irradiance + weight[0] * dr.abs(dr.dot(seen.d, points.n))
+            dr.eval(irradiance, rng)
+        totals.append(float(np.array(irradiance) @ areas) / samples)
+    return float(np.mean(totals)), float(np.std(totals, ddof=1) / np.sqrt(RENDERS))
+
+
+@pytest.mark.parametrize("shape", ["box", "sphere"])
+@pytest.mark.parametrize(("name", "obliquity", "estimator"), cases("exact", "wigner"))
+def test_detectors_all_around_an_emitter_receive_its_power(
+    shape: str, name: str, obliquity: str, estimator: str
+) -> None:
+    import polywigner.mitsuba as pwm
+
+    entry = pwm.aperture(
+        SOURCES[name], WAVELENGTH, obliquity=obliquity, estimator=estimator, power=2.5
+    )
+    half = 300 * WAVELENGTH
+    found, error = collected(entry, shape, half, 2 if estimator == "exact" else 40)
+    assert abs(found / 2.5 - 1) < ERRORS * error / 2.5 + BIAS[estimator]
+    assert error / 2.5 < NOISE[estimator]
+
+
+def received(scene: dict[str, Any], samples: int) -> tuple[float, float]:
+    """Mean power in W of some renders of the first sensor, and its standard error."""
+    import polywigner.mitsuba as pwm
+
+    mi = use(VARIANT)
+    loaded = mi.load_dict(scene)
+    KEPT.append(loaded)
+    values = [pwm.render(loaded, spp=samples // RENDERS, seed=k).sum() for k in range(RENDERS)]
+    return float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(RENDERS))
+
+
+@pytest.mark.parametrize(("name", "obliquity", "estimator"), cases("exact", "wigner"))
+def test_a_furnace_gives_a_wavelength_squared_of_its_radiance_to_any_receiver(
+    name: str, obliquity: str, estimator: str
+) -> None:
+    import polywigner.mitsuba as pwm
+
+    use(VARIANT)
+    sky = {"type": "constant", "radiance": {"type": "spectrum", "value": 3.0}}
+    receiver = pwm.receiver(SOURCES[name], WAVELENGTH, obliquity=obliquity, estimator=estimator)
+    scene = {"type": "scene", "integrator": {"type": "path"}, "receiver": receiver, "sky": sky}
+    found, error = received(scene, 1 << (15 if estimator == "exact" else 20))
+    expected = 3.0 * WAVELENGTH**2
+    assert abs(found - expected) < ERRORS * error + BIAS[estimator] * expected
+    assert error < NOISE[estimator] * expected
+
+
+def towards(place: Any, degrees: float) -> np.ndarray:
+    """Pose at a place whose +z is so many degrees off the way to the origin, turned about y."""
+    way = -np.asarray(place) / np.linalg.norm(place)
+    side = np.cross([0.0, 1.0, 0.0], way)
+    side /= np.linalg.norm(side)
+    angle = np.radians(degrees)
+    z = np.cos(angle) * way + np.sin(angle) * side
+    x = np.cross([0.0, 1.0, 0.0], z)
+    result = np.eye(4)
+    result[:3, :3] = np.stack([x / np.linalg.norm(x), [0, 1, 0], z], axis=1)
+    result[:3, 3] = place
+    return result
+
+
+ENDS = (
+    (pw.shapes.square(0.5 * WAVELENGTH), 40 * WAVELENGTH * np.array([0.0, 0.0, 1.0])),
+    (
+        pw.shapes.rectangle(0.3 * WAVELENGTH, 0.6 * WAVELENGTH),
+        30 * WAVELENGTH * np.array([0.5, 0, 0.8]),
+    ),
+)
+SIDE = 12 * WAVELENGTH
+
+
+def plate(mi: Any) -> dict[str, Any]:
+    white = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.0}}
+    pose = mi.ScalarTransform4f().scale(SIDE / 2)
+    return {"type": "rectangle", "to_world": pose, "bsdf": white}
+
+
+def cloud(mi: Any) -> dict[str, Any]:
+    """A ball of fog that scatters alike in all directions."""
+    fog = {
+        "type": "homogeneous",
+        "albedo": 1.0,
+        "sigma_t": 0.2 / WAVELENGTH,
+        "phase": {"type": "isotropic"},
+    }
+    return {
+        "type": "sphere",
+        "radius": 4 * WAVELENGTH,
+        "bsdf": {"type": "null"},
+        "interior": fog,
+    }
+
+
+def passed(
+    target: Callable[[Any], dict[str, Any]],
+    degrees: float,
+    obliquity: str,
+    estimator: str,
+    back: bool,
+    samples: int,
+) -> tuple[float, float]:
+    """Power that the second end receives of 1 W of the first by way of a target; or ``back``."""
+    import polywigner.mitsuba as pwm
+
+    mi = use(VARIANT)
+    ends = [
+        (source, towards(place, turn))
+        for (source, place), turn in zip(ENDS, (degrees, 20.0), strict=True)
+    ]
+    (sent, here), (taken, there) = ends[::-1] if back else ends
+    how = {"obliquity": obliquity, "estimator": estimator}
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "volpath", "max_depth": 3},
+        "emitter": pwm.aperture(sent, WAVELENGTH, here, power=1.0, visible=False, **how),
+        "receiver": pwm.receiver(taken, WAVELENGTH, there, **how),
+        "target": target(mi),
+    }
+    return received(scene, samples)
+
+
+def quadrature(degrees: float, obliquity: str) -> float:
+    """Power by way of the plate, of exact fields: lambda^2 int |U_t|^2 |U_r|^2 cos cos dA/pi."""
+    node, weight = np.polynomial.legendre.leggauss(40)
+    x, y = np.meshgrid(SIDE / 2 * node, SIDE / 2 * node)
+    area = np.outer(weight, weight).ravel() * (SIDE / 2) ** 2
+    places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    product = WAVELENGTH**2 / np.pi * area
+    for (source, place), turn in zip(ENDS, (degrees, 20.0), strict=True):
+        pose = towards(place, turn)
+        way = places - pose[:3, 3]
+        field = pw.amplitude(source, way @ pose[:3, :3], WAVELENGTH, obliquity)
+        cosine = -way[:, 2] / np.linalg.norm(way, axis=1)
+        radiated = pw.radiated_power(source, WAVELENGTH, obliquity)
+        product = product * np.abs(field) ** 2 * np.abs(cosine) / radiated
+    return float(product.sum())
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0])
+@pytest.mark.parametrize("estimator", ["exact", "wigner"])
+@pytest.mark.parametrize(
+    "obliquity",
+    [
+        "rayleigh-sommerfeld-1",
+        pytest.param("kirchhoff", marks=pytest.mark.slow),
+        pytest.param("rayleigh-sommerfeld-2", marks=pytest.mark.slow),
+    ],
+)
+def test_a_diffuse_plate_passes_as_much_there_as_back(
+    obliquity: str, estimator: str, degrees: float
+) -> None:
+    expected = quadrature(degrees, obliquity)
+    samples = 1 << (17 if estimator == "exact" else 20)
+    for back in (False, True):
+        found, error = passed(plate, degrees, obliquity, estimator, back, samples)
+        assert abs(found - expected) < ERRORS * error + RAYS * expected
+        assert error < 0.02 * expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0])
+@pytest.mark.parametrize("obliquity", OBLIQUITIES[:3])
+def test_an_isotropic_scatterer_passes_as_much_there_as_back(
+    obliquity: str, degrees: float
+) -> None:
+    there, back = (
+        passed(cloud, degrees, obliquity, "wigner", back, 1 << 21) for back in (False, True)
+    )
+    noise = np.hypot(there[1], back[1])
+    assert abs(there[0] - back[0]) < ERRORS * noise + BIAS["wigner"] * there[0]
+    assert noise < 0.04 * there[0]  # exchanged cosines would be 2 at 60 degrees
