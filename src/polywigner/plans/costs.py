@@ -42,8 +42,7 @@ COSTS: dict[str, Cost] = {
     "copy": Cost(0.8e-6, "sample of an array of copies, and copy of the outline", _REGRET),
     "pair of copies": Cost(0.5e-6, "sample and pair of elements near it", _REGRET),
     "family": Cost(0.2e-3, "family of parallel edges on a grid of frequencies", _REGRET),
-    "point of a family": Cost(11e-9, "point of the grid and family, of F", _REGRET),
-    "point of a family, W": Cost(6e-9, "point of the grid and family, of W", _REGRET),
+    "point of a family": Cost(11e-9, "point of the grid and family", _REGRET),
     # compiled
     "load": Cost(0.05, "process, to import Dr.Jit", "questions/latency.py"),
     "compile": Cost(0.1, "kernel", "questions/latency.py"),
@@ -70,18 +69,15 @@ COSTS: dict[str, Cost] = {
     "compiled edge in cells, pairs": Cost(
         0.7e-9, "the same where places meet frequencies", "outer_products.py"
     ),
-    "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
     "compiled copy": Cost(0.08e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(10e-9, "sample and pair of elements near it", "array_cost.py"),
     "cell pair": Cost(1.1e-6, "edge, side and cell in which they meet", _CUTS),
 }
 
 LIMITS: dict[str, float] = {
-    # Cells: pairs in all of them together per edge, and per cut; a part of them where they are
-    # coarse (`kernels.cell_tree`).
+    # Cells: pairs in all of them together per edge (`kernels.cell_tree`), and per cut.
     "cell pairs per edge": 2000,
     "cell pairs per cut": 8,
-    "share in coarse cells": 0.25,
     # To find the cells takes 60 bytes a cut: the regular polygon of 2900 vertices, 8 million cuts.
     "most cuts in cells": 8_000_000,
     # Cuts from which on cells are faster than code, where samples are sorted by cell (the 23-gon),
@@ -98,9 +94,9 @@ LIMITS: dict[str, float] = {
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
     # takes seconds.
     "most cuts as code": 4500,
-    # Each kernel keeps some 300 KB of memory for good, and is two files of Dr.Jit's cache
-    # (outlines_as_data.py).
-    "most sources as code": 256,
+    # Calls of a source, or sources, in a loop: from some ten to some thousand, ways that are taken
+    # for few calls and for many hardly change.
+    "calls that share a set-up": 100,
     # NumPy: of few samples, calls cost more than what they compute.
     "least cuts as rows, NumPy": 64,
     "most samples as rows, NumPy": 256,
