@@ -3,8 +3,9 @@
 python benchmarks/coherence.py
 
 Wigner function of a square, a hexagon and two chevrons at 2000 random points, at one place with a
-grid of 64 x 64 frequencies, and the radiant intensity in 2000 directions. Widths of coherence as a
-share of the side of the source's box.
+grid of 64 x 64 frequencies, the radiant intensity in 2000 directions, which is a mean over tilts,
+and the irradiance of rays at 50 points. Widths of coherence as a share of the side of the source's
+box.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ SOURCES = {
     "hexagon": pw.shapes.regular_polygon(6, SIDE / 2),
     "two chevrons": pw.shapes.chevron_pair(SIDE, 0.6 * SIDE, 0.2 * SIDE),
 }
-SHARES = (3.0, 1.0, 0.3, 0.1)
+# Of more, a mean takes minutes.
+MOST_TILTS = 3000
+SHARES = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 
 
 def fastest(call: Callable[[], Any], rounds: int = 5) -> float:
@@ -44,19 +47,25 @@ def main() -> None:
     grid = np.stack(np.meshgrid(axis, axis), -1)
     sine = draw.uniform(-0.6, 0.6, (2000, 2))
     directions = np.column_stack([sine, np.sqrt(1 - (sine**2).sum(-1))])
+    points = np.stack([np.linspace(-10, 10, 50), np.zeros(50), np.full(50, 30.0)], axis=-1) * SIDE
     calls = {
-        "points": lambda s: pw.wigner(s, x, nu),
+        "points": lambda s: pw.wigner(s, x, nu, engine="numpy"),
+        "points, compiled": lambda s: pw.wigner(s, x, nu, engine="llvm"),
         "grid of nu": lambda s: pw.wigner(s, x[0], grid),
         "intensity": lambda s: pw.radiant_intensity(s, directions, WAVELENGTH),
+        "rays": lambda s: pw.irradiance(s, points, WAVELENGTH),
     }
     print("source         width/side  tilts  " + "  ".join(f"{name:>20}" for name in calls))
     for name, source in SOURCES.items():
         alone = {what: fastest(lambda c=call, s=source: c(s)) for what, call in calls.items()}
         for share in SHARES:
             partly = source.partially_coherent(share * SIDE)
-            tilts = len(tilts_of(partly, TILT_ERROR[True])[1])
+            tilts = len(tilts_of(partly, TILT_ERROR[True])[1])  # of the intensity
             cells = []
             for what, call in calls.items():
+                if what == "intensity" and tilts > MOST_TILTS:
+                    cells.append(" " * 20)
+                    continue
                 took = fastest(lambda c=call, s=partly: c(s), 2)
                 cells.append(f"{1e3 * took:8.1f} ms  x {took / alone[what]:6.1f}")
             print(f"{name:14} {share:10g}  {tilts:5d}  " + "  ".join(cells), flush=True)

@@ -218,7 +218,7 @@ def _way(source: Any, given: Any, function: str, engine: str) -> tuple[str, floa
         way = pw.explain(source, *given, function=function, engine=engine).way
     except ArgumentError:  # a sum of several calls
         return "several", math.nan, math.nan
-    return way.name, way.setup, way.run
+    return way.name, way.shared + way.setup, way.run
 
 
 def print_estimates(chosen: argparse.Namespace) -> None:

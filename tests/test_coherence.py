@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+from shapely.affinity import scale as scaled
+from shapely.affinity import translate as translated
+from shapely.geometry.polygon import orient as oriented
 
 import polywigner as pw
 from polywigner.cli import main
@@ -20,12 +25,22 @@ SIDE = 10e-3
 SQUARE = pw.shapes.square(SIDE)
 CHEVRONS = pw.shapes.chevron_pair(SIDE, 6e-3, 2e-3)
 SLITS = pw.Slits([(0.0, 3e-3), (5e-3, 9e-3)])
+WAVES = pw.Illumination([1.0, 0.5j], [(150.0, 80.0), (-90.0, 30.0)])
+STEERED = pw.shapes.regular_polygon(6, SIDE / 2).with_illumination(WAVES)
+# a product of fields along both sides
+TAPERED = SQUARE.turned(0.4).with_illumination(pw.cosine_taper(SIDE, SIDE).turned(0.4))
+# summed by elements, and so a mean over tilts
+LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((2, 3)).reshape(2, -1).T)
 ARRAY = pw.phased_array(
     pw.shapes.square(3e-3), [(0, 0), (4e-3, 0), (0, 4e-3)], np.array([1, 1j, 0.5])
 )
 
-# Of the rule for tilts (1e-11) and of the quadrature, of int |u|^2.
+# Of the closed form (1e-12) and of the quadrature, of int |u|^2.
 BY_QUADRATURE = 1e-10
+# Of the closed form in single precision, of int |u|^2.
+IN_SINGLE = 2e-6
+# Of the same sums in another order, of int |u|^2.
+ENGINES = 1e-13
 # A product of two floats.
 CLOSED_FORM = 1e-13
 VISIBILITY = 1e-6
@@ -43,11 +58,63 @@ def by_hermite(source: Any, x: Any, nu: Any, width: float) -> Any:
     return np.array([pw.wigner(source, a, b - tilts) @ shares for a, b in zip(x, nu, strict=True)])
 
 
+def over_lag_slice(outline: pw.Aperture, x: Any, nu: Any, width: float) -> float:
+    """The Gaussian wave over triangles of the lag slice, as far as it is more than 1e-17."""
+    around = scaled(translated(shapely.Polygon(outline.rings[0]), *-x), 2, 2, origin=(0, 0))
+    reach = 9 * width
+    lags = (
+        around & scaled(around, -1, -1, origin=(0, 0)) & shapely.box(-reach, -reach, reach, reach)
+    )
+    corners = shapely.get_coordinates(oriented(lags))
+    nodes, weights = np.polynomial.legendre.leggauss(90)
+    s, t = np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2)
+    share = np.outer(weights, weights) / 4
+    total = 0.0
+    for a, b in itertools.pairwise(corners):
+        xi = s[..., None] * (a + t[..., None] * (b - a))
+        wave = np.exp(-(xi**2).sum(-1) / (2 * width**2)) * np.cos(2 * math.pi * (xi @ nu))
+        total += float((a[0] * b[1] - a[1] * b[0]) * np.sum(s * share * wave))
+    return total
+
+
+@pytest.mark.parametrize("share", [30.0, 3.0, 1.0, 0.3, 0.1, 0.03, 0.01, 0.003])
+def test_w_is_the_integral_over_the_lag_slice(share: float) -> None:
+    hexagon = pw.shapes.regular_polygon(6, SIDE / 2).turned(0.2)
+    width = share * SIDE
+    partly = hexagon.partially_coherent(width)
+    draw = np.random.default_rng(8)
+    x = draw.uniform(-0.45 * SIDE, 0.45 * SIDE, (12, 2))
+    # the mean frequency over the width, and over the source
+    nu = (
+        draw.normal(0, 1, (12, 2))
+        / np.where(np.arange(12) % 2, SIDE / 2, min(width, SIDE))[:, None]
+    )
+    expected = [over_lag_slice(hexagon, a, b, width) for a, b in zip(x, nu, strict=True)]
+    assert np.abs(pw.wigner(partly, x, nu) - expected).max() <= BY_QUADRATURE * hexagon.area
+    single = pw.wigner(partly, x, nu, precision="single")
+    assert single.dtype == np.float32
+    assert np.abs(single - expected).max() <= IN_SINGLE * hexagon.area
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("source", [SQUARE, STEERED, SLITS, TAPERED])
+def test_engines_agree_on_partly_coherent_light(source: Any) -> None:
+    d = len(source.bounds) // 2
+    draw = np.random.default_rng(9)
+    x, nu = draw.uniform(-4e-3, 4e-3, (50, d)), draw.normal(0, 200, (50, d))
+    partly = source.partially_coherent(2e-3)
+    energy = float(np.real(pw.lag_marginal(source, np.zeros(d))))
+    for precision, error in ((None, ENGINES), ("single", IN_SINGLE)):
+        found = pw.wigner(partly, x, nu, engine="llvm", precision=precision)
+        expected = pw.wigner(partly, x, nu, engine="numpy")
+        assert np.abs(found - expected).max() <= error * energy
+
+
 @pytest.mark.parametrize("width", [2e-3, 20e-3])
 @pytest.mark.parametrize(
     "source",
-    [CHEVRONS, ARRAY, SLITS, SQUARE.curved(60e-3, WAVELENGTH)],
-    ids=["chevrons", "array", "slits", "curved"],
+    [CHEVRONS, ARRAY, LATTICE, SLITS, STEERED, TAPERED, SQUARE.curved(60e-3, WAVELENGTH)],
+    ids=["chevrons", "array", "lattice", "slits", "steered", "tapered", "curved"],
 )
 def test_w_is_the_mean_over_tilts(source: Any, width: float) -> None:
     d = len(source.bounds) // 2
@@ -232,9 +299,57 @@ def test_a_bandwidth_is_a_positive_number_below_twice_the_carrier(bandwidth: Any
         pw.radiant_intensity(SQUARE, (0, 0, 1), WAVELENGTH, bandwidth=bandwidth)
 
 
+@pytest.mark.parametrize("width", [1e-320, 1e-30, 1e-12, 1e-8, 1e-5])
+def test_w_of_narrow_coherence_is_that_of_a_source_without_edges(width: float) -> None:
+    found = pw.wigner(SQUARE.partially_coherent(width), (1e-3, 2e-3), (50.0, -80.0))
+    expected = 2 * math.pi * width**2 * math.exp(-2 * (math.pi * width) ** 2 * (50**2 + 80**2))
+    assert found == pytest.approx(expected, rel=1e-12, abs=0)
+
+
+@pytest.mark.parametrize("precision", [None, "single"])
+def test_w_of_wide_coherence_nears_that_of_coherent_light(precision: Any) -> None:
+    """By 1/width^2: across the width from which on that is how it is computed."""
+    x, nu = np.array([1e-3, 2e-3]), np.array([50.0, -80.0])
+    single = precision == "single"
+    coherent = pw.wigner(STEERED, x, nu)
+    widths = np.array([0.1, 0.2, 0.3, 1.0]) if single else np.array([8.0, 12.0, 15.0, 100.0])
+    found = [pw.wigner(STEERED.partially_coherent(w), x, nu, precision=precision) for w in widths]
+    lacking = np.array([pw.wigner(STEERED.partially_coherent(w), x, nu) for w in (0.5, 1.0)])
+    slope = (lacking - coherent) * (0.5**2, 1.0)
+    assert slope[0] == pytest.approx(slope[1], rel=1e-4, abs=0)
+    error = IN_SINGLE if single else CLOSED_FORM
+    assert np.abs(found - (coherent + slope[1] / widths**2)).max() <= 5 * error * STEERED.area
+
+
 def test_a_width_of_too_many_tilts_is_refused_with_the_limit() -> None:
+    lamp = SQUARE.partially_coherent(1e-6)
     with pytest.raises(ArgumentError, match="expected a width of coherence of at least"):
-        pw.wigner(SQUARE.partially_coherent(1e-6), (0, 0), (0, 0))
+        pw.radiant_intensity(lamp, (0, 0, 1), WAVELENGTH)
+
+
+@pytest.mark.parametrize("wave", [SQUARE, SQUARE.curved(60e-3, WAVELENGTH)], ids=["flat", "curved"])
+def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave: Any) -> None:
+    width = 8e-3
+    points = np.array([(0.0, 0.0, 0.3), (0.05, 0.02, 0.3), (0.1, 0.0, 0.2)])
+    nodes, weights = np.polynomial.hermite_e.hermegauss(12)
+    nodes, weights = nodes / (2 * math.pi * width), weights / weights.sum()
+    flat = pw.Wavefront(SQUARE) if wave is SQUARE else wave
+    expected = sum(
+        a * b * pw.irradiance(
+            flat.on(SQUARE.with_illumination(pw.Illumination([1.0], [(s, t)]))).coherent,
+            points, WAVELENGTH, tolerance=1e-7,
+        )
+        for s, a in zip(nodes, weights, strict=True)
+        for t, b in zip(nodes, weights, strict=True)
+    )  # fmt: skip
+    partly = wave.partially_coherent(width)
+    found = pw.irradiance(partly, points, WAVELENGTH, tolerance=1e-7)
+    assert np.allclose(found, expected, rtol=1e-6, atol=0)
+    paper = pw.irradiance(partly, points[:1], WAVELENGTH, obliquity="paper")
+    assert np.allclose(paper, found[:1], rtol=1e-2)  # on the axis
+    # in a band as well
+    band = pw.irradiance(partly, points, WAVELENGTH, bandwidth=1e6)
+    assert np.allclose(band, found, rtol=1e-3)
 
 
 @pytest.mark.slow
@@ -315,6 +430,15 @@ def test_a_width_that_is_none_is_refused(width: Any) -> None:
     for make in (SQUARE.partially_coherent, lambda w: pw.Wavefront(SQUARE, coherence_width=w)):
         with pytest.raises(ArgumentError, match="width as a length above zero"):
             make(width)
+
+
+@pytest.mark.parametrize("source", [SQUARE, SLITS, TAPERED], ids=["square", "slits", "tapered"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_w_of_what_is_no_place_and_no_frequency_is_no_number(source: Any, value: float) -> None:
+    d, partly = len(source.bounds) // 2, source.partially_coherent(3e-3)
+    inside, none = np.full(d, 1e-3), np.full(d, value)
+    assert np.isnan(pw.wigner(partly, none, np.zeros(d)))
+    assert np.isnan(pw.wigner(partly, inside, none))
 
 
 def test_shapes_that_do_not_broadcast_are_refused() -> None:

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.execution import ledger
 
 pytestmark = pytest.mark.llvm
 
@@ -48,15 +47,6 @@ def _unaligned(values: Any) -> Any:
     return memory[1:].reshape(values.shape)
 
 
-@pytest.fixture
-def _nothing_called(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a new process: what earlier calls have cost lets a plan choose another way."""
-    monkeypatch.setattr(ledger, "_accounts", {})
-    monkeypatch.setattr(ledger, "_for_all", {})
-    monkeypatch.setattr(ledger, "_as_code", 0)
-
-
-@pytest.mark.usefixtures("_nothing_called")
 @pytest.mark.parametrize("name", SOURCES)
 @pytest.mark.parametrize(
     ("form", "transform", "precision"),

@@ -14,7 +14,7 @@ import polywigner as pw
 from polywigner.errors import GeometryError
 from polywigner.kernels.cut.cell_lists import cell_lists
 from polywigner.kernels.functions.plane import tables_of
-from polywigner.plans import Outline, Plan, Request, forced, plan
+from polywigner.plans import Outline, Request, forced, plan
 from polywigner.plans.plan import DATA
 from test_compilation import compiled
 
@@ -183,30 +183,11 @@ def test_lists_of_one_cell_do_not_oust_those_of_many() -> None:
     assert cell_lists(tables, -1) is kept
 
 
-SQUARE = Request("wigner", 1000, Outline(4, 1, 16, 4), engine="llvm", loaded=True, takes_data=True)
-
-
-def test_a_new_outline_is_data_once_there_have_been_others() -> None:
-    assert plan(SQUARE).way.name == "edges as code"
-    assert plan(replace(SQUARE, others=3)).way.name == DATA
-
-
-def test_an_outline_that_stays_becomes_code() -> None:
-    request, names = replace(SQUARE, samples=100_000, others=3), []
-    for _ in range(100):
-        found: Plan = plan(request)
-        names.append(found.way.name)
-        ready = request.ready | {found.key}
-        request = replace(request, ready=ready, spent=request.spent + found.way.run)
-    assert names[0] == DATA
-    assert names[-1] == "edges as code"
-    assert names == sorted(names, key=lambda name: name != DATA)
-
-
-def test_a_process_compiles_for_so_many_outlines_only() -> None:
-    large = replace(SQUARE, samples=10_000_000)
-    assert plan(replace(large, others=3)).way.name == "edges as code"
-    assert plan(replace(large, others=1000)).way.name == DATA
-    assert plan(replace(large, others=1000, spent=10.0)).way.name == "edges as code"
+def test_an_outline_is_data_unless_it_takes_longer_than_to_compile_its_code() -> None:
+    square = Request("wigner", 1000, Outline(4, 1, 16, 4), engine="llvm", takes_data=True)
+    assert plan(square).way.name == DATA
+    assert plan(replace(square, samples=10_000_000)).way.name == "edges as code"
     with forced("code"):
-        assert plan(replace(large, others=1000)).way.name == "edges as code"
+        assert plan(square).way.name == "edges as code"
+    with forced("data"):
+        assert plan(replace(square, samples=10_000_000)).way.name == DATA

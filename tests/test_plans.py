@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,10 +14,13 @@ import pytest
 import polywigner
 import polywigner as pw
 import polywigner.plans
-from polywigner.plans import COSTS, Outline, Plan, Request, cut_for, forced, launch_for, plan
-from polywigner.plans.plan import LISTED
+from polywigner.plans import COSTS, Outline, Request, cut_for, forced, launch_for, plan
+from polywigner.plans.plan import LISTED, Way
 
 TABLE = Path(__file__).parent / "data" / "plans.txt"
+
+MANY = 100  # calls in a loop
+UNNOTICED = 20e-3  # seconds
 
 # Counted of shapes as users have them: edges, convex pieces, cuts, lines, share of exact lines.
 OUTLINES = {
@@ -30,7 +34,7 @@ OUTLINES = {
     "two chevrons": Outline(12, 4, 192, 14),
 }
 SAMPLES = (1, 100, 10_000, 1_000_000)
-LAYOUTS = ("points", "one place", "outer", "grid")
+LAYOUTS = ("points", "one place", "outer")
 
 
 def requests() -> dict[str, Request]:
@@ -39,17 +43,15 @@ def requests() -> dict[str, Request]:
     for (name, outline), function, layout, n in itertools.product(
         OUTLINES.items(), ("wigner", "ambiguity"), LAYOUTS, SAMPLES
     ):
-        if (layout == "grid" and function == "ambiguity") or (n == 1 and layout != "points"):
+        if n == 1 and layout != "points":
             continue
         copies = 1 if function == "wigner" else 2
         uniform = outline.waves == 1
         request = Request(function, n, replace(outline, copies=copies), takes_data=uniform)
-        if layout in ("one place", "grid"):
+        if layout == "one place":
             request = replace(request, rows=1, columns=n)
         if layout == "outer":
             request = replace(request, rows=int(n**0.5), columns=int(n**0.5))
-        if layout == "grid":
-            request = replace(request, families=min(outline.edges, outline.lines))
         found[f"{function} | {name} | {layout} | {n}"] = request
     for terms, n in itertools.product((4, 64, 1000), SAMPLES):
         points = Request("fourier", n, terms=terms, takes_data=True)
@@ -81,15 +83,43 @@ def test_few_samples_stay_on_numpy_and_many_are_compiled() -> None:
         if request.families is None:  # grids have axes on NumPy
             engines[request.samples].append(plan(request).engine)
     assert engines[1].count("numpy") == len(engines[1])
-    assert engines[100].count("numpy") >= 0.9 * len(engines[100])
+    assert engines[100].count("numpy") >= 0.85 * len(engines[100])
     assert engines[10_000].count("numpy") >= 0.5 * len(engines[10_000])
     assert engines[1_000_000].count("llvm") >= 0.8 * len(engines[1_000_000])
 
 
-@pytest.mark.parametrize("name", list(requests()))
-def test_no_way_is_cheaper_than_the_one_taken(name: str) -> None:
-    found = plan(requests()[name])
-    assert all(found.way.seconds <= way.seconds for way in found.others)
+def _alone(way: Way) -> float:
+    """Seconds of a call that is the only one."""
+    return way.shared + way.setup + way.run
+
+
+def _repeated(way: Way) -> float:
+    """Of one of many calls of a source."""
+    return (way.shared + way.setup) / MANY + way.run
+
+
+def _in_a_loop(way: Way) -> float:
+    """Of one of many calls, each of another source."""
+    return way.shared / MANY + way.setup + way.run
+
+
+@pytest.mark.parametrize(("use", "most"), [(_alone, 4.5), (_repeated, 21.0), (_in_a_loop, 3.5)])
+def test_no_use_costs_much_more_than_had_it_been_known(
+    use: Callable[[Way], float], most: float
+) -> None:
+    """Whether a call is repeated, and whether its source changes, nobody knows beforehand."""
+    for request in requests().values():
+        found = plan(request)
+        best = min(use(way) for way in (found.way, *found.others))
+        assert use(found.way) <= max(most * best, UNNOTICED)
+
+
+def test_a_loop_over_outlines_compiles_for_none_of_them() -> None:
+    """Of few edges, and up to as many samples as take as long as it does to compile."""
+    for name, n in itertools.product(("square", "chevron", "two chevrons"), (1, 100, 10_000)):
+        for function, engine in itertools.product(("wigner", "ambiguity"), ("auto", "llvm")):
+            request = requests()[f"{function} | {name} | points | {n}"]
+            assert plan(replace(request, engine=engine)).way.setup == 0.0
 
 
 def test_equal_requests_have_equal_plans() -> None:
@@ -109,39 +139,14 @@ def test_a_graphics_processor_takes_the_compiled_ways() -> None:
     assert (found.engine, found.way.engine) == ("cuda", "llvm")
 
 
-def _after(found: Plan) -> Request:
-    """The same request once more, after a call by this plan."""
-    request = found.request
-    spent = request.spent + found.way.run
-    return replace(request, spent=spent, ready=request.ready | {found.key})
-
-
-@pytest.mark.parametrize("name", ["64-gon", "coastline", "square", "1000-gon"])
-@pytest.mark.parametrize("calls", [1, 3, 10, 100, 1000])
-def test_many_calls_cost_little_more_than_had_their_number_been_known(
-    name: str, calls: int
-) -> None:
-    """At most three times: set-ups of two ways, and calls until the second was worth its own."""
-    request = requests()[f"wigner | {name} | points | 100"]
-    first = plan(request)
-    best = min(way.setup + calls * way.run for way in (first.way, *first.others))
-    total = 0.0
-    for _ in range(calls):
-        found = plan(request)
-        total += found.way.run + (0.0 if found.key in request.ready else found.way.setup)
-        request = _after(found)
-    assert total <= 3 * best
-
-
 @pytest.mark.parametrize("name", ["64-gon", "coastline", "square"])
 def test_what_would_change_a_plan_does(name: str) -> None:
-    request = requests()[f"wigner | {name} | points | 10000"]
-    first = plan(request)
-    number, other = re.search(r"change it: (\d+) such calls.*: then (.*)", str(first)).groups()
-    for _ in range(int(number) - 1):
-        assert plan(request).way == first.way
-        request = _after(plan(request))
-    assert plan(request).way.name == other
+    request = requests()[f"wigner | {name} | points | 1"]
+    found = plan(request)
+    number, other = re.search(r"change it: (\d+) times.*: then (.*)", str(found)).groups()
+    half, whole = (replace(request, samples=int(number) // k) for k in (2, 1))
+    assert plan(half).way.name == found.way.name
+    assert plan(whole).way.name == other
 
 
 def test_without_a_compiler_everything_is_numpy_s() -> None:
@@ -153,7 +158,7 @@ def test_without_a_compiler_everything_is_numpy_s() -> None:
 
 def test_edges_are_cut_as_forced() -> None:
     request = requests()["wigner | 64-gon | points | 10000"]
-    for cut in ("code", "rows", "cells", "coarse cells"):
+    for cut in ("code", "rows", "cells"):
         with forced(cut):
             assert plan(request).way.cut in (cut, None)
     with forced("cells"):
@@ -244,9 +249,17 @@ def test_explain_tells_what_a_call_does() -> None:
     assert pw.explain(square, (0.0, 0.0), nu).way.name == LISTED
     assert pw.explain(square, nu, function="fourier").way.name == "sum on NumPy"
     assert pw.explain(square, nu, nu, function="ambiguity", engine="numpy").engine == "numpy"
-    found = pw.explain(square, (0.0, 0.0), nu)
-    pw.wigner(square, (0.0, 0.0), nu)
-    assert pw.explain(square, (0.0, 0.0), nu).request.spent > found.request.spent
+
+
+def test_a_call_takes_the_same_way_at_every_repetition() -> None:
+    """And in every process: whatever else has been computed, loaded or compiled."""
+    rng = np.random.default_rng(2)
+    for count in (10, 1000):
+        source, points = pw.shapes.regular_polygon(64, 0.01), 1e-3 * rng.normal(size=(2, count, 2))
+        first = pw.explain(source, *points)
+        for _ in range(30):
+            pw.wigner(source, *points)
+        assert pw.explain(source, *points) == first
 
 
 def test_explain_refuses_what_it_cannot_tell() -> None:

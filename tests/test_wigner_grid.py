@@ -1,4 +1,4 @@
-"""W at one place over many frequencies is one lag slice's transform, on a grid from its axes."""
+"""W at one place over many frequencies is the transform of one lag slice."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import pytest
 
 import polywigner as pw
 from oracles.references import awkward
-from polywigner.execution.grids import plan_for_grid
-from polywigner.kernels import kernel_for
 
 # What the package promises of W, in units of the area, and what float32 reaches.
 ACCURACY = {"double": 1e-13, "single": 5e-6}
@@ -27,8 +25,6 @@ SOURCES: dict[str, Any] = {name: awkward(name).aperture for name in AWKWARD} | {
     "array": pw.Array([SQUARE, pw.Aperture([[2, 0], [3, 0], [2, 1]])], [1, -0.5]),
     "two waves": SQUARE.with_illumination(pw.Illumination([1, 0.5j], [[0.3, 0.1], [-0.2, 0.4]])),
 }  # fmt: skip
-# Of the slit most frequencies are too near the origin for its width, and the rest have no tables.
-ON_GRID = [name for name in SOURCES if name not in ("slit", "needle", "array", "two waves")]
 
 
 def _box(source: Any) -> tuple[np.ndarray, float]:
@@ -59,11 +55,6 @@ def _one_by_one(source: Any, x: np.ndarray, nu: np.ndarray) -> np.ndarray:
     return values.reshape(nu.shape[:-1])
 
 
-def _is_planned(source: Any, x: np.ndarray, nu: np.ndarray) -> bool:
-    components = [np.array(x[0]), np.array(x[1]), nu[..., 0], nu[..., 1]]
-    return plan_for_grid(kernel_for("wigner", source), source, components, True) is not None
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SOURCES)
 @pytest.mark.parametrize("precision", list(ACCURACY))
@@ -77,12 +68,6 @@ def test_a_grid_at_one_place_has_the_values_of_its_points(name: str, precision: 
                 got = pw.wigner(source, x, grid, engine="numpy", precision=precision)
                 error = np.abs(got - _one_by_one(source, x, grid)).max()
                 assert error < ACCURACY[precision] * area
-
-
-@pytest.mark.parametrize("name", ON_GRID)
-def test_uniform_sources_are_computed_from_the_axes(name: str) -> None:
-    source = SOURCES[name]
-    assert _is_planned(source, _places(source)[1], _grid(source, 8.0))
 
 
 def test_nothing_is_left_outside_the_automean() -> None:

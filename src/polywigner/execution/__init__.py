@@ -33,7 +33,7 @@ module               what is in it
 ``ray_sums``         sums over rays, with derivatives
 ``site_sums``        array factors with differentiable weights
 ``threads``          how many threads compiled kernels run on
-``requests``         what a call asks for, counted; ``ledger`` what earlier calls have set up
+``requests``         what a call asks for, counted
 ===================  ==========================================================================
 """
 

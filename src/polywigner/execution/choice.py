@@ -60,8 +60,7 @@ def resolved(engine: str, samples: int, terms: int = 1) -> str:
     ------
     EngineError when the engine asked for cannot be had, with the remedy.
     """
-    request = Request("sum", samples, terms=terms, engine=engine, loaded="drjit" in sys.modules)
-    return planned(request).engine
+    return planned(Request("sum", samples, terms=terms, engine=engine)).engine
 
 
 def planned(request: Request) -> Plan:

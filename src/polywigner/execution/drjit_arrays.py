@@ -28,7 +28,6 @@ from polywigner.execution.drjit_points import (
 from polywigner.execution.drjit_results import as_complex, as_tensor
 from polywigner.execution.frozen import frozen, is_code, is_known
 from polywigner.execution.gradients import kernel_with_derivatives
-from polywigner.execution.ledger import account_of
 from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameters, Traced, tensor_of
@@ -135,14 +134,9 @@ def _by_data(
     """Results from the source as data, as planned; None where it is to be code of a kernel."""
     import drjit
 
-    account = account_of(kernel.name, tables)
-    if account.ready:  # it is already
-        return None
     width = max(map(drjit.width, components))
-    request = request_for(kernel, tables, width, double=ops.double, engine="llvm", account=account)
-    chosen = plan(request)
-    account.book(chosen)
-    if chosen.way.name != DATA:
+    request = request_for(kernel, tables, width, double=ops.double, engine="llvm")
+    if plan(request).way.name != DATA:
         return None
     return OnDrjitData(kernel, tables, ops.double, "llvm").of_arrays(components)
 

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from polywigner.execution.choice import planned
 from polywigner.execution.chunks import Launched, store
 from polywigner.execution.grids import GridPlan, plan_for_grid
-from polywigner.execution.ledger import account_of
 from polywigner.execution.on_drjit import OnDrjit
 from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.on_numpy import OnNumpy
@@ -26,7 +25,7 @@ from polywigner.execution.requests import request_for
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Plan, Request
-from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED, POINTS_LISTED
+from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED
 
 __all__ = ["evaluate", "explained"]
 
@@ -68,17 +67,16 @@ def evaluate(
         call = replace(call, shear=shear)
     if chosen.way.name == GRID:
         assert call.grid is not None
-        call.grid.fill(results, _by_points(kernel, call.tables, components[:-2], double))
+        call.grid.fill(results, OnNumpy(kernel, call.tables, double).values)
     else:
         store(_launched(call, chosen, results))
-    account_of(kernel.name, call.tables).book(chosen)
     return results
 
 
 def explained(
     kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
 ) -> Plan:
-    """The plan by which :func:`evaluate` would carry a call out now; nothing is computed."""
+    """The plan by which :func:`evaluate` would carry a call out; nothing is computed."""
     return planned(_call_of(kernel, source, components, double, engine).request)
 
 
@@ -120,11 +118,10 @@ def _call_of(
         double=double,
         engine=engine,
         pairs=by_places,
-        account=account_of(kernel.name, tables),
     )
     grid = None
     if engine in ("auto", "numpy") and components[-1].shape == shape:
-        grid = plan_for_grid(kernel, source, components, double, request)
+        grid = plan_for_grid(kernel, source, components, double)
         if grid is not None:
             request = replace(request, families=grid.families)
     return _Call(kernel, source, tables, components, double, pairs, by_places, grid, request)
@@ -161,25 +158,12 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
         targets = _targets(call.pairs, call.by_places, results)
         exact = call.kernel.tables(call.source, True)
         return _by_parts(compute, exact, call.by_places, targets, call.shear)
-    if name == POINTS_LISTED:
-        assert isinstance(compute, OnNumpy)
-        return compute.listed(call.kernel.tables(call.source, True), call.components, results)
     pairs = call.by_places or call.pairs
     # one place is short enough to be sent with each sample
     is_short = pairs is None or (isinstance(compute, OnDrjit) and pairs.rows == 1)
     if call.pairs and pairs and not is_short and compute.allows_outer_product(pairs):
         return _paired(compute, pairs, _targets(call.pairs, pairs, results))
     return compute.points(call.components, results)
-
-
-def _by_points(kernel: Kernel, tables: Any, place: Sequence[Array], double: bool) -> Any:
-    """The kernel at one place, if it has any, for some frequencies."""
-    compute = OnNumpy(kernel, tables, double)
-
-    def values(nu: Sequence[Array]) -> Sequence[Array]:
-        return compute.values([*(np.full(len(nu[0]), c.item()) for c in place), *nu])
-
-    return values
 
 
 def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, targets: Sequence[Array]) -> Launched:

@@ -7,7 +7,7 @@ is recognised by its values, whatever its spacing, and computed from its axes.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ from polywigner.execution.choice import planned
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.requests import request_for
 from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
-from polywigner.plans import Request
 from polywigner.plans.plan import GRID
 
 __all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
@@ -33,7 +32,7 @@ _LARGEST = {True: 1e150, False: 1e18}
 
 Array = npt.NDArray[Any]
 PointByPoint = Callable[[Sequence[Array]], Sequence[Array]]
-"""(nu_x, nu_y) of some points -> real and imaginary part there, or the one value of W."""
+"""(nu_x, nu_y) of some points -> real and imaginary part there."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def _is_grid(x: Array, y: Array) -> bool:
 
 @dataclass(frozen=True)
 class GridPlan:
-    """A Fourier transform on a grid, or W at one place, to be computed from its axes."""
+    """A Fourier transform on a grid, to be computed from its axes."""
 
     tables: GridTables
     grid: _Grid
@@ -90,7 +89,7 @@ class GridPlan:
         return below < _MOST_BELOW
 
     def fill(self, results: Sequence[Array], point_by_point: PointByPoint) -> None:
-        """Write real and imaginary part to two arrays, or W to one.
+        """Write real and imaginary part to two arrays.
 
         The few points near the origin that the grid's formula is not for go to ``point_by_point``.
         """
@@ -104,52 +103,26 @@ class GridPlan:
     def _tile(self, nu: tuple[Array, Array], point_by_point: PointByPoint) -> tuple[Array, ...]:
         ops = NumpyOperations(double=True)
         with np.errstate(invalid="ignore", divide="ignore"):  # of points that are then replaced
-            parts, below = fourier_on_grid(ops, self.tables, *nu, self.double)
+            *parts, below = fourier_on_grid(ops, self.tables, *nu, self.double)
         if below.any():
             i, j = np.nonzero(below)
             for part, values in zip(parts, point_by_point((nu[0][i], nu[1][j])), strict=True):
                 part[i, j] = values
-        return parts
+        return tuple(parts)
 
 
 def plan_for_grid(
-    kernel: Kernel,
-    source: Any,
-    components: Sequence[Array],
-    double: bool,
-    request: Request | None = None,
+    kernel: Kernel, source: Any, components: Sequence[Array], double: bool
 ) -> GridPlan | None:
-    """How to compute a kernel from the axes of a grid; None where that cannot be done.
-
-    None also where the way would not be taken if there were but one family of edges: to count them
-    a slice is listed, which may take longer than the whole call by another way.
-    """
-    if kernel.dimension < 2:
+    """How to compute a kernel from the axes of a grid; None where that cannot be done."""
+    if not isinstance(kernel.edge_sum, OutlineSum):
         return None
-    *place, x, y = components
-    grid = _grid_of(x, y)
-    if grid is None or any(c.size != 1 for c in place):
-        return None
-    if request is not None and planned(replace(request, families=1)).way.name != GRID:
-        return None
-    tables = _tables_for_grid(kernel, source, [_axis(c).ravel() for c in place])
-    if tables is None:
+    grid = _grid_of(*components)
+    tables = None if grid is None else kernel.edge_sum.on_grid(source)
+    if grid is None or tables is None:
         return None
     plan = GridPlan(tables, grid, double)
     return plan if plan.keeps_digits() else None
-
-
-def _tables_for_grid(kernel: Kernel, source: Any, place: Sequence[Array]) -> GridTables | None:
-    """Constants of a source, or of its slice at a place; None where there are none."""
-    if isinstance(kernel.edge_sum, OutlineSum):
-        return kernel.edge_sum.on_grid(source)
-    shared = None if kernel.slices is None else kernel.slices.listed
-    if shared is None or not np.isfinite(place).all():
-        return None
-    host, exact = NumpyOperations(double=True), kernel.tables(source, True)
-    with np.errstate(invalid="ignore", over="ignore"):
-        inner = kernel.enter(host, exact.frame, *place, *np.zeros((2, 1)))
-    return shared.on_grid(host, exact, *inner[shared.place])
 
 
 def evaluate_on_grid(
@@ -183,7 +156,6 @@ def evaluate_on_grid(
         return None
     dtype = np.float64 if double else np.float32
     shape = components[-1].shape
-    count = 1 if plan.tables.half else 2
-    results = tuple(into or (np.empty(shape, dtype) for _ in range(count)))
+    results = tuple(into or (np.empty(shape, dtype) for _ in range(2)))
     plan.fill(results, point_by_point)
     return results

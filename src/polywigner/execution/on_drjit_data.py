@@ -42,7 +42,9 @@ def takes_data(kernel: Kernel, tables: Any) -> bool:
         return kernel.name == "fourier"
     if kernel.slices is None or not kernel.slices.serves_all:
         return False
-    return isinstance(tables, Tables) and tables.groups == (UNIFORM,)
+    if not isinstance(tables, Tables) or tables.coherence is not None:
+        return False
+    return tables.groups == (UNIFORM,)
 
 
 class _Source(Protocol):

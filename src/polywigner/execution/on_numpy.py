@@ -14,7 +14,7 @@ from polywigner.execution.chunks import Fetch, Launched, parts_of_results, ready
 from polywigner.execution.operations import NumpyOperations
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, PartSum, SharedSlice
-from polywigner.kernels.outline.tables import Tables, cut_of
+from polywigner.kernels.outline.tables import cut_of
 
 __all__ = ["CHUNK", "OnNumpy"]
 
@@ -23,8 +23,6 @@ CHUNK = 3 << 12
 which on the C library maps memory anew: page faults cost more than what is computed."""
 # Of fewer samples it is not worth finding those for which there is nothing to do.
 _LEAST_MASKED = 256
-# Parts of slices in memory at a time.
-_MOST_PARTS = 1 << 18
 # Where slices are cut once for many samples: rows enough to cut at a time.
 _SHARED_CHUNK = 1 << 18
 
@@ -118,42 +116,6 @@ class OnNumpy:
         """The arguments in the frame, in the shapes that they have."""
         with np.errstate(invalid="ignore", over="ignore"):
             return self.kernel.enter(self.host, self.tables.frame, *arguments)
-
-    def listed(
-        self, exact: Tables, components: Sequence[Array], results: Sequence[Array]
-    ) -> Launched:
-        """Results for components that broadcast to their shape, from the parts of each slice.
-
-        ``exact``: tables in double precision.
-        """
-        assert self.kernel.slices is not None
-        shared: SharedSlice = self.kernel.slices.listed
-        size = max(1, min(CHUNK, _MOST_PARTS // len(exact.edges)))
-        for arguments, targets in parts_of_results(components, results, size):
-            yield targets, ..., ready(self._summed(shared, exact, arguments))
-
-    def _summed(
-        self, shared: SharedSlice, exact: Tables, arguments: Sequence[Array]
-    ) -> tuple[Array, ...]:
-        """Results for some samples, each with the parts of its own slice."""
-        inner = self.entered(arguments)
-        count = max(np.size(a) for a in inner)
-        place = [np.broadcast_to(np.ravel(a), count) for a in inner[shared.place]]
-        with np.errstate(invalid="ignore", over="ignore"):
-            (owners, table), is_real = shared.parts(self.host, exact, *place)
-            inner = tuple(np.asarray(a, self.ops.dtype) for a in inner)
-            nu = [np.broadcast_to(np.ravel(a), count) for a in inner[shared.frequency]]
-            columns = table.shape[1]
-            run = shared.summed(self.ops, columns, is_real, *(f[owners] for f in nu))
-            terms = run.term(*table.astype(self.ops.dtype).T)
-            sums = [np.bincount(owners, term, count).astype(self.ops.dtype) for term in terms]
-            # what lies at infinity or is not a number is so in the result
-            lost = sum(np.asarray(a - a) for a in (*inner[shared.place], *nu))
-            total = shared.summed(self.ops, columns, is_real, *nu).total(
-                tuple(value + lost for value in sums)
-            )
-            values = self.kernel.leave(self.ops, self.tables.frame, inner, total)
-        return tuple(np.broadcast_to(value, count) for value in values)
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
-from polywigner.execution.ledger import Account, counted_on
 from polywigner.execution.on_drjit_data import takes_data
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel
@@ -26,7 +24,6 @@ def request_for(
     engine: str,
     pairs: Pairs | None = None,
     families: int | None = None,
-    account: Account | None = None,
 ) -> Request:
     """What is asked for; ``pairs``: with each place a row."""
     outline, is_array = None, False
@@ -35,7 +32,7 @@ def request_for(
         outline = _outline_of(kernel, tables)
     elif isinstance(tables, RepeatedTables) and isinstance(tables.element, Tables):
         outline, is_array = _outline_of(kernel, tables.element), True
-    found = Request(
+    return Request(
         kernel.name,
         samples,
         outline,
@@ -46,10 +43,8 @@ def request_for(
         families=families,
         double=double,
         engine=engine,
-        loaded="drjit" in sys.modules,
         takes_data=takes_data(kernel, tables),
     )
-    return found if account is None else counted_on(found, account)
 
 
 def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
@@ -65,4 +60,5 @@ def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
         len(cut.views) if isinstance(cut, (SliceSum, ElementSum)) else 0,
         allows_cells=slices is not None and tables.clips_for_cells > 0,
         allows_lists=slices is not None and slices.listed is not None,
+        weighs_lags=tables.coherence is not None,
     )

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from polywigner.kernels.catalogue import kernel_for
+from polywigner.kernels.catalogue import kernel_for, partly_coherent_kernel
 from polywigner.kernels.functions.grids import GridTables, OutlineSum, fourier_on_grid
 from polywigner.kernels.functions.plane import (
     AMBIGUITY,
@@ -51,6 +51,7 @@ __all__ = [
     "kernel_for",
     "new_outline_of",
     "new_tables_of",
+    "partly_coherent_kernel",
     "tables_of",
     "wigner",
 ]

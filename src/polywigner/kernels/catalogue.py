@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites
 from polywigner.kernels.arrays import distant_sums, lattice_arrays, scattered_arrays
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.distant_parts import distant_parts
-from polywigner.kernels.functions import line, plane, products, simplices, space
+from polywigner.kernels.functions import line, partly_coherent, plane, products, simplices, space
 from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 
-__all__ = ["kernel_for"]
+__all__ = ["kernel_for", "partly_coherent_kernel"]
 
 _KERNELS: dict[tuple[str, type], Kernel] = {
     ("fourier", Slits): simplices.SLITS,
@@ -110,6 +110,22 @@ def _distant(transform: str, source: Any, double: bool) -> Kernel | None:
     return _DISTANT[f"{transform} of fields" if fields else transform]
 
 
+_PARTLY_COHERENT: dict[Kernel, Kernel] = {
+    plane.WIGNER: partly_coherent.WIGNER,
+    line.WIGNER: partly_coherent.WIGNER_OF_SLITS,
+    products.WIGNER: partly_coherent.WIGNER_OF_PRODUCT,
+}
+
+
+def partly_coherent_kernel(source: Wavefront, double: bool = True) -> Kernel | None:
+    """The kernel of W in light that is coherent over a width; None if there is no closed form.
+
+    Arrays whose elements share one outline, and parts far from each other, have sums of their own
+    in coherent light, and none here. The kernel leaves the curvature of a wave to its frequencies.
+    """
+    return _PARTLY_COHERENT.get(kernel_for("wigner", source.source, double))
+
+
 def _is_illuminated(source: Any) -> bool:
     return getattr(source, "illumination", None) is not None
 
@@ -124,6 +140,13 @@ def kernel_for(transform: str, source: Any, double: bool = True) -> Kernel:
     functions of polyhedra (six dimensions) and of placed apertures, whose plane is not that of x.
     GeometryError for those of arrays that do not lie in the plane z = 0.
     """
+    if isinstance(source, Wavefront):
+        found = partly_coherent_kernel(source, double) if transform == "wigner" else None
+        if found is None:
+            raise ArgumentError(
+                f"expected a flat, coherent source for {transform}, got {source!r}; use its .source"
+            )
+        return found
     if isinstance(source, Sites) and transform.removeprefix("complex ") == "array factor":
         return array_factor_kernel(source.dimension, transform.startswith("complex"))
     if isinstance(source, Aperture) and transform in _PRODUCTS and is_separable(source):

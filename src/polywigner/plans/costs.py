@@ -31,6 +31,7 @@ COSTS: dict[str, Cost] = {
     "cut": Cost(3e-9, "sample, edge and line", _REGRET),
     "exact cut": Cost(20e-9, "sample, edge and line of a cluster of nearly parallel ones", _REGRET),
     "edge": Cost(35e-9, "sample and edge that is left in a slice", _REGRET),
+    "edge with weights": Cost(0.7e-6, "the same in partly coherent light", "coherence.py"),
     "pair in Python": Cost(5e-6, "edge and convex piece, for 12288 samples", _REGRET),
     "line in Python": Cost(45e-6, "line that cuts all edges as rows", _REGRET),
     "box": Cost(20e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
@@ -41,8 +42,7 @@ COSTS: dict[str, Cost] = {
     "copy": Cost(0.8e-6, "sample of an array of copies, and copy of the outline", _REGRET),
     "pair of copies": Cost(0.5e-6, "sample and pair of elements near it", _REGRET),
     "family": Cost(0.2e-3, "family of parallel edges on a grid of frequencies", _REGRET),
-    "point of a family": Cost(11e-9, "point of the grid and family, of F", _REGRET),
-    "point of a family, W": Cost(6e-9, "point of the grid and family, of W", _REGRET),
+    "point of a family": Cost(11e-9, "point of the grid and family", _REGRET),
     # compiled
     "load": Cost(0.05, "process, to import Dr.Jit", "questions/latency.py"),
     "compile": Cost(0.1, "kernel", "questions/latency.py"),
@@ -61,23 +61,23 @@ COSTS: dict[str, Cost] = {
     "point that radiates": Cost(1.2e-9, "sample and equivalent source of a grid", _RENDER),
     "panel of an edge": Cost(40e-9, "sample and panel of a boundary integral", _RENDER),
     "compiled term": Cost(9e-9, "sample and term of a plain sum", _REGRET),
+    "compiled edge with weights": Cost(
+        0.17e-6, "sample and edge of a slice in partly coherent light", "coherence.py"
+    ),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
     "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
     "compiled edge in cells, pairs": Cost(
         0.7e-9, "the same where places meet frequencies", "outer_products.py"
     ),
-    "compiled edge in coarse cells": Cost(27e-9, "the same in coarse cells", _REGRET),
     "compiled copy": Cost(0.08e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(10e-9, "sample and pair of elements near it", "array_cost.py"),
     "cell pair": Cost(1.1e-6, "edge, side and cell in which they meet", _CUTS),
 }
 
 LIMITS: dict[str, float] = {
-    # Cells: pairs in all of them together per edge, and per cut; a part of them where they are
-    # coarse (`kernels.cell_tree`).
+    # Cells: pairs in all of them together per edge (`kernels.cell_tree`), and per cut.
     "cell pairs per edge": 2000,
     "cell pairs per cut": 8,
-    "share in coarse cells": 0.25,
     # To find the cells takes 60 bytes a cut: the regular polygon of 2900 vertices, 8 million cuts.
     "most cuts in cells": 8_000_000,
     # Cuts from which on cells are faster than code, where samples are sorted by cell (the 23-gon),
@@ -94,9 +94,9 @@ LIMITS: dict[str, float] = {
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
     # takes seconds.
     "most cuts as code": 4500,
-    # Each kernel keeps some 300 KB of memory for good, and is two files of Dr.Jit's cache
-    # (outlines_as_data.py).
-    "most sources as code": 256,
+    # Calls of a source, or sources, in a loop: from some ten to some thousand, ways that are taken
+    # for few calls and for many hardly change.
+    "calls that share a set-up": 100,
     # NumPy: of few samples, calls cost more than what they compute.
     "least cuts as rows, NumPy": 64,
     "most samples as rows, NumPy": 256,

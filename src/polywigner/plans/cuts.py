@@ -43,6 +43,8 @@ def cut_for(target: str, cuts: int, cuts_for_cells: int, samples: int = 0) -> st
     if target in ("data", "code"):
         return "rows" if target == "data" else "code"
     wanted = forced_cut.get()
+    if wanted == "data":  # of whole calls only
+        wanted = None
     if wanted == "edges":
         cuts_for_cells = 0
     elif wanted is not None:

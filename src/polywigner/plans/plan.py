@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from polywigner.plans.costs import COSTS, LIMITS
@@ -15,7 +15,6 @@ __all__ = [
     "GRID",
     "LISTED",
     "LISTED_COMPILED",
-    "POINTS_LISTED",
     "Plan",
     "Way",
     "plan",
@@ -24,9 +23,11 @@ __all__ = [
 # The names of ways, as `pw.explain` prints them and docs/performance.md explains them.
 GRID = "grid from its axes"
 LISTED = "slices listed, on NumPy"
-POINTS_LISTED = "slices of points listed, on NumPy"
 LISTED_COMPILED = "slices listed, compiled"
 DATA = "edges as data"
+
+# As far as a plan looks for another way with more samples.
+_DOUBLINGS = 32
 
 
 @dataclass(frozen=True)
@@ -36,22 +37,27 @@ class Way:
     name: str
     engine: str
     """``"numpy"``, or ``"llvm"`` for any compiled engine."""
+    shared: float
+    """Seconds once for all sources: loading, kernels that serve all."""
     setup: float
-    """Seconds once for a source: loading, tables, compiling."""
+    """Seconds once for a source: tables, compiling."""
     run: float
     """Seconds for each call."""
     cut: str | None = None
-    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"``, ``"coarse cells"``, ``"data"``."""
-
-    @property
-    def is_for_all(self) -> bool:
-        """Whether what is set up for one source serves all others of its kind."""
-        return self.name == DATA
+    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"``, ``"data"``."""
 
     @property
     def seconds(self) -> float:
-        """Seconds of a first call."""
-        return self.setup + self.run
+        """Seconds of a call whose future nobody knows: the geometric mean of three uses.
+
+        It may be the only one, one of many of its source, or one of many sources: the mean is least
+        where the ratios to the best way for each use have the least product.
+        """
+        many = LIMITS["calls that share a set-up"]
+        only = self.shared + self.setup + self.run
+        of_source = (self.shared + self.setup) / many + self.run
+        of_sources = self.shared / many + self.setup + self.run
+        return math.cbrt(only * of_source * of_sources)
 
 
 @dataclass(frozen=True)
@@ -69,19 +75,9 @@ class Plan:
         asked = self.request.engine
         return asked if asked != "auto" else self.way.engine
 
-    @property
-    def key(self) -> Hashable:
-        """The name under which the ledger knows the set-ups of this plan."""
-        return _key(self.way, self.request)
-
     def __str__(self) -> str:
-        way, request = self.way, self.request
-        lines = [f"way: {way.name}"]
-        lines.append(f"because: {self._reason()}")
-        estimate = f"estimate: {_takes(way)}"
-        if request.spent:
-            estimate += f"; earlier calls took {_seconds(request.spent)}"
-        lines.append(estimate)
+        way = self.way
+        lines = [f"way: {way.name}", f"because: {self._reason()}", f"estimate: {_takes(way)}"]
         if self.others:
             lines.append(f"next best: {self.others[0].name}: {_takes(self.others[0])}")
         else:
@@ -102,47 +98,22 @@ class Plan:
             size += f"{_counted(outline.pieces, 'convex piece')}, {_counted(outline.cuts, 'cut')}"
         if request.engine != "auto":
             return f"{size}; engine={request.engine!r} was asked for"
-        return f"{size}; no way is cheaper"
+        return f"{size}; no way is cheaper, alone and in loops"
 
     def _change(self) -> str:
         if self.request.engine != "auto":
             return "engine='auto' chooses among all ways"
-        faster = [way for way in self.others if way.run < self.way.run]
-        if not faster:
-            return "nothing that is known: it has the fastest calls as well"
-        way = min(faster, key=self._calls_before)
-        calls = self._calls_before(way)
-        return f"{calls} such calls, or as many times the samples: then {way.name}"
-
-    def _calls_before(self, way: Way) -> int:
-        """The number of the call that goes another way: when its set-up has been spent."""
-        missing = way.setup + way.run - self.way.run - self.request.spent
-        return 1 + max(1, math.ceil(missing / self.way.run))
+        for times in (1 << k for k in range(1, _DOUBLINGS)):
+            larger = plan(self.request.times(times)).way
+            if larger.name != self.way.name:
+                return f"{times} times the samples: then {larger.name}"
+        return "nothing that is known: more samples go the same way"
 
 
 def plan(request: Request) -> Plan:
-    """The cheapest way for a request.
-
-    What a way takes to be set up counts less what earlier calls have cost: it is set up when it
-    would already have paid for itself.
-    """
-    ways = sorted(_allowed(request), key=lambda way: _effective(way, request))
+    """The cheapest way for a request."""
+    ways = sorted(_allowed(request), key=lambda way: way.seconds)
     return Plan(request, ways[0], tuple(ways[1:]))
-
-
-def _effective(way: Way, request: Request) -> float:
-    if _key(way, request) in request.ready:
-        return way.run
-    spent = request.spent
-    if way.is_for_all:
-        spent += request.others * _compiling(request)
-    return max(way.setup - spent, 0.0) + way.run
-
-
-def _key(way: Way, request: Request) -> Hashable:
-    """Kernels differ by engine, and for points and places that each meet all frequencies."""
-    engine = way.engine if request.engine == "auto" else request.engine
-    return engine, way.name, request.rows > 0
 
 
 def _allowed(request: Request) -> list[Way]:
@@ -153,21 +124,14 @@ def _allowed(request: Request) -> list[Way]:
     if request.engine != "auto":
         engines &= {"numpy"} if request.engine == "numpy" else {"llvm"}
     ways = [way for way in _ways(request) if way.engine in engines]
-    as_forced = [way for way in ways if wanted and way.cut == wanted]
-    if as_forced:
-        return as_forced
-    if request.others >= LIMITS["most sources as code"] and any(way.is_for_all for way in ways):
-        # of kernels for this source alone, those that it has paid for
-        ways = [way for way in ways if way.is_for_all or way.setup <= request.spent]
-    return ways
+    return [way for way in ways if wanted and way.cut == wanted] or ways
 
 
 def _ways(request: Request) -> Iterator[Way]:
     if request.families is not None:
         points = request.families * request.samples
-        point = "point of a family" if request.outline is None else "point of a family, W"
-        run = _cost("call", 2) + _cost("family", request.families) + _cost(point, points)
-        yield Way(GRID, "numpy", 0.0, _listing(request, 1) + run)
+        run = _cost("call", 2) + _cost("family", request.families)
+        yield _on_numpy(GRID, run + _cost("point of a family", points))
     if request.outline is None:
         yield from _sums(request)
     elif request.is_array:
@@ -179,17 +143,26 @@ def _ways(request: Request) -> Iterator[Way]:
 
 def _sums(request: Request) -> Iterator[Way]:
     count = request.samples * max(1, request.terms)
-    yield Way("sum on NumPy", "numpy", 0.0, _cost("call", 1) + _cost("term", count))
+    yield _on_numpy("sum on NumPy", _cost("call", 1) + _cost("term", count))
     run = _calling(request) + _cost("compiled term", count)
-    yield Way("sum, compiled", "llvm", _compiling(request), run)
+    yield _compiled("sum, compiled", 0.0, run)
     if request.takes_data:
         yield _by_data(request, _cost("term as data", count))
+
+
+def _on_numpy(name: str, run: float, setup: float = 0.0, cut: str | None = None) -> Way:
+    return Way(name, "numpy", 0.0, setup, run, cut)
+
+
+def _compiled(name: str, setup: float, run: float, cut: str | None = None) -> Way:
+    """A kernel for one source; ``setup``: beside compiling its shortest kernel."""
+    return Way(name, "llvm", _cost("load", 1), _cost("compile", 1) + setup, run, cut)
 
 
 def _by_data(request: Request, run: float) -> Way:
     """The source as data of a kernel that takes any."""
     run += _calling(request) + _cost("source as data", 1)
-    return Way(DATA, "llvm", _compiling(request) + _cost("compile", 1), run, "data")
+    return Way(DATA, "llvm", _cost("load", 1) + _cost("compile", 2), 0.0, run, "data")
 
 
 def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
@@ -197,11 +170,10 @@ def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
     more = max(0, request.terms - 1)
     run = _cost("call on copies", outline.copies) + _cost("pair of copies", pairs * more)
     run += _cost("copy", n * outline.waves) + _cost("cut", n * outline.cuts)
-    yield Way("copies on NumPy", "numpy", 0.0, run)
+    yield _on_numpy("copies on NumPy", run)
     run = 2 * _calling(request) + _cost("compiled copy", n * outline.waves)
     run += _cost("compiled pair of copies", n * more)
-    setup = _compiling(request) + _cost("compile copies", outline.copies)
-    yield Way("copies, compiled", "llvm", setup, run)
+    yield _compiled("copies, compiled", _cost("compile copies", outline.copies), run)
 
 
 # ---- one outline ---------------------------------------------------------------------------------
@@ -210,30 +182,28 @@ def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
 def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
     n, views = request.samples, outline.copies
     waves = outline.waves * LIMITS["waves of A on NumPy"] if views > 1 else outline.waves
-    if outline.allows_lists:
-        places = request.rows or n
+    if request.rows and outline.allows_lists:
         # about half of each copy's edges bound a slice
         terms = _cost("listed term", n * outline.edges * views * waves / 2)
-        name = LISTED if request.rows else POINTS_LISTED
-        yield Way(name, "numpy", 0.0, _cost("call", 2) + _listing(request, places) + terms)
-    if request.rows and outline.allows_lists:
+        yield _on_numpy(LISTED, _cost("call", 2) + _listing(outline, request.rows) + terms)
         return
     cells = outline.cuts if outline.allows_cells else 0
     cut = cut_for("numpy", outline.cuts, cells, n)
     if cut == "cells":
         run = _cost("edge in cells", n * views * outline.edges * waves)
-        yield Way("cells on NumPy", "numpy", _cells(outline), run, "cells")
+        yield _on_numpy("cells on NumPy", run, _cells(outline), "cells")
         cut = "code"
     chunks = math.ceil(n / LIMITS["chunk"])
     lines = n * views * outline.edges * outline.lines
     run = _cost("call", 1) + _cost("cut", lines) + _cost("exact cut", lines * outline.exact)
-    run += _cost("edge", n * views * outline.edges * min(outline.pieces, 2) * waves)
+    edge = "edge with weights" if outline.weighs_lags else "edge"
+    run += _cost(edge, n * views * outline.edges * min(outline.pieces, 2) * waves)
     pairs = outline.edges * outline.pieces if cut == "code" else outline.pieces
     run += _cost("pair in Python", chunks * views * pairs)
     if cut == "rows":
         run += _cost("line in Python", views * outline.lines)
     name = "edges one by one, on NumPy" if cut == "code" else "edges as rows, on NumPy"
-    yield Way(name, "numpy", 0.0, run, cut)
+    yield _on_numpy(name, run, cut=cut)
 
 
 def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
@@ -242,44 +212,42 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     cut = cut_for("sorted", outline.cuts, cells)
     edges = n * views * outline.edges * outline.waves
     call = _calling(request)
+    if outline.weighs_lags:
+        # rows: an edge as code would take 0.1 s to compile, and be no faster
+        run = call + _cost("compiled edge with weights", edges)
+        yield Way("edges as rows, compiled", "llvm", _compiling(request), run, "rows")
+        return
     if request.rows and outline.allows_lists and cut != "cells":
         enough = request.columns >= LIMITS["least columns of a compiled list"]
         if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
-            run = call + _listing(request, request.rows)
+            run = call + _listing(outline, request.rows)
             run += _cost("compiled listed term", edges)
-            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
+            yield _compiled(LISTED_COMPILED, 0.0, run, cut)
             return
     if cut == "code":
         clip = "compile a clip, double" if request.double else "compile a clip"
-        setup = _compiling(request) + _cost(clip, outline.cuts * views)
         run = call + _cost("compiled clip", n * views * outline.cuts)
-        yield Way("edges as code", "llvm", setup, run, cut)
+        yield _compiled("edges as code", _cost(clip, outline.cuts * views), run, cut)
         if request.takes_data:
             yield _by_data(request, _cost("cut as data", n * views * outline.cuts))
     elif cut == "rows":
         run = call + _cost("compiled row", n * views * outline.cuts)
-        yield Way("edges as rows, compiled", "llvm", _compiling(request), run, cut)
+        yield _compiled("edges as rows, compiled", 0.0, run, cut)
     else:
-        setup = _compiling(request) + _cost("compile cells", views)
+        setup = _cost("compile cells", views)
         setup += _cost("compile a wave", (outline.waves - 1) * views)
         pairs = request.rows > 1
         name = "compiled edge in cells, pairs" if pairs else "compiled edge in cells"
         run = call + _cost(name, edges)
-        yield Way("cells", "llvm", setup + _cells(outline), run, "cells")
-        setup += LIMITS["share in coarse cells"] * _cells(outline)
-        run = call + _cost("compiled edge in coarse cells", edges)
-        yield Way("coarse cells", "llvm", setup, run, "coarse cells")
+        yield _compiled("cells", setup + _cells(outline), run, "cells")
         if request.rows and outline.allows_lists:
-            run = call + _listing(request, request.rows)
+            run = call + _listing(outline, request.rows)
             run += _cost("compiled listed term", edges)
-            yield Way(LISTED_COMPILED, "llvm", _compiling(request), run, cut)
+            yield _compiled(LISTED_COMPILED, 0.0, run, cut)
 
 
-def _listing(request: Request, places: int) -> float:
+def _listing(outline: Outline, places: int) -> float:
     """To list the parts that bound the slices of some places."""
-    outline = request.outline
-    if outline is None:
-        return 0.0
     boxes = places * outline.copies * outline.edges
     near = min(outline.pieces, 3) * outline.cuts / (outline.edges * outline.pieces)
     return _cost("box", boxes * outline.pieces) + _cost("listed cut", boxes * near)
@@ -296,10 +264,6 @@ def _calling(request: Request) -> float:
     return _cost("compiled call", 1) + _cost("compiled sample", request.samples)
 
 
-def _compiling(request: Request) -> float:
-    return (0.0 if request.loaded else _cost("load", 1)) + _cost("compile", 1)
-
-
 def _cost(name: str, count: float) -> float:
     return COSTS[name].seconds * count
 
@@ -310,8 +274,9 @@ def _counted(number: int, noun: str) -> str:
 
 
 def _takes(way: Way) -> str:
-    once = f"{_seconds(way.setup)} once, then " if way.setup else ""
-    return f"{once}{_seconds(way.run)} a call"
+    shared = f"{_seconds(way.shared)} once, " if way.shared else ""
+    setup = f"{_seconds(way.setup)} once for the source, " if way.setup else ""
+    return f"{shared}{setup}{_seconds(way.run)} a call"
 
 
 def _seconds(value: float) -> str:

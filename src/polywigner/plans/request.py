@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 __all__ = ["Outline", "Request"]
 
@@ -29,6 +28,8 @@ class Outline:
     """Whether the field is simple enough for lists by cells."""
     allows_lists: bool = True
     """Whether slices can be listed once for many frequencies."""
+    weighs_lags: bool = False
+    """Whether lags have a weight, as in partly coherent light: an edge's term is a sum of nodes."""
 
 
 @dataclass(frozen=True)
@@ -50,15 +51,11 @@ class Request:
     """Families of parallel edges, where frequencies are a grid that they can be computed on."""
     double: bool = True
     engine: str = "auto"
-    loaded: bool = False
-    """Whether Dr.Jit is in this process already."""
     compiles: bool = True
     """Whether kernels can be compiled here."""
-    ready: frozenset[Hashable] = frozenset()
-    """Keys of the plans of earlier calls of this function of this source: set up already."""
-    spent: float = 0.0
-    """Seconds that earlier calls of this function of this source took, without set-ups."""
     takes_data: bool = False
     """Whether there is a kernel that takes any source of this kind as data."""
-    others: int = 0
-    """Sources that have kernels of their own in this process."""
+
+    def times(self, count: int) -> Request:
+        """The same with so many times the samples, at as many places where these are rows."""
+        return replace(self, samples=count * self.samples, columns=count * self.columns)

@@ -10,6 +10,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from polywigner import kernels
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.execution import (
     Engine,
@@ -28,7 +29,12 @@ from polywigner.geometry.arguments import (
     warn_caller,
 )
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import Obliquity, checked_obliquity, weighted_sources
+from polywigner.illumination.obliquities import (
+    Obliquity,
+    checked_obliquity,
+    takes_slopes,
+    weighted_sources,
+)
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import amplitude
 from polywigner.propagation.behind import field_behind, squared_field
@@ -50,6 +56,7 @@ from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.propagation.screens import Screen
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms import Differentiable
+from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.energies import energy_of
 from polywigner.transforms.wavefronts import flat_of
 from polywigner.transforms.xarray_arguments import takes_xarray
@@ -166,24 +173,24 @@ def irradiance(
     """
     how: dict[str, Any]
     checked_method(method, ("wigner", *METHODS, "auto"))
-    if is_mixture(source, bandwidth):
-        if has_derivatives(source, points, wavelength):
-            raise ArgumentError(
-                "expected coherent light of one wavelength with derivatives, got a mixture; pass "
-                "drjit.detach(...) of what needs none"
-            )
-        if not is_drjit(points):
-            how = {"obliquity": obliquity, "order": order, "tolerance": tolerance}
-            how |= {"samples": samples, "sampling": sampling, "seed": seed, "through": through}
-            how |= {"precision": precision, "engine": engine, "return_error": return_error}
+    by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity, order)
+    if is_mixture(source, bandwidth) and has_derivatives(source, points, wavelength):
+        raise ArgumentError(
+            "expected coherent light of one wavelength with derivatives, got a mixture; pass "
+            "drjit.detach(...) of what needs none"
+        )
+    if is_mixture(source, bandwidth, by_lags) and not is_drjit(points):
+        how = {"obliquity": obliquity, "order": order, "tolerance": tolerance}
+        how |= {"samples": samples, "sampling": sampling, "seed": seed, "through": through}
+        how |= {"precision": precision, "engine": engine, "return_error": return_error}
 
-            def compute(one: Any, length: float) -> Any:
-                return irradiance(one, points, length, method, **how)
+        def compute(one: Any, length: float) -> Any:
+            return irradiance(one, points, length, method, **how)
 
-            error = checked_tolerance(tolerance) if method == "wigner" else _SINGLE
-            return mean_over_mixture(
-                compute, source, wavelength, bandwidth, _OF_MIXTURE * error, return_error
-            )
+        error = checked_tolerance(tolerance) if method == "wigner" else _SINGLE
+        return mean_over_mixture(
+            compute, source, wavelength, bandwidth, _OF_MIXTURE * error, return_error, by_lags
+        )
     if through is not None:
         others: dict[str, object] = {
             "method": None if method in ("wigner", "auto", "fresnel") else method
@@ -226,7 +233,7 @@ def irradiance(
         how |= {"bandwidth": bandwidth}
         compute = partial(irradiance, source, wavelength=wavelength, method=method, **how)
         return evaluate_hosted(compute, "points", points, 3, precision=precision, engine=engine)
-    radiator = source if isinstance(source, Screen) else checked_radiator(source)
+    radiator = source if isinstance(source, Screen) else checked_radiator(source, partly=by_lags)
     places = checked_points(points)
     length = checked_wavelength(wavelength)
     if method != "wigner":
@@ -249,7 +256,8 @@ def irradiance(
     checked_engine(engine)
     double = checked_precision(precision) != "single"
     fields = weighted_sources(flat_source, name, length, order)
-    rays = Rays(fields, length, order, engine, double, curved)
+    width = radiator.coherence_width if isinstance(radiator, Wavefront) else math.inf
+    rays = Rays(fields, length, order, engine, double, curved, width)
     xmin, ymin, xmax, ymax = flat_source.bounds
     check_reach(places, max(xmax - xmin, ymax - ymin), length, rays=True)
     flat = places.reshape(-1, 3)
@@ -263,6 +271,19 @@ def irradiance(
     found = _summed(flat_source, rays, flat, allowed, sampling, samples, seed)
     values = found.values.reshape(places.shape[:-1])[()]
     return (values, found.errors.reshape(places.shape[:-1])[()]) if return_error else values
+
+
+def _is_by_lags(source: Any, obliquity: Any, order: Any) -> bool:
+    """Whether the light is partly coherent, and rays have the W of all of its tilts together.
+
+    To leading order, with an obliquity that does not depend on the tilt, and where it has a closed
+    form.
+    """
+    if not is_partly_coherent(source) or checked_order(order) == 3:
+        return False
+    if takes_slopes(checked_obliquity(obliquity, 1)):
+        return False
+    return kernels.partly_coherent_kernel(source) is not None
 
 
 def _curved(source: Any) -> tuple[float, ...]:

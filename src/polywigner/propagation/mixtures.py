@@ -16,9 +16,12 @@ from polywigner.transforms.coherence import coherent_source, is_partly_coherent,
 __all__ = ["is_mixture", "mean_over_mixture", "parts_of"]
 
 
-def is_mixture(source: Any, bandwidth: Any) -> bool:
-    """Whether light is a mixture: of a band of wavelengths, or partly coherent."""
-    return bandwidth is not None or is_partly_coherent(source)
+def is_mixture(source: Any, bandwidth: Any, by_lags: bool = False) -> bool:
+    """Whether light is a mixture: of a band of wavelengths, or of tilts.
+
+    ``by_lags``: partly coherent light is none, but lags with a weight.
+    """
+    return bandwidth is not None or (is_partly_coherent(source) and not by_lags)
 
 
 def mean_over_mixture(
@@ -28,6 +31,7 @@ def mean_over_mixture(
     bandwidth: float | None,
     error: float,
     return_error: bool,
+    by_lags: bool = False,
 ) -> Any:
     """The mean of ``compute(source, wavelength)`` over the tilts and wavelengths of light.
 
@@ -35,21 +39,29 @@ def mean_over_mixture(
     irradiance that there could be.
     """
     total: Any = 0.0
-    for one, length, weight in parts_of(source, checked_wavelength(wavelength), bandwidth, error):
+    parts = parts_of(source, checked_wavelength(wavelength), bandwidth, error, by_lags)
+    for one, length, weight in parts:
         total = total + weight * np.asarray(compute(one, length))
     return (total[0][()], total[1][()]) if return_error else total[()]
 
 
 def parts_of(
-    source: Any, wavelength: float, bandwidth: float | None, error: float
+    source: Any,
+    wavelength: float,
+    bandwidth: float | None,
+    error: float,
+    by_lags: bool = False,
 ) -> Iterator[tuple[Any, float, float]]:
-    """Coherent sources, wavelengths in m, and weights, whose mean is that of the mixture."""
+    """Sources, wavelengths in m, and weights, whose mean is that of the mixture.
+
+    The sources are coherent, unless partly coherent light is computed ``by_lags``.
+    """
     band = [(wavelength, 1.0)]
     if bandwidth is not None:
         flat = source.source if isinstance(source, Wavefront) else source
         width = checked_bandwidth(bandwidth, wavelength)
         band = wavelengths_of_band(wavelength, width, largest_lag(flat), error)
-    for tilted, share in _tilted(source, error):
+    for tilted, share in [(source, 1.0)] if by_lags else _tilted(source, error):
         for length, weight in band:
             yield tilted, length, share * weight
 

@@ -17,7 +17,12 @@ from polywigner.illumination.obliquities import irradiance_factor
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS
 from polywigner.kernels.cut.slice_sums import SliceSum
-from polywigner.kernels.functions.part_kernels import PART_MOMENTS, PART_MOMENTS_ALONG, PART_WIGNER
+from polywigner.kernels.functions.part_kernels import (
+    PART_MOMENTS,
+    PART_MOMENTS_ALONG,
+    PART_PARTLY_COHERENT,
+    PART_WIGNER,
+)
 from polywigner.kernels.kernel import Values
 
 __all__ = ["part_kernel", "ray_factors", "ray_kernel"]
@@ -37,10 +42,14 @@ def ray_kernel(source: Any, order: int, curved: bool = False) -> Kernel:
     return _composed(kernels.kernel_for(name, source), order)
 
 
-def part_kernel(order: int, curved: bool = False) -> Kernel:
-    """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest."""
+def part_kernel(order: int, curved: bool = False, partly: bool = False) -> Kernel:
+    """The integrand of a part of the lag slice at a place: ``x, y``, its columns, the rest.
+
+    ``partly``: in partly coherent light, to leading order.
+    """
     moments = PART_MOMENTS_ALONG if curved else PART_MOMENTS
-    return _composed(PART_WIGNER if order == 1 else moments, order, PART_COLUMNS)
+    whole = PART_PARTLY_COHERENT if partly else PART_WIGNER
+    return _composed(whole if order == 1 else moments, order, PART_COLUMNS)
 
 
 @lru_cache(maxsize=64)

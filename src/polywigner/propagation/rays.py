@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from polywigner import execution
 from polywigner.execution import Engine
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import Forms
 from polywigner.kernels import Kernel, kernel_for, tables_of
@@ -42,6 +43,18 @@ class Rays:
     double: bool
     curved: tuple[float, ...] = ()
     """Of a curved wave on all sources: Q_xx, Q_xy, Q_yy, and its centre."""
+    coherence_width: float = math.inf
+    """Of the light, in m; finite to leading order only."""
+
+    @property
+    def is_partly_coherent(self) -> bool:
+        return self.coherence_width < math.inf
+
+    def _lit(self, source: Aperture | Array) -> Any:
+        """A source with this light, as kernels take it."""
+        if not self.is_partly_coherent:
+            return source
+        return Wavefront(source, coherence_width=self.coherence_width)
 
     def irradiance(self, rule: Rule, points: Values) -> Values:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
@@ -50,7 +63,7 @@ class Rays:
             for kernel, places, weights in self._listed(source, rule):
                 total += execution.evaluate_sums(
                     kernel,
-                    source,
+                    self._lit(source),
                     places,
                     weights,
                     points,
@@ -66,7 +79,7 @@ class Rays:
         """Kernels, and what to sum them over: parts of slices, or places as they are."""
         nodes, weights = rule
         if not self._is_by_parts(source, len(nodes)):
-            yield ray_kernel(source, self.order, bool(self.curved)), nodes, weights
+            yield ray_kernel(self._lit(source), self.order, bool(self.curved)), nodes, weights
             return
         tables = tables_of(source, True)
         host = execution.NumpyOperations(double=True)
@@ -76,7 +89,7 @@ class Rays:
             inner = tables.frame.position(host, *some.T)
             owners, rows = slice_parts(host, tables, *inner)
             yield (
-                part_kernel(self.order, bool(self.curved)),
+                part_kernel(self.order, bool(self.curved), self.is_partly_coherent),
                 np.column_stack([some[owners], rows]),
                 share[owners],
             )
@@ -97,8 +110,8 @@ class Rays:
             numbers = (self.wavelength, *forms, *self.curved)
             constants = [np.array(value) for value in numbers]
             (values,) = execution.evaluate(
-                ray_kernel(source, self.order, bool(self.curved)),
-                source,
+                ray_kernel(self._lit(source), self.order, bool(self.curved)),
+                self._lit(source),
                 [*place, *point, *constants],
                 double=self.double,
                 engine=self.engine,

@@ -1,10 +1,12 @@
-"""Partly coherent sources as mixtures: an incoherent mean over tilts of the coherent source.
+"""Partly coherent sources: in closed form, and as an incoherent mean over tilts.
 
-The degree of coherence exp(-xi^2/(2 width^2)) is the mean of exp(2 pi i t.xi) over tilts t of a
-normal density, whose standard deviation is 1/(2 pi width) along each axis (docs/coherence.md,
-(PC1), (PC2)). So A and R are those of the coherent source times the degree of coherence, and W and
-|F|^2 are means over shifted frequencies: no lag of a source is longer than its box, so that the
-rules of :mod:`polywigner.numerics.nodes` know how many tilts they need.
+A and R are those of the coherent source times the degree of coherence exp(-xi^2/(2 width^2)), and W
+is an integral over the lag slice with this weight, in closed form (docs/coherence.md, (PC3),
+(I5)). The degree of coherence is also the mean of exp(2 pi i t.xi) over tilts t of a normal
+density, whose standard deviation is 1/(2 pi width) along each axis (PC2). So |F|^2, exact fields,
+and W of arrays that have short cuts of their own, are means over shifted frequencies: no lag of a
+source is longer than its box, so that the rules of :mod:`polywigner.numerics.nodes` know how
+many tilts they need.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import execution
+from polywigner import execution, kernels
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.wavefront import Wavefront
 from polywigner.illumination.array import tilted_source
@@ -41,8 +43,13 @@ TILT_ERROR = {True: 1e-11, False: 1e-7}
 
 # Widths in the area of a source: some four tilts for each.
 _MOST_WIDTHS = 1 << 15
+# Widths over the diagonal of a source from which on the light is so nearly coherent that what it
+# lacks is a linear function of 1/width^2: closed forms cancel, and the next term of the degree of
+# coherence is 1.3e-13, or 8e-7 in single precision. Below the least one W is the width's area times
+# a function of position: squares of lags in widths stay far from the largest float.
+_WIDEST, _NARROWEST = {True: 1e3, False: 20.0}, 1e-9
 # The points that a transform takes; its values are those of coherent light times the degree of
-# coherence at the last of them, or means over tilts.
+# coherence at the last of them, or integrals over it.
 _POINTS = {
     "autocorrelation": ("x", "xi"),
     "ambiguity": ("upsilon", "xi"),
@@ -82,29 +89,35 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
 
     Raises ArgumentError for a width so small that there would be too many.
     """
-    sides = np.subtract(*np.reshape(source.bounds, (2, -1))[::-1])
+    sides = _sides(source)
     reaches = np.minimum(sides, longest) / source.coherence_width
     if math.prod(1.0 + reaches) > _MOST_WIDTHS:
         least = math.prod(sides.tolist()) ** (1 / len(sides)) / _MOST_WIDTHS ** (1 / len(sides))
         raise ArgumentError(
             f"expected a width of coherence of at least {least:.3g} m for a source of "
             f"{' x '.join(f'{side:.3g}' for side in sides)} m, got {source.coherence_width:.3g} m, "
-            "a sum over too many tilts; away from its edges such a source radiates with W = "
-            "2 pi width^2 exp(-2 (pi width |nu|)^2) |u|^2"
+            "a sum over too many tilts; polywigner.wigner takes any width"
         )
     nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
 
 
+def _sides(source: Wavefront) -> Values:
+    """The sides of the source's box, (d,) in m."""
+    return np.asarray(np.subtract(*np.reshape(source.bounds, (2, -1))[::-1]))
+
+
 def partly_coherent(
     name: str,
     transforms: Mapping[str, Callable[..., Any]],
+    closed_form: Callable[..., Any],
     wave: Wavefront,
     given: Mapping[str, Any],
 ) -> Any:
     """The transform of this name, one of W, A, R and the marginals, of a partly coherent source.
 
-    ``transforms``: by name, of coherent sources. ``given``: the arguments but the source, by name.
+    ``transforms``: by name, of coherent sources; ``closed_form``: W of sources that have one.
+    ``given``: the arguments but the source, by name.
     Raises IlluminationError for what there is in coherent light alone.
     """
     if name not in _POINTS:
@@ -130,8 +143,31 @@ def partly_coherent(
         degree = degree_of_coherence(wave, points[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
     x, nu = (*points, np.zeros(dimension))[:2]
-    compute = partial(transforms["wigner"], coherent, **how)
-    return mean_over_tilts(compute, wave, nu, x, double=double)
+    of_coherent = partial(transforms["wigner"], coherent, **how)
+    if kernels.partly_coherent_kernel(wave, double) is None:
+        return mean_over_tilts(of_coherent, wave, nu, x, double=double)
+    return _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, double)
+
+
+def _in_closed_form(
+    closed_form: Callable[..., Any],
+    of_coherent: Callable[..., Any],
+    wave: Wavefront,
+    x: Values,
+    nu: Values,
+    double: bool,
+) -> Any:
+    """W of a source that is coherent over any width."""
+    size, width = math.hypot(*_sides(wave)), wave.coherence_width
+    least, most = _NARROWEST * size, _WIDEST[double] * size
+    held = wave._with(coherence_width=min(max(width, least), most))
+    values = closed_form(held, x, nu)
+    if width < least:
+        return values * (width / least) ** wave.dimension
+    if width <= most:
+        return values
+    limit = of_coherent(x, nu)
+    return limit + (values - limit) * (most / width) ** 2
 
 
 def mean_over_tilts(

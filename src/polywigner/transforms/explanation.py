@@ -35,7 +35,7 @@ def explain(
     """The way that a call would take, why, what it costs, and what would change that.
 
     Estimates are those of the table of costs by which calls are planned (docs/performance.md). They
-    count what earlier calls in this process have set up and have taken: ask again after some calls.
+    follow from sizes alone: the same call goes the same way at every repetition.
 
     Parameters
     ----------
@@ -50,7 +50,8 @@ def explain(
     Returns
     -------
     A plan, whose ``str()`` is five lines of text. Its ``way`` has a ``name``, an ``engine``, and
-    the seconds of ``setup`` and ``run``; ``others`` are the ways not taken, by cost.
+    the seconds that it takes: ``shared``, once for all sources; ``setup``, once for this one; and
+    ``run``, in each call. ``others`` are the ways not taken, by cost.
 
     Raises
     ------

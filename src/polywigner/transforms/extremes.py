@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import GeometryError
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.exact import whole_numbers
 from polywigner.geometry.rings import LARGEST_COORDINATE
 from polywigner.illumination import Array, phased_array
@@ -114,6 +114,8 @@ def _corners_of(source: Any) -> Floats:
         return source.vertices
     if isinstance(source, PlacedAperture):
         return _corners_of(source.aperture) @ source.pose[:3, :2].T + source.pose[:3, 3]
+    if isinstance(source, Wavefront):
+        return _corners_of(source.source)
     if isinstance(source, Aperture):
         return np.concatenate(source.rings)
     if source.repeated is not None:

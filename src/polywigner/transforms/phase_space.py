@@ -76,8 +76,7 @@ def wigner(
 
     Closed form: the Fourier transform of the lag slice at x. Differs from the paper in the slice:
     its M matrices must translate by 2x. Of an Array: (W2), elements that overlap included. Cost:
-    edges times sides of the convex pieces. At one place the slice is cut once for all frequencies,
-    and a grid of them, (n, m, 2) from ``numpy.meshgrid``, is computed from its axes (F4).
+    edges times sides of the convex pieces. At one place the slice is cut once for all frequencies.
 
     Parameters
     ----------

@@ -52,14 +52,14 @@ def takes_wavefronts(function: F) -> F:
         how = {name: value for name, value in given.items() if name != "source"}
         how = _before_system(function.__name__, source, how)
         if is_partly_coherent(source):
-            return partly_coherent(function.__name__, _PUBLIC, source, how)
+            return partly_coherent(function.__name__, _PUBLIC, _wigner, source, how)
         return of_wavefront(checked_wavefront(source), **how)
 
     _PUBLIC[function.__name__] = wrapper
     return wrapper  # type: ignore[return-value]
 
 
-# What the decorator has made, which partly coherent sources are sums of.
+# What the decorator has made, for partly coherent sources.
 _PUBLIC: dict[str, Callable[..., Any]] = {}
 
 
@@ -232,10 +232,13 @@ def _of_sheared(
 def _flat(
     name: str, wave: Wavefront, points: Sequence[Any], outputs: int, shear: Any = None, **how: Any
 ) -> Any:
-    """A transform of the flat source."""
+    """A transform of the flat source, as coherent as the wave."""
     named = list(zip(POINTS_OF[name], points, strict=True))
+    flat = wave.source
+    if not wave.is_coherent:
+        flat = Wavefront(flat, coherence_width=wave.coherence_width)
     precision, engine = how.get("precision"), how.get("engine", "auto")
-    return transform(name, wave.source, named, precision, engine, outputs=outputs, shear=shear)
+    return transform(name, flat, named, precision, engine, outputs=outputs, shear=shear)
 
 
 def _turned(value: Any, turns: Any) -> Any:

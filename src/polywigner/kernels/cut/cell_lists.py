@@ -102,10 +102,7 @@ class CellLists:
 
 
 def cell_lists(tables: Tables, sign: int) -> CellLists:
-    """The lists for edges that lie at ``O + sign (a + t e)`` in the other copy.
-
-    Coarse cells, if the tables ask for them, are found in a fourth of the time.
-    """
+    """The lists for edges that lie at ``O + sign (a + t e)`` in the other copy."""
     # remembered apart: those of one cell are many and quick to make, and must not oust the others
     one = tables.cut == "all in cells"
     return lists_of_one_cell(tables, sign) if one else _lists_of_cells(tables, sign)
@@ -123,8 +120,7 @@ def _lists_of_cells(tables: Tables, sign: int) -> CellLists:
     rim = _RIM * (high - low)
     enough = max(_FEW_CUTS, len(edges) // _EDGES_PER_CUT)
     segments = edges.segments.turned(turn)
-    coarse = tables.cut == "coarse cells"
-    cells = divided(segments, segments, sign, (low - rim, high + rim), enough, coarse)
+    cells = divided(segments, segments, sign, (low - rim, high + rim), enough)
     cells = with_sides_beyond(edges, cells, sign, turn)
     return _Lists(tables, edges, cells, sign, turn).result(angle)
 

@@ -27,8 +27,6 @@ _MOST_BITS = 10
 # Pairs of an edge with sides in all cells together, on average. Each takes 50 bytes (a cut in
 # float64 with its share of what belongs to it) in memory, and some 200 while they are found.
 _PAIRS_PER_EDGE = 2000
-# The same for coarse cells, which are found sooner and take longer for each sample.
-_PAIRS_PER_EDGE_COARSE = 300
 # A rectangle whose parts have more pairs than this fraction of its own, on average, is not divided
 # further: that many edges do meet wherever one is in it.
 _GAIN = 0.7
@@ -90,7 +88,6 @@ def divided(
     sign: int,
     box: tuple[Floats, Floats],
     enough: int,
-    coarse: bool = False,
 ) -> Cells:
     """Cells of a box, from corner to corner, with at most ``enough`` pairs each if possible.
 
@@ -102,7 +99,7 @@ def divided(
     finest = min(_MOST_BITS, max(len(edges) - 1, 1).bit_length() + 2)
     level = finder.first(finest)
     finished: list[Level] = []
-    kept, most = 0, (_PAIRS_PER_EDGE_COARSE if coarse else _PAIRS_PER_EDGE) * len(edges)
+    kept, most = 0, _PAIRS_PER_EDGE * len(edges)
     worth_it: npt.NDArray[np.bool_] = np.ones(len(level.bits), np.bool_)
     while True:
         counts = np.bincount(level.cell, minlength=len(level.bits))

@@ -7,6 +7,8 @@ module               what is in it
 ``wigner``           Wigner function and lag-slice area
 ``edge_terms``       the terms of W and A for a part of an edge: each formula once
 ``wave_sums``        sums of these terms over pairs of waves; ``part_kernels`` over listed parts
+``gauss_schell``     Gaussian waves over polygons and intervals, edge by edge
+``partly_coherent``  W of partly coherent light, as kernels
 ``moments``          moments of lag slices, W's derivatives
 ``shared_slices``    W and A from listed parts of slices, for many frequencies
 ``fourier``          Fourier transform

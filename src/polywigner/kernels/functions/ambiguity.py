@@ -76,7 +76,6 @@ _LISTED = SharedSlice(
     frequency=slice(1, 3),
     list_parts=position_slice_parts,
     terms=lambda ops, upsilon, is_real: ambiguity_terms(ops, upsilon),
-    is_even=False,
 )
 AMBIGUITY_SUM = SliceSum((BEHIND, AHEAD), _lag, _ambiguity, _LISTED)
 POSITION_SLICE_AREA = SliceSum((BEHIND, AHEAD), _lag, _position_slice_area)

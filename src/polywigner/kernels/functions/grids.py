@@ -5,9 +5,6 @@ of waves are matrix products. Sine and cosine are needed for the axes only, not 
 the mean of the wave over an edge but once for all edges that are equal up to a translation, for
 edges along the axes not even that. Hence the edge sum (F1) in the form (F4) of docs/theory.md. It
 loses digits towards nu = 0, where the triangles (F2) have to take over.
-
-W at one place is such a transform too, that of a lag slice. It is even in nu: half of the boundary
-tells the other, and sines are all that is needed of the waves.
 """
 
 from __future__ import annotations
@@ -26,7 +23,7 @@ from polywigner.kernels.outline.frame import Frame
 from polywigner.numerics import phases
 from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
 
-__all__ = ["GridTables", "OutlineSum", "fourier_on_grid", "grid_tables", "slice_grid_tables"]
+__all__ = ["GridTables", "OutlineSum", "fourier_on_grid", "grid_tables"]
 
 # An edge's midpoint wave times nu x e/(2 pi |nu|^2) is rounded to an ulp: F errs by
 # ulp * perimeter/(2 pi |nu|). Nearer to the origin than where that is this much of the area, (F1)
@@ -67,8 +64,6 @@ class GridTables:
     terms: int
     """One for each edge."""
     perimeter_over_area: float
-    half: bool = False
-    """Whether the edges are one half of a boundary that is its own mirror image in the origin."""
 
     @property
     def scales(self) -> tuple[float, float]:
@@ -112,34 +107,6 @@ def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables |
     return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
 
 
-def slice_grid_tables(
-    frame: Frame, parts: Sequence[Sequence[float]], area: float
-) -> GridTables | None:
-    """Those of W at one place, from the parts of edges that bound the lag slice there.
-
-    Parameters
-    ----------
-    frame : of the source, without a carrier.
-    parts : (n, 4) middle and vector of each part as a lag, those of one copy's edges.
-    area : of the source, in the frame: what errors of W are measured by.
-
-    Returns
-    -------
-    None as :func:`grid_tables`.
-    """
-    if frame.axes is None or not len(parts):
-        return None
-    middles, vectors = np.split(np.asarray(parts, np.float64), 2, axis=1)
-    families = families_of(np.hstack([middles - vectors / 2, middles + vectors / 2]).tolist())
-    perimeter = 2 * float(np.hypot(*vectors.T).sum())
-    if not perimeter * math.hypot(*frame.reach) < _MOST_SLENDER * area:
-        return None
-    straight = tuple(f for f in families if f.straight)
-    oblique = tuple(f for f in families if not f.straight)
-    about_zero = replace(frame, centre=(0.0, 0.0))  # lags have no centre
-    return GridTables(about_zero, straight, oblique, len(parts), perimeter / area, half=True)
-
-
 @dataclass(frozen=True)
 class _Axis:
     """Frequencies along one axis: in the frame, and the turns of the centre."""
@@ -159,7 +126,6 @@ class _Product:
 
     left: Array
     right: Array
-    parts: int
 
     def rows(self, rows: slice) -> Array:
         left = self.left[rows]
@@ -174,19 +140,15 @@ class _Product:
                 out=product[:whole].reshape(*stack, product.shape[1]),
             )
         np.matmul(left[whole:], self.right, out=product[whole:])
-        return product.reshape(len(product), self.parts, -1)
+        return product.reshape(len(product), 2, -1)
 
 
-def _product(x: Waves, y: Waves, dtype: np.dtype[Any], half: bool) -> _Product:
-    """cos(a + b) and sin(a + b) summed over the members, a along x and b along y.
-
-    ``half``: the latter alone.
-    """
+def _product(x: Waves, y: Waves, dtype: np.dtype[Any]) -> _Product:
+    """cos(a + b) and sin(a + b) summed over the members, a along x and b along y."""
     (cos_x, sin_x), (cos_y, sin_y) = x, y
     left = np.concatenate([cos_x, sin_x], axis=1, dtype=dtype, casting="same_kind")
-    sine = [[sin_y.T], [cos_y.T]]
-    right = sine if half else [[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]]
-    return _Product(left, np.block(right).astype(dtype, order="C"), 1 if half else 2)
+    right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
+    return _Product(left, right.astype(dtype, order="C"))
 
 
 def _weighted(waves: Waves, weights: Array) -> Waves:
@@ -199,7 +161,7 @@ def _weighted(waves: Waves, weights: Array) -> Waves:
 
 
 def _straight_product(
-    ops: Any, families: Sequence[Family], x: _Axis, y: _Axis, dtype: np.dtype[Any], half: bool
+    ops: Any, families: Sequence[Family], x: _Axis, y: _Axis, dtype: np.dtype[Any]
 ) -> _Product:
     """pi (nu x e) sinc(nu.e) times the waves of the edges along the axes: all a product."""
     parts_x, parts_y = [], []
@@ -217,20 +179,18 @@ def _straight_product(
         parts_y.append([wave * factor_y[:, None] for wave in waves_y])
     cos_x, sin_x = (np.concatenate(part, axis=1) for part in zip(*parts_x, strict=True))
     cos_y, sin_y = (np.concatenate(part, axis=1) for part in zip(*parts_y, strict=True))
-    return _product((cos_x, sin_x), (cos_y, sin_y), dtype, half)
+    return _product((cos_x, sin_x), (cos_y, sin_y), dtype)
 
 
 class _Oblique:
     """pi (nu x e) sinc(nu.e) times the sum of the waves of one family."""
 
-    def __init__(
-        self, ops: Any, family: Family, x: _Axis, y: _Axis, double: bool, half: bool
-    ) -> None:
+    def __init__(self, ops: Any, family: Family, x: _Axis, y: _Axis, double: bool) -> None:
         self.ops, self.terms = ops, _TERMS[double]
         dtype = _DTYPES[double]
         waves_x = x.waves(ops, family.middles[:, 0])
         waves_x = _weighted(waves_x, family.weights)
-        self.waves = _product(waves_x, y.waves(ops, family.middles[:, 1]), dtype, half)
+        self.waves = _product(waves_x, y.waves(ops, family.middles[:, 1]), dtype)
         self.q_x, self.q_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ex), (y, family.ey)))
         self.c_x, self.c_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ey), (y, family.ex)))
         cos_x, sin_x = cos_sin_turns(ops, 0.5 * x.nu * family.ex)
@@ -284,14 +244,14 @@ def _batches(tables: GridTables) -> Iterator[list[Family]]:
 
 
 def _terms(
-    ops: Any, batch: Sequence[Family], x: _Axis, y: _Axis, double: bool, half: bool
+    ops: Any, batch: Sequence[Family], x: _Axis, y: _Axis, double: bool
 ) -> list[_Product | _Oblique]:
     straight = [family for family in batch if family.straight]
     terms: list[_Product | _Oblique] = [
-        _Oblique(ops, family, x, y, double, half) for family in batch if not family.straight
+        _Oblique(ops, family, x, y, double) for family in batch if not family.straight
     ]
     if straight:
-        terms.append(_straight_product(ops, straight, x, y, _DTYPES[double], half))
+        terms.append(_straight_product(ops, straight, x, y, _DTYPES[double]))
     return terms
 
 
@@ -301,10 +261,10 @@ def _row_blocks(x: _Axis, y: _Axis) -> Iterator[slice]:
 
 
 def _edge_sums(ops: Any, tables: GridTables, x: _Axis, y: _Axis, double: bool) -> Array:
-    """Sums over all edges, cosine and sine part, of a half the latter: (nu_x, parts, nu_y)."""
-    sums = np.empty((len(x.nu), 1 if tables.half else 2, len(y.nu)), _DTYPES[double])
+    """Sums over all edges, cosine and sine part: (nu_x, 2, nu_y)."""
+    sums = np.empty((len(x.nu), 2, len(y.nu)), _DTYPES[double])
     for number, batch in enumerate(_batches(tables)):
-        first, *others = _terms(ops, batch, x, y, double, tables.half)
+        first, *others = _terms(ops, batch, x, y, double)
         for rows in _row_blocks(x, y):
             total = first.rows(rows)
             for term in others:
@@ -315,25 +275,22 @@ def _edge_sums(ops: Any, tables: GridTables, x: _Axis, y: _Axis, double: bool) -
 
 def fourier_on_grid(
     ops: Any, tables: GridTables, nu_x: Array, nu_y: Array, double: bool
-) -> tuple[tuple[Array, ...], Array]:
-    """The transform at all (nu_x[i], nu_y[j]), and where it does not hold.
+) -> tuple[Array, Array, Array]:
+    """Real and imaginary part at all (nu_x[i], nu_y[j]), and where they do not hold.
 
     ``ops`` for float64: the axes are done in it, and the grid in float64 (``double``) or float32.
-    Values are real and imaginary part, of half a boundary (W) the real part alone. They do not hold
-    near the origin, at less than :meth:`GridTables.floor`. Source: (F4).
+    Values do not hold near the origin, at less than :meth:`GridTables.floor`. Source: (F4).
     """
     x, y = _axes(ops, tables, (nu_x, nu_y))
     sums = _edge_sums(ops, tables, x, y, double)
-    results = [np.empty((len(x.nu), len(y.nu)), sums.dtype) for _ in range(sums.shape[1])]
-    below = np.zeros(results[0].shape, bool)
-    content = tables.frame.content * (2 if tables.half else 1)
+    real, imag = (np.empty((len(x.nu), len(y.nu)), sums.dtype) for _ in range(2))
+    below = np.zeros(real.shape, bool)
     for rows in _row_blocks(x, y):
         square = x.nu[rows, None] ** 2 + y.nu**2
         below[rows] = square < tables.floor(double) ** 2
         square[below[rows]] = 1.0
-        scale = (content / (2 * math.pi**2)) / square
-        for result, part in zip(reversed(results), range(len(results)), strict=True):
-            result[rows] = sums[rows, part] * scale
-    turned = tables.frame.axes != (0, 1)
-    found = [r.T if turned else r for r in (*results, below)]
-    return tuple(found[:-1]), found[-1]
+        scale = (tables.frame.content / (2 * math.pi**2)) / square
+        real[rows], imag[rows] = sums[rows, 1] * scale, sums[rows, 0] * scale
+    if tables.frame.axes != (0, 1):
+        return real.T, imag.T, below.T
+    return real, imag, below

@@ -15,10 +15,12 @@ seven waves takes a fifth of the time that it has pair by pair, as ``slits`` sum
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from polywigner.kernels.functions.gauss_schell import wave_over_interval
 from polywigner.kernels.functions.slits import Interval
 from polywigner.kernels.outline.waves import WavePair, Waves, difference_pairs, mean_pairs
 from polywigner.numerics.complex_pairs import Pair
@@ -43,10 +45,10 @@ class LineField:
     def pairs(self) -> int:
         return len(self.waves) * (len(self.waves) + 1) // 2
 
-    def wigner(self, ops: Any, x: Any, nu: Any) -> Any:
-        """W, which is real."""
+    def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Any:
+        """W, which is real, of light that is coherent over a width in the frame."""
         length = _length(ops, self.half - abs(x), 4.0)
-        return self.means.total(ops, x, nu, length).real
+        return self.means.total(ops, x, nu, length, width).real
 
     def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
         length = _length(ops, 2.0 * self.half - abs(xi), 1.0)
@@ -85,17 +87,24 @@ class _WavePairs:
     """For each shift: amplitudes, number of the rate, and its sign."""
     is_real: bool
 
-    def total(self, ops: Any, place: Any, frequency: Any, length: Any) -> Pair:
-        """The sum over pairs, each with the length times its sinc."""
+    def total(
+        self, ops: Any, place: Any, frequency: Any, length: Any, width: float = math.inf
+    ) -> Pair:
+        """The sum over pairs, each with the length times its sinc, or an interval of (I6)."""
         waves = [cos_sin_turns(ops, rate * place) if rate else (1.0, 0.0) for rate in self.rates]
         real: Any = 0.0
         imag: Any = 0.0
         for shift, terms in zip(self.shifts, self.terms, strict=True):
-            share = sinc(ops, length * (frequency - shift))
+            nu = frequency - shift
+            if width < math.inf:
+                half = length * (0.5 / width)
+                share = wave_over_interval(ops, -half, half, nu * width)[0] * width
+            else:
+                share = sinc(ops, length * nu) * length
             amplitude = _amplitude(ops, terms, waves)
             real = real + share * amplitude.real
             imag = imag if self.is_real else imag + share * amplitude.imag
-        return Pair(real, imag).scaled(length)
+        return Pair(real, imag)
 
 
 def _amplitude(

@@ -6,14 +6,16 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any, ClassVar
 
+from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.slice_parts import PART_COLUMNS
 from polywigner.kernels.functions.edge_terms import term_of_part, wigner_terms
 from polywigner.kernels.functions.moments import LAG_MOMENTS, RayFrame
+from polywigner.kernels.functions.partly_coherent import Coherence, coherence_of, term_of_lags
 from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.kernel import Kernel, Values, leave_real
 from polywigner.kernels.outline.frame import Frame
 
-__all__ = ["PART_MOMENTS", "PART_MOMENTS_ALONG", "PART_WIGNER"]
+__all__ = ["PART_MOMENTS", "PART_MOMENTS_ALONG", "PART_PARTLY_COHERENT", "PART_WIGNER"]
 
 
 @dataclass(frozen=True)
@@ -23,15 +25,20 @@ class PartTables:
     frame: Frame
     is_aligned: bool
     is_real: bool
+    coherence: Coherence | None = None
     terms: ClassVar[int] = 1
 
 
 @lru_cache(maxsize=256)
 def _part_tables(source: Any, double: bool) -> PartTables:
-    tables = tables_of(source, True)
+    """Of a source, or of a Wavefront of partly coherent light."""
+    tables = tables_of(source.source if isinstance(source, Wavefront) else source, True)
     still = all(not any(wave.frequency) for group in tables.groups for wave in group)
     is_real = len(tables.groups) == 1 and not tables.phased
-    return PartTables(tables.frame, still and not any(tables.frame.carrier), is_real)
+    light = None
+    if isinstance(source, Wavefront):
+        light = coherence_of(tables.frame, source.coherence_width)
+    return PartTables(tables.frame, still and not any(tables.frame.carrier), is_real, light)
 
 
 def _enter(ops: Any, frame: Frame, *arguments: Any) -> Values:
@@ -51,6 +58,16 @@ def _wigner(ops: Any, tables: PartTables, *inner: Any) -> Values:
     return terms.total(term_of_part(ops, terms, (*inner[:4], *weight)))
 
 
+def _partly_coherent(ops: Any, tables: PartTables, *inner: Any) -> Values:
+    """A part's term of (I5), with that of the mirror image."""
+    assert tables.coherence is not None
+    x, y, dx, dy, real, imag = inner[:6]
+    found = term_of_lags(ops, tables.coherence, inner[6:8], (x, y), (dx, dy))
+    if tables.is_real:
+        return (2.0 * real * found[0],)
+    return (2.0 * (real * found[0] - imag * found[1]),)
+
+
 def _moments(ops: Any, tables: PartTables, *inner: Any, apart: bool = False) -> Values:
     """A part's term of (T3)."""
     x, y, dx, dy, real, imag = inner[:6]
@@ -63,6 +80,9 @@ def _moments(ops: Any, tables: PartTables, *inner: Any, apart: bool = False) -> 
 
 
 PART_WIGNER = Kernel("wigner by parts", 0, _part_tables, _enter, _wigner, leave_real)
+PART_PARTLY_COHERENT = replace(
+    PART_WIGNER, name="wigner by parts of partly coherent light", edge_sum=_partly_coherent
+)
 PART_MOMENTS = Kernel("lag moments by parts", 0, _part_tables, _enter, _moments, LAG_MOMENTS.leave)
 PART_MOMENTS_ALONG = replace(
     PART_MOMENTS, name="lag moments by parts, apart", edge_sum=partial(_moments, apart=True)

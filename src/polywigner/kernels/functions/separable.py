@@ -7,6 +7,7 @@ along either axis. Which fields are such is found out from their waves.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -57,6 +58,8 @@ class SeparableTables:
 
     frame: Frame
     fields: tuple[LineField, LineField]
+    coherence_widths: tuple[float, float] = (math.inf, math.inf)
+    """In the frame, which has a unit for each axis."""
     terms: ClassVar[int] = 1
     """Nothing is cut or summed over edges."""
 
@@ -159,7 +162,8 @@ def enter_frequency(ops: Any, frame: Frame, *nu: Any) -> Values:
 def wigner(ops: Any, tables: SeparableTables, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Any:
     """W(x, nu) in the frame. Source: (I4)."""
     one, two = tables.fields
-    return one.wigner(ops, x, nu_x) * two.wigner(ops, y, nu_y)
+    width_x, width_y = tables.coherence_widths
+    return one.wigner(ops, x, nu_x, width_x) * two.wigner(ops, y, nu_y, width_y)
 
 
 def ambiguity(

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.kernels.functions.edge_terms import EdgeTerms, term_of_part
-from polywigner.kernels.functions.grids import GridTables, slice_grid_tables
 from polywigner.kernels.outline.tables import Tables
 
 __all__ = ["PartSum", "SharedSlice"]
@@ -37,22 +36,10 @@ class SharedSlice:
     """(ops of NumPy in double precision, tables, *place) -> whose, (k, 8) rows."""
     terms: Callable[[Any, Values, bool], EdgeTerms]
     """(ops, frequency, whether weights are real) -> a part's terms."""
-    is_even: bool
-    """Whether it is even in the frequency where rows are of four numbers."""
 
     def summed(self, ops: Any, columns: int, is_real: bool, *frequency: Any) -> PartSum:
         """How to sum up rows of so many columns at a frequency."""
         return PartSum(self.terms, ops, columns == 4, is_real, frequency)
-
-    def on_grid(self, ops: Any, tables: Tables, *place: Any) -> GridTables | None:
-        """Constants for grids of frequencies at one place (1,); None where there are none."""
-        if not self.is_even or tables.phased or any(tables.frame.carrier):
-            return None
-        (_, rows), _ = self.parts(ops, tables, *place)
-        if rows.shape[1] > 4:
-            return None
-        area = sum(edge.area for edge in tables.edges) / 2
-        return slice_grid_tables(tables.frame, rows.tolist(), area)
 
     def parts(self, ops: Any, tables: Tables, *place: Any) -> tuple[Listed, bool]:
         """Whose the parts of places (n,) are and their rows; whether all weights are real.

@@ -10,6 +10,7 @@ length of the overlap is that of exact arithmetic to an ulp of itself.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -19,9 +20,11 @@ from typing import Any
 
 from polywigner.geometry import Slits
 from polywigner.illumination import Array
+from polywigner.kernels.functions.gauss_schell import wave_over_interval
 from polywigner.kernels.outline.frame import power_of_two
 from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, field_of, waves_in_frame
 from polywigner.numerics import phases
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
 
 __all__ = [
@@ -110,6 +113,8 @@ class PairTables:
 
     frame: SlitFrame
     edges: tuple[tuple[float, ...], ...]
+    coherence_width: float = math.inf
+    """In the frame; infinite: coherent."""
 
     @property
     def terms(self) -> int:
@@ -256,6 +261,14 @@ def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
             real, imag = real * cosine - imag * sine, real * sine + imag * cosine
         whole = own[0] + own[1]
         length, aside = _overlap(ops, shift, gap, rest, half, other)
+        width = tables.coherence_width
+        if width < math.inf:
+            scale = 1.0 / width
+            middle, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
+            ends = middle - reach, middle + reach
+            wave = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
+            found = wave * Pair(real, imag)
+            return found.real, found.imag
         turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
         cosine, sine = cos_sin_turns(ops, turns)
         size = sinc(ops, whole * length) * length

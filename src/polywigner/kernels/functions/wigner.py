@@ -62,7 +62,6 @@ _LISTED = SharedSlice(
     frequency=slice(2, 4),
     list_parts=slice_parts,
     terms=lambda ops, nu, is_real: wigner_terms(ops, nu, is_real, True),
-    is_even=True,
 )
 WIGNER_SUM = SliceSum((MIRRORED,), doubled_position, _wigner, _LISTED)
 LAG_SLICE_AREA = SliceSum((MIRRORED,), doubled_position, _lag_slice_area)

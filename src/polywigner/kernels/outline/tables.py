@@ -120,6 +120,8 @@ class Tables:
     factors: tuple[complex, ...] = (1.0,)  # of each element: its weight here over the user's
     cut: str | None = None
     """How edges are cut, of `polywigner.plans.cuts`; None where nothing has been planned."""
+    coherence: Any = None
+    """The degree of coherence of light that is partly coherent, by lags of the frame."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
     """Copies of these tables with other cuts, by cut."""
 
@@ -148,10 +150,11 @@ class Tables:
     def clips_for_cells(self) -> int:
         """``clips``, if lists by cells can stand for all pieces; 0 for several, or crowded, fields.
 
-        A kernel that works by cells takes one field, and has code for each pair of its waves.
+        A kernel that works by cells takes one field, and has code for each pair of its waves. In
+        partly coherent light the terms of edges are most of the work, not how edges are found.
         """
         simple = len(self.groups) == 1 and waves_fit_cells(self.waves_per_cut)
-        return self.clips if simple else 0
+        return self.clips if simple and self.coherence is None else 0
 
     def cut_by(self, cut: str | None) -> Tables:
         """A copy of the tables with edges to be cut in a given way; one object for each way."""

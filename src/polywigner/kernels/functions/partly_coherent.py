@@ -1,0 +1,163 @@
+"""W of partly coherent light as kernels: slices cut as for coherent light, weighed by the lag.
+
+The degree of coherence exp(-xi^2/(2 width^2)) stands under the integral over the lag slice, so that
+edges are cut, and waves paired, as in `wigner`; only the term of what is left of an edge differs:
+docs/theory.md, (I5).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+from polywigner.geometry import Wavefront
+from polywigner.kernels.cut.clipping import MIRRORED, Clipper
+from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.functions import line, plane, products
+from polywigner.kernels.functions.gauss_schell import wave_over_edge
+from polywigner.kernels.functions.separable import SeparableTables, separable_tables
+from polywigner.kernels.functions.slits import PairTables, lag_pairs
+from polywigner.kernels.functions.wave_sums import mean_pairings, sum_over_waves
+from polywigner.kernels.functions.wigner import doubled_position
+from polywigner.kernels.kernel import Values
+from polywigner.kernels.outline.frame import Frame
+from polywigner.kernels.outline.tables import Edge, Tables
+from polywigner.kernels.outline.waves import WavePair, WavePairRow
+from polywigner.numerics.complex_pairs import Pair
+
+__all__ = [
+    "WIGNER",
+    "WIGNER_OF_PRODUCT",
+    "WIGNER_OF_SLITS",
+    "Coherence",
+    "coherence_of",
+    "term_of_lags",
+]
+
+
+@dataclass(frozen=True)
+class Coherence:
+    """The degree of coherence, for lags of a frame."""
+
+    matrix: tuple[tuple[float, float], tuple[float, float]]
+    """From lags in the frame to lags in widths of coherence."""
+
+    @property
+    def determinant(self) -> float:
+        """Area in squares of the width of a unit square of the frame."""
+        (xx, xy), (yx, yy) = self.matrix
+        return xx * yy - xy * yx
+
+
+def coherence_of(frame: Frame, width: float) -> Coherence:
+    """The degree of coherence of a width in m."""
+    (xx, xy), (yx, yy) = frame.inverse_transpose
+    matrix = ((xx / width, yx / width), (xy / width, yy / width))
+    return Coherence(matrix)
+
+
+@lru_cache(maxsize=256)
+def _tables_of(source: Wavefront, double: bool) -> Tables:
+    tables = plane.tables_of(source.source, double)
+    light = coherence_of(tables.frame, source.coherence_width)
+    return replace(tables, coherence=light, variants={})
+
+
+def term_of_lags(
+    ops: Any, light: Coherence, nu: Sequence[Any], middle: Values, vector: Values
+) -> Values:
+    """The share of a part of an edge in W over the area of a unit square, a complex number.
+
+    The part has its middle and its vector as lags of the frame, and ``nu`` is there as well.
+    """
+    (xx, xy), (yx, yy) = light.matrix
+    size = light.determinant
+    (x, y), (dx, dy) = middle, vector
+    ux, uy = ops.fma(xx, dx, xy * dy), ops.fma(yx, dx, yy * dy)
+    square = ops.fma(ux, ux, uy * uy)
+    is_part = square > 0.0
+    length = ops.sqrt(ops.select(is_part, square, 1.0))
+    inverse = 1.0 / length
+    half = ops.select(is_part, 0.5 * length, 0.0)
+    ux, uy = ux * inverse, uy * inverse
+    foot = ops.fma(xx, x, xy * y) * ux + ops.fma(yx, x, yy * y) * uy
+    distance = ops.fma(x, dy, -(y * dx)) * (size * inverse)
+    along = ops.fma(nu[0], dx, nu[1] * dy) * inverse
+    # cross(matrix^-T nu, u)
+    across = nu[0] * (yy * uy + xy * ux) - nu[1] * (yx * uy + xx * ux)
+    real, imag = wave_over_edge(ops, foot - half, foot + half, distance, along, across * (1 / size))
+    return real * (1 / size), imag * (1 / size)
+
+
+class _PairSum:
+    """The sum for a pair of waves."""
+
+    def __init__(self, clipper: Clipper, pair: WavePair | WavePairRow, nu: Values) -> None:
+        self.clipper, self.ops, self.pair = clipper, clipper.ops, pair
+        self.nu = pair.detuned(nu)
+        self.values = 1 if pair.is_real else 2
+
+    def terms(self, edge: Edge, sides: Sequence[tuple[float, Any]]) -> Values:
+        ops, light = self.ops, self.clipper.tables.coherence
+        sums = [0.0] * self.values
+        for _, cuts in sides:
+            for middle, extent, *weight in cuts:
+                is_left = extent > 0.0
+                t, share = ops.select(is_left, middle, 0.0), 2.0 * ops.select(is_left, extent, 0.0)
+                place = (
+                    ops.fma(t, edge.ex, 2.0 * edge.ax - self.clipper.tx),
+                    ops.fma(t, edge.ey, 2.0 * edge.ay - self.clipper.ty),
+                )
+                vector = (share * edge.ex, share * edge.ey)
+                found = Pair(*term_of_lags(ops, light, self.nu, place, vector)) * Pair(*weight)
+                sums = [a + b for a, b in zip(sums, (found.real, found.imag), strict=False)]
+        return tuple(sums)
+
+    def value(self, sums: Sequence[Any], place: Values) -> Values:
+        # twice: the other copy's edges are the mirror images, with the conjugate shares
+        real, imag = self.pair.amplitude(self.ops, place)
+        total = Pair(2.0 * sums[0], 2.0 * sums[1] if len(sums) > 1 else 0.0) * Pair(real, imag)
+        return total.real, total.imag
+
+
+def _wigner(clipper: Clipper, x: Any, y: Any, *nu: Any) -> Values:
+    return tuple(
+        sum_over_waves(
+            clipper, mean_pairings, lambda pair, _: _PairSum(clipper, pair, nu), (x, y), 1
+        )
+    )
+
+
+WIGNER = replace(
+    plane.WIGNER,
+    name="wigner of partly coherent light",
+    tables=_tables_of,
+    edge_sum=SliceSum((MIRRORED,), doubled_position, _wigner),
+)
+
+
+@lru_cache(maxsize=256)
+def _pairs_of(source: Wavefront, double: bool) -> PairTables:
+    pairs = lag_pairs(source.source, double)
+    return replace(pairs, coherence_width=source.coherence_width / pairs.frame.scale)
+
+
+WIGNER_OF_SLITS = replace(
+    line.WIGNER, name="wigner of partly coherent light in slits", tables=_pairs_of
+)
+
+
+@lru_cache(maxsize=256)
+def _product_of(source: Wavefront, double: bool) -> SeparableTables:
+    tables = separable_tables(source.source, double)
+    assert tables is not None
+    one, two = (source.coherence_width / math.hypot(*row) for row in tables.frame.rows)
+    return replace(tables, coherence_widths=(one, two))
+
+
+WIGNER_OF_PRODUCT = replace(
+    products.WIGNER, name="wigner of a partly coherent product", tables=_product_of
+)
