@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any
 
 from polywigner.errors import ArgumentError
-from polywigner.execution.by_cell import sorts, traced_by_cell
 from polywigner.execution.drjit_points import (
     common_width,
     host_points,
@@ -28,12 +27,13 @@ from polywigner.execution.drjit_points import (
 from polywigner.execution.drjit_results import as_complex, as_tensor
 from polywigner.execution.frozen import frozen, is_code, is_known
 from polywigner.execution.gradients import kernel_with_derivatives
-from polywigner.execution.on_drjit_data import OnDrjitData
+from polywigner.execution.on_drjit_data import OnDrjitData, takes_data
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameters, Traced, tensor_of
 from polywigner.execution.requests import request_for
 from polywigner.execution.table_data import TracedOperations, as_data
 from polywigner.kernels import Kernel
+from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import launch_for, plan
 from polywigner.plans.plan import DATA
 from polywigner.toolchain import llvm
@@ -86,10 +86,11 @@ def evaluate_traced(
     tables = _tables(kernel, source, ops.double, parameters)
     components = [_unfolded(component) for component in components]
     results: tuple[Any, ...]
+    outputs = 2 if complex_result else 1
     if common_width(components) == 0:  # Dr.Jit has no arithmetic of no numbers with one
-        results = tuple(nothing(float_type) for _ in range(2 if complex_result else 1))
+        results = tuple(nothing(float_type) for _ in range(outputs))
     else:
-        results = _launched(kernel, ops, tables, components, parameters)
+        results = _launched(kernel, ops, tables, components, parameters, outputs)
     if tensors:
         return as_tensor(results, shape, points)
     if complex_result:
@@ -103,6 +104,7 @@ def _launched(
     tables: Any,
     components: Sequence[Any],
     parameters: Parameters | None,
+    outputs: int,
 ) -> tuple[Any, ...]:
     """Results of a kernel for components, one or more of them wide."""
     import drjit
@@ -110,13 +112,12 @@ def _launched(
     launch = launch_for(
         max(map(drjit.width, components)),
         changes=parameters is not None and bool(parameters.types),
-        sortable=sorts(kernel, tables, ops.float_type, components),
-        recordable=is_known(components) and is_code(kernel, ops, tables),
+        recordable=is_known(components)
+        and (is_code(kernel, ops, tables) or takes_data(kernel, tables)),
+        by_pairs=isinstance(tables, Tables) and cut_of(ops.target, tables) == "pairs",
     )
-    if launch == "sorted":
-        return traced_by_cell(kernel, tables, ops.float_type, components)
     if launch == "recorded":
-        found = _by_data(kernel, ops, tables, components)
+        found = _by_data(kernel, ops, tables, components, outputs)
         if found is not None:
             return found
         code = partial(kernel, ops, tables)
@@ -129,7 +130,7 @@ def _launched(
 
 
 def _by_data(
-    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any]
+    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], outputs: int
 ) -> tuple[Any, ...] | None:
     """Results from the source as data, as planned; None where it is to be code of a kernel."""
     import drjit
@@ -138,7 +139,8 @@ def _by_data(
     request = request_for(kernel, tables, width, double=ops.double, engine="llvm")
     if plan(request).way.name != DATA:
         return None
-    return OnDrjitData(kernel, tables, ops.double, "llvm").of_arrays(components)
+    data = OnDrjitData(kernel, tables, ops.double, "llvm", width, outputs)
+    return data.of_arrays(components)
 
 
 def checked_float(name: str, value: Any, precision: str | None, engine: str) -> tuple[Any, bool]:

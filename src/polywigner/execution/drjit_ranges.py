@@ -149,6 +149,35 @@ class DrjitRanges:
 
         return self.sum_over_range(first, end, of_run, values, like)
 
+    def sum_over_rows(
+        self,
+        first: Any,
+        end: Any,
+        visit: Callable[[Any], tuple[Any, Values, Values, Callable[[Values], Values]]],
+        values: int,
+        levels: int,
+    ) -> list[Any]:
+        def step(row: Any, *state: Any) -> Values:
+            level, sums, lost = state[:levels], state[levels : levels + values], state[-values:]
+            sets, start, jumps, term = visit(row)
+            level = tuple(self._drjit.select(sets, a, b) for a, b in zip(start, level, strict=True))
+            added = tuple(zip(sums, term(level), strict=True))
+            if compensates:
+                lost = tuple(a + self._lost(*pair) for a, pair in zip(lost, added, strict=True))
+            level = tuple(a + b for a, b in zip(level, jumps, strict=True))
+            return row + 1, *level, *(a + b for a, b in added), *(lost if compensates else ())
+
+        # in single precision what rounding of the sums loses is summed up as well
+        compensates = self._drjit.itemsize_v(self.float_type) == 4
+        count = levels + (2 if compensates else 1) * values
+        _, *state = self._drjit.while_loop(
+            (self._numbers(first), *(self.float_type(0.0) for _ in range(count))),
+            lambda row, *_: row < end,
+            step,
+        )
+        sums = state[levels:]
+        return [sum(sums[k::values][1:], sums[k]) for k in range(values)]
+
     def sum_over_rule(
         self,
         rule: Any,

@@ -144,7 +144,9 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     """The chunks of a call, by the way that was chosen."""
     tables, name = call.tables, chosen.way.name
     if name == DATA:
-        data = OnDrjitData(call.kernel, tables, call.double, chosen.engine)
+        data = OnDrjitData(
+            call.kernel, tables, call.double, chosen.engine, results[0].size, len(results)
+        )
         return data.points(call.components, results)
     if isinstance(tables, Tables):
         tables = tables.cut_by(chosen.way.cut)
@@ -161,7 +163,7 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
     pairs = call.by_places or call.pairs
     # one place is short enough to be sent with each sample
     is_short = pairs is None or (isinstance(compute, OnDrjit) and pairs.rows == 1)
-    if call.pairs and pairs and not is_short and compute.allows_outer_product(pairs):
+    if call.pairs and pairs and not is_short:
         return _paired(compute, pairs, _targets(call.pairs, pairs, results))
     return compute.points(call.components, results)
 

@@ -45,9 +45,9 @@ def kernel_with_derivatives(
     if isinstance(tables, Tables) and ops.target == "compiled" and not dr.grad_enabled(shared):
         # The function is found in the same way: of A, the phase of the centre multiplies both.
         samples = dr.width(tuple(components))
-        cut = cut_for("derivatives", tables.clips, tables.clips_for_cells, samples)
+        cut = cut_for("derivatives", tables.clips, tables.fits_pairs, samples)
         tables = tables.cut_by(cut)
-        if cut == "all in cells":
+        if cut == "pairs":
             tables = with_frame_as_data(ops, tables)
     inner = kernel.enter(ops, tables.frame, *components)
     typed = tuple(ops.float_type(value) for value in components)

@@ -11,14 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.execution.aligned import aligned
-from polywigner.execution.by_cell import ByCell
 from polywigner.execution.choice import drjit_float
 from polywigner.execution.chunks import Fetch, Launched, parts_of_results
-from polywigner.execution.drjit_ranges import packet_type
 from polywigner.execution.frozen import frozen, is_code, is_recording
 from polywigner.execution.on_drjit_shared import of_parts, split
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
-from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.outline.tables import Tables, cut_of
@@ -47,9 +44,6 @@ class OnDrjit:
         self.memory: dict[tuple[int, int], Array] = {}
         self.turn = 0
         self.is_code = is_code(kernel, self.ops, self.tables)
-        self.by_cell: ByCell | None = None
-        if kernel.slices is not None and self.tables.cut.endswith("cells"):
-            self.by_cell = ByCell(kernel, self.tables, self.entry, self.ops.float_type)
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
@@ -62,8 +56,6 @@ class OnDrjit:
         Meanwhile the next chunk may begin, but not yet the one after it.
         """
         self.turn ^= 1
-        if self.by_cell is not None:
-            return _fetching(self.by_cell(self._sent_all(arguments)))
         whole: Callable[..., tuple[Any, ...]] = self.traced
         kind = self.ops.float_type
         if self.is_code and not is_recording(kind):
@@ -89,38 +81,8 @@ class OnDrjit:
         self.turn ^= 1
         entered = self.entered(arguments)
         shape = np.broadcast_shapes(*(np.shape(a) for a in entered))
-        by_cell = self.by_cell
-        if by_cell is not None and by_cell.packet > 1 and shape[1] % by_cell.packet == 0:
-            return _fetching(self._in_packets(by_cell, entered, shape), shape)
         inner = self.looked_up(entered, shape, *split(self.ops.float_type, *shape))
         return _fetching(self._of_inner(inner), shape)
-
-    def _in_packets(
-        self, by_cell: ByCell, entered: Sequence[Array], shape: tuple[int, int]
-    ) -> tuple[Any, ...]:
-        """Results where a lane takes some samples of one row, which lie in one cell."""
-        import drjit
-
-        kind, packet, size = self.ops.float_type, packet_type(self.ops.float_type), by_cell.packet
-        rows, columns = shape
-        row, column = split(kind, rows, columns // size)
-
-        def found(slot: int, values: Array) -> Any:
-            if values.shape == (rows, 1):
-                return drjit.gather(kind, self._sent(slot, values.ravel(), kind), row)
-            memory = self._sent(slot, np.broadcast_to(values, (1, columns)).ravel(), kind)
-            return drjit.gather(packet, memory, column)
-
-        mixed = [found(slot, values) for slot, values in enumerate(entered)]
-        inner = tuple(packet(*[a] * size) if type(a) is kind else a for a in mixed)
-        cells = by_cell.slices.cells(self.ops, self.tables, *mixed)
-        sums = by_cell.slices.in_cells(self.ops, self.tables, cells, None, *inner)
-        values = self.kernel.leave(self.ops, self.tables.frame, inner, sums)
-        results = tuple(drjit.empty(kind, rows * columns) for _ in values)
-        lane = drjit.arange(type(row), rows * columns // size)
-        for result, value in zip(results, values, strict=True):
-            drjit.scatter(result, value, lane, mode=drjit.ReduceMode.Permute)
-        return results
 
     def of_parts(
         self, shared: SharedSlice, inner: tuple[Any, ...], ends: Array, table: Array, is_real: bool
@@ -146,16 +108,6 @@ class OnDrjit:
             return drjit.gather(kind, memory, place)
 
         return tuple(found(slot, values) for slot, values in enumerate(inner))
-
-    def allows_outer_product(self, pairs: Pairs) -> bool:
-        """Whether samples of one row lie in one cell, where edges are looked up by cells."""
-        if self.by_cell is None:
-            return True
-        few = slice(0, 2)
-        inner = self.entered(pairs.block(few, few))
-        host = NumpyOperations(double=True)
-        cell = self.by_cell.slices.cell_index(host, self.by_cell.tables, *inner)
-        return np.shape(cell)[-1] == 1
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""
@@ -194,7 +146,7 @@ def _fetching(results: Sequence[Any], shape: tuple[int, ...] = (-1,)) -> Fetch:
 
 
 def _cut(tables: Any) -> Any:
-    """Tables with edges to be cut as planned, or as suits samples that are sorted by cell."""
+    """Tables with edges to be cut as planned, or as suits a compiled kernel."""
     if isinstance(tables, RepeatedTables):
         return replace(tables, element=_cut(tables.element))
-    return tables.cut_by(cut_of("sorted", tables)) if isinstance(tables, Tables) else tables
+    return tables.cut_by(cut_of("compiled", tables)) if isinstance(tables, Tables) else tables

@@ -6,7 +6,9 @@ of the process for good. This one is for any outline, and a third to half as fas
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,18 +16,21 @@ import numpy.typing as npt
 
 from polywigner.execution.aligned import array_of
 from polywigner.execution.choice import drjit_float
-from polywigner.execution.chunks import Fetch, Launched, parts_of_results
+from polywigner.execution.chunks import Fetch, Launched, parts_of_results, store
 from polywigner.execution.frozen import frozen
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
 from polywigner.kernels import Kernel
-from polywigner.kernels.cut.cells import HeldLists
+from polywigner.kernels.cut.pair_grid import PairGrid
+from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import UNIFORM
 
-__all__ = ["OnDrjitData", "takes_data"]
+__all__ = ["OnDrjitData", "is_uniform", "takes_data"]
 
-_CHUNK = 1 << 18
+_CHUNK = 1 << 17
+# Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/slice_cost.py).
+_LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 13, 5
 # Dr.Jit records a function anew where arrays of different sizes have come to be of one size, or the
 # other way round. Sizes are multiples of the first number here, plus a different one of the second.
 _SIZES, _APART = 256, 8
@@ -37,38 +42,48 @@ Hold = Callable[[Array], tuple[int, Any]]
 
 
 def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Whether there is such a kernel: for W, A and F of uniform outlines."""
+    """Whether there is such a kernel: for F, and for sums over pairs of edges."""
     if isinstance(tables, OutlineTables):
         return kernel.name == "fourier"
-    if kernel.slices is None or not kernel.slices.serves_all:
-        return False
-    if not isinstance(tables, Tables) or tables.coherence is not None:
-        return False
-    return tables.groups == (UNIFORM,)
+    return kernel.slices is not None and isinstance(tables, Tables) and tables.fits_pairs
+
+
+def is_uniform(kernel: Kernel, tables: Any) -> bool:
+    """Whether one kernel serves all sources of this kind."""
+    if not isinstance(tables, Tables):
+        return True
+    is_plain = tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None
+    return is_plain and kernel.slices is not None and kernel.slices.serves_all
 
 
 class _Source(Protocol):
     """A source as tables."""
 
     numbers: list[Array]
-    form: Hashable
-    """What a kernel depends on beside these numbers."""
+    owners: tuple[Any, ...]
+    """On which objects a kernel depends beside these numbers."""
+
+    def order(self, inner: Sequence[Array]) -> Any:
+        """The order in which samples are best taken."""
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
-        """The kernel's sums, from tables of another source of this form."""
+        """The kernel's sums, from tables of another source of this kind."""
 
 
 class OnDrjitData:
     """A kernel of a source, on NumPy arrays."""
 
-    def __init__(self, kernel: Kernel, tables: Any, double: bool, engine: str) -> None:
+    def __init__(
+        self, kernel: Kernel, tables: Any, double: bool, engine: str, samples: int, outputs: int
+    ) -> None:
+        self.outputs = outputs
         self.kernel, self.frame = kernel, tables.frame
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host, self.out = NumpyOperations(double=True), NumpyOperations(double)
         self.dtype = np.dtype(np.float64 if double else np.float32)
         self.source: _Source
         if isinstance(tables, Tables):
-            self.source = _Slices(kernel, tables)
+            self.source = _Slices(kernel, tables, double, samples)
         else:
             self.source = _Edges(kernel, tables)
         self.state = [self._sent(k, table) for k, table in enumerate(self.source.numbers)]
@@ -76,14 +91,16 @@ class OnDrjitData:
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
         for arguments, targets in parts_of_results(components, results, _CHUNK):
-            yield targets, ..., self._begun(arguments)
+            yield targets, *self._begun(arguments)
 
     def of_arrays(self, components: Sequence[Any]) -> Values:
         """Results as Dr.Jit arrays, for arrays of one width or the other 1 that are evaluated."""
         host = np.broadcast_arrays(*(np.asarray(c.numpy(), np.float64) for c in components))
-        return tuple(array_of(self.ops.float_type, values) for values in self._begun(host)())
+        results = [np.empty(host[0].shape, self.dtype) for _ in range(self.outputs)]
+        store(self.points(host, results))
+        return tuple(array_of(self.ops.float_type, values) for values in results)
 
-    def _begun(self, arguments: Sequence[Array]) -> Fetch:
+    def _begun(self, arguments: Sequence[Array]) -> tuple[Any, Fetch]:
         """Begins to compute the results of a chunk; waits for them when they are fetched."""
         import drjit
 
@@ -91,13 +108,15 @@ class OnDrjitData:
         with np.errstate(invalid="ignore", over="ignore"):
             entered = self.kernel.enter(self.host, self.frame, *arguments)
             inner = [np.asarray(a, self.dtype) for a in entered]
+            order = source.order(inner)
+        inner = [a if a.ndim == 0 else a[order] for a in inner]
 
         def summed(*arrays: Any) -> Values:
             tables = iter(arrays[: len(source.numbers)])
             values = arrays[len(source.numbers) :]
             return source.summed(ops, lambda table: (table.shape[1], next(tables)), *values)
 
-        recorded = frozen(lambda: (summed, ()), (self.kernel,), kind, source.form)
+        recorded = frozen(lambda: (summed, ()), source.owners, kind)
         sums = recorded(*self.state, *(array_of(kind, a) for a in inner))
         drjit.eval(sums)
 
@@ -106,7 +125,7 @@ class OnDrjitData:
             with np.errstate(invalid="ignore", over="ignore"):
                 return self.kernel.leave(self.out, self.frame, tuple(inner), found)
 
-        return fetch
+        return order, fetch
 
     def _sent(self, number: int, table: Array) -> Any:
         width = -(-table.size // _SIZES) * _SIZES + _APART * (number + 1)
@@ -116,40 +135,47 @@ class OnDrjitData:
 
 
 class _Slices:
-    """An outline that is cut: lists of edges and of the sides that cut each."""
+    """Outlines that are cut: lists of the pairs of edges that can meet."""
 
-    def __init__(self, kernel: Kernel, tables: Tables) -> None:
+    def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
         assert kernel.slices is not None
         self.slices, self.tables = kernel.slices, tables
-        self.lists = lists = kernel.slices.lists(tables)
-        self.numbers: list[Array] = []
-        HeldLists(self._listed, lists)
-        self.form: Hashable = (
-            tables.grid,
-            tables.uniform,
-            tables.phased,
-            bool((lists.weights == (1.0, 0.0)).all()),
-            len(lists.plain.records) > 0,
-            len(lists.special.records) > 0,
-        )
+        self.host, self.sorts = NumpyOperations(double), len(tables.edges) >= _LEAST_EDGES_SORTED
+        self.pairs = {
+            key: pairs_of(tables, key, double, samples) for key in self.slices.passes(tables)
+        }
+        self.numbers = [
+            getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
+        ]
+        self.owners = (kernel,) if is_uniform(kernel, tables) else (kernel, tables)
 
-    def _listed(self, table: Array) -> None:
-        self.numbers.append(table)
+    def order(self, inner: Sequence[Array]) -> Any:
+        if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
+            return ...
+        cell = self.slices.cell(self.host, self.tables, self._held, *inner)
+        # there are fewer than 2^16 cells: NumPy sorts such numbers in linear time
+        return np.argsort(cell.astype(np.uint16), kind="stable")
+
+    @cached_property
+    def _held(self) -> dict[Any, PairGrid]:
+        return {key: grid.held(self.host.held) for key, grid in self.pairs.items()}
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
-        return self.slices.in_one_cell(ops, self.tables, self.lists, hold, *inner)
+        pairs = {key: grid.held(hold) for key, grid in self.pairs.items()}
+        return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
 
 class _Edges:
     """An outline whose edges are summed up."""
 
-    form: Hashable = "edges"
-
     def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
-        self.kernel, self.tables = kernel, tables
+        self.kernel, self.tables, self.owners = kernel, tables, (kernel,)
         rows = np.zeros((len(tables.edges), 8))
         rows[:, :5] = tables.edges
         self.numbers: list[Array] = [rows, np.array([[len(rows)]], np.uint32)]
+
+    def order(self, inner: Sequence[Array]) -> Any:
+        return ...
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
         rows, count = (hold(table) for table in self.numbers)

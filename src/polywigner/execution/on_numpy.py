@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.by_cell import order_of
 from polywigner.execution.chunks import Fetch, Launched, parts_of_results, ready
 from polywigner.execution.operations import NumpyOperations
-from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel, PartSum, SharedSlice
 from polywigner.kernels.outline.tables import cut_of
 
@@ -56,19 +54,19 @@ class OnNumpy:
                 yield targets, order, ready(values)
 
     def _order(self, arguments: Sequence[Array], count: int) -> Any:
-        """The order in which to take the samples: all, or by the cell in which each has its edges.
+        """The order in which to take the samples: all, or by the cell in which each finds its edges.
 
         Without those that lie too far off to have a value other than 0.
         """
         slices, tables = self.kernel.slices, self.tables
         if slices is None:
             return ...
-        by_cells = cut_of("numpy", tables, count).endswith("cells")
-        if not by_cells and count < _LEAST_MASKED:
+        by_pairs = cut_of("numpy", tables, count) == "pairs"
+        if not by_pairs and count < _LEAST_MASKED:
             return ...
         inner = self.entered(arguments)
-        if by_cells:
-            return order_of(slices.cell_index(self.host, tables, *inner))
+        if by_pairs:
+            return np.argsort(slices.cell(self.host, tables, None, *inner), kind="stable")
         with np.errstate(invalid="ignore", over="ignore"):
             mask = slices.support_mask(tables, *inner)
         for argument in inner:  # 0 times what is not finite is not 0
@@ -81,7 +79,7 @@ class OnNumpy:
         slices = self.kernel.slices
         if slices is None or slices.listed is None:
             return None
-        if cut_of("numpy", self.tables, CHUNK).endswith("cells"):
+        if cut_of("numpy", self.tables, CHUNK) == "pairs":
             return None
         half = len(components) // 2
         frequency = slice(half, None) if slices.listed.arguments.start == 0 else slice(0, half)
@@ -99,9 +97,6 @@ class OnNumpy:
                 inner = tuple(a.astype(np.float32) for a in inner)
             sums = self.kernel.edge_sum(ops, self.tables, *inner)
             return self.kernel.leave(ops, frame, inner, sums)
-
-    def allows_outer_product(self, pairs: Pairs) -> bool:
-        return True
 
     def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
         """Results (rows, columns) for arguments of shape (rows, 1) and (1, columns).

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from polywigner.execution.aligned import array_of
-from polywigner.execution.running_rows import DrjitRows, NumpyRows, ScalarRows
+from polywigner.execution.drjit_ranges import DrjitRanges
+from polywigner.execution.ranges import NumpyRanges, ScalarRanges
 from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
 from polywigner.plans import unrolls_cuts, unrolls_steps, unrolls_terms
 
@@ -81,7 +82,7 @@ class _Unfused:
         return self.round(a * (1 / step)) * step
 
 
-class NumpyOperations(_Unfused, NumpyRows):
+class NumpyOperations(_Unfused, NumpyRanges):
     """NumPy arrays of float64 (``double``) or float32."""
 
     def __init__(self, double: bool, broadcast_size: int = 0) -> None:
@@ -167,7 +168,7 @@ class NumpyOperations(_Unfused, NumpyRows):
         return super().lost(self._typed(a), self._typed(b), product)
 
 
-class ScalarOperations(_Unfused, ScalarRows):
+class ScalarOperations(_Unfused, ScalarRanges):
     """Python floats: the scalar variants of Mitsuba."""
 
     double = True
@@ -213,7 +214,7 @@ class ScalarOperations(_Unfused, ScalarRows):
         return math.sqrt(a)
 
 
-class DrjitOperations(DrjitRows):
+class DrjitOperations(DrjitRanges):
     """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
 
     def __init__(self, float_type: Any) -> None:

@@ -136,6 +136,43 @@ class NumpyRanges:
             starts_[place], starts_[place + 1], lambda k: term(row[k], number[k]), values
         )
 
+    def sum_over_rows(
+        self,
+        first: Any,
+        end: Any,
+        visit: Callable[[Any], tuple[Any, Values, Values, Callable[[Values], Values]]],
+        values: int,
+        levels: int,
+    ) -> list[Any]:
+        """The sums of terms of rows in a range, at levels that run along them.
+
+        ``visit(row)``: whether the ``levels`` levels are set there, to which numbers, their jumps
+        at the row, and ``term(levels)``, of the levels before the jumps.
+        """
+        first, count = np.atleast_1d(first), np.atleast_1d(end - first)
+        longest = int(count.max(initial=0))
+        totals: list[Any] = [np.zeros(count.shape)] * values
+        carried: list[Any] = [np.zeros(count.shape)] * levels
+        block = max(1, _BLOCK // max(1, count.size, self.broadcast_size))
+        for start in range(0, longest, block):
+            step = np.arange(start, min(start + block, longest)).reshape(-1, *(1,) * count.ndim)
+            active = step < count
+            sets, starts, jumps, term = visit(np.where(active, first + step, 0))
+            places = np.where(sets & active, step - start, -1)
+            last = np.maximum.accumulate(np.broadcast_to(places, active.shape))
+            found = []
+            for k, (begun, jump) in enumerate(zip(starts, jumps, strict=True)):
+                jump = np.where(active, jump, 0.0)
+                before = np.cumsum(jump, axis=0) - jump
+                set_to = np.take_along_axis(begun - before, np.maximum(last, 0), axis=0)
+                found.append(before + np.where(last < 0, carried[k], set_to))
+                carried[k] = found[-1][-1] + jump[-1]
+            parts = [
+                np.where(active, t, 0).sum(axis=0, dtype=np.float64) for t in term(tuple(found))
+            ]
+            totals = [a + b for a, b in zip(totals, parts, strict=True)]
+        return [total.astype(self.dtype) for total in totals]
+
     def fold(self, first: Any, end: Any, state: Values, step: Callable[..., Values]) -> Values:
         """The last ``state = step(row, *state)`` for rows from ``first`` up to ``end``."""
         count = end - first
@@ -258,6 +295,22 @@ class ScalarRanges:
             terms = (term(row, number) for row in range(begin, stop))
             for found in terms:
                 totals = [a + b for a, b in zip(totals, found, strict=True)]
+        return totals
+
+    def sum_over_rows(
+        self,
+        first: Any,
+        end: Any,
+        visit: Callable[[Any], tuple[Any, Values, Values, Callable[[Values], Values]]],
+        values: int,
+        levels: int,
+    ) -> list[Any]:
+        totals, level = [0.0] * values, (0.0,) * levels
+        for row in range(first, end):
+            sets, start, jumps, term = visit(row)
+            level = start if sets else level
+            totals = [a + b for a, b in zip(totals, term(level), strict=True)]
+            level = tuple(a + b for a, b in zip(level, jumps, strict=True))
         return totals
 
     def fold(self, first: Any, end: Any, state: Values, step: Callable[..., Values]) -> Values:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from polywigner.execution.on_drjit_data import takes_data
+from polywigner.execution.on_drjit_data import is_uniform, takes_data
 from polywigner.execution.pairs import Pairs
 from polywigner.kernels import Kernel
 from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables
@@ -58,7 +58,7 @@ def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
         exact / max(1, len(tables.lines)),
         tables.waves_per_cut,
         len(cut.views) if isinstance(cut, (SliceSum, ElementSum)) else 0,
-        allows_cells=slices is not None and tables.clips_for_cells > 0,
+        is_uniform=is_uniform(kernel, tables),
         allows_lists=slices is not None and slices.listed is not None,
         weighs_lags=tables.coherence is not None,
     )

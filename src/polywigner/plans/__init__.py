@@ -13,7 +13,7 @@ from polywigner.plans.arrays import (
     tabulates_products,
 )
 from polywigner.plans.costs import COSTS, Cost
-from polywigner.plans.cuts import cut_for, forced, loops_over_edges, waves_fit_cells
+from polywigner.plans.cuts import cut_for, forced, loops_over_edges, waves_fit_code
 from polywigner.plans.plan import Plan, plan
 from polywigner.plans.request import Outline, Request
 from polywigner.plans.traced import (
@@ -45,5 +45,5 @@ __all__ = [
     "unrolls_cuts",
     "unrolls_steps",
     "unrolls_terms",
-    "waves_fit_cells",
+    "waves_fit_code",
 ]

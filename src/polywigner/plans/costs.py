@@ -22,6 +22,7 @@ class Cost:
 
 _REGRET = "default_regret.py"
 _CUTS = "wigner_cost.py"
+_PAIRS = "slice_cost.py"
 _RENDER = "render_exact.py"
 
 COSTS: dict[str, Cost] = {
@@ -37,7 +38,7 @@ COSTS: dict[str, Cost] = {
     "box": Cost(20e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
     "listed cut": Cost(0.05e-6, "place, edge and side near it", _REGRET),
     "listed term": Cost(20e-9, "sample and part of its slice", _REGRET),
-    "edge in cells": Cost(0.4e-6, "sample and edge, looked up in cells", _REGRET),
+    "edge by pairs": Cost(0.1e-6, "sample and edge, looked up in lists of pairs", _REGRET),
     "call on copies": Cost(2e-3, "call of an array with few samples, and copy of edges", _REGRET),
     "copy": Cost(0.8e-6, "sample of an array of copies, and copy of the outline", _REGRET),
     "pair of copies": Cost(0.5e-6, "sample and pair of elements near it", _REGRET),
@@ -46,17 +47,12 @@ COSTS: dict[str, Cost] = {
     # compiled
     "load": Cost(0.05, "process, to import Dr.Jit", "questions/latency.py"),
     "compile": Cost(0.1, "kernel", "questions/latency.py"),
-    "compile a clip": Cost(0.5e-3, "edge and side in single precision", _CUTS),
-    "compile a clip, double": Cost(1.5e-3, "the same in double precision", _CUTS),
-    "compile cells": Cost(0.1, "copy of the edges, looked up in cells", _REGRET),
     "compile copies": Cost(0.1, "copy of the edges, in a sum over elements", _REGRET),
     "compile a wave": Cost(30e-3, "wave of the field on an edge", _REGRET),
     "compiled call": Cost(0.5e-3, "call of a compiled kernel", _REGRET),
     "compiled sample": Cost(10e-9, "sample that goes to the engine and back", _CUTS),
-    "compiled clip": Cost(0.25e-9, "sample, edge and side as code", _CUTS),
     "compiled row": Cost(1.5e-9, "sample, edge and side as rows of a table", _CUTS),
     "source as data": Cost(1e-3, "call whose outline comes as data", "outlines_as_data.py"),
-    "cut as data": Cost(4e-9, "sample, edge and side, where they are data", "outlines_as_data.py"),
     "term as data": Cost(20e-9, "sample and edge of F, where it is data", "outlines_as_data.py"),
     "point that radiates": Cost(1.2e-9, "sample and equivalent source of a grid", _RENDER),
     "panel of an edge": Cost(40e-9, "sample and panel of a boundary integral", _RENDER),
@@ -65,32 +61,21 @@ COSTS: dict[str, Cost] = {
         0.17e-6, "sample and edge of a slice in partly coherent light", "coherence.py"
     ),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
-    "compiled edge in cells": Cost(4e-9, "sample and edge, looked up in cells", _CUTS),
-    "compiled edge in cells, pairs": Cost(
-        0.7e-9, "the same where places meet frequencies", "outer_products.py"
-    ),
+    "compiled pairs": Cost(40e-9, "sample, whatever the number of edges", _PAIRS),
+    "compiled edge by pairs": Cost(1.2e-9, "sample and edge, looked up in lists", _PAIRS),
     "compiled copy": Cost(0.08e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(10e-9, "sample and pair of elements near it", "array_cost.py"),
-    "cell pair": Cost(1.1e-6, "edge, side and cell in which they meet", _CUTS),
+    "pair of edges": Cost(1e-6, "pair of edges, to list where it can meet", _PAIRS),
 }
 
 LIMITS: dict[str, float] = {
-    # Cells: pairs in all of them together per edge (`kernels.cell_tree`), and per cut.
-    "cell pairs per edge": 2000,
-    "cell pairs per cut": 8,
-    # To find the cells takes 60 bytes a cut: the regular polygon of 2900 vertices, 8 million cuts.
-    "most cuts in cells": 8_000_000,
-    # Cuts from which on cells are faster than code, where samples are sorted by cell (the 23-gon),
-    # and where they are not (the 67-gon, which takes seconds to compile).
-    "least cuts in cells, sorted": 500,
-    "least cuts in cells": 4500,
-    "least cuts in cells, scalar": 300,
-    # Of derivatives in points: much code for each cut (gradient_cuts.py).
-    "least cuts in cells, derivatives": 400,
-    "least cuts in cells, NumPy": 4000,
-    "least samples in cells, NumPy": 1024,
+    # Cuts from which on lists of pairs are faster than code or rows (slice_cost.py).
+    "least cuts by pairs, compiled": 4500,
+    "least cuts by pairs, scalar": 300,
+    "least cuts by pairs, derivatives": 400,
+    "least cuts by pairs, numpy": 1000,
     # Each pair of waves is code, of some 20 ms to compile (array_cost.py).
-    "most pairs of waves in cells": 16,
+    "most pairs of waves as code": 16,
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it
     # takes seconds.
     "most cuts as code": 4500,
@@ -115,8 +100,8 @@ LIMITS: dict[str, float] = {
     "least sites of an array factor by rows": 16,
     # Samples at a time of NumPy.
     "chunk": 3 << 12,
-    # A compiled kernel cuts as fast as it looks up what was cut: 4 sides of 4 edges.
-    "most cuts not worth listing": 16,
+    # A compiled kernel cuts as fast as it looks up what was cut: the square.
+    "most edges not worth listing": 4,
     "least columns of a compiled list": 256,
     # Traced kernels. An outline as code runs 3 to 4 times as fast as one that is data, and takes
     # 0.2 to 1 s to compile whenever it changes (gradient_cost.py).
@@ -136,8 +121,6 @@ LIMITS: dict[str, float] = {
     # Steps of a recursion, of four terms each: 50 take 1.5 s to compile in four tables, and 1450 a
     # minute; as a loop 0.3 s and 0.7 s, and it runs as fast.
     "most steps as code": 8,
-    # Of fewer samples, to sort them takes longer than it saves.
-    "least samples sorted by cell": 1 << 13,
     # Code of every kernel of a render with derivatives, which compiles in 7 ms a cut,
     # measured with 2 to 16 squares: half a minute. 9000 exhaust the compiler.
     "most cuts with derivatives in a scene": 4096,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from polywigner.plans.costs import COSTS, LIMITS
-from polywigner.plans.cuts import cut_for, forced_cut
+from polywigner.plans.cuts import cut_for, forced_cut, loops_over_edges
 from polywigner.plans.request import Outline, Request
 
 __all__ = [
@@ -44,7 +44,7 @@ class Way:
     run: float
     """Seconds for each call."""
     cut: str | None = None
-    """How edges are cut: ``"code"``, ``"rows"``, ``"cells"``, ``"data"``."""
+    """How edges are cut: ``"code"``, ``"rows"``, ``"pairs"``."""
 
     @property
     def seconds(self) -> float:
@@ -119,7 +119,7 @@ def plan(request: Request) -> Plan:
 def _allowed(request: Request) -> list[Way]:
     wanted = forced_cut.get()
     if wanted == "edges" and request.outline is not None:
-        request = replace(request, outline=replace(request.outline, allows_cells=False))
+        request = replace(request, takes_data=False)
     engines = {"numpy", "llvm"} if request.compiles else {"numpy"}
     if request.engine != "auto":
         engines &= {"numpy"} if request.engine == "numpy" else {"llvm"}
@@ -162,7 +162,7 @@ def _compiled(name: str, setup: float, run: float, cut: str | None = None) -> Wa
 def _by_data(request: Request, run: float) -> Way:
     """The source as data of a kernel that takes any."""
     run += _calling(request) + _cost("source as data", 1)
-    return Way(DATA, "llvm", _cost("load", 1) + _cost("compile", 2), 0.0, run, "data")
+    return Way(DATA, "llvm", _cost("load", 1) + _cost("compile", 2), 0.0, run, "pairs")
 
 
 def _arrays(request: Request, outline: Outline) -> Iterator[Way]:
@@ -187,12 +187,11 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
         terms = _cost("listed term", n * outline.edges * views * waves / 2)
         yield _on_numpy(LISTED, _cost("call", 2) + _listing(outline, request.rows) + terms)
         return
-    cells = outline.cuts if outline.allows_cells else 0
-    cut = cut_for("numpy", outline.cuts, cells, n)
-    if cut == "cells":
-        run = _cost("edge in cells", n * views * outline.edges * waves)
-        yield _on_numpy("cells on NumPy", run, _cells(outline), "cells")
-        cut = "code"
+    cut = cut_for("numpy", outline.cuts, request.takes_data, n)
+    if cut == "pairs":
+        run = _cost("call", 2) + _cost("edge by pairs", n * views * outline.edges * waves)
+        yield _on_numpy("pairs of edges, on NumPy", run, _pairs(outline), "pairs")
+        return
     chunks = math.ceil(n / LIMITS["chunk"])
     lines = n * views * outline.edges * outline.lines
     run = _cost("call", 1) + _cost("cut", lines) + _cost("exact cut", lines * outline.exact)
@@ -207,43 +206,23 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
 
 
 def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
-    n, views = request.samples, outline.copies
-    cells = outline.cuts if outline.allows_cells else 0
-    cut = cut_for("sorted", outline.cuts, cells)
-    edges = n * views * outline.edges * outline.waves
-    call = _calling(request)
-    if outline.weighs_lags:
-        # rows: an edge as code would take 0.1 s to compile, and be no faster
-        run = call + _cost("compiled edge with weights", edges)
-        yield Way("edges as rows, compiled", "llvm", _compiling(request), run, "rows")
-        return
-    if request.rows and outline.allows_lists and cut != "cells":
-        enough = request.columns >= LIMITS["least columns of a compiled list"]
-        if enough and views * outline.cuts > LIMITS["most cuts not worth listing"]:
-            run = call + _listing(outline, request.rows)
-            run += _cost("compiled listed term", edges)
-            yield _compiled(LISTED_COMPILED, 0.0, run, cut)
-            return
-    if cut == "code":
-        clip = "compile a clip, double" if request.double else "compile a clip"
-        run = call + _cost("compiled clip", n * views * outline.cuts)
-        yield _compiled("edges as code", _cost(clip, outline.cuts * views), run, cut)
-        if request.takes_data:
-            yield _by_data(request, _cost("cut as data", n * views * outline.cuts))
-    elif cut == "rows":
-        run = call + _cost("compiled row", n * views * outline.cuts)
-        yield _compiled("edges as rows, compiled", 0.0, run, cut)
+    n, views = request.samples * outline.waves, outline.copies
+    call, edges = _calling(request), n * views * outline.edges
+    is_wide = request.columns >= LIMITS["least columns of a compiled list"]
+    if is_wide and outline.allows_lists and outline.edges > LIMITS["most edges not worth listing"]:
+        run = call + _listing(outline, request.rows) + _cost("compiled listed term", edges)
+        yield _compiled(LISTED_COMPILED, 0.0, run)
+    elif request.takes_data:
+        term = "compiled edge with weights" if outline.weighs_lags else "compiled edge by pairs"
+        run = _cost("compiled pairs", n * views) + _cost(term, edges)
+        setup = _pairs(outline)
+        if not outline.is_uniform:
+            setup += _cost("compile", 2) + _cost("compile a wave", (outline.waves - 1) * views)
+        yield replace(_by_data(request, run), setup=setup)
     else:
-        setup = _cost("compile cells", views)
-        setup += _cost("compile a wave", (outline.waves - 1) * views)
-        pairs = request.rows > 1
-        name = "compiled edge in cells, pairs" if pairs else "compiled edge in cells"
-        run = call + _cost(name, edges)
-        yield _compiled("cells", setup + _cells(outline), run, "cells")
-        if request.rows and outline.allows_lists:
-            run = call + _listing(outline, request.rows)
-            run += _cost("compiled listed term", edges)
-            yield _compiled(LISTED_COMPILED, 0.0, run, cut)
+        cut = "rows" if loops_over_edges(outline.cuts) else "code"
+        run = call + _cost("compiled row", n * views * outline.cuts)
+        yield _compiled(f"edges as {cut}, compiled", 0.0, run, cut)
 
 
 def _listing(outline: Outline, places: int) -> float:
@@ -253,10 +232,9 @@ def _listing(outline: Outline, places: int) -> float:
     return _cost("box", boxes * outline.pieces) + _cost("listed cut", boxes * near)
 
 
-def _cells(outline: Outline) -> float:
-    """To find the cells of an outline."""
-    per_edge = LIMITS["cell pairs per edge"] * outline.edges
-    return _cost("cell pair", min(per_edge, LIMITS["cell pairs per cut"] * outline.cuts))
+def _pairs(outline: Outline) -> float:
+    """To list the pairs of edges of an outline that can meet."""
+    return _cost("call", 2) + _cost("pair of edges", outline.edges**2)
 
 
 def _calling(request: Request) -> float:

@@ -24,8 +24,8 @@ class Outline:
     """Waves of the field on a cut edge: each takes as long as a uniform one."""
     copies: int = 1
     """Number of copies of the edges that are cut: 1 for W, 2 for A."""
-    allows_cells: bool = True
-    """Whether the field is simple enough for lists by cells."""
+    is_uniform: bool = True
+    """Whether one compiled kernel serves all such sources."""
     allows_lists: bool = True
     """Whether slices can be listed once for many frequencies."""
     weighs_lags: bool = False

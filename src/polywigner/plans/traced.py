@@ -21,24 +21,22 @@ __all__ = [
 ]
 
 
-def launch_for(samples: int, *, changes: bool, sortable: bool, recordable: bool) -> str:
+def launch_for(samples: int, *, changes: bool, recordable: bool, by_pairs: bool) -> str:
     """The way in which a kernel is launched for so many samples that are Dr.Jit arrays.
 
-    ``"sorted"``: at once, in the order of their cells. ``"recorded"``: at once, and without tracing
+    ``"recorded"``: at once, and without tracing
     it again. ``"code"`` and ``"data"``: together with what uses the values; of an outline with
     Dr.Jit's numbers, edges are code of the kernel or data for it.
 
     Parameters
     ----------
     changes : whether numbers of the source are Dr.Jit arrays.
-    sortable : whether edges are looked up in cells, and arguments may be evaluated.
-    recordable : whether the kernel is nothing but code, and arguments are evaluated.
+    recordable : whether a recording is possible, and arguments are evaluated.
+    by_pairs : whether edges are looked up in lists of pairs.
     """
     if changes:
         return "code" if samples >= LIMITS["least samples for an outline as code"] else "data"
-    if sortable and samples >= LIMITS["least samples sorted by cell"]:
-        return "sorted"
-    if recordable and samples <= LIMITS["most samples of a recording"]:
+    if recordable and (by_pairs or samples <= LIMITS["most samples of a recording"]):
         return "recorded"
     return "code"
 

@@ -80,11 +80,11 @@ class Clipper:
         return [edge for edge in self.tables.edges if edge.group == group]
 
     def sum_over_edges(
-        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
+        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> Any:
         """The sums, one by one, of the ``values`` values that ``term`` gives for each edge.
 
-        Of the elements of one group, that is, with one field.
+        Of the elements of one group, that is, with one field, as cut by those of another.
         """
         totals = [0.0] * values
         for edge in self.edges_of(group):
@@ -199,7 +199,7 @@ class RowClipper(Clipper):
     FAR = 1e9
 
     def sum_over_edges(
-        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0
+        self, term: Callable[[Edge], tuple[Any, ...]], values: int, group: int = 0, other: int = 0
     ) -> Any:
         rows = [numbers_of(edge) for edge in self.edges_of(group)]
         return self._sum_over(rows, lambda *row: term(Edge(*row)), values)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from polywigner.kernels.cut.cell_lists import CellLists, lists_of_one_cell
-from polywigner.kernels.cut.cells import CellClipper, HeldLists, cell_of_offset, clipper_for
 from polywigner.kernels.cut.clipping import View
 from polywigner.kernels.cut.outer_bounds import may_meet
+from polywigner.kernels.cut.pair_grid import PairGrid
+from polywigner.kernels.cut.winding import PairClipper, Pass, clipper_for
 from polywigner.kernels.outline.tables import Tables
 
 __all__ = ["SliceSum"]
@@ -37,45 +37,28 @@ class SliceSum:
         clipper = clipper_for(ops, tables, *offset, *self.views, arguments=inner)
         return self.summed(clipper, *inner)
 
-    def cell_index(self, ops: Any, tables: Tables, *inner: Any, owner: Hashable = None) -> Any:
-        """The number of the cell in which edges are looked up: samples are best sorted by it."""
-        return cell_of_offset(ops, tables, *self.offset(*inner), self.views[0], owner)
-
-    def cells(self, ops: Any, tables: Tables, *inner: Any) -> list[Any]:
-        """The numbers of the cells in which edges are looked up, for each view."""
-        offset = self.offset(*inner)
-        return [cell_of_offset(ops, tables, *offset, view) for view in self.views]
-
-    def in_cells(
-        self, ops: Any, tables: Tables, cells: Sequence[Any] | None, owner: Hashable, *inner: Any
+    def by_pairs(
+        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
     ) -> Values:
-        """The sums of samples whose cells are known, or None; ``owner``: whose lists to read."""
-        offset = self.offset(*inner)
-        clipper = CellClipper(ops, tables, *offset, self.views, inner, cells, owner)
-        return self.summed(clipper, *inner)
+        """The sums by lists in an engine's memory, or by those of the tables."""
+        return self.summed(self._clipper(ops, tables, pairs, inner), *inner)
 
-    def in_one_cell(
-        self, ops: Any, tables: Tables, lists: CellLists, hold: Callable[[Any], Any], *inner: Any
-    ) -> Values:
-        """The sums by lists of one cell, of which ``hold`` gives each table in an engine's memory.
+    def cell(
+        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any
+    ) -> Any:
+        """The number of the cell in which pairs are looked up: samples are best sorted by it."""
+        return self._clipper(ops, tables, pairs, inner).cell((self.views[0], 0, 0))
 
-        Of the source itself, nothing else is in the kernel.
-        """
-        held, cell = HeldLists(hold, lists), ops.truncated(1.0)
-        clipper = CellClipper(
-            ops,
-            tables,
-            *self.offset(*inner),
-            self.views,
-            inner,
-            [cell] * len(self.views),
-            lists=(lists, held),
-        )
-        return self.summed(clipper, *inner)
+    def _clipper(
+        self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, inner: Values
+    ) -> PairClipper:
+        return PairClipper(ops, tables, *self.offset(*inner), self.views, inner, pairs)
 
-    def lists(self, tables: Tables) -> CellLists:
-        """For :meth:`in_one_cell`: of all views, since one mirrors, and two differ by an offset."""
-        return lists_of_one_cell(tables, self.views[0].point)
+    def passes(self, tables: Tables) -> list[Pass]:
+        """All lists that the sums read."""
+        fields = range(len(tables.groups))
+        views = {view.point: view for view in reversed(self.views)}.values()
+        return [(view, own, other) for view in views for own in fields for other in fields]
 
     def support_mask(self, tables: Tables, *inner: Any) -> Any:
         """Where, on NumPy arrays, the sums may differ from 0."""

@@ -113,27 +113,31 @@ def sum_over_waves(
 def _sums_of_group(
     clipper: Clipper, group: int, pairings: Pairings, sum_of: Any, place: Values, count: int
 ) -> Iterable[Sequence[Any]]:
-    tables = clipper.tables
-    even = {other: other == group and not tables.phased for other in range(len(tables.groups))}
-    found: list[tuple[int, Views, PairSum]] = [
-        (other, views, sum_of(pair, even[other]))
-        for other, views, pairs in pairings(group, tables)
-        for pair in pairs
-    ]
+    tables, results = clipper.tables, []
+    for other in range(len(tables.groups)):
+        is_even = other == group and not tables.phased
+        found = [
+            (views, sum_of(pair, is_even))
+            for number, views, pairs in pairings(group, tables)
+            for pair in pairs
+            if number == other
+        ]
 
-    def term(edge: Edge) -> Values:
-        cuts: dict[tuple[View, int], Any] = {}
-        values: list[Any] = []
-        for other, views, run in found:
-            for view, _ in views:
-                if (view, other) not in cuts:
-                    cuts[view, other] = list(clipper.intervals(edge, view, other))
-            values += run.terms(edge, [(side, cuts[view, other]) for view, side in views])
-        return tuple(values)
+        def term(edge: Edge, found: Any = found, other: int = other) -> Values:
+            cuts: dict[View, Any] = {}
+            values: list[Any] = []
+            for views, run in found:
+                for view, _ in views:
+                    if view not in cuts:
+                        cuts[view] = list(clipper.intervals(edge, view, other))
+                values += run.terms(edge, [(side, cuts[view]) for view, side in views])
+            return tuple(values)
 
-    runs = [run for _, _, run in found]
-    sums = iter(clipper.sum_over_edges(term, sum(run.values for run in runs), group))
-    return [run.value([next(sums) for _ in range(run.values)], place)[:count] for run in runs]
+        count_of_all = sum(run.values for _, run in found)
+        sums = iter(clipper.sum_over_edges(term, count_of_all, group, other))
+        for _, run in found:
+            results.append(run.value([next(sums) for _ in range(run.values)], place)[:count])
+    return results
 
 
 def _sums_of_rows(

@@ -34,7 +34,7 @@ from polywigner.numerics.exact import (
     signed_convex_pieces,
     with_vertices_on_sides,
 )
-from polywigner.plans import cut_for, waves_fit_cells
+from polywigner.plans import cut_for, waves_fit_code
 
 __all__ = ["Edge", "Element", "Piece", "Tables", "build_tables", "cut_of", "grouped", "numbers_of"]
 
@@ -102,7 +102,7 @@ class Piece:
 def cut_of(target: str, tables: Tables, samples: int = 0) -> str:
     """How edges are cut: as planned, or as suits a target; ``samples`` of NumPy at a time."""
     found: str | None = tables.cut
-    return found or cut_for(target, tables.clips, tables.clips_for_cells, samples)
+    return found or cut_for(target, tables.clips, tables.fits_pairs, samples)
 
 
 @dataclass(frozen=True, eq=False)  # by identity: to compare all numbers takes long
@@ -124,6 +124,8 @@ class Tables:
     """The degree of coherence of light that is partly coherent, by lags of the frame."""
     variants: dict[str, Tables] = field(default_factory=dict, repr=False)
     """Copies of these tables with other cuts, by cut."""
+    pairs: dict[Any, Any] = field(default_factory=dict, repr=False)
+    """Lists of the pairs of edges that can meet, as engines hold them."""
 
     @cached_property
     def clips(self) -> int:
@@ -147,14 +149,9 @@ class Tables:
         )
 
     @property
-    def clips_for_cells(self) -> int:
-        """``clips``, if lists by cells can stand for all pieces; 0 for several, or crowded, fields.
-
-        A kernel that works by cells takes one field, and has code for each pair of its waves. In
-        partly coherent light the terms of edges are most of the work, not how edges are found.
-        """
-        simple = len(self.groups) == 1 and waves_fit_cells(self.waves_per_cut)
-        return self.clips if simple and self.coherence is None else 0
+    def fits_pairs(self) -> bool:
+        """Whether a kernel that looks up pairs of edges may have code for each pair of waves."""
+        return waves_fit_code(len(self.groups) ** 2 * self.waves_per_cut)
 
     def cut_by(self, cut: str | None) -> Tables:
         """A copy of the tables with edges to be cut in a given way; one object for each way."""

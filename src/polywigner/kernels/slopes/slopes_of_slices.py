@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from polywigner.kernels.cut.cells import clipper_for
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper, RowClipper, View
+from polywigner.kernels.cut.winding import clipper_for
 from polywigner.kernels.functions.wave_sums import COPIES, Views, difference_pairings
 from polywigner.kernels.outline.tables import Edge, Piece, Tables
 from polywigner.kernels.outline.waves import Wave, WavePair, difference_pairs, mean_pairs
@@ -78,28 +78,30 @@ def _slopes(
     for group in range(len(tables.groups)):
         if not clipper.edges_of(group):
             continue
-        beats = [
-            _PairSlopes(clipper, slices, accumulator, other, views, beat, (frequency, place))
-            for other, views, found in slices.pairings(group, tables)
-            for beat in found
-        ]
+        areas: list[Pair] = []
+        for other in range(len(tables.groups)):
+            beats = [
+                _PairSlopes(clipper, slices, accumulator, other, views, beat, (frequency, place))
+                for number, views, found in slices.pairings(group, tables)
+                for beat in found
+                if number == other
+            ]
 
-        def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
-            cuts: dict[Any, Any] = {}
-            values: list[Any] = []
-            shared: list[Any] = [0.0] * accumulator.values
+            def term(edge: Edge, beats: Any = beats) -> tuple[Any, ...]:
+                cuts: dict[Any, Any] = {}
+                values: list[Any] = []
+                shared: list[Any] = [0.0] * accumulator.values
+                for beat in beats:
+                    found, of_shared = beat.terms(edge, cuts)
+                    values += found
+                    shared = [a + b for a, b in zip(shared, of_shared, strict=True)]
+                return (*values, *shared)
+
+            count = sum(beat.values for beat in beats) + accumulator.values
+            sums = iter(clipper.sum_over_edges(term, count, group, other))
             for beat in beats:
-                found, of_shared = beat.terms(edge, cuts)
-                values += found
-                shared = [a + b for a, b in zip(shared, of_shared, strict=True)]
-            return (*values, *shared)
-
-        count = sum(beat.values for beat in beats) + accumulator.values
-        sums = iter(clipper.sum_over_edges(term, count, group))
-        areas = []
-        for beat in beats:
-            areas.append(beat.add([next(sums) for _ in range(beat.values)], result))
-        result.shared = [a + b for a, b in zip(result.shared, sums, strict=True)]
+                areas.append(beat.add([next(sums) for _ in range(beat.values)], result))
+            result.shared = [a + b for a, b in zip(result.shared, sums, strict=True)]
         if accumulator.wanted.amplitudes:
             _wave_slopes(ops, tables, slices, accumulator, place, result, areas)
     return result
@@ -108,10 +110,10 @@ def _slopes(
 def _clipper(
     ops: Any, tables: Tables, shift: tuple[Any, Any], wanted: Wanted, slices: _Slices
 ) -> Clipper:
-    """Edges by name where that matters, by cells otherwise."""
-    if not (wanted.vertices or wanted.weights):
+    """Edges of elements by name where weights matter, as is best otherwise."""
+    if not wanted.weights:
         return clipper_for(ops, tables, *shift, *(view for view, _ in slices.views))
-    by_name = cut_for(ops.target, tables.clips, cuts_for_cells=0)
+    by_name = cut_for(ops.target, tables.clips, by_pairs=False)
     return (RowClipper if by_name == "rows" else Clipper)(ops, tables, *shift)
 
 

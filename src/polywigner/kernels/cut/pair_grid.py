@@ -12,20 +12,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.kernels.outline.rings import Outline
+from polywigner.kernels.outline.frame import power_of_two
+from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics.exact import accurate_cross
 
 __all__ = [
     "CROSSING",
     "LEAD",
-    "NO_WINDING",
     "START",
     "WHOLE",
+    "Outline",
     "PairGrid",
     "cells_across",
     "crossing",
@@ -36,18 +39,83 @@ __all__ = [
 # How a row counts: as a crossing; as one before which the winding number is set; as a whole edge;
 # as a crossing with the line that leads to a ring from outside.
 CROSSING, START, WHOLE, LEAD = range(4)
-# Winding numbers are whole numbers from 0 on in the tables: this one stands for 0.
-NO_WINDING = 1 << 15
 # Pairs at a time: their temporaries stay in a cache.
 _BLOCK = 1 << 15
 # Far beyond rounding, in units of the frame: cells count as so much larger.
 _MARGIN = 1e-12
+# Levels are sums of weights, which rounding parts by less: whole numbers for uniform sources.
+_NO_WEIGHT, _LEVELS = 1e-12, 2.0**40
 # Below all levels on the grid (2^-106, in single precision 2^-48), and no subnormal number.
 _NO_LEVEL = 1e-35
 # Finer cells have fewer pairs: 64 across leave a 30-gon some 4 in each (benchmarks/slice_cost.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 Array = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The elements of a source that have one field: rings of vertices on a grid, in its frame.
+
+    On the grid sums and differences of an offset and two vertices are exact, so that the side of an
+    edge on which a vertex lies is decided as in exact arithmetic (docs/theory/edges.md, (K3)).
+    """
+
+    step: float
+    """The spacing of the grid, a power of two."""
+    edges: Array
+    """(n, 8) both ends of each edge, twice the area of the triangle with the origin, the complex
+    weight of the element; the polygon lies to the left."""
+    starts: Array
+    """(rings + 1,) where each ring begins, and n."""
+    names: Array
+    """(n, 4) the vertices at which each edge begins and ends, and its element."""
+
+    @property
+    def vertices(self) -> Array:
+        """(n, 2) where each edge begins."""
+        return self.edges[:, :2]
+
+    @property
+    def following(self) -> Array:
+        """(n,) the edge that comes next."""
+        found = np.arange(1, len(self.edges) + 1)
+        found[self.starts[1:] - 1] = self.starts[:-1]
+        return found
+
+    @property
+    def weights(self) -> Array:
+        """(n,) the weight of each edge's element."""
+        found: Array = self.edges[:, 5] + 1j * self.edges[:, 6]
+        return found
+
+    def turned(self) -> Outline:
+        """The outline turned by half a turn about the centre of its frame."""
+        return replace(self, edges=self.edges * np.repeat([-1.0, 1.0], 4))
+
+
+@lru_cache(maxsize=128)
+def outline_of(tables: Tables, group: int, double: bool) -> Outline:
+    """The elements with one of the fields of a source, for float64 or float32 kernels."""
+    rows = [_columns(edge) for edge in tables.edges if edge.group == group]
+    columns = np.array(rows, np.float64).reshape(-1, 8)
+    names = columns[:, 5:].astype(np.uint32)
+    starts = np.flatnonzero(np.append(True, names[1:, 0] != names[:-1, 1])[: len(names)])
+    # offsets of up to twice the reach, less two vertices, have to be whole numbers of steps
+    reach = power_of_two(4.0 * max(abs(columns[:, :2]).max(initial=0.0), 0.25))
+    step = math.ldexp(reach, -53 if double else -24)
+    edges = np.zeros((len(columns), 8))
+    edges[:, :2] = np.rint(columns[:, :2] / step) * step
+    names_of = np.zeros((len(edges), 4), np.uint32)
+    names_of[:, :3] = names
+    found = Outline(step, edges, np.append(starts, len(edges)), names_of)
+    edges[:, 2:4] = edges[found.following, :2]
+    edges[:, 4] = accurate_cross(*edges[:, :4].T)
+    edges[:, 5:7] = columns[:, 2:4]
+    return found
+
+
+_columns = attrgetter("ax", "ay", "real", "imag", "group", "begin", "end", "element")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +127,21 @@ class PairGrid:
     cells: Any
     """(cells + 1, 8) first and end of the runs, of the crossings, of the rows; none in the last."""
     runs: Any
-    """(k, 4) first edge, end of the edges, their winding number in the other copy."""
+    """(k, 4) first edge, end of the edges, the number of their level: of their winding number in
+    the other copy, times the weight of its element."""
     crossings: Any
     """(k, 4) edge of the first outline, of the second, which it crosses wherever T is in the cell,
-    and by how much the winding number jumps."""
+    and the number of the level by which it jumps."""
     rows: Any
-    """(k, 4) edge of the first outline, of the second, how it counts, winding number before it."""
+    """(k, 4) edge of the first outline, of the second, how it counts, number of its level."""
     first: Any
-    """(n, 4) ends of the edges of the first outline, and of the lines that lead to its rings."""
+    """(n, 8) edges of the first outline as there, and the lines that lead to its rings."""
     second: Any
-    """(m + 1, 4) ends of the edges of the second outline, and of one without length."""
+    """(m + 1, 8) edges of the second outline, and one without length."""
+    names: Any
+    """(n, 4) names of the edges of the first outline."""
+    levels: Any
+    """(k, 4) real and imaginary part of each level."""
 
     def held(self, hold: Callable[[Array], Any]) -> PairGrid:
         """The grid with its tables in an engine's memory."""
@@ -78,13 +151,13 @@ class PairGrid:
 def levels(ops: Any, edge: Any, other: Any, tx: Any, ty: Any) -> tuple[Any, Any]:
     """How far the ends of an edge lie left of the line of one of the other copy.
 
-    It crosses that line at ``start / (start - end)``. Orientations of ``ops`` are exact in sign.
+    It crosses that line at ``start / (start - end)``. Cross products of ``ops`` are exact in sign.
     """
-    (ax, ay, bx, by), (cx, cy, dx, dy) = edge, other
+    (ax, ay, bx, by), (cx, cy, dx, dy) = edge[:4], other[:4]
     ex, ey, fx, fy = bx - ax, by - ay, dx - cx, dy - cy
-    px, py, reach = (tx - cx) - ax, (ty - cy) - ay, ops.reach(ex, ey, fx, fy)
-    start = ops.orientation(fx, fy, px, py, reach)
-    return start, ops.orientation(fx, fy, px - ex, py - ey, reach)
+    px, py = (tx - cx) - ax, (ty - cy) - ay
+    start = ops.cross(fx, fy, px, py)
+    return start, ops.cross(fx, fy, px - ex, py - ey)
 
 
 def crossing(
@@ -94,11 +167,11 @@ def crossing(
 
     ``side``: 1 or -1, the sign of the displacement of T that decides ties.
     """
-    (ax, ay, bx, by), (cx, cy, dx, dy) = edge, other
+    (ax, ay, bx, by), (cx, cy, dx, dy) = edge[:4], other[:4]
     ex, ey, fx, fy = bx - ax, by - ay, dx - cx, dy - cy
-    px, py, reach = (tx - cx) - ax, (ty - cy) - ay, ops.reach(ex, ey, fx, fy)
-    before = ops.orientation(ex, ey, px, py, reach)
-    after = ops.orientation(ex, ey, px - fx, py - fy, reach)
+    px, py = (tx - cx) - ax, (ty - cy) - ay
+    before = ops.cross(ex, ey, px, py)
+    after = ops.cross(ex, ey, px - fx, py - fy)
     start, end = levels(ops, edge, other, tx, ty)
     own, others = _limit(ops, ex, ey, side), _limit(ops, fx, fy, side)
     at_start, at_end = start > others, end > others
@@ -120,13 +193,7 @@ class _Exact:
 
     select = staticmethod(np.where)
 
-    @staticmethod
-    def reach(*_: Any) -> None:
-        return None
-
-    @staticmethod
-    def orientation(ax: Any, ay: Any, bx: Any, by: Any, _: Any) -> Any:
-        return accurate_cross(ax, ay, bx, by)
+    cross = staticmethod(accurate_cross)
 
 
 @dataclass(frozen=True)
@@ -162,7 +229,7 @@ class _Cells:
 def cells_across(first: Outline, second: Outline, samples: int) -> int:
     """Cells along the longer side that so many samples are worth, and that fit into memory."""
     size = float(_reach(first, second).max())
-    vectors = [edges[:, 2:] - edges[:, :2] for edges in (first.edges, second.edges)]
+    vectors = [o.edges[:, 2:4] - o.vertices for o in (first, second)]
     long, other_long = (float(np.hypot(*v.T).sum()) for v in vectors)
     sides = sum(
         len(other) * float(np.abs(v).sum()) for v, other in zip(vectors, vectors[::-1], strict=True)
@@ -191,24 +258,27 @@ def pair_grid(first: Outline, second: Outline, across: int) -> PairGrid:
     edges, others = np.concatenate([first.edges, leads]), second.edges
     lists = _Lists(first, cells, edges, others)
     (runs, _), (crossings, _), (rows, _) = found = lists.runs(), lists.crossings(), lists.rows()
+    table = np.array([[level.real, level.imag, 0.0, 0.0] for level in lists.numbers])
     ends = np.zeros((cells.count + 1, 8), np.uint32)
     for number, (_, cell) in enumerate(found):
         at = np.searchsorted(cell, np.arange(cells.count + 1))
         ends[:-1, 2 * number], ends[:-1, 2 * number + 1] = at[:-1], at[1:]
     low, size = cells.corner, cells.size
     numbers = np.array([[*low, *-low, 1.0 / size, cells.nx, cells.count, first.step]], np.float64)
-    others = np.vstack([others, np.zeros((1, 4))])
-    return PairGrid(numbers, ends, runs, crossings, rows, edges, others)
+    others = np.vstack([others, np.zeros((1, 8))])
+    names = np.vstack([first.names, np.zeros((len(leads), 4), np.uint32)])
+    return PairGrid(numbers, ends, runs, crossings, rows, edges, others, names, table)
 
 
 def _reach(first: Outline, second: Outline) -> Array:
     """The largest |T_x| and |T_y| at which copies meet."""
-    found: Array = sum(np.abs(outline.vertices).max(axis=0) for outline in (first, second))
+    both = (np.abs(outline.vertices).max(axis=0) for outline in (first, second))
+    found: Array = np.maximum(sum(both), 1e-300)
     return found
 
 
 def _leads(outline: Outline, far: float) -> Array:
-    """(2 rings, 4) lines to the first vertex of each ring, from the left and from the right.
+    """(2 rings, 8) lines to the first vertex of each ring, from the left and from the right.
 
     The left one begins outside of the other copy where T_x >= 0, the right one where T_x < 0.
     """
@@ -216,7 +286,7 @@ def _leads(outline: Outline, far: float) -> Array:
     ends = np.repeat(points, 2, axis=0)
     starts = ends.copy()
     starts[:, 0] = np.tile([-far, far], len(points))
-    return np.hstack([starts, ends])
+    return np.hstack([starts, ends, np.zeros((len(ends), 4))])
 
 
 class _Lists:
@@ -229,18 +299,22 @@ class _Lists:
     def __init__(self, outline: Outline, cells: _Cells, edges: Array, others: Array) -> None:
         self.cells, self.starts, self.null = cells, outline.starts, len(others)
         self.count, self.rings = len(outline.vertices), len(outline.starts) - 1
+        self.numbers: dict[complex, int] = {0.0: 0}
+        """The number of each level."""
         parts = zip(*_meeting(cells, edges, others, self.count), strict=True)
         cell, edge, other, sure = (np.concatenate(part) for part in parts)
         order = np.argsort(cell * len(edges) + edge, kind="stable")
         cell, edge, other, sure = (part.take(order) for part in (cell, edge, other, sure))
         middle, ends = cells.middle(cell), (_rows(edges, edge), _rows(others, other))
         meets, enters, *_ = crossing(_Exact, *ends, *middle)
-        jump = meets * (2 * enters - 1)
+        weights = others[:, 5] + 1j * others[:, 6]
+        self.unit = float(abs(weights).max(initial=0.0)) or 1.0
+        jump = weights.take(other) * meets * (2 * enters - 1)
         own, is_lead = edge < self.count, edge >= self.count
         at = cell[is_lead] * self.rings + (edge[is_lead] - self.count) // 2
         self.leads = at, edge[is_lead], other[is_lead]
-        self.at_start = np.zeros(cells.count * self.rings, np.int64)
-        """Winding number of the first vertex of each ring, by cell and ring."""
+        self.at_start = np.zeros(cells.count * self.rings, np.complex128)
+        """Level of the first vertex of each ring, by cell and ring."""
         np.add.at(self.at_start, at, jump[is_lead])
         touches = _touches(cells, *ends, *middle)[own]
         self.edge, self.other, self.jump, self.sure = (p[own] for p in (edge, other, jump, sure))
@@ -266,7 +340,7 @@ class _Lists:
         base = (sums - total)[self.head] - self.at_start[self.at[self.head]]
         self.after = sums - base[np.cumsum(self.head) - 1]
         self.before = self.after - total
-        """Winding numbers of the start and the end of each group's edge."""
+        """Levels of the start and the end of each group's edge."""
         preceding = np.empty_like(following)
         preceding[following] = np.arange(self.count)
         place = self._place(key, key - self.group_edge + preceding[self.group_edge])
@@ -297,39 +371,47 @@ class _Lists:
         low = np.concatenate([first[np.append(quiet, head) % self.rings], self.group_edge + 1])
         high = np.concatenate([end[quiet % self.rings], own[self.head], to_next])
         level = np.concatenate([self.at_start[quiet], self.before[self.head], self.after])
-        kept = (high > low) & (level != 0)
-        table = _table(low, high, level + NO_WINDING, 0)[kept]
+        kept = (high > low) & (abs(level) > _NO_WEIGHT * self.unit)
+        table = _table(low[kept], high[kept], self._number(level[kept]), 0)
         order = np.lexsort((table[:, 0], at[kept]))
         return table[order], at[kept][order] // self.rings
 
     def crossings(self) -> tuple[Array, Array]:
         """Pairs that cross wherever T is in the cell, but those that rows of others depend on."""
         kept = self.sure & ~self.leads_on[self.group]
-        table = _table(self.edge, self.other, self.jump + NO_WINDING, 0)
-        return table[kept], self.at[self.group[kept]] // self.rings
+        table = _table(self.edge[kept], self.other[kept], self._number(self.jump[kept]), 0)
+        return table, self.at[self.group[kept]] // self.rings
 
     def rows(self) -> tuple[Array, Array]:
         """All other pairs, along the rings, and edges whose start has a number that changes."""
         how = np.full(len(self.edge), CROSSING)
         how[self.first[~self.changes]] = START
         kept = ~self.sure | self.leads_on[self.group]
-        level = self.before[self.group] + NO_WINDING
-        pairs = _table(self.edge, self.other, how, level)[kept]
+        level = self._number(self.before[self.group[kept]])
+        pairs = _table(self.edge[kept], self.other[kept], how[kept], level)
         whole = np.flatnonzero(self.changes)
-        wholes = _table(self.group_edge[whole], self.null, WHOLE, NO_WINDING)
+        wholes = _table(self.group_edge[whole], self.null, WHOLE, 0)
         # rings whose first vertex changes: its number is that of the crossings on the way to it
         first = self.starts[:-1]
         led = self.at[self.head & self.changes & (self.group_edge == first[self.at % self.rings])]
-        heads = _table(first[led % self.rings], self.null, START, NO_WINDING)
+        heads = _table(first[led % self.rings], self.null, START, 0)
         lead_at, edge, other = self.leads
         mine = np.isin(lead_at, led)
-        leads = _table(edge[mine], other[mine], LEAD, NO_WINDING)
+        leads = _table(edge[mine], other[mine], LEAD, 0)
         # by cell and ring; there the way to the ring, and then by edge, whole edges first
         at = np.concatenate([led, lead_at[mine], self.at[whole], self.at[self.group[kept]]])
         way = [np.full(len(led), -2), np.full(len(leads), -1)]
         place = np.concatenate([*way, 2 * self.group_edge[whole], 2 * self.edge[kept] + 1])
         order = np.lexsort((place, at))
         return np.concatenate([heads, leads, wholes, pairs])[order], at[order] // self.rings
+
+    def _number(self, level: Array) -> Array:
+        """The numbers of levels, those equal up to rounding as one."""
+        scale = _LEVELS / self.unit
+        _, first, found = np.unique(np.rint(level * scale), return_index=True, return_inverse=True)
+        values = [complex(v) if abs(v) > _NO_WEIGHT * self.unit else 0.0 for v in level[first]]
+        numbers = [self.numbers.setdefault(value, len(self.numbers)) for value in values]
+        return np.array(numbers, np.uint32)[found]
 
 
 def _table(*columns: Any) -> Array:
@@ -341,7 +423,7 @@ def _table(*columns: Any) -> Array:
 
 def _rows(table: Array, number: Array) -> tuple[Array, ...]:
     """The columns of some rows."""
-    return tuple(column.take(number) for column in table.T)
+    return tuple(column.take(number) for column in table.T[:4])
 
 
 def _meeting(
@@ -353,10 +435,10 @@ def _meeting(
     each for its half of the cells.
     """
     step = max(1, _BLOCK // len(others))
-    c, d = others[:, :2], others[:, 2:]
+    c, d = others[:, :2], others[:, 2:4]
     for start in range(0, len(edges), step):
         number = np.arange(start, min(start + step, len(edges)))
-        a, b = edges[number, None, :2], edges[number, None, 2:]
+        a, b = edges[number, None, :2], edges[number, None, 2:4]
         low = (np.minimum(a, b) + np.minimum(c, d) - cells.corner) / cells.size
         high = (np.maximum(a, b) + np.maximum(c, d) - cells.corner) / cells.size
         least, most = np.zeros((len(number), 1, 2)), np.full((len(number), 1, 2), cells.ny - 1.0)

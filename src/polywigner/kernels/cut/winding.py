@@ -1,0 +1,232 @@
+"""Sums over the boundary of a slice: the parts of edges of one copy that lie inside the other.
+
+The weight of an edge is the winding number of its start in the other copy, kept running along its
+ring; each crossing with an edge of the other copy adds 1 or -1 from there to the edge's end
+(docs/theory/edges.md, (K2)). In a collection the winding number of each element counts as often as
+its weight says. All that is told of an outline is data, so that one compiled loop serves all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from typing import Any
+
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, RowClipper, View
+from polywigner.kernels.cut.pair_grid import (
+    LEAD,
+    START,
+    WHOLE,
+    Outline,
+    PairGrid,
+    cells_across,
+    crossing,
+    levels,
+    outline_of,
+    pair_grid,
+)
+from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of
+
+__all__ = ["PairClipper", "Pass", "cell_of", "clipper_for", "held_pairs", "pairs_of"]
+
+Pass = tuple[View, int, int]
+"""The view of edges, the number of their field, and of that of the other copy."""
+Interval = tuple[Any, Any, Any, Any]
+Level = tuple[Any, ...]
+
+# Where nobody knows how many samples there will be.
+_MANY = 1 << 20
+
+
+def clipper_for(
+    ops: Any, tables: Tables, tx: Any, ty: Any, *views: View, arguments: tuple[Any, ...] = ()
+) -> Clipper:
+    """The clipper that suits the number of edges, of samples, and the engine.
+
+    ``arguments``: of the kernel; what is not a number in them is not in the sums either.
+    """
+    cut = cut_of(ops.target, tables, ops.count(tx))
+    if cut == "pairs" and ops.needs_gradient(tx, ty, *arguments):
+        cut = "rows"  # Dr.Jit has no derivatives of nested loops
+    if cut == "pairs":
+        return PairClipper(ops, tables, tx, ty, views, arguments)
+    return (RowClipper if cut == "rows" else Clipper)(ops, tables, tx, ty)
+
+
+def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
+    """The lists of pairs of edges for so many samples, made once."""
+    first, second = _outlines(tables, key, double)
+    across = cells_across(first, second, samples or _MANY)
+    found = (*_same(key), double, across)
+    if found not in tables.pairs:
+        tables.pairs[found] = pair_grid(first, second, across)
+    return tables.pairs[found]
+
+
+def held_pairs(ops: Any, tables: Tables, key: Pass, samples: int = 0) -> PairGrid:
+    """The same in the memory of an engine."""
+    found = id(grid := pairs_of(tables, key, ops.double, samples)), ops.key
+    if found not in tables.pairs:
+        tables.pairs.setdefault(found, grid.held(ops.held))  # in all threads the same
+    return tables.pairs[found]
+
+
+def _same(key: Pass) -> tuple[Hashable, ...]:
+    view, group, other = key
+    return view.point, group, other  # AHEAD has the lists of BEHIND
+
+
+def _outlines(tables: Tables, key: Pass, double: bool) -> tuple[Outline, Outline]:
+    view, group, other = key
+    first, second = (outline_of(tables, number, double) for number in (group, other))
+    return first, second if view is MIRRORED else second.turned()
+
+
+def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Any:
+    """The number of the cell of an offset on the grid; an empty one's outside of all cells."""
+    x0, y0, x1, y1, per_unit, across, empty, _ = ops.gather(pair.numbers, ops.truncated(0.0))
+    inside = (tx >= x0) & (tx < x1) & (ty >= y0) & (ty < y1)
+    column, row = (
+        ops.truncated(ops.select(inside, (t - low) * per_unit, 0.0))
+        for t, low in ((tx, x0), (ty, y0))
+    )
+    return ops.select_number(inside, row * ops.truncated(across) + column, ops.truncated(empty))
+
+
+class PairClipper(Clipper):
+    """Cuts the edges that are on the lists of a sample's cell."""
+
+    def __init__(
+        self,
+        ops: Any,
+        tables: Tables,
+        tx: Any,
+        ty: Any,
+        views: tuple[View, ...],
+        arguments: tuple[Any, ...] = (),
+        pairs: Mapping[Pass, PairGrid] | None = None,
+    ) -> None:
+        """``pairs``: lists in the engine's memory, where others than those of the tables count."""
+        self.ops, self.tables = ops, tables
+        self.views, self.arguments = views, arguments
+        self.samples, self.pairs = ops.count(tx), pairs
+        *_, step = ops.gather(self._pair((views[0], 0, 0)).numbers, ops.truncated(0.0))
+        self.tx, self.ty = ops.snapped(tx, step), ops.snapped(ty, step)
+        self._now: tuple[View, Interval] | None = None
+
+    def _pair(self, key: Pass) -> PairGrid:
+        if self.pairs is not None:
+            view, *fields = key
+            return self.pairs[(BEHIND if view is AHEAD else view, *fields)]
+        return held_pairs(self.ops, self.tables, key, self.samples)
+
+    def sum_over_edges(
+        self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
+    ) -> Any:
+        # what lies at infinity or is not a number is so in the result
+        totals = [sum(value - value for value in (self.tx, self.ty, *self.arguments))] * values
+        for view in self.views:
+            found = _Pass(self, view, self._pair((view, group, other)), term, values)
+            for part in found.sums():
+                totals = [a + b for a, b in zip(totals, part, strict=True)]
+        self._now = None
+        return tuple(totals)
+
+    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
+        return compute()
+
+    def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
+        if self._now is not None and self._now[0] is view:
+            yield self._now[1]
+
+    def at(self, view: View, interval: Interval) -> None:
+        """The interval that :meth:`intervals` is to give for the edge that comes next."""
+        self._now = view, interval
+
+    def offset(self, view: View) -> tuple[float, Any, Any]:
+        """The side to which ties are decided, and the offset between the copies, as seen so."""
+        side = -1.0 if view is AHEAD else 1.0
+        return side, side * self.tx, side * self.ty
+
+    def cell(self, key: Pass) -> Any:
+        """The cells of samples, which are best taken in their order."""
+        _, tx, ty = self.offset(key[0])
+        return cell_of(self.ops, self._pair(key), tx, ty)
+
+
+class _Pass:
+    """The sums over the edges of one copy."""
+
+    def __init__(
+        self,
+        clipper: PairClipper,
+        view: View,
+        pair: PairGrid,
+        term: Callable[[Edge], Level],
+        values: int,
+    ) -> None:
+        self.clipper, self.view, self.pair, self.term, self.values = (
+            clipper, view, pair, term, values,
+        )  # fmt: skip
+        self.ops, self.tables = clipper.ops, clipper.tables
+        self.side, self.tx, self.ty = clipper.offset(view)
+
+    def sums(self) -> Iterator[list[Any]]:
+        """Over whole edges, over pairs that cross in any case, and along the other rows."""
+        ops, pair = self.ops, self.pair
+        cell = cell_of(ops, pair, self.tx, self.ty)
+        run, run_end, first, end, row, row_end, _, _ = ops.gather(pair.cells, cell)
+        like = self.tx
+        yield ops.sum_over_runs(run, run_end, pair.runs, self._whole, self.values, like)
+        yield ops.sum_over_range(first, end, self._crossed, self.values, like)
+        yield ops.sum_over_rows(row, row_end, self._visited, self.values, self._levels)
+
+    @property
+    def _levels(self) -> int:
+        return 2 if self.tables.phased else 1
+
+    def _level(self, number: Any) -> Level:
+        return tuple(self.ops.gather(self.pair.levels, number)[: self._levels])
+
+    def _whole(self, number: Any, level: Any) -> Level:
+        return self._last_part(number, None, 1.0, self._level(level))
+
+    def _crossed(self, row: Any) -> Level:
+        ops, pair = self.ops, self.pair
+        number, other, jump, _ = ops.gather(pair.crossings, row)
+        edge = ops.gather(pair.first, number)
+        start, end = levels(ops, edge, ops.gather(pair.second, other), self.tx, self.ty)
+        return self._last_part(number, edge, end / (end - start), self._level(jump))
+
+    def _visited(self, row: Any) -> tuple[Any, Level, Level, Callable[[Level], Level]]:
+        ops, pair = self.ops, self.pair
+        number, other, how, level = ops.gather(pair.rows, row)
+        edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
+        meets, enters, start, end = crossing(ops, edge, against, self.tx, self.ty, self.side)
+        sign = ops.select(meets, ops.select(enters, 1.0, -1.0), 0.0)
+        jump = (sign,)
+        if not self.tables.uniform:
+            jump = tuple(sign * weight for weight in against[5 : 5 + self._levels])
+        part = ops.select(meets, end / ops.select(meets, end - start, 1.0), 1.0)
+
+        def term(level: Level) -> Level:
+            weight = tuple(
+                ops.select(how == WHOLE, before, ops.select(how == LEAD, 0.0, by))
+                for before, by in zip(level, jump, strict=True)
+            )
+            return self._last_part(number, edge, part, weight)
+
+        return how == START, self._level(level), jump, term
+
+    def _last_part(self, number: Any, edge: Any, part: Any, level: Level) -> Level:
+        """What the last part of an edge contributes, such a fraction of it, at a level."""
+        ax, ay, bx, by, area, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
+        ex, ey = bx - ax, by - ay
+        begin, end, element, _ = self.ops.gather(self.pair.names, number)
+        # e = length u with length 1: what the kernels compute of u and length stays the same
+        found = Edge(
+            ax, ay, bx, by, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag,
+            begin=begin, end=end, element=element,
+        )  # fmt: skip
+        real, imag = self.tables.mutual(found, Piece((), *level))
+        self.clipper.at(self.view, (2.0 - part, part, real, -imag if self.view is AHEAD else imag))
+        return self.term(found)
