@@ -54,7 +54,7 @@ class OnNumpy:
                 yield targets, order, ready(values)
 
     def _order(self, arguments: Sequence[Array], count: int) -> Any:
-        """The order in which to take the samples: all, or by the cell in which each finds its edges.
+        """The order in which to take the samples: all, or by the cells of their edges.
 
         Without those that lie too far off to have a value other than 0.
         """

@@ -38,7 +38,8 @@ COSTS: dict[str, Cost] = {
     "box": Cost(20e-9, "place, edge and convex piece whose boxes are compared", _REGRET),
     "listed cut": Cost(0.05e-6, "place, edge and side near it", _REGRET),
     "listed term": Cost(20e-9, "sample and part of its slice", _REGRET),
-    "edge by pairs": Cost(0.1e-6, "sample and edge, looked up in lists of pairs", _REGRET),
+    "sample by pairs": Cost(4e-6, "sample, whatever the number of edges", _PAIRS),
+    "edge by pairs": Cost(0.04e-6, "sample and edge, looked up in lists of pairs", _PAIRS),
     "call on copies": Cost(2e-3, "call of an array with few samples, and copy of edges", _REGRET),
     "copy": Cost(0.8e-6, "sample of an array of copies, and copy of the outline", _REGRET),
     "pair of copies": Cost(0.5e-6, "sample and pair of elements near it", _REGRET),
@@ -51,7 +52,7 @@ COSTS: dict[str, Cost] = {
     "compile a wave": Cost(30e-3, "wave of the field on an edge", _REGRET),
     "compiled call": Cost(0.5e-3, "call of a compiled kernel", _REGRET),
     "compiled sample": Cost(10e-9, "sample that goes to the engine and back", _CUTS),
-    "compiled row": Cost(1.5e-9, "sample, edge and side as rows of a table", _CUTS),
+    "compiled row": Cost(0.5e-9, "sample, edge and side as rows of a table", _CUTS),
     "source as data": Cost(1e-3, "call whose outline comes as data", "outlines_as_data.py"),
     "term as data": Cost(20e-9, "sample and edge of F, where it is data", "outlines_as_data.py"),
     "point that radiates": Cost(1.2e-9, "sample and equivalent source of a grid", _RENDER),
@@ -73,7 +74,7 @@ LIMITS: dict[str, float] = {
     "least cuts by pairs, compiled": 4500,
     "least cuts by pairs, scalar": 300,
     "least cuts by pairs, derivatives": 400,
-    "least cuts by pairs, numpy": 1000,
+    "least cuts by pairs, numpy": 400,
     # Each pair of waves is code, of some 20 ms to compile (array_cost.py).
     "most pairs of waves as code": 16,
     # Code for each edge is two to six times as fast as a loop over them, up to where compiling it

@@ -187,11 +187,11 @@ def _outlines_on_numpy(request: Request, outline: Outline) -> Iterator[Way]:
         terms = _cost("listed term", n * outline.edges * views * waves / 2)
         yield _on_numpy(LISTED, _cost("call", 2) + _listing(outline, request.rows) + terms)
         return
-    cut = cut_for("numpy", outline.cuts, request.takes_data, n)
-    if cut == "pairs":
-        run = _cost("call", 2) + _cost("edge by pairs", n * views * outline.edges * waves)
+    if request.takes_data and outline.cuts > LIMITS["least cuts by pairs, numpy"]:
+        run = _cost("call", 2) + _cost("sample by pairs", n * views * waves)
+        run += _cost("edge by pairs", n * views * outline.edges * waves)
         yield _on_numpy("pairs of edges, on NumPy", run, _pairs(outline), "pairs")
-        return
+    cut = cut_for("numpy", outline.cuts, False, n)
     chunks = math.ceil(n / LIMITS["chunk"])
     lines = n * views * outline.edges * outline.lines
     run = _cost("call", 1) + _cost("cut", lines) + _cost("exact cut", lines * outline.exact)
@@ -212,14 +212,15 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     if is_wide and outline.allows_lists and outline.edges > LIMITS["most edges not worth listing"]:
         run = call + _listing(outline, request.rows) + _cost("compiled listed term", edges)
         yield _compiled(LISTED_COMPILED, 0.0, run)
-    elif request.takes_data:
+        return
+    if request.takes_data:
         term = "compiled edge with weights" if outline.weighs_lags else "compiled edge by pairs"
         run = _cost("compiled pairs", n * views) + _cost(term, edges)
         setup = _pairs(outline)
         if not outline.is_uniform:
             setup += _cost("compile", 2) + _cost("compile a wave", (outline.waves - 1) * views)
         yield replace(_by_data(request, run), setup=setup)
-    else:
+    if loops_over_edges(outline.cuts) or not request.takes_data:
         cut = "rows" if loops_over_edges(outline.cuts) else "code"
         run = call + _cost("compiled row", n * views * outline.cuts)
         yield _compiled(f"edges as {cut}, compiled", 0.0, run, cut)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, View
-from polywigner.kernels.cut.cut_matrix import CutMatrix
+from polywigner.kernels.cut.winding import ListedParts
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import difference_pairs, mean_pairs
 
@@ -61,8 +61,8 @@ class _Parts:
     """Parts as they are found, for offsets T of the frame."""
 
     def __init__(self, ops: Any, tables: Tables, offset: Any, place: Any) -> None:
-        self.tables, self.count = tables, place[0].size
-        self.cuts = CutMatrix(ops, tables, *(np.broadcast_to(t, self.count) for t in offset))
+        self.ops, self.tables, self.count = ops, tables, place[0].size
+        self.offset = tuple(np.broadcast_to(t, self.count) for t in offset)
         self.owners: list[NDArray[np.intp]] = []
         self.rows: list[Rows] = []
 
@@ -75,22 +75,25 @@ class _Parts:
         side: float,
         scale: float,
     ) -> None:
-        """Those of one group's edges in another's pieces, seen at ``scale (p + side T)``."""
-        for found in self.cuts.parts(view, group, other):
-            edge, owner = found.edge, found.place
-            t, s = 0.5 * (found.low + found.high), scale * (found.high - found.low)
-            tx, ty = (side * offset[owner] for offset in (self.cuts.tx, self.cuts.ty))
-            place = [
-                scale * (edge.ax + tx + t * edge.ex),
-                scale * (edge.ay + ty + t * edge.ey),
-                s * edge.ex,
-                s * edge.ey,
-            ]
-            for shift, cosine, sine in wave_pairs:
-                a, b = (np.broadcast_to(v, self.count)[owner] for v in (cosine, sine))
-                weight = [a * found.real - b * found.imag, a * found.imag + b * found.real]
-                self.owners.append(owner)
-                self.rows.append(_stacked(place + weight, shift))
+        """Those of one group's edges inside another's, seen at ``scale (p + side T)``."""
+        found = ListedParts(self.ops, self.tables, (view, group, other), *self.offset)
+        edge, owner = found.edge, found.owner
+        t, s = 1.0 - 0.5 * found.part, scale * found.part
+        tx, ty = (side * offset[owner] for offset in self.offset)
+        real, imag = (np.broadcast_to(w, len(owner)) for w in found.weight)
+        if view is AHEAD:
+            imag = -imag
+        place = [
+            scale * (edge.ax + tx + t * edge.ex),
+            scale * (edge.ay + ty + t * edge.ey),
+            s * edge.ex,
+            s * edge.ey,
+        ]
+        for shift, cosine, sine in wave_pairs:
+            a, b = (np.broadcast_to(v, self.count)[owner] for v in (cosine, sine))
+            weight = [a * real - b * imag, a * imag + b * real]
+            self.owners.append(owner)
+            self.rows.append(_stacked(place + weight, shift))
 
     def table(self) -> tuple[NDArray[np.intp], Rows]:
         if not self.rows:

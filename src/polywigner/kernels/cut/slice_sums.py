@@ -6,15 +6,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from polywigner.kernels.cut.clipping import View
 from polywigner.kernels.cut.outer_bounds import may_meet
 from polywigner.kernels.cut.pair_grid import PairGrid
-from polywigner.kernels.cut.winding import PairClipper, Pass, clipper_for
-from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.cut.winding import ListedClipper, PairClipper, Pass, clipper_for
+from polywigner.kernels.outline.tables import Tables, cut_of
 
 __all__ = ["SliceSum"]
 
 Values = tuple[Any, ...]
+
+# Samples and edges at a time: temporary arrays of some 2 MB.
+_LISTED = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +38,27 @@ class SliceSum:
     """Whether compiled sums of one source serve all: not where they measure by its frame."""
 
     def __call__(self, ops: Any, tables: Tables, *inner: Any) -> Values:
+        if ops.target == "numpy" and cut_of("numpy", tables, max(map(ops.count, inner))) == "pairs":
+            return self._listed(ops, tables, inner)
         offset = self.offset(*inner)
         clipper = clipper_for(ops, tables, *offset, *self.views, arguments=inner)
         return self.summed(clipper, *inner)
+
+    def _listed(self, ops: Any, tables: Tables, inner: Values) -> Values:
+        """The sums on NumPy: over parts of edges, which are listed for some samples at a time."""
+        shape = np.broadcast_shapes(*map(np.shape, inner)) or (1,)
+        flat = [np.broadcast_to(a, shape).ravel() for a in inner]
+        size = max(1, _LISTED // len(tables.edges))
+        found = []
+        for start in range(0, flat[0].size, size):
+            some = [a[start : start + size] for a in flat]
+            clipper = ListedClipper(ops, tables, self.views, *self.offset(*some))
+            terms = self.summed(clipper, *(a[clipper.owner] for a in some))
+            # what lies at infinity or is not a number is so in the result
+            lost = sum(a - a for a in some)
+            found.append([np.bincount(clipper.owner, term, len(some[0])) + lost for term in terms])
+        columns = (np.concatenate(column) for column in zip(*found, strict=True))
+        return tuple(column.astype(ops.dtype).reshape(shape) for column in columns)
 
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any

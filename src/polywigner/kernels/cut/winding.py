@@ -11,6 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, RowClipper, View
 from polywigner.kernels.cut.pair_grid import (
     LEAD,
@@ -24,7 +27,7 @@ from polywigner.kernels.cut.pair_grid import (
     outline_of,
     pair_grid,
 )
-from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of
+from polywigner.kernels.outline.tables import Edge, Piece, Tables, cut_of, numbers_of
 
 __all__ = ["PairClipper", "Pass", "cell_of", "clipper_for", "held_pairs", "pairs_of"]
 
@@ -32,6 +35,7 @@ Pass = tuple[View, int, int]
 """The view of edges, the number of their field, and of that of the other copy."""
 Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
+Array = npt.NDArray[Any]
 
 # Where nobody knows how many samples there will be.
 _MANY = 1 << 20
@@ -92,6 +96,17 @@ def cell_of(ops: Any, pair: PairGrid, tx: Any, ty: Any) -> Any:
     return ops.select_number(inside, row * ops.truncated(across) + column, ops.truncated(empty))
 
 
+def _snapped(ops: Any, pair: PairGrid, *offset: Any) -> tuple[Any, ...]:
+    """An offset on the grid of the vertices."""
+    *_, step = ops.gather(pair.numbers, ops.truncated(0.0))
+    return tuple(ops.snapped(t, step) for t in offset)
+
+
+def _side(view: View) -> float:
+    """The sign of the offset between the copies as seen so, and of its displacement at ties."""
+    return -1.0 if view is AHEAD else 1.0
+
+
 class PairClipper(Clipper):
     """Cuts the edges that are on the lists of a sample's cell."""
 
@@ -109,8 +124,7 @@ class PairClipper(Clipper):
         self.ops, self.tables = ops, tables
         self.views, self.arguments = views, arguments
         self.samples, self.pairs = ops.count(tx), pairs
-        *_, step = ops.gather(self._pair((views[0], 0, 0)).numbers, ops.truncated(0.0))
-        self.tx, self.ty = ops.snapped(tx, step), ops.snapped(ty, step)
+        self.tx, self.ty = _snapped(ops, self._pair((views[0], 0, 0)), tx, ty)
         self._now: tuple[View, Interval] | None = None
 
     def _pair(self, key: Pass) -> PairGrid:
@@ -142,15 +156,10 @@ class PairClipper(Clipper):
         """The interval that :meth:`intervals` is to give for the edge that comes next."""
         self._now = view, interval
 
-    def offset(self, view: View) -> tuple[float, Any, Any]:
-        """The side to which ties are decided, and the offset between the copies, as seen so."""
-        side = -1.0 if view is AHEAD else 1.0
-        return side, side * self.tx, side * self.ty
-
     def cell(self, key: Pass) -> Any:
         """The cells of samples, which are best taken in their order."""
-        _, tx, ty = self.offset(key[0])
-        return cell_of(self.ops, self._pair(key), tx, ty)
+        side = _side(key[0])
+        return cell_of(self.ops, self._pair(key), side * self.tx, side * self.ty)
 
 
 class _Pass:
@@ -168,7 +177,8 @@ class _Pass:
             clipper, view, pair, term, values,
         )  # fmt: skip
         self.ops, self.tables = clipper.ops, clipper.tables
-        self.side, self.tx, self.ty = clipper.offset(view)
+        self.side = _side(view)
+        self.tx, self.ty = self.side * clipper.tx, self.side * clipper.ty
 
     def sums(self) -> Iterator[list[Any]]:
         """Over whole edges, over pairs that cross in any case, and along the other rows."""
@@ -220,9 +230,9 @@ class _Pass:
     def _last_part(self, number: Any, edge: Any, part: Any, level: Level) -> Level:
         """What the last part of an edge contributes, such a fraction of it, at a level."""
         ax, ay, bx, by, area, real, imag, _ = edge or self.ops.gather(self.pair.first, number)
-        ex, ey = bx - ax, by - ay
         begin, end, element, _ = self.ops.gather(self.pair.names, number)
         # e = length u with length 1: what the kernels compute of u and length stays the same
+        ex, ey = bx - ax, by - ay
         found = Edge(
             ax, ay, bx, by, ex, ey, area, ex, ey, 1.0, 0.0, 0.0, real, imag,
             begin=begin, end=end, element=element,
@@ -230,3 +240,137 @@ class _Pass:
         real, imag = self.tables.mutual(found, Piece((), *level))
         self.clipper.at(self.view, (2.0 - part, part, real, -imag if self.view is AHEAD else imag))
         return self.term(found)
+
+
+# ---- NumPy ---------------------------------------------------------------------------------------
+
+
+class ListedParts:
+    """Parts of edges inside the other copy, of all samples one after the other."""
+
+    def __init__(self, ops: Any, tables: Tables, key: Pass, tx: Array, ty: Array) -> None:
+        """Those of one pass, for offsets (n,) of NumPy."""
+        pair, self.key = held_pairs(ops, tables, key, len(tx)), key
+        side = _side(key[0])
+        tx, ty = (side * t for t in _snapped(ops, pair, tx, ty))
+        spans = ops.gather(pair.cells, cell_of(ops, pair, tx, ty))
+        parts = [
+            _runs(pair, *spans[:2]),
+            _crossings(ops, pair, *spans[2:4], tx, ty),
+            _rows(ops, pair, *spans[4:6], tx, ty, side),
+        ]
+        self.owner, self.number, self.part, level = (
+            np.concatenate(column) for column in zip(*parts, strict=True)
+        )
+        ax, ay, bx, by, area, real, imag, _ = ops.gather(pair.first, self.number)
+        ex, ey, one = bx - ax, by - ay, np.ones_like(ax)
+        self.edge = Edge(ax, ay, bx, by, ex, ey, area, ex, ey, one, 0.0, 0.0, real, imag)
+        weight = level.real.astype(ops.dtype), level.imag.astype(ops.dtype)
+        self.weight = tables.mutual(self.edge, Piece((), *weight))
+        self.part = self.part.astype(ops.dtype)
+
+
+def _flat(first: Array, end: Array) -> tuple[Array, Array]:
+    """Whose, and row, of all rows from each first up to each end."""
+    counts = end - first
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) + (first - (np.cumsum(counts) - counts))[owner]
+
+
+def _level(pair: PairGrid, number: Array) -> Array:
+    found: Array = pair.levels[number, 0] + 1j * pair.levels[number, 1]
+    return found
+
+
+def _runs(pair: PairGrid, first: Array, end: Array) -> tuple[Array, ...]:
+    """(owner, edge, part, level) of edges that lie inside as a whole."""
+    owner, run = _flat(first, end)
+    begin, stop, level, _ = pair.runs[run].T
+    of_run, number = _flat(begin, stop)
+    return owner[of_run], number, np.ones(len(number)), _level(pair, level[of_run])
+
+
+def _crossings(
+    ops: Any, pair: PairGrid, first: Array, end: Array, tx: Array, ty: Array
+) -> tuple[Array, ...]:
+    """Of the last parts of edges that cross one of the other copy in any case."""
+    owner, row = _flat(first, end)
+    number, other, jump, _ = pair.crossings[row].T
+    edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
+    start, stop = levels(ops, edge, against, tx[owner], ty[owner])
+    return owner, number, stop / (stop - start), _level(pair, jump)
+
+
+def _rows(
+    ops: Any, pair: PairGrid, first: Array, end: Array, tx: Array, ty: Array, side: float
+) -> tuple[Array, ...]:
+    """Of what other pairs are found to leave, with the level that runs along the rings."""
+    owner, row = _flat(first, end)
+    number, other, how, set_to = pair.rows[row].T
+    edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
+    meets, enters, start, stop = crossing(ops, edge, against, tx[owner], ty[owner], side)
+    jump = (against[5] + 1j * against[6]) * (meets * np.where(enters, 1.0, -1.0))
+    before = np.cumsum(jump) - jump
+    # each ring of a sample begins with a row that sets the level
+    last = np.maximum.accumulate(np.where(how == START, np.arange(len(row)), 0))
+    level = before + (_level(pair, set_to) - before)[last]
+    level = np.where(how == WHOLE, level, np.where(how == LEAD, 0.0, jump))
+    (kept,) = np.nonzero(level)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.where(meets, stop / (stop - start), 1.0)
+    return owner[kept], number[kept], part[kept], level[kept]
+
+
+class ListedClipper(Clipper):
+    """Takes listed parts as samples of their own, each of one edge."""
+
+    def __init__(
+        self, ops: Any, tables: Tables, views: tuple[View, ...], tx: Array, ty: Array
+    ) -> None:
+        """For offsets (n,): ``owner`` (k,) is whose the parts are."""
+        self.ops, self.tables = ops, tables
+        fields = range(len(tables.groups))
+        keys = [(view, own, other) for view in views for own in fields for other in fields]
+        self.parts = [ListedParts(ops, tables, key, tx, ty) for key in keys]
+        self.owner = np.concatenate([parts.owner for parts in self.parts])
+        ends = np.cumsum([len(parts.owner) for parts in self.parts])
+        self.places = [
+            slice(end - len(p.owner), end) for p, end in zip(self.parts, ends, strict=True)
+        ]
+        pair = held_pairs(ops, tables, keys[0], len(tx))
+        self.tx, self.ty = (t[self.owner] for t in _snapped(ops, pair, tx, ty))
+        columns = zip(*(numbers_of(parts.edge) for parts in self.parts), strict=True)
+        self.edge = Edge(
+            *(
+                np.concatenate(
+                    [
+                        np.broadcast_to(c, len(p.owner))
+                        for c, p in zip(column, self.parts, strict=True)
+                    ]
+                )
+                if np.ndim(column[0])
+                else column[0]
+                for column in columns
+            )
+        )
+        self._pair = 0, 0
+
+    def sum_over_edges(
+        self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
+    ) -> Any:
+        """The terms of all parts, one by one: 0 for parts of other fields."""
+        self._pair = group, other
+        found = term(self.edge)
+        return tuple(np.broadcast_to(value, self.owner.shape) for value in found)
+
+    def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
+        return compute()
+
+    def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
+        part, real, imag = (np.zeros(len(self.owner), self.ops.dtype) for _ in range(3))
+        for parts, place in zip(self.parts, self.places, strict=True):
+            if parts.key == (view, *self._pair):
+                part[place] = parts.part
+                real[place], imag[place] = parts.weight
+        sign = -1.0 if view is AHEAD else 1.0
+        yield 2.0 - part, part, real, sign * imag if self.tables.phased else 0.0
