@@ -66,7 +66,7 @@ COSTS: dict[str, Cost] = {
     "compiled edge by pairs": Cost(1.2e-9, "sample and edge, looked up in lists", _PAIRS),
     "compiled copy": Cost(0.08e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(10e-9, "sample and pair of elements near it", "array_cost.py"),
-    "pair of edges": Cost(1e-6, "pair of edges, to list where it can meet", _PAIRS),
+    "pair of edges": Cost(0.4e-6, "pair of edges, to list where it can meet", _PAIRS),
 }
 
 LIMITS: dict[str, float] = {

@@ -212,15 +212,14 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     if is_wide and outline.allows_lists and outline.edges > LIMITS["most edges not worth listing"]:
         run = call + _listing(outline, request.rows) + _cost("compiled listed term", edges)
         yield _compiled(LISTED_COMPILED, 0.0, run)
-        return
-    if request.takes_data:
+    elif request.takes_data:
         term = "compiled edge with weights" if outline.weighs_lags else "compiled edge by pairs"
         run = _cost("compiled pairs", n * views) + _cost(term, edges)
         setup = _pairs(outline)
         if not outline.is_uniform:
             setup += _cost("compile", 2) + _cost("compile a wave", (outline.waves - 1) * views)
         yield replace(_by_data(request, run), setup=setup)
-    if loops_over_edges(outline.cuts) or not request.takes_data:
+    else:
         cut = "rows" if loops_over_edges(outline.cuts) else "code"
         run = call + _cost("compiled row", n * views * outline.cuts)
         yield _compiled(f"edges as {cut}, compiled", 0.0, run, cut)

@@ -41,6 +41,8 @@ __all__ = [
 CROSSING, START, WHOLE, LEAD = range(4)
 # Pairs at a time: their temporaries stay in a cache.
 _BLOCK = 1 << 15
+# More than rounding does to a cross product of vectors of the frame.
+_ROUNDED = 1e-13
 # Far beyond rounding, in units of the frame: cells count as so much larger.
 _MARGIN = 1e-12
 # Levels are sums of weights, which rounding parts by less: whole numbers for uniform sources.
@@ -193,7 +195,13 @@ class _Exact:
 
     select = staticmethod(np.where)
 
-    cross = staticmethod(accurate_cross)
+    @staticmethod
+    def cross(ax: Any, ay: Any, bx: Any, by: Any) -> Any:
+        rough = np.asarray(ax * by - ay * bx)
+        near = np.abs(rough) < _ROUNDED  # of vectors shorter than 8
+        if near.any():
+            rough[near] = accurate_cross(*(v[near] for v in (ax, ay, bx, by)))
+        return rough
 
 
 @dataclass(frozen=True)
