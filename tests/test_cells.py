@@ -18,9 +18,6 @@ import polywigner as pw
 from oracles.references import ENGINES, FEW, awkward, awkward_names, numpy_and_few
 from polywigner.execution import NumpyOperations
 from polywigner.kernels import tables_of, wigner
-from polywigner.kernels.cut.cell_finder import Segments
-from polywigner.kernels.cut.cell_lists import cell_lists
-from polywigner.kernels.cut.cell_tree import _PAIRS_PER_EDGE, divided
 from polywigner.kernels.functions.edge_terms import EvenTerms
 from polywigner.plans import forced
 
@@ -28,8 +25,6 @@ from polywigner.plans import forced
 # since ulps of the diameter move every piece of the boundary.
 TOLERANCE = {"double": 1e-12, "single": 5e-6}
 BY_BOUNDARY = {"double": 4e-16, "single": 6e-7}
-# docs/theory.md: bytes for each pair of an edge and a side in a cell
-BYTES_PER_PAIR = 64
 # fewer arrays of the engine are computed as they come
 _ENOUGH_TO_SORT = 10_000
 
@@ -38,7 +33,7 @@ precisions = pytest.mark.parametrize("precision", list(TOLERANCE))
 
 
 def by_cells(always: bool) -> AbstractContextManager[None]:
-    return forced("cells" if always else "edges")
+    return forced("pairs" if always else "edges")
 
 
 @pytest.fixture
@@ -288,55 +283,6 @@ def test_derivatives_pass_through_the_cells(which: int, mode: str) -> None:
         assert np.abs(forward - expected.sum(axis=0)).max() < 1e-6
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "source",
-    [pw.shapes.regular_polygon(256, 1.0), random_outline(96, 0.0), pw.shapes.star(32, 1.0, 0.4)],
-    ids=["256-gon", "random", "spiky star"],
-)
-@pytest.mark.parametrize("sign", [-1, 1])
-def test_memory_is_what_the_documents_say(source: pw.Aperture, sign: int) -> None:
-    tables = tables_of(source, True)
-    lists = cell_lists(tables, sign)
-    pairs = max(_PAIRS_PER_EDGE * len(tables.edges), tables.clips)
-    assert lists.nbytes < BYTES_PER_PAIR * pairs + 5e6  # and the map of the cells
-
-
-def test_a_sample_sees_few_cuts_and_no_more_edges_than_there_are() -> None:
-    tables = tables_of(pw.shapes.regular_polygon(256, 1.0), True)
-    lists = cell_lists(tables, -1)
-    cells = len(lists.first_run) - 2
-    runs = lists.runs[:, 1].astype(int) - lists.runs[:, 0]
-    of_run = np.repeat(np.arange(cells + 1), np.diff(lists.first_run.astype(int)))
-    assert np.bincount(of_run, runs).max() <= 256
-    cuts = (lists.plain.records[:, 2].astype(int) - lists.plain.records[:, 1]).sum()
-    assert cuts / cells < 256 / 4  # each edge by each side would be 65536
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_whatever_a_cell_lists_also_meets_it_by_the_wider_test(seed: int) -> None:
-    """Vertices that fail the wider test are taken to lie apart from all sides on the list."""
-    rng = np.random.default_rng(seed)
-    start = rng.uniform(-0.5, 0.5, (200, 2))
-    half = rng.uniform(-1, 1, (200, 2)) * 10 ** rng.uniform(-3, -0.5, (200, 1))
-    # on a grid on which ends often just touch the margin of a cell
-    start, half = np.round(start, 3), np.round(half, 3)
-    segments = Segments(start, half)
-    reach = np.array([1.6, 1.6])
-    cells = divided(segments, segments, -1, (-reach, reach), 25)
-    centre = segments.middle[cells.side] + segments.middle[cells.edge]
-    assert cells.meet(cells.cell, centre, half[cells.edge], half[cells.side]).all()
-    # and each pair that meets in a point anywhere is listed in the cell of that point
-    edge, side = rng.integers(200, size=(2, 5000))
-    t, r = rng.uniform(-1, 1, (2, 5000, 1))
-    offset = start[side] + r * half[side] + start[edge] + t * half[edge]
-    unit = cells.size / np.exp2(cells.bits)
-    column, row = ((offset - cells.low) / unit).astype(int).T
-    listed = set(zip(cells.cell.tolist(), cells.edge.tolist(), cells.side.tolist(), strict=True))
-    found = zip(cells.map()[row, column].tolist(), edge.tolist(), side.tolist(), strict=True)
-    assert all(triple in listed for triple in found)
-
-
 def test_scalar_kernels_look_up_the_same_cells() -> None:
     from polywigner.execution import ScalarOperations
 
@@ -374,9 +320,9 @@ def test_arrays_of_the_engine_come_back_in_their_own_order(
     """They are taken in that of the cells, a chunk at a time."""
     import drjit.llvm as backend
 
-    from polywigner.execution import by_cell
+    from polywigner.execution import on_drjit_data
 
-    monkeypatch.setattr(by_cell, "_CHUNK", 7000)
+    monkeypatch.setattr(on_drjit_data, "_CHUNK", 7000)
     source = pw.shapes.regular_polygon(40, 1.0)
     rng = np.random.default_rng(5)
     x, nu = rng.uniform(-1, 1, (15_001, 2)), rng.uniform(-5, 5, (15_001, 2))
@@ -400,29 +346,6 @@ def test_one_frequency_goes_with_all_sorted_positions() -> None:
 
 
 @pytest.mark.llvm
-def test_nothing_is_sorted_for_derivatives_or_while_a_loop_is_recorded() -> None:
-    import drjit as dr
-    import drjit.llvm.ad as backend
-
-    from polywigner.execution.by_cell import sorts
-    from polywigner.kernels.functions.plane import WIGNER
-
-    tables = tables_of(pw.shapes.regular_polygon(40, 1.0), True)
-    points = [dr.arange(backend.Float64, 1 << 14) for _ in range(4)]
-    assert sorts(WIGNER, tables, backend.Float64, points)
-    seen = []
-
-    def step(count: Any) -> tuple[Any]:
-        seen.append(sorts(WIGNER, tables, backend.Float64, points))
-        return (count + 1,)
-
-    dr.while_loop((dr.arange(backend.UInt, 4),), lambda count: count < 8, step, mode="symbolic")
-    assert seen and not any(seen)
-    dr.enable_grad(points[0])
-    assert not sorts(WIGNER, tables, backend.Float64, points)
-
-
-@pytest.mark.llvm
 @pytest.mark.parametrize("one", ["place", "frequency"])
 def test_one_place_or_frequency_counts_for_all_of_an_engines_arrays(one: str) -> None:
     """Arrays of the engine are brought into the order of their cells, if they have one."""
@@ -440,25 +363,8 @@ def test_one_place_or_frequency_counts_for_all_of_an_engines_arrays(one: str) ->
     assert np.abs(found - expected).max() < TOLERANCE["double"] * source.area
 
 
-@pytest.mark.parametrize("size", [1, 4])
-@pytest.mark.parametrize("cells", [3, 700, 1 << 20], ids=["few", "some", "beyond 16 bits"])
-def test_groups_of_one_cell_have_every_sample_once_and_fill_up_with_their_last(
-    cells: int, size: int
-) -> None:
-    from polywigner.execution.by_cell import grouped
-
-    cell = np.random.default_rng(cells).integers(cells, size=5003).astype(np.uint32)
-    groups = grouped(cell, size)
-    place = groups.first[groups.cells] + size * np.arange(len(groups.cells))
-    inside = place[:, None] + np.arange(size)
-    last = groups.last[groups.cells][:, None]
-    sample = groups.order[np.minimum(inside, last)]
-    assert (cell[sample] == groups.cells[:, None]).all()
-    assert (np.sort(sample[inside <= last]) == np.arange(len(cell))).all()
-
-
 @engines
-@pytest.mark.parametrize("cut", ["code", "rows", "cells"])
+@pytest.mark.parametrize("cut", ["code", "rows", "pairs"])
 def test_what_is_not_finite_is_so_in_the_result_even_where_no_slice_is(
     engine: str, cut: str
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,10 +11,7 @@ import shapely
 
 import polywigner as pw
 from polywigner.errors import GeometryError
-from polywigner.kernels.cut.cell_lists import cell_lists
-from polywigner.kernels.functions.plane import tables_of
-from polywigner.plans import Outline, Request, forced, plan
-from polywigner.plans.plan import DATA
+from polywigner.plans import forced
 from test_compilation import compiled
 
 # Of sums of some ten terms, each good to an ulp or two of the area; single precision of 6e-8.
@@ -73,7 +69,7 @@ def test_values_are_those_of_numpy(name: str, precision: str, llvm: Any) -> None
         x[:20], nu[:5] = 0.0, 0.0  # coincident edges, and the limit
         x += np.array(shapely.Point(source.bounds[0] * 0.5, 0).coords[0]) * (name == "wigner")
         expected = TRANSFORMS[name](source, x, nu, engine="numpy")
-        with forced("data"):
+        with forced("pairs"):
             found = TRANSFORMS[name](source, x, nu, engine="llvm", precision=precision)
         assert np.abs(found - expected).max() <= allowed * 4 * source.area
 
@@ -86,7 +82,7 @@ def test_what_is_no_number_is_none_in_the_result(name: str, llvm: Any) -> None:
     nu = np.ones((8, 2))
     nu[:3, 0] = bad
     x[3:6, 1] = bad
-    with forced("data"):
+    with forced("pairs"):
         found = TRANSFORMS[name](source, x, nu, engine="llvm")
     expected = TRANSFORMS[name](source, x, nu, engine="numpy")
     assert np.array_equal(np.isnan(found), np.isnan(expected))
@@ -104,7 +100,7 @@ def test_collections_with_any_weights_are_data_too(weights: Any, llvm: Any) -> N
         x, nu = rng.normal(size=(2, count, 2)) * 0.5
         for function in functions:
             expected = function(source, x, nu, engine="numpy")
-            with forced("data"):
+            with forced("pairs"):
                 found = function(source, x, nu, engine="llvm")
             assert found.shape == expected.shape
             assert np.abs(found - expected).max() <= DOUBLE * 40
@@ -173,21 +169,3 @@ def test_derivatives_need_no_kernel_of_their_own(llvm: Any) -> None:
     with compiled() as found:
         call(15)
     assert len(found) < MOST_FORMS
-
-
-def test_lists_of_one_cell_do_not_oust_those_of_many() -> None:
-    tables = tables_of(pw.shapes.regular_polygon(24, 1.0), True)
-    kept = cell_lists(tables, -1)
-    for _ in range(40):  # as derivatives of 40 outlines make them
-        cell_lists(replace(tables, cut="all in cells"), -1)
-    assert cell_lists(tables, -1) is kept
-
-
-def test_an_outline_is_data_unless_it_takes_longer_than_to_compile_its_code() -> None:
-    square = Request("wigner", 1000, Outline(4, 1, 16, 4), engine="llvm", takes_data=True)
-    assert plan(square).way.name == DATA
-    assert plan(replace(square, samples=10_000_000)).way.name == "edges as code"
-    with forced("code"):
-        assert plan(square).way.name == "edges as code"
-    with forced("data"):
-        assert plan(replace(square, samples=10_000_000)).way.name == DATA

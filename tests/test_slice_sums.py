@@ -21,12 +21,11 @@ from oracles.degenerate import outlines
 from oracles.positions import Outline, frequencies, lags, outline, positions
 from oracles.references import awkward, awkward_names
 from polywigner.execution import ScalarOperations
-from polywigner.execution.chunks import store
-from polywigner.execution.on_numpy import OnNumpy
-from polywigner.execution.on_pairs import OnPairs
-from polywigner.kernels.formulas import integrands, slices
-from polywigner.kernels.formulas.slice_sum import sum_over_slice
-from polywigner.kernels.outline.pair_grid import pair_grid
+from polywigner.kernels import tables_of
+from polywigner.kernels.cut.clipping import MIRRORED
+from polywigner.kernels.cut.pair_grid import outline_of, pair_grid
+from polywigner.kernels.functions.plane import WIGNER
+from polywigner.plans import forced
 from test_compilation import compiled
 
 # Of the area: half an ulp by which vertices and offsets are moved, times the perimeter, and some
@@ -48,19 +47,13 @@ precisions = pytest.mark.parametrize("double", [True, False], ids=["double", "si
 
 
 def computed(
-    kernel: Any, source: Any, *points: np.ndarray, double: bool = True, engine: str = "numpy"
+    function: Any, source: Any, *points: np.ndarray, double: bool = True, engine: str = "numpy"
 ) -> np.ndarray:
-    """A kernel at points (n, 2); complex for A."""
-    components = [np.ascontiguousarray(p[:, k]) for p in points for k in range(2)]
-    tables, count = kernel.tables(source, double), 2 if kernel is slices.AMBIGUITY else 1
-    kind = np.float64 if double else np.float32
-    results = [np.empty(len(points[0]), kind) for _ in range(count)]
-    run: Any = OnNumpy(kernel, tables, double)
-    if engine != "numpy":
-        run = OnPairs(kernel, tables, double, engine)
-    launched = run.points(components, results)
-    store((targets, order, lambda f=fetch: f()[:count]) for targets, order, fetch in launched)
-    return results[0] + 1j * results[1] if count == 2 else results[0]
+    """A function at points (n, 2), of edges that are looked up in lists of pairs."""
+    precision: Any = "double" if double else "single"
+    with forced("pairs"):
+        found: np.ndarray = function(source, *points, precision=precision, engine=engine)
+    return found
 
 
 def tolerance(source: Any, double: bool) -> float:
@@ -107,10 +100,10 @@ def cases(function: str, seed: int, count: int = FEW, each: int = DRAWS) -> list
 
 
 KERNELS = {
-    "W": slices.WIGNER,
-    "A": slices.AMBIGUITY,
-    "lag slice": slices.POSITION_MARGINAL,
-    "position slice": slices.LAG_MARGINAL,
+    "W": pw.wigner,
+    "A": pw.ambiguity,
+    "lag slice": pw.position_marginal,
+    "position slice": pw.lag_marginal,
 }
 
 
@@ -128,7 +121,7 @@ def test_values_are_exact_where_edges_coincide(function: str, engine: str, doubl
 def test_w_is_exact_at_a_hundred_thousand_degenerate_positions(engine: str) -> None:
     for source, points, expected in cases("W", 2, MANY, MANY_DRAWS):
         for double in (True, False):
-            found = computed(slices.WIGNER, source, *points, double=double, engine=engine)
+            found = computed(pw.wigner, source, *points, double=double, engine=engine)
             assert np.abs(found - expected).max() <= tolerance(source, double)
 
 
@@ -137,9 +130,9 @@ def test_all_functions_are_exact_on_awkward_shapes(name: str) -> None:
     case = awkward(name)
     for double in (True, False):
         allowed = TOLERANCE[double] * case.area
-        found = computed(slices.WIGNER, case.aperture, case.x, case.x_nu, double=double)
+        found = computed(pw.wigner, case.aperture, case.x, case.x_nu, double=double)
         assert np.abs(found - case.wigner).max() <= allowed
-        found = computed(slices.AMBIGUITY, case.aperture, case.upsilon, case.xi, double=double)
+        found = computed(pw.ambiguity, case.aperture, case.upsilon, case.xi, double=double)
         assert np.abs(found - case.ambiguity).max() <= allowed
 
 
@@ -148,17 +141,17 @@ def test_any_lists_give_the_same_sums() -> None:
     scalar = ScalarOperations()
     for source, _, shape, rng in draws(5, FEW):
         x, nu = positions(rng, shape, 3), frequencies(rng, shape, 3)
-        tables = slices.WIGNER.tables(source, True)
+        tables = tables_of(source, True)
+        outline = outline_of(tables, 0, True)
         found = []
         for across in CELLS:
-            pair = pair_grid(tables.first, tables.second, across).held(scalar.held)
+            pairs = {(MIRRORED, 0, 0): pair_grid(outline, outline, across).held(scalar.held)}
             for p, f in zip(x.tolist(), nu.tolist(), strict=True):
-                inner = slices.WIGNER.enter(scalar, tables.frame, *p, *f)
-                offset, arguments = slices.WIGNER.edge_sum.split(*inner)
-                offset = slices.WIGNER.edge_sum.snapped(scalar, pair, *offset)
-                sums = sum_over_slice(scalar, pair, offset, integrands.WIGNER, *arguments)
-                found += [value * tables.frame.content for value in sums]
-        expected = computed(slices.WIGNER, source, x, nu)
+                inner = WIGNER.enter(scalar, tables.frame, *p, *f)
+                assert WIGNER.slices is not None
+                sums = WIGNER.slices.by_pairs(scalar, tables, pairs, *inner)
+                found += WIGNER.leave(scalar, tables.frame, inner, sums)
+        expected = computed(pw.wigner, source, x, nu)
         assert np.abs(np.reshape(found, (len(CELLS), -1)) - expected).max() <= tolerance(
             source, True
         )
@@ -172,11 +165,13 @@ def test_sums_of_waves_are_those_of_convex_pieces(waves: int) -> None:
         lit, points = source.with_illumination(field), (positions, frequencies)
         x, nu = (draw(rng, shape, 20) for draw in points)
         allowed = BOTH * tolerance(source, True) * float(np.abs(amplitudes).sum()) ** 2
-        expected = pw.wigner(lit, x, nu, engine="numpy")
-        assert np.abs(computed(slices.WIGNER, lit, x, nu) - expected).max() <= allowed
+        with forced("edges"):
+            expected = pw.wigner(lit, x, nu, engine="numpy")
+        assert np.abs(computed(pw.wigner, lit, x, nu) - expected).max() <= allowed
         xi = lags(rng, shape, 20)
-        expected = pw.ambiguity(lit, nu, xi, engine="numpy")
-        assert np.abs(computed(slices.AMBIGUITY, lit, nu, xi) - expected).max() <= allowed
+        with forced("edges"):
+            expected = pw.ambiguity(lit, nu, xi, engine="numpy")
+        assert np.abs(computed(pw.ambiguity, lit, nu, xi) - expected).max() <= allowed
 
 
 @engines
@@ -184,25 +179,25 @@ def test_what_is_no_number_is_none_in_the_result(engine: str) -> None:
     source, bad = pw.shapes.chevron(1.0, 1.1, 0.4), [np.nan, np.inf, -np.inf]
     x, nu = np.zeros((8, 2)), np.ones((8, 2))
     nu[:3, 0], x[3:6, 1] = bad, bad
-    for kernel, points in (
-        (slices.WIGNER, (x, nu)),
-        (slices.AMBIGUITY, (nu, x)),
-        (slices.POSITION_MARGINAL, (x,)),
-        (slices.LAG_MARGINAL, (x,)),
+    for function, points in (
+        (pw.wigner, (x, nu)),
+        (pw.ambiguity, (nu, x)),
+        (pw.position_marginal, (x,)),
+        (pw.lag_marginal, (x,)),
     ):
-        found = np.isnan(computed(kernel, source, *points, engine=engine))
+        found = np.isnan(computed(function, source, *points, engine=engine))
         assert found.tolist() == [len(points) == 2] * 3 + [True] * 3 + [False] * 2
 
 
 @pytest.mark.llvm
 def test_a_new_outline_compiles_nothing(llvm: Any) -> None:
-    kernels = slices.WIGNER, slices.AMBIGUITY
+    functions = pw.wigner, pw.ambiguity
 
     def call(count: int, seed: int) -> None:
         for source, _, shape, rng in draws(seed, count):
             x, nu = positions(rng, shape, 50), frequencies(rng, shape, 50)
-            for kernel in kernels:
-                computed(kernel, source, x, nu, engine="llvm")
+            for function in functions:
+                computed(function, source, x, nu, engine="llvm")
 
     call(20, 7)
     with compiled() as found:

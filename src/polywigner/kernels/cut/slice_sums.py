@@ -53,12 +53,15 @@ class SliceSum:
         for start in range(0, flat[0].size, size):
             some = [a[start : start + size] for a in flat]
             clipper = ListedClipper(ops, tables, self.views, *self.offset(*some))
-            terms = self.summed(clipper, *(a[clipper.owner] for a in some))
+            sums = self.summed(clipper, *(a[clipper.owner] for a in some))
             # what lies at infinity or is not a number is so in the result
             lost = sum(a - a for a in some)
-            found.append([np.bincount(clipper.owner, term, len(some[0])) + lost for term in terms])
+            results = [np.zeros(len(some[0]), ops.dtype) for _ in sums]
+            for result, values in zip(results, sums, strict=True):
+                result[clipper.owner] = values
+            found.append([result + lost for result in results])
         columns = (np.concatenate(column) for column in zip(*found, strict=True))
-        return tuple(column.astype(ops.dtype).reshape(shape) for column in columns)
+        return tuple(column.reshape(shape) for column in columns)
 
     def by_pairs(
         self, ops: Any, tables: Tables, pairs: Mapping[Pass, PairGrid] | None, *inner: Any

@@ -358,10 +358,11 @@ class ListedClipper(Clipper):
     def sum_over_edges(
         self, term: Callable[[Edge], Level], values: int, group: int = 0, other: int = 0
     ) -> Any:
-        """The terms of all parts, one by one: 0 for parts of other fields."""
+        """The sums of each sample, once for each of its parts; others' terms count as 0."""
         self._pair = group, other
-        found = term(self.edge)
-        return tuple(np.broadcast_to(value, self.owner.shape) for value in found)
+        found = (np.broadcast_to(value, self.owner.shape) for value in term(self.edge))
+        sums = (np.bincount(self.owner, value).astype(self.ops.dtype) for value in found)
+        return tuple(total[self.owner] for total in sums)
 
     def shared(self, edge: Edge, compute: Callable[[], Any], *what: Hashable) -> Any:
         return compute()
