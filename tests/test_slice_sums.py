@@ -30,7 +30,7 @@ from test_compilation import compiled
 
 # Of the area: half an ulp by which vertices and offsets are moved, times the perimeter, and some
 # ulps of sums that are up to four times the area.
-TOLERANCE = {True: 1e-14, False: 5e-6}
+TOLERANCE = {True: 2e-14, False: 5e-6}
 # Other code of polywigner errs as well.
 BOTH = 2.0
 # Vertices and offsets are moved by half a step of 2^-52 or 2^-23 of twice the diameter at most.
