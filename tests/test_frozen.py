@@ -124,7 +124,7 @@ for _ in range(400):
 
 
 @pytest.mark.slow
-def test_lists_of_cells_that_are_made_anew_are_recorded_anew() -> None:
+def test_lists_of_pairs_that_are_made_anew_are_read_anew() -> None:
     """More outlines in turn than there are lists remembered."""
     done = subprocess.run([sys.executable, "-c", MANY_OUTLINES], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
@@ -178,10 +178,11 @@ def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
     def interrupted(*_: Any) -> Any:
         raise KeyboardInterrupt
 
-    source, (x, nu) = pw.shapes.triangle(1.0, 0.61), points(10)
+    waves = pw.Illumination([1.0, 0.5], [[0.0, 0.0], [1.0, 0.3]])  # a kernel of its own
+    source, (x, nu) = pw.shapes.triangle(1.0, 0.61).with_illumination(waves), points(10)
     with monkeypatch.context() as patched:
         patched.setattr(DrjitOperations, "select", interrupted)
-        with pytest.raises(KeyboardInterrupt), forced("code"):
+        with pytest.raises(KeyboardInterrupt), forced("pairs"):
             pw.wigner(source, x, nu, engine="llvm")
     assert gc.isenabled()
     expected = pw.wigner(source, x, nu, engine="numpy")

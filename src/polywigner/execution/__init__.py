@@ -5,15 +5,13 @@ module               what is in it
 ===================  ==========================================================================
 ``operations``       the operations namespaces that kernels are written over, one for each engine
 ``ranges``           their loops over parts of tables; ``drjit_ranges`` those of Dr.Jit
-``running_rows``     loops over rows along which a number runs
 ``aligned``          NumPy memory copied so that Dr.Jit does not compile anew for it
 ``choice``           which engine and precision a call runs on
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine
 ``chunks``           samples chunk by chunk
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_shared``
                      places that meet many frequencies; ``on_drjit_data`` one for all outlines
-``on_pairs``         one for all outlines, by pairs of edges that can meet
-``by_cell``          samples in the order of their cells; ``frozen`` kernels traced once
+``frozen``           kernels traced once
 ``table_data``       tables as data of a kernel; ``listed_sums`` sums of some rows
 ``pairs``            every position with every frequency
 ``sums``             weighted sums over places, for many points

@@ -50,17 +50,6 @@ class DrjitRanges:
         found = (self._drjit.gather(four, flat, packets * row + k) for k in range(packets))
         return tuple(entry for packet in found for entry in packet)
 
-    def packed(self, columns: Sequence[Any], rows: int) -> tuple[int, Any]:
-        """A table of computed columns of floats, as :meth:`gather` wants it; not yet evaluated."""
-        dr, kind = self._drjit, self.float_type
-        four = packet_type(kind)
-        packets = -(-len(columns) // 4)
-        flat, row = dr.empty(kind, 4 * packets * rows), dr.arange(self._numbers, rows)
-        for k in range(packets):
-            some = [*columns[4 * k : 4 * k + 4], *(kind(0.0),) * 3][:4]
-            dr.scatter(flat, four(*some), packets * row + k, mode=dr.ReduceMode.Permute)
-        return 4 * packets, flat
-
     def truncated(self, value: Any) -> Any:
         return self._numbers(value)
 
@@ -69,12 +58,6 @@ class DrjitRanges:
 
     def needs_gradient(self, *values: Any) -> bool:
         return any(self._drjit.grad_enabled(value) for value in values)
-
-    def detached(self, value: Any) -> Any:
-        return self._drjit.detach(value)
-
-    def filled(self, like: Any, value: float) -> Any:
-        return self._kind(like)(value)
 
     def _kind(self, like: Any) -> Any:
         return self.float_type if like is None or isinstance(like, float) else type(like)

@@ -29,7 +29,7 @@ from polywigner.kernels.outline.waves import UNIFORM
 __all__ = ["OnDrjitData", "is_uniform", "takes_data"]
 
 _CHUNK = 1 << 17
-# Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/slice_cost.py).
+# Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
 _LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 13, 5
 # Dr.Jit records a function anew where arrays of different sizes have come to be of one size, or the
 # other way round. Sizes are multiples of the first number here, plus a different one of the second.

@@ -61,13 +61,6 @@ class NumpyRanges:
     def needs_gradient(self, *values: Any) -> bool:
         return False
 
-    def detached(self, value: Any) -> Any:
-        return value
-
-    def filled(self, like: Any, value: float) -> Any:
-        """A number of the kind of an array."""
-        return value
-
     def sum_over_range(
         self, first: Any, end: Any, term: Callable[[Any], Values], values: int, like: Any = None
     ) -> list[Any]:
@@ -182,12 +175,6 @@ class ScalarRanges:
 
     def needs_gradient(self, *values: Any) -> bool:
         return False
-
-    def detached(self, value: Any) -> Any:
-        return value
-
-    def filled(self, like: Any, value: float) -> Any:
-        return value
 
     def sum_over_range(
         self, first: Any, end: Any, term: Callable[[Any], Values], values: int, like: Any = None

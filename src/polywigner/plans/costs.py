@@ -22,7 +22,7 @@ class Cost:
 
 _REGRET = "default_regret.py"
 _CUTS = "wigner_cost.py"
-_PAIRS = "slice_cost.py"
+_PAIRS = "call_rates.py"
 _RENDER = "render_exact.py"
 
 COSTS: dict[str, Cost] = {
@@ -70,7 +70,7 @@ COSTS: dict[str, Cost] = {
 }
 
 LIMITS: dict[str, float] = {
-    # Cuts from which on lists of pairs are faster than code or rows (slice_cost.py).
+    # Cuts from which on lists of pairs are faster than code or rows (call_rates.py).
     "least cuts by pairs, compiled": 4500,
     "least cuts by pairs, scalar": 300,
     "least cuts by pairs, derivatives": 400,

@@ -4,7 +4,7 @@ An edge from a to a + e of the first outline and one from c to c + f of the seco
 {T - p}, meet where the offset T lies in the parallelogram a + c + s e + t f. The plane of offsets
 is divided into square cells. Each lists the pairs that cross wherever T lies in it; other pairs
 whose parallelograms meet it, as rows along the rings; and the edges that lie inside the other copy,
-as runs. A compiled loop takes the lists as data: docs/theory/edges.md, (K2).
+as runs. A compiled loop takes the lists as data: docs/theory/edges.md, (K1).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _MARGIN = 1e-12
 _NO_WEIGHT, _LEVELS = 1e-12, 2.0**40
 # Below all levels on the grid (2^-106, in single precision 2^-48), and no subnormal number.
 _NO_LEVEL = 1e-35
-# Finer cells have fewer pairs: 64 across leave a 30-gon some 4 in each (benchmarks/slice_cost.py).
+# Finer cells have fewer pairs: 64 across leave a 30-gon some 4 in each (benchmarks/call_rates.py).
 _ACROSS, _MOST_ROWS = 64, 1 << 21
 
 Array = npt.NDArray[Any]
@@ -60,7 +60,7 @@ class Outline:
     """The elements of a source that have one field: rings of vertices on a grid, in its frame.
 
     On the grid sums and differences of an offset and two vertices are exact, so that the side of an
-    edge on which a vertex lies is decided as in exact arithmetic (docs/theory/edges.md, (K3)).
+    edge on which a vertex lies is decided as in exact arithmetic (docs/theory/edges.md, (K2)).
     """
 
     step: float
@@ -147,7 +147,12 @@ class PairGrid:
 
     def held(self, hold: Callable[[Array], Any]) -> PairGrid:
         """The grid with its tables in an engine's memory."""
-        return replace(self, **{f.name: hold(getattr(self, f.name)) for f in fields(self)})
+        tables = {f.name: getattr(self, f.name) for f in fields(self)}
+        # engines do not read from arrays of no numbers
+        return replace(self, **{k: hold(v if len(v) else _NONE) for k, v in tables.items()})
+
+
+_NONE = np.zeros((1, 4), np.uint32)
 
 
 def levels(ops: Any, edge: Any, other: Any, tx: Any, ty: Any) -> tuple[Any, Any]:

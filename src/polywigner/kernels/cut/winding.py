@@ -2,7 +2,7 @@
 
 The weight of an edge is the winding number of its start in the other copy, kept running along its
 ring; each crossing with an edge of the other copy adds 1 or -1 from there to the edge's end
-(docs/theory/edges.md, (K2)). In a collection the winding number of each element counts as often as
+(docs/theory/edges.md, (K1)). In a collection the winding number of each element counts as often as
 its weight says. All that is told of an outline is data, so that one compiled loop serves all.
 """
 

@@ -6,8 +6,6 @@ module          what is in it
 ``frame``       the normalised coordinates in which all thresholds are absolute
 ``lines``       lines of edges and pieces, in clusters of direction
 ``tables``      edges and convex pieces of a polygon as constants of a kernel
-``rings``       an outline as rings of vertices on a grid
-``pair_grid``   which edges of two copies can meet, by cells of their offset
 ``waves``       sums of plane waves on a source, and what pairs of them contribute
 ``families``    edges with equal vectors, for grids
 ``rectangles``  which outlines are rectangles
