@@ -17,11 +17,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from polywigner.kernels.cut.cell_lists import cell_lists
 
 import polywigner as pw
 from polywigner.execution import NumpyOperations
 from polywigner.kernels import tables_of
-from polywigner.kernels.cut.cell_lists import cell_lists
 from polywigner.plans import forced
 from polywigner.toolchain.llvm import prepare
 
@@ -77,6 +77,7 @@ def parts(source: pw.Aperture, x: np.ndarray) -> float:
     tables = tables_of(source, True)
     lists = cell_lists(tables, -1)
     from polywigner.kernels.cut.cells import order
+
     from polywigner.kernels.cut.clipping import MIRRORED
 
     ops = NumpyOperations(True)

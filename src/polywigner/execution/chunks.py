@@ -1,16 +1,109 @@
-"""Samples chunk by chunk: each is fetched while the next one is computed."""
+"""Samples in chunks: memory that engines take as it is, results that come while others begin."""
 
 from __future__ import annotations
 
+import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.threads import check_not_stopped
+from polywigner.toolchain import llvm
 
-__all__ = ["Fetch", "Launched", "chunks_of", "parts_of_results", "ready", "store"]
+__all__ = [
+    "MOST_THREADS",
+    "Fetch",
+    "Launched",
+    "aligned",
+    "array_of",
+    "check_not_stopped",
+    "chunks_of",
+    "kernel_threads",
+    "parts_of_results",
+    "ready",
+    "stop_this_thread_when",
+    "store",
+]
+
+
+def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
+    """An uninitialised array that starts on a 64-byte boundary.
+
+    Dr.Jit uses NumPy's memory in place and compiles a kernel anew for each alignment that it
+    happens to have; here it is always the same.
+    """
+    kind = np.dtype(dtype)
+    memory = np.empty(size * kind.itemsize + 64, np.uint8)
+    start = -memory.ctypes.data % 64
+    return memory[start : start + size * kind.itemsize].view(kind)
+
+
+def array_of(kind: Any, values: npt.ArrayLike) -> Any:
+    """A copy of numbers, one after the other, as a one-dimensional array of Dr.Jit's type ``kind``.
+
+    Kernels do not depend on where it is in memory.
+    """
+    import drjit
+
+    numbers = np.asarray(values)
+    if drjit.flag(drjit.JitFlag.FreezingScope):
+        # Dr.Jit ends the process when memory of NumPy's is freed while a function is recorded.
+        return kind(numbers.ravel().tolist())
+    letter = "f" if drjit.is_float_v(kind) else "u" if drjit.is_unsigned_v(kind) else "i"
+    memory = aligned(numbers.size, f"{letter}{drjit.itemsize_v(kind)}")
+    memory.reshape(numbers.shape)[...] = numbers
+    return kind(memory)
+
+
+MOST_THREADS = 1024
+"""That may be asked for: far more than cores, and fewer than systems refuse."""
+
+# There is one pool in a process; two blocks at a time would only wait for each other.
+_POOL = threading.Lock()
+
+_own = threading.local()
+
+
+def stop_this_thread_when(stop: threading.Event) -> None:
+    """What this thread computes raises CancelledError, within a chunk, when the event is set."""
+    _own.stop = stop
+
+
+def check_not_stopped() -> None:
+    """Raises CancelledError in a thread that is to stop; called between chunks."""
+    stop = getattr(_own, "stop", None)
+    if stop is not None and stop.is_set():
+        raise CancelledError
+
+
+@contextmanager
+def kernel_threads(count: int | None = None) -> Iterator[None]:
+    """Within, Dr.Jit's pool of threads is the caller's alone, among all that ask here for it.
+
+    ``count``: its threads meanwhile, the caller's included; None: as many as before. Nothing but
+    the waiting happens where Dr.Jit cannot be used.
+    """
+    with _POOL:
+        # scalar variants of Mitsuba, which has loaded it then, run on that pool without LLVM too
+        if count is None or not (llvm.prepare().usable or "drjit" in sys.modules):
+            yield
+            return
+        import drjit
+
+        before = drjit.thread_count()
+        if before == count:
+            yield
+            return
+        drjit.set_thread_count(count)
+        try:
+            yield
+        finally:
+            drjit.set_thread_count(before)
+
 
 Array = npt.NDArray[Any]
 Fetch = Callable[[], tuple[Array, ...]]

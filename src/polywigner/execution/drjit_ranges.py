@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.execution.aligned import array_of
+from polywigner.execution.chunks import array_of
 from polywigner.execution.ranges import Table, Values
 
 __all__ = ["DrjitRanges", "packet_type"]

@@ -20,8 +20,7 @@ from polywigner.execution.on_drjit import OnDrjit
 from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.on_numpy import OnNumpy
 from polywigner.execution.operations import NumpyOperations
-from polywigner.execution.pairs import Pairs, one_row_of, pairs_of
-from polywigner.execution.requests import request_for
+from polywigner.execution.requests import Pairs, one_row_of, pairs_of, request_for
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Plan, Request

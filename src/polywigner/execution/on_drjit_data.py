@@ -14,9 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.aligned import array_of
 from polywigner.execution.choice import drjit_float
-from polywigner.execution.chunks import Fetch, Launched, parts_of_results, store
+from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
 from polywigner.execution.frozen import frozen
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
 from polywigner.kernels import Kernel

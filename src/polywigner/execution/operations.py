@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from polywigner.execution.aligned import array_of
+from polywigner.execution.chunks import array_of
 from polywigner.execution.drjit_ranges import DrjitRanges
 from polywigner.execution.ranges import NumpyRanges, ScalarRanges
 from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error

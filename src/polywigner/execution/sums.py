@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.aligned import array_of
 from polywigner.execution.choice import resolved
+from polywigner.execution.chunks import array_of
 from polywigner.execution.evaluation import evaluate
 from polywigner.execution.on_drjit import OnDrjit
 from polywigner.kernels import Kernel

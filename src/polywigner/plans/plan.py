@@ -220,9 +220,11 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
             setup += _cost("compile", 2) + _cost("compile a wave", (outline.waves - 1) * views)
         yield replace(_by_data(request, run), setup=setup)
     else:
-        cut = "rows" if loops_over_edges(outline.cuts) else "code"
         run = call + _cost("compiled row", n * views * outline.cuts)
-        yield _compiled(f"edges as {cut}, compiled", 0.0, run, cut)
+        if loops_over_edges(outline.cuts):
+            yield _compiled("edges as rows, compiled", 0.0, run, "rows")
+        else:
+            yield _compiled("edges as code, compiled", 0.0, run, "code")
 
 
 def _listing(outline: Outline, places: int) -> float:
