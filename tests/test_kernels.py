@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import polywigner as pw
 from polywigner.execution import NumpyOperations, ScalarOperations
 from polywigner.kernels import tables_of
-from polywigner.kernels.functions.stokes import segment_wave
+from polywigner.kernels.functions.edge_terms import segment_wave
 from polywigner.kernels.outline.frame import frame_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave

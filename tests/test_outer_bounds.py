@@ -10,7 +10,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.kernels.cut.clipping import BEHIND, MIRRORED
-from polywigner.kernels.cut.outer_bounds import may_meet
+from polywigner.kernels.cut.slice_sums import may_meet
 from polywigner.kernels.functions.plane import tables_of
 
 FEW = 200  # so many samples at a time are all cut

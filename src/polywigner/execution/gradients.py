@@ -18,8 +18,8 @@ from polywigner.execution.operations import DrjitOperations, ScalarOperations
 from polywigner.execution.parameters import Traced, with_frame_as_data
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.slopes.slope_kernels import SlopeKernel, slope_kernel_of
 from polywigner.kernels.slopes.slopes import Wanted
+from polywigner.kernels.slopes.slopes_of_slices import SlopeKernel, slope_kernel_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.plans import cut_for
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 from typing import Any
 
 from polywigner.kernels.catalogue import kernel_for, partly_coherent_kernel
-from polywigner.kernels.functions.grids import GridTables, OutlineSum, fourier_on_grid
+from polywigner.kernels.functions.fourier import GridTables, OutlineSum, fourier_on_grid
 from polywigner.kernels.functions.plane import (
     AMBIGUITY,
     FOURIER,
@@ -31,7 +31,7 @@ from polywigner.kernels.functions.plane import (
     tables_of,
 )
 from polywigner.kernels.functions.separable import is_separable
-from polywigner.kernels.functions.shared_slices import PartSum, SharedSlice
+from polywigner.kernels.functions.slices import PartSum, SharedSlice
 from polywigner.kernels.kernel import Kernel
 from polywigner.kernels.outline.tables import Tables
 

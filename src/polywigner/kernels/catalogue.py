@@ -11,7 +11,7 @@ from polywigner.illumination.lattices import Sites
 from polywigner.kernels.arrays import distant_sums, lattice_arrays, scattered_arrays
 from polywigner.kernels.arrays.array_factor import array_factor_kernel
 from polywigner.kernels.arrays.distant_parts import distant_parts
-from polywigner.kernels.functions import line, partly_coherent, plane, products, simplices, space
+from polywigner.kernels.functions import line, partly_coherent, plane, separable, simplices, solids
 from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
@@ -22,11 +22,11 @@ _KERNELS: dict[tuple[str, type], Kernel] = {
     ("fourier", Slits): simplices.SLITS,
     ("fourier", Aperture): plane.FOURIER,
     ("fourier", PlacedAperture): plane.FOURIER_PLACED,
-    ("fourier", Polyhedron): space.FOURIER,
+    ("fourier", Polyhedron): solids.FOURIER,
     ("complex fourier", Slits): simplices.SLITS_COMPLEX,
     ("complex fourier", Aperture): plane.FOURIER_COMPLEX,
     ("complex fourier", PlacedAperture): plane.FOURIER_PLACED_COMPLEX,
-    ("complex fourier", Polyhedron): space.FOURIER_COMPLEX,
+    ("complex fourier", Polyhedron): solids.FOURIER_COMPLEX,
     ("autocorrelation", Slits): line.AUTOCORRELATION,
     ("autocorrelation", Aperture): plane.AUTOCORRELATION,
     ("wigner", Slits): line.WIGNER,
@@ -74,12 +74,12 @@ _ON_LATTICE: dict[str, Kernel] = {
 
 
 _PRODUCTS: dict[str, Kernel] = {
-    "autocorrelation": products.AUTOCORRELATION,
-    "wigner": products.WIGNER,
-    "ambiguity": products.AMBIGUITY,
-    "fourier of waves": products.FOURIER,
-    "position_marginal": products.POSITION_MARGINAL,
-    "lag_marginal": products.LAG_MARGINAL,
+    "autocorrelation": separable.AUTOCORRELATION,
+    "wigner": separable.WIGNER,
+    "ambiguity": separable.AMBIGUITY,
+    "fourier of waves": separable.FOURIER,
+    "position_marginal": separable.POSITION_MARGINAL,
+    "lag_marginal": separable.LAG_MARGINAL,
 }
 
 
@@ -113,7 +113,7 @@ def _distant(transform: str, source: Any, double: bool) -> Kernel | None:
 _PARTLY_COHERENT: dict[Kernel, Kernel] = {
     plane.WIGNER: partly_coherent.WIGNER,
     line.WIGNER: partly_coherent.WIGNER_OF_SLITS,
-    products.WIGNER: partly_coherent.WIGNER_OF_PRODUCT,
+    separable.WIGNER: partly_coherent.WIGNER_OF_PRODUCT,
 }
 
 

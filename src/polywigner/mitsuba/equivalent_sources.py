@@ -23,7 +23,7 @@ from polywigner.errors import IlluminationError
 from polywigner.illumination.obliquities import Shares, times_direction_cosine
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
-from polywigner.plans.traced import sums_over_points
+from polywigner.plans.cuts import sums_over_points
 from polywigner.propagation.panels import Radiator
 from polywigner.transforms import fourier
 

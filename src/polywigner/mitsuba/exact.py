@@ -25,7 +25,7 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES, times_direction_cosine, warn_of_slopes
 from polywigner.kernels.boundary import integrals
-from polywigner.kernels.boundary.distances import distance_of
+from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources
 from polywigner.mitsuba.numbers import opaque
 from polywigner.numerics import phases

@@ -17,7 +17,7 @@ from polywigner.geometry.arguments import Points, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES, BoundaryCondition, warn_of_slopes
 from polywigner.illumination.support import moved_source
-from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
+from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
 from polywigner.propagation.behind import field_behind

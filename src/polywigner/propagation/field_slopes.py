@@ -16,12 +16,12 @@ from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
 from polywigner.illumination.obliquities import SHARES
-from polywigner.kernels.boundary.distances import (
+from polywigner.kernels.boundary.edge_strips import FRESNEL_STRIPS, STRIPS
+from polywigner.kernels.boundary.integrals import (
     distance_of,
     paraxial_distance,
     point_in_wavelengths,
 )
-from polywigner.kernels.boundary.edge_strips import FRESNEL_STRIPS, STRIPS
 from polywigner.numerics import phases
 from polywigner.propagation.boundary import boundary_field, strata_of
 from polywigner.propagation.panels import (

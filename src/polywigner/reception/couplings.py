@@ -22,7 +22,7 @@ from polywigner.geometry.arguments import (
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import SHARES
 from polywigner.illumination.support import moved_source
-from polywigner.kernels.boundary.distances import distance_of, point_in_wavelengths
+from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.places import checked_method, checked_wavelength, warn_of_missed

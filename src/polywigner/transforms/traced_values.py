@@ -11,7 +11,7 @@ from polywigner import execution, kernels
 from polywigner.execution import Parameter, Parameters
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
-from polywigner.kernels.slopes.slopes_of_slits import slopes_in_ends
+from polywigner.kernels.slopes.slopes import slopes_in_ends
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.transforms.arguments import in_plane, transform
 from polywigner.transforms.traced_sources import Differentiable, parameters_of

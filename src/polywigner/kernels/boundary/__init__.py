@@ -7,6 +7,5 @@ module           what is in it
 ``spherical``    a point source behind an opening, as an integral along its edges
 ``edge_waves``   contributions of a wave at an edge
 ``edge_strips``  derivatives: what strips along edges radiate
-``distances``    distances and phases as sums of two floats
 ===============  ===========================================================================
 """

@@ -7,14 +7,38 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from polywigner.kernels.cut.clipping import View
-from polywigner.kernels.cut.outer_bounds import may_meet
+from polywigner.kernels.cut.clipping import MIRRORED, View
 from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import ListedClipper, PairClipper, Pass, clipper_for
 from polywigner.kernels.outline.tables import Tables, cut_of
 
-__all__ = ["SliceSum"]
+__all__ = ["SliceSum", "may_meet"]
+
+_DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, -1.0]])
+# In the frame, whose unit is the size of the polygon: more than anything is rounded by.
+_MARGIN = 1e-6
+
+Mask = NDArray[np.bool_]
+
+
+def _bounds(tables: Tables) -> tuple[list[float], list[float]]:
+    levels = np.array([(edge.ax, edge.ay) for edge in tables.edges]) @ _DIRECTIONS.T
+    return levels.min(axis=0).tolist(), levels.max(axis=0).tolist()
+
+
+def may_meet(tables: Tables, view: View, tx: Any, ty: Any) -> Mask:
+    """Where copies at offsets T = 2x or xi of the frame may overlap, or offsets are not numbers."""
+    apart = np.zeros(np.shape(tx), bool)
+    for (a, b), low, high in zip(_DIRECTIONS.tolist(), *_bounds(tables), strict=True):
+        level = a * tx + b * ty
+        if view is MIRRORED:
+            apart |= (level < 2.0 * low - _MARGIN) | (level > 2.0 * high + _MARGIN)
+        else:
+            apart |= np.abs(level) > high - low + _MARGIN
+    return ~apart
+
 
 Values = tuple[Any, ...]
 

@@ -8,20 +8,32 @@ only up to rounding costs no more than rounding (docs/theory.md, (F2)).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from polywigner.kernels.outline.families import Family, families_of
 from polywigner.kernels.outline.frame import Frame, frame_of
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.exact import exact_cross
+from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
 
-__all__ = ["OutlineTables", "fourier", "fourier_complex", "outline_tables"]
+__all__ = [
+    "GridTables",
+    "OutlineSum",
+    "OutlineTables",
+    "fourier",
+    "fourier_complex",
+    "fourier_on_grid",
+    "grid_tables",
+    "outline_tables",
+]
 
 
 @dataclass(frozen=True)
@@ -78,3 +90,274 @@ def fourier_complex(ops: Any, tables: OutlineTables, nu_x: Pair, nu_y: Pair) -> 
         return wave.real, wave.imag
 
     return Pair(*ops.sum_over(tables.edges, term, 2, like=nu_x.real))
+
+
+# An edge's midpoint wave times nu x e/(2 pi |nu|^2) is rounded to an ulp: F errs by
+# ulp * perimeter/(2 pi |nu|). Nearer to the origin than where that is this much of the area, (F1)
+# is not used. Ulps are those of float64 and float32.
+_LOSS = {True: 5e-15, False: 1e-6}
+_ULP = {True: 2.0**-53, False: 2.0**-24}
+_DTYPES: dict[bool, np.dtype[Any]] = {True: np.dtype(np.float64), False: np.dtype(np.float32)}
+# Rounding the vertices costs 1e-14 of the area, times perimeter * lever / (this much area): as for
+# a fan of triangles (``simplices``).
+_MOST_SLENDER = 512.0
+# Below this |q| (turns) sinc(q) is summed as a series; above it, it is a quotient of the sines and
+# cosines of the axes, and those err by an ulp of 1. First omitted term: 0.31^12/13! = 1e-16 and
+# 0.31^8/9! = 3e-10.
+_NEAR = 0.1
+_TERMS = {True: 5, False: 3}
+# Values of a temporary array that stay in the cache of one core.
+_BLOCK = 1 << 14
+# Larger matrix products are shared among threads, which wait for each other: on a busy machine that
+# takes up to a hundred times as long. A stack of smaller ones costs a tenth more, if they have rows
+# by the four.
+_SERIAL_PRODUCT, _LEAST_ROWS = 1 << 18, 4
+# Edges whose waves are in memory at a time: some 40 MB for 512 x 512 points.
+_MOST_EDGES = 1024
+
+Array = npt.NDArray[Any]
+Waves = tuple[Array, Array]
+"""Cosines and sines, (frequencies, positions)."""
+
+
+@dataclass(frozen=True)
+class GridTables:
+    """The constants of a polygon for grids."""
+
+    frame: Frame
+    straight: tuple[Family, ...]
+    """Edges along either axis."""
+    oblique: tuple[Family, ...]
+    terms: int
+    """One for each edge."""
+    perimeter_over_area: float
+
+    @property
+    def scales(self) -> tuple[float, float]:
+        """What turns the user's nu_x and nu_y into the frame's, in whatever order."""
+        assert self.frame.axes is not None
+        own = {axis: k for k, axis in enumerate(self.frame.axes)}
+        x, y = (self.frame.inverse_transpose[own[axis]][axis] for axis in (0, 1))
+        return x, y
+
+    def floor(self, double: bool) -> float:
+        """The least |nu| in the frame at which (F1) keeps its accuracy."""
+        return self.perimeter_over_area * _ULP[double] / (2 * math.pi * _LOSS[double])
+
+
+@dataclass(frozen=True, eq=False)
+class OutlineSum:
+    """A kernel's sum over all edges of an outline, with constants for grids of its arguments."""
+
+    summed: Callable[..., tuple[Any, ...]]
+    on_grid: Callable[[Any], GridTables | None]
+    """source -> constants, None where it has none; cached."""
+
+    def __call__(self, ops: Any, tables: Any, *inner: Any) -> tuple[Any, ...]:
+        return self.summed(ops, tables, *inner)
+
+
+def grid_tables(tables: OutlineTables, field: Sequence[complex]) -> GridTables | None:
+    """The families of edges, the field on each edge's element given.
+
+    None in a frame that is turned, where a grid is none any more, and for what is too slender.
+    """
+    if tables.frame.axes is None:
+        return None
+    families = families_of(tables.edges, field)
+    straight = tuple(f for f in families if f.straight)
+    oblique = tuple(f for f in families if not f.straight)
+    perimeter = sum(float(np.abs(f.weights).sum()) * math.hypot(f.ex, f.ey) for f in families)
+    area = sum(abs(w) * edge[-1] for w, edge in zip(field, tables.edges, strict=True)) / 2
+    if not perimeter * math.hypot(*tables.frame.reach) < _MOST_SLENDER * area:
+        return None
+    return GridTables(tables.frame, straight, oblique, len(tables.edges), perimeter / area)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Frequencies along one axis: in the frame, and the turns of the centre."""
+
+    nu: Array
+    turns: Array
+
+    def waves(self, ops: Any, positions: Array) -> Waves:
+        """(cosine, sine) of 2 pi nu x."""
+        cosine, sine = cos_sin_turns(ops, self.nu[:, None] * positions + self.turns[:, None])
+        return cosine, sine
+
+
+@dataclass(frozen=True)
+class _Product:
+    """Sums over midpoints, cosine and sine parts side by side, as one matrix product."""
+
+    left: Array
+    right: Array
+
+    def rows(self, rows: slice) -> Array:
+        left = self.left[rows]
+        product = np.empty((len(left), self.right.shape[1]), left.dtype)
+        few = _SERIAL_PRODUCT // self.right.size // _LEAST_ROWS * _LEAST_ROWS
+        whole = len(left) // few * few if few else 0
+        if whole:
+            stack = (-1, few)
+            np.matmul(
+                left[:whole].reshape(*stack, left.shape[1]),
+                self.right,
+                out=product[:whole].reshape(*stack, product.shape[1]),
+            )
+        np.matmul(left[whole:], self.right, out=product[whole:])
+        return product.reshape(len(product), 2, -1)
+
+
+def _product(x: Waves, y: Waves, dtype: np.dtype[Any]) -> _Product:
+    """cos(a + b) and sin(a + b) summed over the members, a along x and b along y."""
+    (cos_x, sin_x), (cos_y, sin_y) = x, y
+    left = np.concatenate([cos_x, sin_x], axis=1, dtype=dtype, casting="same_kind")
+    right = np.block([[cos_y.T, sin_y.T], [-sin_y.T, cos_y.T]])
+    return _Product(left, right.astype(dtype, order="C"))
+
+
+def _weighted(waves: Waves, weights: Array) -> Waves:
+    """(cosine - i sine) times complex weights, again as cosine and sine."""
+    cosine, sine = waves
+    if not weights.imag.any():
+        return cosine * weights.real, sine * weights.real
+    real = cosine * weights.real + sine * weights.imag
+    return real, sine * weights.real - cosine * weights.imag
+
+
+def _straight_product(
+    ops: Any, families: Sequence[Family], x: _Axis, y: _Axis, dtype: np.dtype[Any]
+) -> _Product:
+    """pi (nu x e) sinc(nu.e) times the waves of the edges along the axes: all a product."""
+    parts_x, parts_y = [], []
+    for family in families:
+        along_x = family.ey == 0.0
+        waves_x = x.waves(ops, family.middles[:, 0])
+        waves_y = y.waves(ops, family.middles[:, 1])
+        if along_x:
+            factor_x = -family.ex * math.pi * sinc(ops, x.nu * family.ex)
+            factor_y = y.nu
+        else:
+            factor_x = x.nu
+            factor_y = family.ey * math.pi * sinc(ops, y.nu * family.ey)
+        parts_x.append([wave * factor_x[:, None] for wave in _weighted(waves_x, family.weights)])
+        parts_y.append([wave * factor_y[:, None] for wave in waves_y])
+    cos_x, sin_x = (np.concatenate(part, axis=1) for part in zip(*parts_x, strict=True))
+    cos_y, sin_y = (np.concatenate(part, axis=1) for part in zip(*parts_y, strict=True))
+    return _product((cos_x, sin_x), (cos_y, sin_y), dtype)
+
+
+class _Oblique:
+    """pi (nu x e) sinc(nu.e) times the sum of the waves of one family."""
+
+    def __init__(self, ops: Any, family: Family, x: _Axis, y: _Axis, double: bool) -> None:
+        self.ops, self.terms = ops, _TERMS[double]
+        dtype = _DTYPES[double]
+        waves_x = x.waves(ops, family.middles[:, 0])
+        waves_x = _weighted(waves_x, family.weights)
+        self.waves = _product(waves_x, y.waves(ops, family.middles[:, 1]), dtype)
+        self.q_x, self.q_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ex), (y, family.ey)))
+        self.c_x, self.c_y = ((a.nu * e).astype(dtype) for a, e in ((x, family.ey), (y, family.ex)))
+        cos_x, sin_x = cos_sin_turns(ops, 0.5 * x.nu * family.ex)
+        cos_y, sin_y = cos_sin_turns(ops, 0.5 * y.nu * family.ey)
+        self.left = np.stack([sin_x, cos_x], axis=1).astype(dtype)
+        self.right = np.stack([cos_y, sin_y]).astype(dtype)
+
+    def rows(self, rows: slice) -> Array:
+        q = self.q_x[rows, None] + self.q_y
+        factor = self._sinc(q, rows)
+        np.subtract(self.c_x[rows, None], self.c_y, out=q)
+        factor *= q
+        waves = self.waves.rows(rows)
+        waves *= factor[:, None, :]
+        return waves
+
+    def _sinc(self, q: Array, rows: slice) -> Array:
+        """pi sinc(q) = sin(pi q)/q."""
+        is_near = np.abs(q) < _NEAR
+        if is_near.all():
+            return math.pi * (1.0 + sinc_less_one(self.ops, q, self.terms))
+        near = np.flatnonzero(is_near)
+        quotient = self.left[rows] @ self.right
+        quotient /= q
+        small = q.ravel()[near]
+        quotient.ravel()[near] = math.pi * (1.0 + sinc_less_one(self.ops, small, self.terms))
+        return quotient
+
+
+def _axes(ops: Any, tables: GridTables, nu: tuple[Array, Array]) -> tuple[_Axis, _Axis]:
+    """The axes of the grid as those of the frame, in the frame's order."""
+    x, y = (
+        _Axis(given * scale, phases.turns_to_centre(ops, (centre,), given))
+        for given, scale, centre in zip(nu, tables.scales, tables.frame.centre, strict=True)
+    )
+    return (x, y) if tables.frame.axes == (0, 1) else (y, x)
+
+
+def _batches(tables: GridTables) -> Iterator[list[Family]]:
+    """All families, those with many members cut, in batches whose waves fit into memory."""
+    batch: list[Family] = []
+    for family in (*tables.straight, *tables.oblique):
+        for start in range(0, len(family.weights), _MOST_EDGES):
+            part = slice(start, start + _MOST_EDGES)
+            cut = replace(family, middles=family.middles[part], weights=family.weights[part])
+            if batch and sum(len(f.weights) for f in (*batch, cut)) > _MOST_EDGES:
+                yield batch
+                batch = []
+            batch.append(cut)
+    yield batch
+
+
+def _terms(
+    ops: Any, batch: Sequence[Family], x: _Axis, y: _Axis, double: bool
+) -> list[_Product | _Oblique]:
+    straight = [family for family in batch if family.straight]
+    terms: list[_Product | _Oblique] = [
+        _Oblique(ops, family, x, y, double) for family in batch if not family.straight
+    ]
+    if straight:
+        terms.append(_straight_product(ops, straight, x, y, _DTYPES[double]))
+    return terms
+
+
+def _row_blocks(x: _Axis, y: _Axis) -> Iterator[slice]:
+    step = max(1, _BLOCK // len(y.nu))
+    return (slice(start, start + step) for start in range(0, len(x.nu), step))
+
+
+def _edge_sums(ops: Any, tables: GridTables, x: _Axis, y: _Axis, double: bool) -> Array:
+    """Sums over all edges, cosine and sine part: (nu_x, 2, nu_y)."""
+    sums = np.empty((len(x.nu), 2, len(y.nu)), _DTYPES[double])
+    for number, batch in enumerate(_batches(tables)):
+        first, *others = _terms(ops, batch, x, y, double)
+        for rows in _row_blocks(x, y):
+            total = first.rows(rows)
+            for term in others:
+                total += term.rows(rows)
+            sums[rows] = total if number == 0 else sums[rows] + total
+    return sums
+
+
+def fourier_on_grid(
+    ops: Any, tables: GridTables, nu_x: Array, nu_y: Array, double: bool
+) -> tuple[Array, Array, Array]:
+    """Real and imaginary part at all (nu_x[i], nu_y[j]), and where they do not hold.
+
+    ``ops`` for float64: the axes are done in it, and the grid in float64 (``double``) or float32.
+    Values do not hold near the origin, at less than :meth:`GridTables.floor`. Source: (F4).
+    """
+    x, y = _axes(ops, tables, (nu_x, nu_y))
+    sums = _edge_sums(ops, tables, x, y, double)
+    real, imag = (np.empty((len(x.nu), len(y.nu)), sums.dtype) for _ in range(2))
+    below = np.zeros(real.shape, bool)
+    for rows in _row_blocks(x, y):
+        square = x.nu[rows, None] ** 2 + y.nu**2
+        below[rows] = square < tables.floor(double) ** 2
+        square[below[rows]] = 1.0
+        scale = (tables.frame.content / (2 * math.pi**2)) / square
+        real[rows], imag[rows] = sums[rows, 1] * scale, sums[rows, 0] * scale
+    if tables.frame.axes != (0, 1):
+        return real.T, imag.T, below.T
+    return real, imag, below

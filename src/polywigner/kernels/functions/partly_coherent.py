@@ -16,12 +16,12 @@ from typing import Any
 from polywigner.geometry import Wavefront
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper
 from polywigner.kernels.cut.slice_sums import SliceSum
-from polywigner.kernels.functions import line, plane, products
+from polywigner.kernels.functions import line, plane, separable
 from polywigner.kernels.functions.gauss_schell import wave_over_edge
 from polywigner.kernels.functions.separable import SeparableTables, separable_tables
+from polywigner.kernels.functions.slices import doubled_position
 from polywigner.kernels.functions.slits import PairTables, lag_pairs
 from polywigner.kernels.functions.wave_sums import mean_pairings, sum_over_waves
-from polywigner.kernels.functions.wigner import doubled_position
 from polywigner.kernels.kernel import Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge, Tables
@@ -159,5 +159,5 @@ def _product_of(source: Wavefront, double: bool) -> SeparableTables:
 
 
 WIGNER_OF_PRODUCT = replace(
-    products.WIGNER, name="wigner of a partly coherent product", tables=_product_of
+    separable.WIGNER, name="wigner of a partly coherent product", tables=_product_of
 )

@@ -12,11 +12,20 @@ import numpy as np
 from polywigner.geometry import Aperture, PlacedAperture
 from polywigner.illumination import Array
 from polywigner.kernels.functions import fourier
-from polywigner.kernels.functions.ambiguity import AMBIGUITY_SUM, POSITION_SLICE_AREA
-from polywigner.kernels.functions.fourier import OutlineTables, outline_tables
-from polywigner.kernels.functions.grids import GridTables, OutlineSum, grid_tables
+from polywigner.kernels.functions.fourier import (
+    GridTables,
+    OutlineSum,
+    OutlineTables,
+    grid_tables,
+    outline_tables,
+)
 from polywigner.kernels.functions.membership import field
-from polywigner.kernels.functions.wigner import LAG_SLICE_AREA, WIGNER_SUM
+from polywigner.kernels.functions.slices import (
+    AMBIGUITY_SUM,
+    LAG_SLICE_AREA,
+    POSITION_SLICE_AREA,
+    WIGNER_SUM,
+)
 from polywigner.kernels.kernel import (
     Kernel,
     Values,

@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.geometry import Aperture
-from polywigner.kernels.functions.line_fields import LineField, line_field
-from polywigner.kernels.kernel import Values
+from polywigner.kernels.functions import plane, separable
+from polywigner.kernels.functions.slits import LineField, line_field
+from polywigner.kernels.kernel import Kernel, Values, at_zero_frequency, leave_wave
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.rectangles import Rectangle, rectangle_of
 from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_frame
@@ -25,6 +26,12 @@ from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 
 __all__ = [
+    "AMBIGUITY",
+    "AUTOCORRELATION",
+    "FOURIER",
+    "LAG_MARGINAL",
+    "POSITION_MARGINAL",
+    "WIGNER",
     "SeparableTables",
     "ambiguity",
     "enter_frequency",
@@ -192,3 +199,38 @@ def field(ops: Any, tables: SeparableTables, x: Any, y: Any) -> tuple[Any, Any]:
 
 def _parts(value: Pair) -> tuple[Any, Any]:
     return value.real, -value.imag
+
+
+def _both_ends(ops: Any, tables: Any, turns: Any, px: Any, py: Any, mx: Any, my: Any) -> Any:
+    ahead = separable.field(ops, tables, px, py)
+    return (*ahead, *separable.field(ops, tables, mx, my))
+
+
+WIGNER = replace(
+    plane.WIGNER,
+    name="wigner of a product",
+    tables=separable_tables,
+    edge_sum=lambda ops, tables, *inner: (separable.wigner(ops, tables, *inner),),
+)
+AMBIGUITY = replace(
+    plane.AMBIGUITY,
+    name="ambiguity of a product",
+    tables=separable_tables,
+    edge_sum=lambda ops, tables, turns, *inner: separable.ambiguity(ops, tables, *inner),
+)
+FOURIER = Kernel(
+    "fourier of a product",
+    2,
+    separable_tables,
+    enter_frequency,
+    lambda ops, tables, turns, *nu: separable.fourier(ops, tables, *nu),
+    leave_wave,
+)
+AUTOCORRELATION = replace(
+    plane.AUTOCORRELATION,
+    name="autocorrelation of a product",
+    tables=separable_tables,
+    edge_sum=_both_ends,
+)
+POSITION_MARGINAL = at_zero_frequency(WIGNER, "position marginal of a product", leads=False)
+LAG_MARGINAL = at_zero_frequency(AMBIGUITY, "lag marginal of a product", leads=True)

@@ -11,7 +11,7 @@ length of the overlap is that of exact arithmetic to an ulp of itself.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
@@ -22,19 +22,30 @@ from polywigner.geometry import Slits
 from polywigner.illumination import Array
 from polywigner.kernels.functions.gauss_schell import wave_over_interval
 from polywigner.kernels.outline.frame import power_of_two
-from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, field_of, waves_in_frame
+from polywigner.kernels.outline.waves import (
+    Wave,
+    WavePair,
+    Waves,
+    carrier_of,
+    difference_pairs,
+    field_of,
+    mean_pairs,
+    waves_in_frame,
+)
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
 
 __all__ = [
     "Interval",
+    "LineField",
     "PairTables",
     "SlitFrame",
     "SlitTables",
     "ambiguity",
     "lag_pairs",
     "lag_slice_length",
+    "line_field",
     "position_pairs",
     "position_slice_length",
     "slit_tables",
@@ -307,3 +318,125 @@ def position_slice_length(ops: Any, tables: PairTables, shift: Doubled) -> tuple
     """R_xi as (real, imaginary) part; shift = xi'."""
     real, imag = _lengths(ops, tables, shift)
     return real, imag
+
+
+# Rates that agree to this, in cycles per unit of the frame or of the largest, are one.
+_EQUAL = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class LineField:
+    """A field on the interval from -half to half."""
+
+    half: float
+    waves: Waves
+    means: _WavePairs
+    differences: _WavePairs
+
+    @property
+    def pairs(self) -> int:
+        return len(self.waves) * (len(self.waves) + 1) // 2
+
+    def wigner(self, ops: Any, x: Any, nu: Any, width: float = math.inf) -> Any:
+        """W, which is real, of light that is coherent over a width in the frame."""
+        length = _length(ops, self.half - abs(x), 4.0)
+        return self.means.total(ops, x, nu, length, width).real
+
+    def ambiguity(self, ops: Any, upsilon: Any, xi: Any) -> Pair:
+        length = _length(ops, 2.0 * self.half - abs(xi), 1.0)
+        return self.differences.total(ops, xi, upsilon, length)
+
+    def fourier(self, ops: Any, nu: Any) -> Pair:
+        length = 2.0 * self.half
+        real: Any = 0.0
+        imag: Any = 0.0
+        for wave in self.waves:
+            share = sinc(ops, length * (nu - wave.frequency[0]))
+            real = ops.fma(share, wave.amplitude.real, real)
+            imag = ops.fma(share, wave.amplitude.imag, imag)
+        return Pair(real, imag).scaled(length)
+
+    def field(self, ops: Any, x: Any) -> Pair:
+        """u, which the lower end has and the upper one has not."""
+        undefined = x - x  # not a number where x is none
+        real, imag = Interval(-self.half, self.half, self.waves).field(ops, x)
+        return Pair(real + undefined, imag + undefined)
+
+
+def _length(ops: Any, left: Any, scale: float) -> Any:
+    """Length that is left of an interval, at least 0; not a number where the place is none."""
+    return scale * ops.maximum(left, 0.0) + (left - left)
+
+
+@dataclass(frozen=True)
+class _WavePairs:
+    """Pairs of waves by what is subtracted from the frequency, and by their rates."""
+
+    rates: tuple[float, ...]
+    """Not negative."""
+    shifts: tuple[float, ...]
+    terms: tuple[tuple[tuple[complex, int, float], ...], ...]
+    """For each shift: amplitudes, number of the rate, and its sign."""
+    is_real: bool
+
+    def total(
+        self, ops: Any, place: Any, frequency: Any, length: Any, width: float = math.inf
+    ) -> Pair:
+        """The sum over pairs, each with the length times its sinc, or an interval of (I6)."""
+        waves = [cos_sin_turns(ops, rate * place) if rate else (1.0, 0.0) for rate in self.rates]
+        real: Any = 0.0
+        imag: Any = 0.0
+        for shift, terms in zip(self.shifts, self.terms, strict=True):
+            nu = frequency - shift
+            if width < math.inf:
+                half = length * (0.5 / width)
+                share = wave_over_interval(ops, -half, half, nu * width)[0] * width
+            else:
+                share = sinc(ops, length * nu) * length
+            amplitude = _amplitude(ops, terms, waves)
+            real = real + share * amplitude.real
+            imag = imag if self.is_real else imag + share * amplitude.imag
+        return Pair(real, imag)
+
+
+def _amplitude(
+    ops: Any, terms: Sequence[tuple[complex, int, float]], waves: Sequence[tuple[Any, Any]]
+) -> Pair:
+    real: Any = 0.0
+    imag: Any = 0.0
+    for amplitude, number, sign in terms:
+        (cosine, sine), a, b = waves[number], amplitude.real, amplitude.imag
+        if a:
+            real, imag = real + a * cosine, imag + (a * sign) * sine
+        if b:
+            real, imag = real - (b * sign) * sine, imag + b * cosine
+    return Pair(real, imag)
+
+
+def _wave_pairs(found: Sequence[WavePair], is_real: bool) -> _WavePairs:
+    sizes = sorted({abs(rate) for wave_pair in found for _, (rate,) in wave_pair.terms})
+    tolerance = _EQUAL * max(1.0, sizes[-1])
+    rates: list[float] = []
+    for size in sizes:
+        if not rates or size - rates[-1] > tolerance:
+            rates.append(0.0 if size <= tolerance else size)
+
+    def number(size: float) -> int:
+        return min(range(len(rates)), key=lambda k: abs(rates[k] - size))
+
+    terms = tuple(
+        tuple(
+            (amplitude, number(abs(rate)), -1.0 if rate < 0.0 else 1.0)
+            for amplitude, (rate,) in wave_pair.terms
+        )
+        for wave_pair in found
+    )
+    return _WavePairs(
+        tuple(rates), tuple(wave_pair.shift[0] for wave_pair in found), terms, is_real
+    )
+
+
+def line_field(half: float, waves: Waves) -> LineField:
+    """The field of waves, each of one frequency, on an interval."""
+    means, differences = mean_pairs(waves, waves), difference_pairs(waves, waves)
+    return LineField(half, waves, _wave_pairs(means, True), _wave_pairs(differences, False))

@@ -17,6 +17,8 @@ import numpy.typing as npt
 
 from polywigner.geometry import Polyhedron
 from polywigner.geometry.exact import whole_numbers
+from polywigner.kernels.functions.plane import enter_complex_frequency, enter_frequency
+from polywigner.kernels.kernel import Kernel, Values, leave_complex, leave_wave
 from polywigner.kernels.outline.frame import (
     NEEDLE_ASPECT,
     Matrix,
@@ -31,6 +33,8 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 
 __all__ = [
+    "FOURIER",
+    "FOURIER_COMPLEX",
     "SolidFrame",
     "SolidTables",
     "solid_tables",
@@ -144,3 +148,24 @@ def solid_transform_complex(ops: Any, tables: SolidTables, nu: tuple[Pair, Pair,
 def _dot(nu: tuple[Pair, Pair, Pair], point: tuple[Any, ...]) -> Pair:
     x, y, z = (component.scaled(c) for component, c in zip(nu, point, strict=True))
     return x + y + z
+
+
+def _real_sum(ops: Any, tables: Any, turns: Any, *nu: Any) -> Values:
+    return solid_transform(ops, tables, *nu)
+
+
+def _complex_sum(ops: Any, tables: Any, turns: Any, growth: Any, *nu: Any) -> Values:
+    x, y, z = (Pair(real, imag) for real, imag in zip(nu[:3], nu[3:], strict=True))
+    total = solid_transform_complex(ops, tables, (x, y, z))
+    return total.real, total.imag
+
+
+FOURIER = Kernel("fourier of a body", 3, solid_tables, enter_frequency, _real_sum, leave_wave)
+FOURIER_COMPLEX = Kernel(
+    "fourier of a body, complex nu",
+    3,
+    solid_tables,
+    enter_complex_frequency,
+    _complex_sum,
+    leave_complex,
+)

@@ -15,15 +15,28 @@ coincide"): a continuous extension from there.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from polywigner.kernels.functions.stokes import moved_off_zero
+from polywigner.geometry import Slits
+from polywigner.kernels.functions.edge_terms import moved_off_zero
+from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.outline.waves import Wave, Waves, field_of
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.numerics.polynomials import segment_moments
 
-__all__ = ["Axes", "GradientAccumulator", "Segment", "Slopes", "Wanted", "times_i"]
+__all__ = [
+    "Axes",
+    "GradientAccumulator",
+    "Segment",
+    "Slopes",
+    "Wanted",
+    "fourier_slopes",
+    "slopes_in_ends",
+    "times_i",
+]
 
 
 @dataclass(frozen=True)
@@ -131,3 +144,101 @@ class Axes:
 def times_i(value: Pair) -> Pair:
     """i value."""
     return Pair(-value.imag, value.real)
+
+
+def fourier_slopes(
+    ops: Any, tables: OutlineTables, accumulator: GradientAccumulator, nu_x: Any, nu_y: Any
+) -> Slopes:
+    """Derivatives of V = F(nu) in the frame."""
+    axes = Axes(ops, (nu_x, nu_y))
+    rows = [
+        (*edge[:4], float(begin), float(end))
+        for begin, (edge, end) in enumerate(zip(tables.edges, tables.following, strict=True))
+    ]
+
+    def term(ax: Any, ay: Any, bx: Any, by: Any, begin: Any, end: Any) -> tuple[Any, ...]:
+        ex, ey = bx - ax, by - ay
+        segment = axes.segment(*axes.of(0.5 * (ax + bx), 0.5 * (ay + by)), *axes.of(ex, ey))
+        along, across = (pair.scaled(-segment.dp) for pair in segment.moments(ops))
+        e0, e1, _ = segment.means
+        shared: Any = (0.0,) * accumulator.values
+        if accumulator.wanted.vertices:
+            at = e0.scaled(0.5) - e1, e0.scaled(0.5) + e1
+            shared = accumulator.edge(begin, end, (ey, -ex), at)
+        return (along.real, along.imag, across.real, across.imag, *shared)
+
+    sums = ops.sum_over(rows, term, 4 + accumulator.values, like=nu_x)
+    zero = Pair(0.0, 0.0)
+    frequency = axes.gradient(Pair(*sums[:2]), Pair(*sums[2:4]).scaled(0.5))
+    return Slopes(list(frequency), [zero, zero], list(sums[4:]))
+
+
+def slopes_in_ends(ops: Any, name: str, source: Slits, *points: Any) -> list[tuple[Pair, Pair]]:
+    """Derivatives of F, W or A (``name``) in the begin and in the end of each slit.
+
+    ``points``: nu; x and nu; upsilon and xi. ``ops``: in double precision, whatever they are.
+    """
+    field = _Field(ops, source)
+    known: dict[str, Callable[..., Pair]] = {
+        "fourier": _of_f,
+        "wigner": _of_w,
+        "ambiguity": _of_a,
+    }
+    slope = known[name]
+    return [
+        (slope(field, begin, *points).scaled(-1.0), slope(field, end, *points))
+        for begin, end in source.intervals.tolist()
+    ]
+
+
+class _Field:
+    def __init__(self, ops: Any, source: Slits) -> None:
+        self.ops, self.rows = ops, [tuple(row) for row in source.intervals.tolist()]
+        self.waves: Waves = (Wave(1.0, (0.0,)),)
+        if source.illumination is not None:
+            amplitudes, frequencies = (
+                source.illumination.amplitudes,
+                source.illumination.frequencies,
+            )
+            pairs = zip(amplitudes.tolist(), frequencies.tolist(), strict=True)
+            self.waves = tuple(Wave(a, tuple(f)) for a, f in pairs)
+
+    def inner(self, y: Any) -> Pair:
+        """The waves at a place, inside a slit or not."""
+        return Pair(*field_of(self.ops, self.waves, (y,)))
+
+    def at(self, y: Any) -> Pair:
+        """u, which a slit has at its begin and not at its end."""
+        ops = self.ops
+
+        def term(begin: Any, end: Any) -> tuple[Any]:
+            return (ops.select((y >= begin) & (y < end), 1.0, 0.0),)
+
+        (inside,) = ops.sum_over(self.rows, term, 1, like=y)
+        return self.inner(y).scaled(inside)
+
+    def wave(self, turns: Any) -> Pair:
+        """exp(-2 pi i turns)."""
+        cosine, sine = cos_sin_turns(self.ops, turns)
+        return Pair(cosine, -sine)
+
+
+def _of_f(field: _Field, end: float, nu: Any) -> Pair:
+    return field.inner(end) * field.wave(nu * end)
+
+
+def _of_w(field: _Field, end: float, x: Any, nu: Any) -> Pair:
+    """Twice the real part of what one of the two copies contributes, at the lag 2(end - x)."""
+    product = field.inner(end) * _conjugate(field.at(2.0 * x - end))
+    return Pair((product * field.wave(2.0 * (end - x) * nu)).real * 4.0, 0.0)
+
+
+def _of_a(field: _Field, end: float, upsilon: Any, xi: Any) -> Pair:
+    own = field.inner(end)
+    ahead = own * _conjugate(field.at(end - xi)) * field.wave(upsilon * (end - 0.5 * xi))
+    behind = field.at(end + xi) * _conjugate(own) * field.wave(upsilon * (end + 0.5 * xi))
+    return ahead + behind
+
+
+def _conjugate(value: Pair) -> Pair:
+    return Pair(value.real, -value.imag)

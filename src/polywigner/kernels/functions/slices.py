@@ -1,0 +1,222 @@
+"""W and A as sums over the edges of slices (Stokes' theorem), and the areas of slices.
+
+``W = 1/(pi^2 |nu|^2) sum_e (c/q) sum_pieces sin(2 pi dt q) sin(2 pi [nu.(2a - 2x) + (t0 + t1) q])``
+with q = nu.e, c = cross(nu, e), and [t0, t1] the part of edge e inside the mirrored polygon. The
+two copies are mirror images, so the edges of one, doubled, are the whole boundary; only the real
+part is left, in which nothing cancels as nu goes to 0. In a collection each cut edge carries the
+weight of its element times the conjugate of the other's, and cosines appear: (W2). Several waves on
+the elements are several frequencies: (I2).
+
+``A = i/(2 pi |v|^2) sum c [sinc(q) exp(-2 pi i v.m) - 1]`` over the cut edges of both copies,
+v = upsilon, q = v.e, c = cross(v, e), m the middle: the edge sum of the paper with the sum of c,
+which vanishes, taken out, so that nothing is lost as v goes to 0. (Cheaper than triangles, and cut
+edges are many; the frame has no slivers that would make it less accurate.) Source: docs/theory.md,
+(A1), (I3).
+
+At one place for many frequencies the slice is cut once: its boundary, which `cut.slice_parts`
+lists, is summed for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.kernels.cut.clipping import AHEAD, BEHIND, MIRRORED, Clipper, total_extent
+from polywigner.kernels.cut.slice_parts import position_slice_parts, slice_parts
+from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.functions.edge_terms import (
+    EdgeTerms,
+    ambiguity_terms,
+    term_of_part,
+    wigner_terms,
+)
+from polywigner.kernels.functions.wave_sums import (
+    COPIES,
+    TermSum,
+    difference_pairings,
+    mean_pairings,
+    sum_over_waves,
+)
+from polywigner.kernels.outline.tables import Edge, Tables
+from polywigner.kernels.outline.waves import WavePair, WavePairRow
+
+__all__ = [
+    "AMBIGUITY_SUM",
+    "LAG_SLICE_AREA",
+    "POSITION_SLICE_AREA",
+    "WIGNER_SUM",
+    "PartSum",
+    "SharedSlice",
+    "doubled_position",
+]
+
+Values = tuple[Any, ...]
+Listed = tuple[NDArray[np.intp], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class SharedSlice:
+    """How a kernel is a sum over parts of edges that depend on some of its arguments alone."""
+
+    arguments: slice
+    """Which components are the place on which the parts depend, as the caller gives them."""
+    place: slice
+    """Which arguments in the frame are this place."""
+    frequency: slice
+    """Which arguments in the frame are the frequency."""
+    list_parts: Callable[..., Listed]
+    """(ops of NumPy in double precision, tables, *place) -> whose, (k, 8) rows."""
+    terms: Callable[[Any, Values, bool], EdgeTerms]
+    """(ops, frequency, whether weights are real) -> a part's terms."""
+
+    def summed(self, ops: Any, columns: int, is_real: bool, *frequency: Any) -> PartSum:
+        """How to sum up rows of so many columns at a frequency."""
+        return PartSum(self.terms, ops, columns == 4, is_real, frequency)
+
+    def parts(self, ops: Any, tables: Tables, *place: Any) -> tuple[Listed, bool]:
+        """Whose the parts of places (n,) are and their rows; whether all weights are real.
+
+        Rows are of four numbers where weights are 1 or -1 and no frequency is shifted: a part with
+        the weight -1 is one that runs the other way.
+        """
+        owners, rows = self.list_parts(ops, tables, *place)
+        order = np.argsort(owners, kind="stable")
+        owners, rows = owners[order], rows[order]
+        if (abs(rows[:, 4]) == 1.0).all() and not rows[:, 5:].any():
+            rows[:, 2:4] *= rows[:, 4:5]
+            rows = np.ascontiguousarray(rows[:, :4])
+        return (owners, rows), not rows[:, 5:6].any()
+
+
+class PartSum:
+    """A sum over parts at given frequencies: what they share, a part's term, the end."""
+
+    def __init__(
+        self, terms: Any, ops: Any, is_plain: bool, is_real: bool, frequency: Values
+    ) -> None:
+        self.ops, self.frequency = ops, frequency
+        self.is_plain, self.is_real = is_plain, is_real
+        self._at = terms
+        self.terms: EdgeTerms = terms(ops, frequency, is_real)
+        self.values = self.terms.values
+
+    def term(self, *row: Any) -> Values:
+        """What a part contributes: (x, y, dx, dy), or all columns of a row."""
+        if self.is_plain:
+            return term_of_part(self.ops, self.terms, (*row, 1.0, 0.0))
+        # a part with a frequency of its own
+        terms = self._at(self.ops, _detuned(row, self.frequency), self.is_real)
+        part = (*row[:5], 0.0 if self.is_real else row[5])
+        return terms.total(term_of_part(self.ops, terms, part))
+
+    def total(self, sums: Values) -> Values:
+        """The kernel's sums from those of all terms: W, or A as cosine and sine part."""
+        first, *second = self.terms.total(sums) if self.is_plain else sums
+        return (first, *(-value for value in second))
+
+
+def _detuned(row: Sequence[Any], nu: Values) -> Values:
+    return nu[0] - row[6], nu[1] - row[7]
+
+
+Values = tuple[Any, ...]
+
+
+def doubled_position(x: Any, y: Any, *frequency: Any) -> tuple[Any, Any]:
+    """The offset between the copies: 2x."""
+    return 2.0 * x, 2.0 * y
+
+
+def _wigner(clipper: Clipper, x: Any, y: Any, *nu: Any) -> Values:
+    """W(x, nu) in the units of the frame, for arguments in it: docs/theory.md, (W1), (W2), (I2)."""
+
+    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> TermSum:
+        terms = wigner_terms(clipper.ops, pair.detuned(nu), is_even, pair.is_real)
+        return TermSum(clipper, terms, pair, 2.0)
+
+    return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), 1))
+
+
+def _lag_slice_area(clipper: Clipper, x: Any, y: Any) -> Values:
+    """R_x(x) of elements without illumination: the area of the lag slice, in the frame."""
+    ops = clipper.ops
+
+    def term(edge: Edge) -> Values:
+        lever = ops.fma(
+            clipper.ty, 2.0 * edge.ex, ops.fma(clipper.tx, -2.0 * edge.ey, 4.0 * edge.area)
+        )
+        # the imaginary parts of two elements and of the same two the other way round cancel
+        return (lever * total_extent(clipper, edge, MIRRORED)[0],)
+
+    found: Values = clipper.sum_over_edges(term, values=1)
+    return found
+
+
+_LISTED = SharedSlice(
+    arguments=slice(0, 2),
+    place=slice(0, 2),
+    frequency=slice(2, 4),
+    list_parts=slice_parts,
+    terms=lambda ops, nu, is_real: wigner_terms(ops, nu, is_real, True),
+)
+WIGNER_SUM = SliceSum((MIRRORED,), doubled_position, _wigner, _LISTED)
+LAG_SLICE_AREA = SliceSum((MIRRORED,), doubled_position, _lag_slice_area)
+
+
+Values = tuple[Any, ...]
+
+
+def _lag(*inner: Any) -> tuple[Any, Any]:
+    """The offset between the copies: xi, the last of the arguments."""
+    return inner[-2], inner[-1]
+
+
+def _ambiguity(clipper: Clipper, turns: Any, v_x: Any, v_y: Any, *xi: Any) -> Values:
+    """A(upsilon, xi) in the frame, as (cosine part, sine part) with A = cosine - i sine."""
+
+    def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> TermSum:
+        terms = ambiguity_terms(clipper.ops, pair.detuned((v_x, v_y)))
+        return TermSum(clipper, terms, pair, 1.0)
+
+    real, imag = sum_over_waves(clipper, difference_pairings, sum_of, xi, 2)
+    return real, -imag
+
+
+def _position_slice_area(clipper: Clipper, *xi: Any) -> Values:
+    """R_xi(xi), the area of the position slice in the frame, weighted by the mutual field.
+
+    As real and imaginary part; the latter is there only for complex fields.
+    """
+    ops, is_phased = clipper.ops, clipper.tables.phased
+
+    def term(edge: Edge) -> Values:
+        lever = ops.fma(clipper.tx, edge.ey, clipper.ty * -edge.ex)
+        real: Any = 0.0
+        imag: Any = 0.0
+        for view, side in COPIES:
+            share = ops.fma(lever, side, edge.area)
+            extent, turned = total_extent(clipper, edge, view)
+            real = ops.fma(share, extent, real)
+            if is_phased:
+                imag = ops.fma(share, turned, imag)
+        return (real, imag) if is_phased else (real,)
+
+    real, *imag = clipper.sum_over_edges(term, values=2 if is_phased else 1)
+    # not 0 times it: Dr.Jit makes a constant of that, which is as wide as the first samples were
+    return 0.5 * real, 0.5 * imag[0] if imag else real - real
+
+
+_LISTED_LAGS = SharedSlice(
+    arguments=slice(2, 4),
+    place=slice(3, 5),
+    frequency=slice(1, 3),
+    list_parts=position_slice_parts,
+    terms=lambda ops, upsilon, is_real: ambiguity_terms(ops, upsilon),
+)
+AMBIGUITY_SUM = SliceSum((BEHIND, AHEAD), _lag, _ambiguity, _LISTED_LAGS)
+POSITION_SLICE_AREA = SliceSum((BEHIND, AHEAD), _lag, _position_slice_area)
