@@ -10,9 +10,9 @@ as runs. A compiled loop takes the lists as data: docs/theory/edges.md, (K1).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from operator import attrgetter
 from typing import Any
 
@@ -144,6 +144,16 @@ class PairGrid:
     """(n, 4) names of the edges of the first outline."""
     levels: Any
     """(k, 4) real and imaginary part of each level."""
+
+    @cached_property
+    def copies(self) -> dict[Hashable, PairGrid]:
+        """These tables in the memory of engines, by engine."""
+        return {}
+
+    @property
+    def nbytes(self) -> int:
+        """The size of tables of NumPy."""
+        return sum(getattr(self, part.name).nbytes for part in fields(self))
 
     def held(self, hold: Callable[[Array], Any]) -> PairGrid:
         """The grid with its tables in an engine's memory."""

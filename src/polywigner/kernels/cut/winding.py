@@ -8,6 +8,7 @@ its weight says. All that is told of an outline is data, so that one compiled lo
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any
 
@@ -39,6 +40,8 @@ Array = npt.NDArray[Any]
 
 # Where nobody knows how many samples there will be.
 _MANY = 1 << 20
+# Lists that are kept, of all sources; engines have copies of as much.
+_MOST_BYTES = 1 << 27
 
 
 def clipper_for(
@@ -57,21 +60,30 @@ def clipper_for(
 
 
 def pairs_of(tables: Tables, key: Pass, double: bool, samples: int = 0) -> PairGrid:
-    """The lists of pairs of edges for so many samples, made once."""
+    """The lists of pairs of edges for so many samples; the latest of all sources are kept."""
     first, second = _outlines(tables, key, double)
     across = cells_across(first, second, samples or _MANY)
-    found = (*_same(key), double, across)
-    if found not in tables.pairs:
-        tables.pairs[found] = pair_grid(first, second, across)
-    return tables.pairs[found]
+    name = (*_same(key), double, across)
+    found: PairGrid | None = tables.pairs.get(name)
+    if found is None:
+        found = tables.pairs.setdefault(name, pair_grid(first, second, across))
+        _kept.append((tables.pairs, name, found.nbytes))
+        while sum(size for *_, size in _kept) > _MOST_BYTES and len(_kept) > 1:
+            pairs, oldest, _ = _kept.popleft()
+            pairs.pop(oldest, None)
+    return found
+
+
+_kept: deque[tuple[dict[Any, Any], Hashable, int]] = deque()
+"""Whose lists there are, which, and their size, in the order in which they were made."""
 
 
 def held_pairs(ops: Any, tables: Tables, key: Pass, samples: int = 0) -> PairGrid:
     """The same in the memory of an engine."""
-    found = id(grid := pairs_of(tables, key, ops.double, samples)), ops.key
-    if found not in tables.pairs:
-        tables.pairs.setdefault(found, grid.held(ops.held))  # in all threads the same
-    return tables.pairs[found]
+    grid = pairs_of(tables, key, ops.double, samples)
+    if ops.key not in grid.copies:
+        grid.copies.setdefault(ops.key, grid.held(ops.held))  # in all threads the same
+    return grid.copies[ops.key]
 
 
 def _same(key: Pass) -> tuple[Hashable, ...]:
@@ -310,11 +322,13 @@ def _rows(
     edge, against = ops.gather(pair.first, number), ops.gather(pair.second, other)
     meets, enters, start, stop = crossing(ops, edge, against, tx[owner], ty[owner], side)
     jump = (against[5] + 1j * against[6]) * (meets * np.where(enters, 1.0, -1.0))
-    before = np.cumsum(jump) - jump
+    # of any weights, sums over many samples would round
+    before = np.cumsum(jump.astype(np.clongdouble)) - jump
     # each ring of a sample begins with a row that sets the level
     last = np.maximum.accumulate(np.where(how == START, np.arange(len(row)), 0))
     level = before + (_level(pair, set_to) - before)[last]
     level = np.where(how == WHOLE, level, np.where(how == LEAD, 0.0, jump))
+    level = level.astype(np.complex128)
     (kept,) = np.nonzero(level)
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.where(meets, stop / (stop - start), 1.0)
