@@ -215,7 +215,7 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     if outline.weighs_lags:
         # rows: an edge as code would take 0.1 s to compile, and be no faster
         run = call + _cost("compiled edge with weights", edges)
-        yield Way("edges as rows, compiled", "llvm", _compiling(request), run, "rows")
+        yield _compiled("edges as rows, compiled", 0.0, run, "rows")
         return
     if request.rows and outline.allows_lists and cut != "cells":
         enough = request.columns >= LIMITS["least columns of a compiled list"]
