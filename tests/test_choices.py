@@ -102,6 +102,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("transforms/arguments.py", "_BLOCK"): MEMORY,
     ("transforms/coherence.py", "_BLOCK"): MEMORY,
     ("transforms/coherence.py", "_MOST_WIDTHS"): REFUSED,
+    ("transforms/coherence.py", "_THIN"): DIGITS,
     ("transforms/extremes.py", "_LARGEST_EXPONENT"): DIGITS,
     ("transforms/extremes.py", "_UNDERFLOW"): DIGITS,
     ("transforms/projection.py", "LARGEST_SAMPLES"): REFUSED,

@@ -41,6 +41,8 @@ BY_QUADRATURE = 1e-10
 IN_SINGLE = 2e-6
 # Of the same sums in another order, of int |u|^2.
 ENGINES = 1e-13
+# Of central differences over their step: the rounding of W, and what is left of the third order.
+DIFFERENCES = 1e-11
 # A product of two floats.
 CLOSED_FORM = 1e-13
 VISIBILITY = 1e-6
@@ -446,8 +448,69 @@ def test_shapes_that_do_not_broadcast_are_refused() -> None:
         pw.wigner(SQUARE.partially_coherent(4e-3), np.zeros((4, 2)), np.zeros((3, 2)))
 
 
-def test_a_plan_is_that_of_coherent_light() -> None:
-    partly = SQUARE.partially_coherent(4e-3)
+@pytest.mark.parametrize("source", [SQUARE, SQUARE.curved(60e-3, WAVELENGTH), SLITS, TAPERED])
+def test_plans_expect_w_of_partly_coherent_light_to_cost_more(source: Any) -> None:
+    x = np.zeros((100, len(source.bounds) // 2))
+    partly = source.partially_coherent(4e-3)
+    plan, coherent = (pw.explain(s, x, x, engine="numpy") for s in (partly, partly.coherent))
+    assert plan.way.engine == "numpy"
+    assert plan.way.run >= coherent.way.run
+    # A is that of coherent light, times a number
+    plan, coherent = (
+        pw.explain(s, x, x, function="ambiguity", engine="numpy") for s in (partly, partly.coherent)
+    )
+    assert plan.way == coherent.way
+
+
+def test_there_is_no_plan_of_a_mean_over_tilts() -> None:
     with pytest.raises(ArgumentError, match=r"explain its \.coherent"):
-        pw.explain(partly, (0.0, 0.0), (0.0, 0.0))
-    assert pw.explain(partly.coherent, (0.0, 0.0), (0.0, 0.0)).way.name
+        pw.explain(LATTICE.partially_coherent(4e-3), (0.0, 0.0), (0.0, 0.0))
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("width", [3e-3, 100.0])
+@pytest.mark.parametrize(
+    "source", [SQUARE, STEERED, TAPERED, SQUARE.curved(60e-3, WAVELENGTH)],
+    ids=["square", "steered", "tapered", "curved"],
+)  # fmt: skip
+def test_arrays_of_drjit_have_the_same_w_with_its_slopes(source: Any, width: float) -> None:
+    dr, llvm = pytest.importorskip("drjit"), pytest.importorskip("drjit.llvm")
+    x, nu = np.array([(0.5e-3, 0.2e-3), (1e-3, -2e-3)]), np.array([(30.0, 10.0), (100.0, -40.0)])
+    partly = source.partially_coherent(width)
+    energy = float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+    expected = pw.wigner(partly, x, nu)
+    for kind, error in ((llvm.Array2f64, ENGINES), (llvm.Array2f, IN_SINGLE)):
+        found = pw.wigner(partly, kind(x.T), kind(nu.T)).numpy()
+        assert np.abs(found - expected).max() <= error * energy
+        middle = pw.position_marginal(partly, kind(x.T)).numpy()
+        assert np.abs(middle - pw.position_marginal(partly, x)).max() <= error * energy
+    places, frequencies = (llvm.ad.Array2f64(points.T) for points in (x, nu))
+    dr.enable_grad(places, frequencies)
+    dr.backward(pw.wigner(partly, places, frequencies))
+    for k, axis in enumerate(np.eye(2)):
+        for step, slope, moved in (
+            (1e-7, places.grad[k].numpy(), lambda s: pw.wigner(partly, x + s, nu)),
+            (1e-3, frequencies.grad[k].numpy(), lambda s: pw.wigner(partly, x, nu + s)),
+        ):
+            difference = (moved(step * axis) - moved(-step * axis)) / (2 * step)
+            assert np.abs(slope - difference).max() <= DIFFERENCES * energy / step
+
+
+@pytest.mark.llvm
+def test_a_of_drjit_arrays_is_refused_in_partly_coherent_light() -> None:
+    llvm = pytest.importorskip("drjit.llvm")
+    point = llvm.Array2f64([0.0], [0.0])
+    with pytest.raises(ArgumentError, match=r"upsilon as a NumPy array.*upsilon\.numpy"):
+        pw.ambiguity(SQUARE.partially_coherent(4e-3), point, point)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0, 30.0])
+def test_w_of_slivers_keeps_its_digits_in_single_precision(share: float) -> None:
+    """The double-precision result errs by 1e-16 of the squared length: 1e-12 of the area."""
+    sliver = pw.Aperture([(0, 0), (SIDE, 1e-4 * SIDE), (SIDE, 3e-4 * SIDE)])
+    partly = sliver.partially_coherent(share * SIDE)
+    x = np.mean(sliver.rings[0], axis=0)
+    nu = np.random.default_rng(4).normal(0, 3 / SIDE, (20, 2))
+    single = pw.wigner(partly, x, nu, precision="single")
+    assert single.dtype == np.float32
+    assert np.abs(single - pw.wigner(partly, x, nu)).max() <= IN_SINGLE * sliver.area

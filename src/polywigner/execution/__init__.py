@@ -42,7 +42,7 @@ from polywigner.execution.choice import (
     checked_precision,
     uncompiled,
 )
-from polywigner.execution.drjit_arrays import evaluate_traced
+from polywigner.execution.drjit_arrays import checked_float, evaluate_traced
 from polywigner.execution.drjit_hosted import evaluate_hosted
 from polywigner.execution.drjit_linear import PointKind, components_of_all, matrix_times
 from polywigner.execution.drjit_points import (
@@ -107,6 +107,7 @@ __all__ = [
     "UnrolledOperations",
     "check_not_stopped",
     "checked_engine",
+    "checked_float",
     "checked_precision",
     "complex_numbers",
     "components_of_all",
