@@ -31,6 +31,9 @@ STEERED = pw.shapes.regular_polygon(6, SIDE / 2).with_illumination(WAVES)
 TAPERED = SQUARE.turned(0.4).with_illumination(pw.cosine_taper(SIDE, SIDE).turned(0.4))
 # summed by elements, and so a mean over tilts
 LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((2, 3)).reshape(2, -1).T)
+# parts that are far from each other, and slits of one width
+DISTANT = pw.Aperture([shift + np.array([(0, 0), (1e-3, 0), (0, 1e-3)]) for shift in (0, 0.5)])
+SLIT_ROW = pw.phased_array(pw.Slits([(0.0, 1e-3)]), 2e-3 * np.arange(4.0)[:, None])
 ARRAY = pw.phased_array(
     pw.shapes.square(3e-3), [(0, 0), (4e-3, 0), (0, 4e-3)], np.array([1, 1j, 0.5])
 )
@@ -110,6 +113,22 @@ def test_engines_agree_on_partly_coherent_light(source: Any) -> None:
         found = pw.wigner(partly, x, nu, engine="llvm", precision=precision)
         expected = pw.wigner(partly, x, nu, engine="numpy")
         assert np.abs(found - expected).max() <= error * energy
+
+
+@pytest.mark.parametrize("width", [1e-5, 1e-7])
+@pytest.mark.parametrize("precision", [None, "single"])
+@pytest.mark.parametrize("source", [LATTICE, DISTANT, SLIT_ROW], ids=["lattice", "distant", "row"])
+def test_arrays_and_distant_parts_take_widths_of_too_many_tilts(
+    source: Any, width: float, precision: Any
+) -> None:
+    """Far from edges they are sources without edges."""
+    d = len(source.bounds) // 2
+    inside = np.full(d, 0.3e-3)
+    nu = np.full(d, 0.1 / width)
+    partly = source.partially_coherent(width)
+    found = pw.wigner(partly, inside, nu, precision=precision)
+    expected = (math.sqrt(2 * math.pi) * width) ** d * math.exp(-2 * d * (0.1 * math.pi) ** 2)
+    assert found == pytest.approx(expected, rel=1e-5 if precision else 1e-10, abs=0)
 
 
 @pytest.mark.parametrize("width", [2e-3, 20e-3])

@@ -41,8 +41,6 @@ Values = NDArray[np.float64]
 TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of means over tilts in double and in single precision, relative to the largest of A."""
 
-# Widths in the area of a source: some four tilts for each.
-_MOST_WIDTHS = 1 << 15
 # Widths over the diagonal of a source from which on the light is so nearly coherent that what it
 # lacks is a linear function of 1/width^2: closed forms cancel, and the next term of the degree of
 # coherence is 1.3e-13, or 8e-7 in single precision. Below the least one W is the width's area times
@@ -94,12 +92,13 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     """
     sides = _sides(source)
     reaches = np.minimum(sides, longest) / source.coherence_width
-    if math.prod(1.0 + reaches) > _MOST_WIDTHS:
-        least = math.prod(sides.tolist()) ** (1 / len(sides)) / _MOST_WIDTHS ** (1 / len(sides))
+    if math.prod(1.0 + reaches) > kernels.MOST_WIDTHS:
+        least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
         raise ArgumentError(
             f"expected a width of coherence of at least {least:.3g} m for a source of "
             f"{' x '.join(f'{side:.3g}' for side in sides)} m, got {source.coherence_width:.3g} m, "
-            "a sum over too many tilts; polywigner.wigner takes any width"
+            "a sum over too many tilts; polywigner.wigner takes any width, except for arrays of "
+            "hundreds of elements"
         )
     nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
