@@ -63,7 +63,6 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/cut/cut_matrix.py", "_MARGIN"): DIGITS,
     ("kernels/cut/outer_bounds.py", "_MARGIN"): DIGITS,
     ("kernels/catalogue.py", "MOST_WIDTHS"): REFUSED,
-    ("kernels/catalogue.py", "_MOST_ELEMENTS"): REFUSED,
     ("kernels/functions/gauss_schell.py", "_FAR"): DIGITS,
     ("kernels/functions/gauss_schell.py", "_LONG"): DIGITS,
     ("kernels/functions/gauss_schell.py", "_SMALL"): DIGITS,

@@ -29,8 +29,9 @@ WAVES = pw.Illumination([1.0, 0.5j], [(150.0, 80.0), (-90.0, 30.0)])
 STEERED = pw.shapes.regular_polygon(6, SIDE / 2).with_illumination(WAVES)
 # a product of fields along both sides
 TAPERED = SQUARE.turned(0.4).with_illumination(pw.cosine_taper(SIDE, SIDE).turned(0.4))
-# summed by elements, and so a mean over tilts
+# summed by elements in coherent light; in partly coherent light the large one is a mean over tilts
 LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((2, 3)).reshape(2, -1).T)
+LARGE_LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((3, 6)).reshape(2, -1).T)
 # parts that are far from each other, and slits of one width
 DISTANT = pw.Aperture([shift + np.array([(0, 0), (1e-3, 0), (0, 1e-3)]) for shift in (0, 0.5)])
 SLIT_ROW = pw.phased_array(pw.Slits([(0.0, 1e-3)]), 2e-3 * np.arange(4.0)[:, None])
@@ -134,8 +135,28 @@ def test_arrays_and_distant_parts_take_widths_of_too_many_tilts(
 @pytest.mark.parametrize("width", [2e-3, 20e-3])
 @pytest.mark.parametrize(
     "source",
-    [CHEVRONS, ARRAY, LATTICE, SLITS, STEERED, TAPERED, SQUARE.curved(60e-3, WAVELENGTH)],
-    ids=["chevrons", "array", "lattice", "slits", "steered", "tapered", "curved"],
+    [
+        CHEVRONS,
+        ARRAY,
+        LATTICE,
+        LARGE_LATTICE,
+        DISTANT,
+        SLITS,
+        STEERED,
+        TAPERED,
+        SQUARE.curved(60e-3, WAVELENGTH),
+    ],
+    ids=[
+        "chevrons",
+        "array",
+        "lattice",
+        "large-lattice",
+        "distant",
+        "slits",
+        "steered",
+        "tapered",
+        "curved",
+    ],
 )
 def test_w_is_the_mean_over_tilts(source: Any, width: float) -> None:
     d = len(source.bounds) // 2
@@ -373,6 +394,16 @@ def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave: Any) -> Non
     assert np.allclose(band, found, rtol=1e-3)
 
 
+def test_rays_of_a_small_array_are_those_of_its_outlines_together() -> None:
+    points = np.array([(0.0, 0.0, 0.3), (0.1, 0.02, 0.3)])
+    together = pw.Aperture([element.rings[0] for element in LATTICE.elements_in_plane])
+    found, expected = (
+        pw.irradiance(source.partially_coherent(2e-3), points, WAVELENGTH)
+        for source in (LATTICE, together)
+    )
+    assert np.allclose(found, expected, rtol=1e-6, atol=0)
+
+
 @pytest.mark.slow
 def test_commands_that_draw_coherent_sources_name_those_that_take_others(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -483,7 +514,7 @@ def test_plans_expect_w_of_partly_coherent_light_to_cost_more(source: Any) -> No
 
 def test_there_is_no_plan_of_a_mean_over_tilts() -> None:
     with pytest.raises(ArgumentError, match=r"explain its \.coherent"):
-        pw.explain(LATTICE.partially_coherent(4e-3), (0.0, 0.0), (0.0, 0.0))
+        pw.explain(LARGE_LATTICE.partially_coherent(4e-3), (0.0, 0.0), (0.0, 0.0))
 
 
 @pytest.mark.llvm

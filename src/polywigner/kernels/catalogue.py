@@ -122,8 +122,9 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 
 MOST_WIDTHS = 1 << 15
 """Widths of coherence in the area of a source, of which a mean has some four tilts each."""
-# Of an array, every pair of whose elements has a slice.
-_MOST_ELEMENTS = 256
+# Elements of an array with a closed form, in which every pair of them has a slice: of any, and
+# where the alternative is a mean over too many tilts.
+_FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
 
 
 def _widths_in(source: Wavefront) -> float:
@@ -136,14 +137,19 @@ def partly_coherent_kernel(source: Wavefront, double: bool = True) -> Kernel | N
     """The kernel of W in light that is coherent over a width; None where it is a mean over tilts.
 
     Arrays whose elements share one outline, and parts far from each other, have sums of their own
-    in coherent light: they are a mean over tilts, unless these are too many. The kernel leaves the
-    curvature of a wave to its frequencies.
+    in coherent light: they are a mean over tilts, unless these are too many or the elements few.
+    The kernel leaves the curvature of a wave to its frequencies.
     """
     flat = source.source
     kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat, double))
-    if kernel is not None or _widths_in(source) <= MOST_WIDTHS:
+    if kernel is not None:
         return kernel
-    if isinstance(flat, Array) and len(flat.elements_in_plane) > _MOST_ELEMENTS:
+    many_tilts = _widths_in(source) > MOST_WIDTHS
+    if isinstance(flat, Array):
+        most = _MOST_ELEMENTS if many_tilts else _FEW_ELEMENTS
+        if len(flat.elements_in_plane) > most:
+            return None
+    elif not many_tilts:
         return None
     return partly_coherent.WIGNER if source.dimension == 2 else partly_coherent.WIGNER_OF_SLITS
 
