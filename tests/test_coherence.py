@@ -29,8 +29,12 @@ WAVES = pw.Illumination([1.0, 0.5j], [(150.0, 80.0), (-90.0, 30.0)])
 STEERED = pw.shapes.regular_polygon(6, SIDE / 2).with_illumination(WAVES)
 # a product of fields along both sides
 TAPERED = SQUARE.turned(0.4).with_illumination(pw.cosine_taper(SIDE, SIDE).turned(0.4))
-# summed by elements, and so a mean over tilts
+# summed by elements in coherent light; in partly coherent light the large one is a mean over tilts
 LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((2, 3)).reshape(2, -1).T)
+LARGE_LATTICE = pw.phased_array(pw.shapes.square(3e-3), 4e-3 * np.indices((3, 6)).reshape(2, -1).T)
+# parts that are far from each other, and slits of one width
+DISTANT = pw.Aperture([shift + np.array([(0, 0), (1e-3, 0), (0, 1e-3)]) for shift in (0, 0.5)])
+SLIT_ROW = pw.phased_array(pw.Slits([(0.0, 1e-3)]), 2e-3 * np.arange(4.0)[:, None])
 ARRAY = pw.phased_array(
     pw.shapes.square(3e-3), [(0, 0), (4e-3, 0), (0, 4e-3)], np.array([1, 1j, 0.5])
 )
@@ -41,6 +45,8 @@ BY_QUADRATURE = 1e-10
 IN_SINGLE = 2e-6
 # Of the same sums in another order, of int |u|^2.
 ENGINES = 1e-13
+# Of central differences over their step: the rounding of W, and what is left of the third order.
+DIFFERENCES = 1e-11
 # A product of two floats.
 CLOSED_FORM = 1e-13
 VISIBILITY = 1e-6
@@ -110,11 +116,47 @@ def test_engines_agree_on_partly_coherent_light(source: Any) -> None:
         assert np.abs(found - expected).max() <= error * energy
 
 
+@pytest.mark.parametrize("width", [1e-5, 1e-7])
+@pytest.mark.parametrize("precision", [None, "single"])
+@pytest.mark.parametrize("source", [LATTICE, DISTANT, SLIT_ROW], ids=["lattice", "distant", "row"])
+def test_arrays_and_distant_parts_take_widths_of_too_many_tilts(
+    source: Any, width: float, precision: Any
+) -> None:
+    """Far from edges they are sources without edges."""
+    d = len(source.bounds) // 2
+    inside = np.full(d, 0.3e-3)
+    nu = np.full(d, 0.1 / width)
+    partly = source.partially_coherent(width)
+    found = pw.wigner(partly, inside, nu, precision=precision)
+    expected = (math.sqrt(2 * math.pi) * width) ** d * math.exp(-2 * d * (0.1 * math.pi) ** 2)
+    assert found == pytest.approx(expected, rel=1e-5 if precision else 1e-10, abs=0)
+
+
 @pytest.mark.parametrize("width", [2e-3, 20e-3])
 @pytest.mark.parametrize(
     "source",
-    [CHEVRONS, ARRAY, LATTICE, SLITS, STEERED, TAPERED, SQUARE.curved(60e-3, WAVELENGTH)],
-    ids=["chevrons", "array", "lattice", "slits", "steered", "tapered", "curved"],
+    [
+        CHEVRONS,
+        ARRAY,
+        LATTICE,
+        LARGE_LATTICE,
+        DISTANT,
+        SLITS,
+        STEERED,
+        TAPERED,
+        SQUARE.curved(60e-3, WAVELENGTH),
+    ],
+    ids=[
+        "chevrons",
+        "array",
+        "lattice",
+        "large-lattice",
+        "distant",
+        "slits",
+        "steered",
+        "tapered",
+        "curved",
+    ],
 )
 def test_w_is_the_mean_over_tilts(source: Any, width: float) -> None:
     d = len(source.bounds) // 2
@@ -352,6 +394,16 @@ def test_rays_of_partly_coherent_light_are_the_mean_over_tilts(wave: Any) -> Non
     assert np.allclose(band, found, rtol=1e-3)
 
 
+def test_rays_of_a_small_array_are_those_of_its_outlines_together() -> None:
+    points = np.array([(0.0, 0.0, 0.3), (0.1, 0.02, 0.3)])
+    together = pw.Aperture([element.rings[0] for element in LATTICE.elements_in_plane])
+    found, expected = (
+        pw.irradiance(source.partially_coherent(2e-3), points, WAVELENGTH)
+        for source in (LATTICE, together)
+    )
+    assert np.allclose(found, expected, rtol=1e-6, atol=0)
+
+
 @pytest.mark.slow
 def test_commands_that_draw_coherent_sources_name_those_that_take_others(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
@@ -446,8 +498,69 @@ def test_shapes_that_do_not_broadcast_are_refused() -> None:
         pw.wigner(SQUARE.partially_coherent(4e-3), np.zeros((4, 2)), np.zeros((3, 2)))
 
 
-def test_a_plan_is_that_of_coherent_light() -> None:
-    partly = SQUARE.partially_coherent(4e-3)
+@pytest.mark.parametrize("source", [SQUARE, SQUARE.curved(60e-3, WAVELENGTH), SLITS, TAPERED])
+def test_plans_expect_w_of_partly_coherent_light_to_cost_more(source: Any) -> None:
+    x = np.zeros((100, len(source.bounds) // 2))
+    partly = source.partially_coherent(4e-3)
+    plan, coherent = (pw.explain(s, x, x, engine="numpy") for s in (partly, partly.coherent))
+    assert plan.way.engine == "numpy"
+    assert plan.way.run >= coherent.way.run
+    # A is that of coherent light, times a number
+    plan, coherent = (
+        pw.explain(s, x, x, function="ambiguity", engine="numpy") for s in (partly, partly.coherent)
+    )
+    assert plan.way == coherent.way
+
+
+def test_there_is_no_plan_of_a_mean_over_tilts() -> None:
     with pytest.raises(ArgumentError, match=r"explain its \.coherent"):
-        pw.explain(partly, (0.0, 0.0), (0.0, 0.0))
-    assert pw.explain(partly.coherent, (0.0, 0.0), (0.0, 0.0)).way.name
+        pw.explain(LARGE_LATTICE.partially_coherent(4e-3), (0.0, 0.0), (0.0, 0.0))
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("width", [3e-3, 100.0])
+@pytest.mark.parametrize(
+    "source", [SQUARE, STEERED, TAPERED, SQUARE.curved(60e-3, WAVELENGTH)],
+    ids=["square", "steered", "tapered", "curved"],
+)  # fmt: skip
+def test_arrays_of_drjit_have_the_same_w_with_its_slopes(source: Any, width: float) -> None:
+    dr, llvm = pytest.importorskip("drjit"), pytest.importorskip("drjit.llvm")
+    x, nu = np.array([(0.5e-3, 0.2e-3), (1e-3, -2e-3)]), np.array([(30.0, 10.0), (100.0, -40.0)])
+    partly = source.partially_coherent(width)
+    energy = float(np.real(pw.lag_marginal(source, (0.0, 0.0))))
+    expected = pw.wigner(partly, x, nu)
+    for kind, error in ((llvm.Array2f64, ENGINES), (llvm.Array2f, IN_SINGLE)):
+        found = pw.wigner(partly, kind(x.T), kind(nu.T)).numpy()
+        assert np.abs(found - expected).max() <= error * energy
+        middle = pw.position_marginal(partly, kind(x.T)).numpy()
+        assert np.abs(middle - pw.position_marginal(partly, x)).max() <= error * energy
+    places, frequencies = (llvm.ad.Array2f64(points.T) for points in (x, nu))
+    dr.enable_grad(places, frequencies)
+    dr.backward(pw.wigner(partly, places, frequencies))
+    for k, axis in enumerate(np.eye(2)):
+        for step, slope, moved in (
+            (1e-7, places.grad[k].numpy(), lambda s: pw.wigner(partly, x + s, nu)),
+            (1e-3, frequencies.grad[k].numpy(), lambda s: pw.wigner(partly, x, nu + s)),
+        ):
+            difference = (moved(step * axis) - moved(-step * axis)) / (2 * step)
+            assert np.abs(slope - difference).max() <= DIFFERENCES * energy / step
+
+
+@pytest.mark.llvm
+def test_a_of_drjit_arrays_is_refused_in_partly_coherent_light() -> None:
+    llvm = pytest.importorskip("drjit.llvm")
+    point = llvm.Array2f64([0.0], [0.0])
+    with pytest.raises(ArgumentError, match=r"upsilon as a NumPy array.*upsilon\.numpy"):
+        pw.ambiguity(SQUARE.partially_coherent(4e-3), point, point)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.0, 30.0])
+def test_w_of_slivers_keeps_its_digits_in_single_precision(share: float) -> None:
+    """The double-precision result errs by 1e-16 of the squared length: 1e-12 of the area."""
+    sliver = pw.Aperture([(0, 0), (SIDE, 1e-4 * SIDE), (SIDE, 3e-4 * SIDE)])
+    partly = sliver.partially_coherent(share * SIDE)
+    x = np.mean(sliver.rings[0], axis=0)
+    nu = np.random.default_rng(4).normal(0, 3 / SIDE, (20, 2))
+    single = pw.wigner(partly, x, nu, precision="single")
+    assert single.dtype == np.float32
+    assert np.abs(single - pw.wigner(partly, x, nu)).max() <= IN_SINGLE * sliver.area

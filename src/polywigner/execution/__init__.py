@@ -38,6 +38,7 @@ from polywigner.execution.chunks import (
 )
 from polywigner.execution.drjit_arrays import (
     PointKind,
+    checked_float,
     components_of_all,
     evaluate_traced,
     matrix_times,
@@ -103,6 +104,7 @@ __all__ = [
     "UnrolledOperations",
     "check_not_stopped",
     "checked_engine",
+    "checked_float",
     "checked_precision",
     "complex_numbers",
     "components_of_all",

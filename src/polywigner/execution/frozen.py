@@ -117,6 +117,8 @@ def is_code(kernel: Kernel, ops: DrjitOperations, tables: Any) -> bool:
     """Whether all that a kernel is told of a source is constants of its code, not memory."""
     if not isinstance(tables, (Tables, OutlineTables)):
         return False
+    if isinstance(tables, Tables) and tables.coherence is not None:
+        return False  # nodes of rules are memory
     if kernel.slices is not None and isinstance(tables, Tables):
         return cut_of(ops.target, tables) == "code"
     return unrolls_terms(len(tables.edges))

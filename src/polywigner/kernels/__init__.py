@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from polywigner.kernels.catalogue import kernel_for, partly_coherent_kernel
+from polywigner.kernels.catalogue import MOST_WIDTHS, kernel_for, partly_coherent_kernel
 from polywigner.kernels.functions.fourier import GridTables, OutlineSum, fourier_on_grid
 from polywigner.kernels.functions.plane import (
     AMBIGUITY,
@@ -38,6 +38,7 @@ from polywigner.kernels.outline.tables import Tables
 __all__ = [
     "AMBIGUITY",
     "FOURIER",
+    "MOST_WIDTHS",
     "WIGNER",
     "GridTables",
     "Kernel",

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
+
+import numpy as np
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
@@ -16,7 +19,7 @@ from polywigner.kernels.functions.moments import LAG_MOMENTS, LAG_MOMENTS_ALONG
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.kernels.kernel import Kernel
 
-__all__ = ["kernel_for", "partly_coherent_kernel"]
+__all__ = ["MOST_WIDTHS", "kernel_for", "partly_coherent_kernel"]
 
 _KERNELS: dict[tuple[str, type], Kernel] = {
     ("fourier", Slits): simplices.SLITS,
@@ -117,13 +120,38 @@ _PARTLY_COHERENT: dict[Kernel, Kernel] = {
 }
 
 
+MOST_WIDTHS = 1 << 15
+"""Widths of coherence in the area of a source, of which a mean has some four tilts each."""
+# Elements of an array with a closed form, in which every pair of them has a slice: of any, and
+# where the alternative is a mean over too many tilts.
+_FEW_ELEMENTS, _MOST_ELEMENTS = 16, 256
+
+
+def _widths_in(source: Wavefront) -> float:
+    """Widths of coherence in the area of a source's box, or in its length."""
+    low, high = np.reshape(source.bounds, (2, -1))
+    return math.prod((1.0 + (high - low) / source.coherence_width).tolist())
+
+
 def partly_coherent_kernel(source: Wavefront, double: bool = True) -> Kernel | None:
-    """The kernel of W in light that is coherent over a width; None if there is no closed form.
+    """The kernel of W in light that is coherent over a width; None where it is a mean over tilts.
 
     Arrays whose elements share one outline, and parts far from each other, have sums of their own
-    in coherent light, and none here. The kernel leaves the curvature of a wave to its frequencies.
+    in coherent light: they are a mean over tilts, unless these are too many or the elements few.
+    The kernel leaves the curvature of a wave to its frequencies.
     """
-    return _PARTLY_COHERENT.get(kernel_for("wigner", source.source, double))
+    flat = source.source
+    kernel = _PARTLY_COHERENT.get(kernel_for("wigner", flat, double))
+    if kernel is not None:
+        return kernel
+    many_tilts = _widths_in(source) > MOST_WIDTHS
+    if isinstance(flat, Array):
+        most = _MOST_ELEMENTS if many_tilts else _FEW_ELEMENTS
+        if len(flat.elements_in_plane) > most:
+            return None
+    elif not many_tilts:
+        return None
+    return partly_coherent.WIGNER if source.dimension == 2 else partly_coherent.WIGNER_OF_SLITS
 
 
 def _is_illuminated(source: Any) -> bool:

@@ -1,8 +1,8 @@
 """Which way a call is carried out: chosen once, before any work, from counted sizes and costs.
 
-``costs`` says what each step takes in seconds and which benchmark tells, and ``plan`` makes a `Plan`
-of a `Request` by it. Dr.Jit arrays, scenes and kernels of arrays ask ``cuts``. Nothing here computes, imports an
-engine, or looks at an array: equal requests have equal plans.
+``costs`` says what each step takes in seconds and which benchmark tells, and ``plan`` makes a
+`Plan` of a `Request` by it. Dr.Jit arrays, scenes and kernels of arrays ask ``cuts``. Nothing here
+computes, imports an engine, or looks at an array: equal requests have equal plans.
 """
 
 from polywigner.plans.costs import COSTS, Cost

@@ -41,13 +41,14 @@ Values = NDArray[np.float64]
 TILT_ERROR = {True: 1e-11, False: 1e-7}
 """Error of means over tilts in double and in single precision, relative to the largest of A."""
 
-# Widths in the area of a source: some four tilts for each.
-_MOST_WIDTHS = 1 << 15
 # Widths over the diagonal of a source from which on the light is so nearly coherent that what it
 # lacks is a linear function of 1/width^2: closed forms cancel, and the next term of the degree of
 # coherence is 1.3e-13, or 8e-7 in single precision. Below the least one W is the width's area times
 # a function of position: squares of lags in widths stay far from the largest float.
 _WIDEST, _NARROWEST = {True: 1e3, False: 20.0}, 1e-9
+# Squares of the diagonal in the area of a source, which is computed in double precision if it has
+# more: single precision misses 1e-7 of this square.
+_THIN = 16.0
 # The points that a transform takes; its values are those of coherent light times the degree of
 # coherence at the last of them, or integrals over it.
 _POINTS = {
@@ -91,12 +92,13 @@ def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tupl
     """
     sides = _sides(source)
     reaches = np.minimum(sides, longest) / source.coherence_width
-    if math.prod(1.0 + reaches) > _MOST_WIDTHS:
-        least = math.prod(sides.tolist()) ** (1 / len(sides)) / _MOST_WIDTHS ** (1 / len(sides))
+    if math.prod(1.0 + reaches) > kernels.MOST_WIDTHS:
+        least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
         raise ArgumentError(
             f"expected a width of coherence of at least {least:.3g} m for a source of "
             f"{' x '.join(f'{side:.3g}' for side in sides)} m, got {source.coherence_width:.3g} m, "
-            "a sum over too many tilts; polywigner.wigner takes any width"
+            "a sum over too many tilts; polywigner.wigner takes any width, except for arrays of "
+            "hundreds of elements"
         )
     nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
     return nodes / (2 * math.pi * source.coherence_width), weights
@@ -126,35 +128,58 @@ def partly_coherent(
             f"{wave.coherence_width:g} m, of which there is no spectrum with a phase; use "
             "polywigner.radiant_intensity, or wigner and ambiguity, which it has"
         )
-    dimension, how = wave.dimension, dict(given)
+    how = dict(given)
+    double = execution.checked_precision(how.get("precision")) != "single"
+    has_closed_form = (
+        name not in _TIMES_DEGREE and kernels.partly_coherent_kernel(wave, double) is not None
+    )
     points = []
     for label in _POINTS[name]:
         value = how.pop(label)
-        if execution.is_drjit(value):
+        if not execution.is_drjit(value):
+            value = checked_points(label, value, wave.dimension, complex_allowed=False)
+        elif has_closed_form:
+            _, double = execution.checked_float(
+                label, value, how.get("precision"), how.get("engine", "auto")
+            )
+        else:
             raise ArgumentError(
                 f"expected {label} as a NumPy array for a partly coherent source, got a Dr.Jit "
                 f"array; use {label}.numpy()"
             )
-        points.append(checked_points(label, value, dimension, complex_allowed=False))
-    double = execution.checked_precision(how.get("precision")) != "single"
+        points.append(value)
     coherent = coherent_source(wave)
     if name in _TIMES_DEGREE:
         values = transforms[name](coherent, *points, **how)
         degree = degree_of_coherence(wave, points[-1])
         return values * degree.astype(np.asarray(values).real.dtype)
-    x, nu = (*points, np.zeros(dimension))[:2]
+    x, nu = (*points, np.zeros(wave.dimension))[:2]
     of_coherent = partial(transforms["wigner"], coherent, **how)
-    if kernels.partly_coherent_kernel(wave, double) is None:
+    if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
-    return _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, double)
+    if double or not _is_thin(wave) or any(map(execution.is_drjit, points)):
+        return _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, double)
+    how["precision"] = None
+    values = _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, True)
+    return values.astype(np.float32)
+
+
+def _is_thin(wave: Wavefront) -> bool:
+    """Whether single precision, with an error of 1e-7 of the squared longest lag, does not do."""
+    flat = wave.source
+    if wave.dimension == 1:
+        return False
+    elements = flat.elements_in_plane
+    area = sum(element.area for element in elements)
+    return float(np.square(_sides(wave)).sum()) > _THIN * area
 
 
 def _in_closed_form(
     closed_form: Callable[..., Any],
     of_coherent: Callable[..., Any],
     wave: Wavefront,
-    x: Values,
-    nu: Values,
+    x: Any,
+    nu: Any,
     double: bool,
 ) -> Any:
     """W of a source that is coherent over any width."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from numpy.typing import ArrayLike
 
-from polywigner import execution
+from polywigner import execution, kernels
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Polyhedron, Wavefront
 from polywigner.illumination import Array
@@ -88,15 +90,19 @@ def explain(
         arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
         if isinstance(source, Aperture) and is_separable(source):
             name = "fourier of waves"
-    if isinstance(source, Wavefront) and not source.is_coherent:
-        raise ArgumentError(
-            "expected a coherent source, got one that is coherent over "
-            f"{source.coherence_width:g} m, which takes one call of coherent light for all tilts; "
-            "explain its .coherent"
-        )
     if isinstance(source, Wavefront):
-        source, name, arguments = as_flat(source, function, arguments)
+        width = source.coherence_width
+        coherent = Wavefront(source.source, source.curvature, source.centre)
+        source, name, arguments = as_flat(coherent, function, arguments)
         names = POINTS_OF[name]
+        if width < math.inf and name == "wigner":
+            source = Wavefront(source, coherence_width=width)
+            if kernels.partly_coherent_kernel(source, precision != "single") is None:
+                raise ArgumentError(
+                    f"expected a source with a closed form of W in light that is coherent over "
+                    f"{width:g} m, got an array or distant parts, whose W is a mean over tilts of "
+                    "coherent light; explain its .coherent"
+                )
     points = list(zip(names, arguments, strict=True))
     kernel, components, _ = checked_call(name, source, points, precision, engine)
     return execution.explained(

@@ -277,8 +277,8 @@ def _waves(ops: Any, tables: PairTables, shift: Doubled, nu: Doubled) -> Any:
             scale = 1.0 / width
             middle, reach = (mean + (low + aside)) * scale, length * (0.5 * scale)
             ends = middle - reach, middle + reach
-            wave = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
-            found = wave * Pair(real, imag)
+            found = Pair(*wave_over_interval(ops, *ends, whole * width)).scaled(width)
+            found = found * Pair(real, imag)
             return found.real, found.imag
         turns = phases.reduced(ops, phases.dot(ops, (own,), ((mean, low),))) + whole * aside
         cosine, sine = cos_sin_turns(ops, turns)
