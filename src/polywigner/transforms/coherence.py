@@ -4,7 +4,7 @@ A and R are those of the coherent source times the degree of coherence exp(-xi^2
 is an integral over the lag slice with this weight, in closed form (docs/coherence.md, (PC3),
 (I5)). The degree of coherence is also the mean of exp(2 pi i t.xi) over tilts t of a normal
 density, whose standard deviation is 1/(2 pi width) along each axis (PC2). So |F|^2, exact fields,
-and W of arrays that have short cuts of their own, are means over shifted frequencies: no lag of a
+and W of large arrays with short cuts of their own, are means over shifted frequencies: no lag of a
 source is longer than its box, so that the rules of :mod:`polywigner.numerics.nodes` know how
 many tilts they need.
 """
@@ -133,21 +133,13 @@ def partly_coherent(
     has_closed_form = (
         name not in _TIMES_DEGREE and kernels.partly_coherent_kernel(wave, double) is not None
     )
-    points = []
-    for label in _POINTS[name]:
-        value = how.pop(label)
-        if not execution.is_drjit(value):
-            value = checked_points(label, value, wave.dimension, complex_allowed=False)
-        elif has_closed_form:
-            _, double = execution.checked_float(
-                label, value, how.get("precision"), how.get("engine", "auto")
-            )
-        else:
-            raise ArgumentError(
-                f"expected {label} as a NumPy array for a partly coherent source, got a Dr.Jit "
-                f"array; use {label}.numpy()"
-            )
-        points.append(value)
+    points = [
+        _checked(label, how.pop(label), wave.dimension, has_closed_form) for label in _POINTS[name]
+    ]
+    traced = list(filter(execution.is_drjit, points))
+    if traced:
+        precision, engine = how.get("precision"), how.get("engine", "auto")
+        _, double = execution.checked_float("points", traced[0], precision, engine)
     coherent = coherent_source(wave)
     if name in _TIMES_DEGREE:
         values = transforms[name](coherent, *points, **how)
@@ -157,11 +149,23 @@ def partly_coherent(
     of_coherent = partial(transforms["wigner"], coherent, **how)
     if not has_closed_form:
         return mean_over_tilts(of_coherent, wave, nu, x, double=double)
-    if double or not _is_thin(wave) or any(map(execution.is_drjit, points)):
+    if double or traced or not _is_thin(wave):
         return _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, double)
     how["precision"] = None
     values = _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, True)
     return values.astype(np.float32)
+
+
+def _checked(label: str, value: Any, dimension: int, takes_drjit: bool) -> Any:
+    """Points as transforms take them: Dr.Jit arrays as they are."""
+    if not execution.is_drjit(value):
+        return checked_points(label, value, dimension, complex_allowed=False)
+    if takes_drjit:
+        return value
+    raise ArgumentError(
+        f"expected {label} as a NumPy array for a partly coherent source, got a Dr.Jit array; use "
+        f"{label}.numpy()"
+    )
 
 
 def _is_thin(wave: Wavefront) -> bool:
