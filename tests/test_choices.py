@@ -59,6 +59,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/cut/pair_grid.py", "_ACROSS"): MEMORY,
     ("kernels/cut/pair_grid.py", "_MOST_ROWS"): MEMORY,
     ("kernels/cut/slice_sums.py", "_MARGIN"): DIGITS,
+    ("kernels/cut/winding.py", "_MOST_BYTES"): MEMORY,
     ("kernels/catalogue.py", "MOST_WIDTHS"): REFUSED,
     ("kernels/functions/gauss_schell.py", "_FAR"): DIGITS,
     ("kernels/functions/gauss_schell.py", "_LONG"): DIGITS,

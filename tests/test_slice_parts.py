@@ -79,21 +79,3 @@ def test_sums_over_parts_are_the_moments(name: str) -> None:
     scale = energy * turns ** np.array([0, 1, 2, 2, 3, 3])
     errors = abs(summed(PART_MOMENTS, source, x, nu, 6) - np.stack(whole, axis=-1)) / scale
     assert errors.max() < ROUNDED
-
-
-def test_parts_of_one_edge_in_adjoining_pieces_are_one_row() -> None:
-    """A slice of a convex outline has as many rows as one copy has edges in it."""
-    source = SOURCES["square"]
-    tables = tables_of(source, True)
-    owners, _ = slice_parts(NumpyOperations(double=True), tables, np.array([0.1]), np.array([0.2]))
-    assert len(owners) == 2
-    split = pw.Aperture([(0, 0), (2, 0), (2, 1), (1.2, 1), (1.2, 0.9), (0, 0.9)])
-    assert len(split.convex_cover) > 1
-    tables = tables_of(split, True)
-    host = NumpyOperations(double=True)
-    x = tables.frame.position(host, np.array([0.9]), np.array([0.2]))
-    lengths = slice_parts(host, tables, *x)[1][:, 2:4]
-    # the bottom edge lies inside the mirrored outline as one piece, from 0 to 1.8
-    assert sorted(np.hypot(*lengths.T).round(3))[-1] == pytest.approx(
-        2 * 1.8 * tables.frame.vector(host, 1.0, 0.0)[0], rel=1e-3
-    )

@@ -128,8 +128,9 @@ def _launched(
         found = _by_data(kernel, ops, tables, components, outputs)
         if found is not None:
             return found
-        code = partial(kernel, ops, tables)
-        return frozen(lambda: (code, ()), (kernel, tables), ops.float_type, "as it is")(*components)
+        if is_code(kernel, ops, tables):
+            code, kind = partial(kernel, ops, tables), ops.float_type
+            return frozen(lambda: (code, ()), (kernel, tables), kind, "as it is")(*components)
     traced = Traced() if parameters is None else parameters.traced(ops, tables)
     if launch == "data":
         ops = TracedOperations(ops.float_type)

@@ -61,6 +61,8 @@ class _Source(Protocol):
     numbers: list[Array]
     owners: tuple[Any, ...]
     """On which objects a kernel depends beside these numbers."""
+    is_recorded: bool
+    """Whether it needs no other memory."""
 
     def order(self, inner: Sequence[Array]) -> Any:
         """The order in which samples are best taken."""
@@ -115,8 +117,10 @@ class OnDrjitData:
             values = arrays[len(source.numbers) :]
             return source.summed(ops, lambda table: (table.shape[1], next(tables)), *values)
 
-        recorded = frozen(lambda: (summed, ()), source.owners, kind)
-        sums = recorded(*self.state, *(array_of(kind, a) for a in inner))
+        run: Any = summed
+        if source.is_recorded:
+            run = frozen(lambda: (summed, ()), source.owners, kind)
+        sums = run(*self.state, *(array_of(kind, a) for a in inner))
         drjit.eval(sums)
 
         def fetch() -> tuple[Array, ...]:
@@ -147,6 +151,8 @@ class _Slices:
             getattr(grid, part.name) for grid in self.pairs.values() for part in fields(grid)
         ]
         self.owners = (kernel,) if is_uniform(kernel, tables) else (kernel, tables)
+        # of partly coherent light the nodes of rules are memory of their own
+        self.is_recorded = tables.coherence is None
 
     def order(self, inner: Sequence[Array]) -> Any:
         if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
@@ -166,6 +172,8 @@ class _Slices:
 
 class _Edges:
     """An outline whose edges are summed up."""
+
+    is_recorded = True
 
     def __init__(self, kernel: Kernel, tables: OutlineTables) -> None:
         self.kernel, self.tables, self.owners = kernel, tables, (kernel,)

@@ -38,8 +38,8 @@ Interval = tuple[Any, Any, Any, Any]
 Level = tuple[Any, ...]
 Array = npt.NDArray[Any]
 
-# Where nobody knows how many samples there will be.
-_MANY = 1 << 20
+# Where nobody knows how many samples there will be; as many as NumPy is called with.
+_MANY, _SOME = 1 << 20, 1 << 9
 # Lists that are kept, of all sources; engines have copies of as much.
 _MOST_BYTES = 1 << 27
 
@@ -262,7 +262,8 @@ class ListedParts:
 
     def __init__(self, ops: Any, tables: Tables, key: Pass, tx: Array, ty: Array) -> None:
         """Those of one pass, for offsets (n,) of NumPy."""
-        pair, self.key = held_pairs(ops, tables, key, len(tx)), key
+        # from the same lists for any number of samples, so that they round in the same way
+        pair, self.key = held_pairs(ops, tables, key, _SOME), key
         side = _side(key[0])
         tx, ty = (side * t for t in _snapped(ops, pair, tx, ty))
         spans = ops.gather(pair.cells, cell_of(ops, pair, tx, ty))
@@ -351,7 +352,7 @@ class ListedClipper(Clipper):
         self.places = [
             slice(end - len(p.owner), end) for p, end in zip(self.parts, ends, strict=True)
         ]
-        pair = held_pairs(ops, tables, keys[0], len(tx))
+        pair = held_pairs(ops, tables, keys[0], _SOME)
         self.tx, self.ty = (t[self.owner] for t in _snapped(ops, pair, tx, ty))
         columns = zip(*(numbers_of(parts.edge) for parts in self.parts), strict=True)
         self.edge = Edge(

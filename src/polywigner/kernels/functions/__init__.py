@@ -3,7 +3,7 @@
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``edge_terms``       the plane-wave integral over an edge, and the terms of W and A for a part of one
+``edge_terms``       the plane-wave integral over an edge; the terms of W and A for a part of it
 ``wave_sums``        sums of these terms over pairs of waves; ``part_kernels`` over listed parts
 ``slices``           W, A and the areas of slices, from all edges or from listed parts
 ``gauss_schell``     Gaussian waves over polygons and intervals, edge by edge
