@@ -134,10 +134,11 @@ def test_lists_of_pairs_that_are_made_anew_are_read_anew() -> None:
 def test_few_kernels_are_remembered() -> None:
     from polywigner.execution import frozen
 
-    x, _ = points(3)
-    with forced("code"):
-        for k in range(frozen._MOST + 3):
-            pw.position_marginal(pw.shapes.rectangle(1.0, 1 + k / 100), x, engine="llvm")
+    x, nu = points(3)
+    waves = pw.Illumination([1.0, 0.5], [[0.0, 0.0], [1.0, 0.3]])
+    for k in range(frozen._MOST + 3):
+        source = pw.shapes.triangle(1.0, 0.6 + k / 100).with_illumination(waves)
+        pw.wigner(source, x, nu, engine="llvm")
     assert len(frozen._known) == frozen._MOST
 
 
