@@ -141,8 +141,8 @@ class PairClipper(Clipper):
 
     def _pair(self, key: Pass) -> PairGrid:
         if self.pairs is not None:
-            view, *fields = key
-            return self.pairs[(BEHIND if view is AHEAD else view, *fields)]
+            view, group, other = key
+            return self.pairs[BEHIND if view is AHEAD else view, group, other]
         return held_pairs(self.ops, self.tables, key, self.samples)
 
     def sum_over_edges(
@@ -268,9 +268,9 @@ class ListedParts:
         tx, ty = (side * t for t in _snapped(ops, pair, tx, ty))
         spans = ops.gather(pair.cells, cell_of(ops, pair, tx, ty))
         parts = [
-            _runs(pair, *spans[:2]),
-            _crossings(ops, pair, *spans[2:4], tx, ty),
-            _rows(ops, pair, *spans[4:6], tx, ty, side),
+            _runs(pair, spans[0], spans[1]),
+            _crossings(ops, pair, spans[2], spans[3], tx, ty),
+            _rows(ops, pair, spans[4], spans[5], tx, ty, side),
         ]
         self.owner, self.number, self.part, level = (
             np.concatenate(column) for column in zip(*parts, strict=True)
@@ -278,7 +278,7 @@ class ListedParts:
         ax, ay, bx, by, area, real, imag, _ = ops.gather(pair.first, self.number)
         ex, ey, one = bx - ax, by - ay, np.ones_like(ax)
         self.edge = Edge(ax, ay, bx, by, ex, ey, area, ex, ey, one, 0.0, 0.0, real, imag)
-        weight = level.real.astype(ops.dtype), level.imag.astype(ops.dtype)
+        weight: Any = level.real.astype(ops.dtype), level.imag.astype(ops.dtype)
         self.weight = tables.mutual(self.edge, Piece((), *weight))
         self.part = self.part.astype(ops.dtype)
 
@@ -346,21 +346,21 @@ class ListedClipper(Clipper):
         self.ops, self.tables = ops, tables
         fields = range(len(tables.groups))
         keys = [(view, own, other) for view in views for own in fields for other in fields]
-        self.parts = [ListedParts(ops, tables, key, tx, ty) for key in keys]
-        self.owner = np.concatenate([parts.owner for parts in self.parts])
-        ends = np.cumsum([len(parts.owner) for parts in self.parts])
+        self.listed = [ListedParts(ops, tables, key, tx, ty) for key in keys]
+        self.owner = np.concatenate([parts.owner for parts in self.listed])
+        ends = np.cumsum([len(parts.owner) for parts in self.listed])
         self.places = [
-            slice(end - len(p.owner), end) for p, end in zip(self.parts, ends, strict=True)
+            slice(end - len(p.owner), end) for p, end in zip(self.listed, ends, strict=True)
         ]
         pair = held_pairs(ops, tables, keys[0], _SOME)
         self.tx, self.ty = (t[self.owner] for t in _snapped(ops, pair, tx, ty))
-        columns = zip(*(numbers_of(parts.edge) for parts in self.parts), strict=True)
+        columns = zip(*(numbers_of(parts.edge) for parts in self.listed), strict=True)
         self.edge = Edge(
             *(
                 np.concatenate(
                     [
                         np.broadcast_to(c, len(p.owner))
-                        for c, p in zip(column, self.parts, strict=True)
+                        for c, p in zip(column, self.listed, strict=True)
                     ]
                 )
                 if np.ndim(column[0])
@@ -384,7 +384,7 @@ class ListedClipper(Clipper):
 
     def intervals(self, edge: Edge, view: View, group: int = 0) -> Iterator[Interval]:
         part, real, imag = (np.zeros(len(self.owner), self.ops.dtype) for _ in range(3))
-        for parts, place in zip(self.parts, self.places, strict=True):
+        for parts, place in zip(self.listed, self.places, strict=True):
             if parts.key == (view, *self._pair):
                 part[place] = parts.part
                 real[place], imag[place] = parts.weight

@@ -124,9 +124,6 @@ def _detuned(row: Sequence[Any], nu: Values) -> Values:
     return nu[0] - row[6], nu[1] - row[7]
 
 
-Values = tuple[Any, ...]
-
-
 def doubled_position(x: Any, y: Any, *frequency: Any) -> tuple[Any, Any]:
     """The offset between the copies: 2x."""
     return 2.0 * x, 2.0 * y
@@ -166,9 +163,6 @@ _LISTED = SharedSlice(
 )
 WIGNER_SUM = SliceSum((MIRRORED,), doubled_position, _wigner, _LISTED)
 LAG_SLICE_AREA = SliceSum((MIRRORED,), doubled_position, _lag_slice_area)
-
-
-Values = tuple[Any, ...]
 
 
 def _lag(*inner: Any) -> tuple[Any, Any]:
