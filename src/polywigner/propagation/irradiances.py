@@ -30,9 +30,9 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
-    Obliquity,
+    OBLIQUITIES,
+    ObliquityName,
     checked_obliquity,
-    takes_slopes,
     weighted_sources,
 )
 from polywigner.optics import FirstOrder
@@ -90,7 +90,7 @@ def irradiance(
     method: str = "wigner",
     *,
     through: FirstOrder | None = None,
-    obliquity: Obliquity | None = None,
+    obliquity: ObliquityName | None = None,
     order: int = 1,
     tolerance: float = _TOLERANCE,
     return_error: bool = False,
@@ -281,7 +281,7 @@ def _is_by_lags(source: Any, obliquity: Any, order: Any) -> bool:
     """
     if not is_partly_coherent(source) or checked_order(order) == 3:
         return False
-    if takes_slopes(checked_obliquity(obliquity, 1)):
+    if OBLIQUITIES[checked_obliquity(obliquity)].takes_slopes:
         return False
     return kernels.partly_coherent_kernel(source) is not None
 

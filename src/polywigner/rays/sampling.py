@@ -19,7 +19,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
 )
 from polywigner.illumination.obliquities import (
-    Obliquity,
+    ObliquityName,
     checked_obliquity,
     emission_factor,
     weighted_sources,
@@ -70,7 +70,7 @@ def sample_rays(
     axis: ArrayLike = (0.0, 0.0, 1.0),
     directions: Directions = "beam",
     to_world: ArrayLike | None = None,
-    obliquity: Obliquity | None = None,
+    obliquity: ObliquityName | None = None,
     power: float | None = None,
     aperture_power: float | None = None,
     engine: Engine = "auto",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import OBLIQUITIES, SHARES
+from polywigner.illumination.obliquities import CONDITIONS, DEFAULT
 from polywigner.illumination.obliquities import fields_of as fields_on
 from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.field_slopes import parts_of
@@ -57,9 +57,9 @@ def root_of_norm(source: Any, wavelength: float, method: str, normalise: str) ->
     _check_field(source)
     if normalise == "aperture":
         return math.sqrt(energy_of(source))
-    condition = method if method in SHARES else OBLIQUITIES[0]
+    condition = method if method in CONDITIONS else DEFAULT
     is_flat = not isinstance(source, Wavefront)
-    if condition == OBLIQUITIES[0] or (is_flat and fields_on(source) == (None,)):
+    if condition == DEFAULT or (is_flat and fields_on(source) == (None,)):
         return math.sqrt(powers_of(source, wavelength, condition)[0])
     alone = radiated_overlaps([source], np.ones(1, np.complex128), source, wavelength, condition)
     return math.sqrt(alone[0].real)
@@ -88,11 +88,11 @@ def radiated_overlaps(
 
     ``source``: of whose size the parts are; g takes u for what the boundary condition needs.
     """
-    a, b = SHARES[condition]
+    chosen = CONDITIONS[condition]
     found = np.zeros(len(parts), np.complex128)
     step = max(1, _BLOCK // len(parts))
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
-        factor = (a * directions[:, 2] + b) ** 2 * solid_angle / wavelength**2
+        factor = chosen.of_pairs(directions[:, 2], 1.0, 1.0) * solid_angle / wavelength**2
         for start in range(0, len(directions), step):
             some = slice(start, start + step)
             nu = directions[some, :2] / wavelength
