@@ -21,7 +21,7 @@ from polywigner.mitsuba.placed_sources import PlacedSource
 from polywigner.mitsuba.placement import PLACE_ERROR
 from polywigner.mitsuba.radiator import norm_of
 from polywigner.reception import coupling
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 
 __all__ = ["FacingParts", "coupled_share", "facing_parts"]
 

@@ -18,7 +18,7 @@ from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
 from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
 from polywigner.propagation.panels import Radiator, radiator_of
-from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
+from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 
 __all__ = ["curved_field"]
 

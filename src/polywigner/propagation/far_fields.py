@@ -28,7 +28,7 @@ from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
 from polywigner.transforms.coherence import is_partly_coherent
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["check_slopes", "far_field", "powers_of", "radiated_power"]

@@ -40,7 +40,7 @@ from polywigner.rays.draws import (
 )
 from polywigner.transforms import sample_automean, wigner
 from polywigner.transforms.coherence import is_partly_coherent
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import flat_of
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.field_slopes import parts_of
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import Differentiable, fourier
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import fields_of
 from polywigner.transforms.wavefronts import flat_of
 

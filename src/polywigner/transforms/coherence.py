@@ -12,27 +12,25 @@ many tilts they need.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import execution, kernels
-from polywigner.errors import ArgumentError, IlluminationError
+from polywigner.errors import ArgumentError
 from polywigner.geometry.wavefront import Wavefront
 from polywigner.illumination.array import tilted_source
 from polywigner.numerics.nodes import normal_product_rule
-from polywigner.transforms.arguments import broadcast_shape, checked_points
+from polywigner.transforms.arguments import broadcast_shape
 
 __all__ = [
     "TILT_ERROR",
     "coherent_source",
     "degree_of_coherence",
+    "in_closed_form",
     "is_partly_coherent",
     "mean_over_tilts",
-    "partly_coherent",
     "tilts_of",
 ]
 
@@ -48,16 +46,6 @@ _MOST_WIDTHS = 1 << 15
 # coherence is 1.3e-13, or 8e-7 in single precision. Below the least one W is the width's area times
 # a function of position: squares of lags in widths stay far from the largest float.
 _WIDEST, _NARROWEST = {True: 1e3, False: 20.0}, 1e-9
-# The points that a transform takes; its values are those of coherent light times the degree of
-# coherence at the last of them, or integrals over it.
-_POINTS = {
-    "autocorrelation": ("x", "xi"),
-    "ambiguity": ("upsilon", "xi"),
-    "lag_marginal": ("xi",),
-    "wigner": ("x", "nu"),
-    "position_marginal": ("x",),
-}
-_TIMES_DEGREE = ("autocorrelation", "ambiguity", "lag_marginal")
 
 # Values at a time.
 _BLOCK = 1 << 20
@@ -107,49 +95,7 @@ def _sides(source: Wavefront) -> Values:
     return np.asarray(np.subtract(*np.reshape(source.bounds, (2, -1))[::-1]))
 
 
-def partly_coherent(
-    name: str,
-    transforms: Mapping[str, Callable[..., Any]],
-    closed_form: Callable[..., Any],
-    wave: Wavefront,
-    given: Mapping[str, Any],
-) -> Any:
-    """The transform of this name, one of W, A, R and the marginals, of a partly coherent source.
-
-    ``transforms``: by name, of coherent sources; ``closed_form``: W of sources that have one.
-    ``given``: the arguments but the source, by name.
-    Raises IlluminationError for what there is in coherent light alone.
-    """
-    if name not in _POINTS:
-        raise IlluminationError(
-            f"expected a coherent source for {name}, got one that is coherent over "
-            f"{wave.coherence_width:g} m, of which there is no spectrum with a phase; use "
-            "polywigner.radiant_intensity, or wigner and ambiguity, which it has"
-        )
-    dimension, how = wave.dimension, dict(given)
-    points = []
-    for label in _POINTS[name]:
-        value = how.pop(label)
-        if execution.is_drjit(value):
-            raise ArgumentError(
-                f"expected {label} as a NumPy array for a partly coherent source, got a Dr.Jit "
-                f"array; use {label}.numpy()"
-            )
-        points.append(checked_points(label, value, dimension, complex_allowed=False))
-    double = execution.checked_precision(how.get("precision")) != "single"
-    coherent = coherent_source(wave)
-    if name in _TIMES_DEGREE:
-        values = transforms[name](coherent, *points, **how)
-        degree = degree_of_coherence(wave, points[-1])
-        return values * degree.astype(np.asarray(values).real.dtype)
-    x, nu = (*points, np.zeros(dimension))[:2]
-    of_coherent = partial(transforms["wigner"], coherent, **how)
-    if kernels.partly_coherent_kernel(wave, double) is None:
-        return mean_over_tilts(of_coherent, wave, nu, x, double=double)
-    return _in_closed_form(partial(closed_form, **how), of_coherent, wave, x, nu, double)
-
-
-def _in_closed_form(
+def in_closed_form(
     closed_form: Callable[..., Any],
     of_coherent: Callable[..., Any],
     wave: Wavefront,
@@ -157,7 +103,7 @@ def _in_closed_form(
     nu: Values,
     double: bool,
 ) -> Any:
-    """W of a source that is coherent over any width."""
+    """W of a source that is coherent over any width, by its closed form ``(source, x, nu)``."""
     size, width = math.hypot(*_sides(wave)), wave.coherence_width
     least, most = _NARROWEST * size, _WIDEST[double] * size
     held = wave._with(coherence_width=min(max(width, least), most))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from numpy.typing import ArrayLike
 
 from polywigner import execution
@@ -11,18 +14,9 @@ from polywigner.illumination import Array
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_call, in_plane
-from polywigner.transforms.wavefronts import POINTS_OF, as_flat
+from polywigner.transforms.calls import TRANSFORMS, as_flat
 
 __all__ = ["explain"]
-
-_ARGUMENTS = {
-    "wigner": ("x", "nu"),
-    "ambiguity": ("upsilon", "xi"),
-    "autocorrelation": ("x", "xi"),
-    "fourier": ("nu",),
-    "position_marginal": ("x",),
-    "lag_marginal": ("xi",),
-}
 
 
 def explain(
@@ -65,10 +59,10 @@ def explain(
     >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").way.name)
     edges one by one, on NumPy
     """
-    names = _ARGUMENTS.get(function) if isinstance(function, str) else None
-    if names is None:
-        known = ", ".join(f'"{name}"' for name in _ARGUMENTS)
+    if not isinstance(function, str) or function not in TRANSFORMS:
+        known = ", ".join(f'"{name}"' for name in TRANSFORMS)
         raise ArgumentError(f"expected function to be one of {known}, got {function!r}")
+    names = TRANSFORMS[function].points
     if len(arguments) != len(names):
         raise ArgumentError(
             f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"
@@ -94,11 +88,10 @@ def explain(
             f"{source.coherence_width:g} m, which takes one call of coherent light for all tilts; "
             "explain its .coherent"
         )
+    points: Mapping[str, Any] = dict(zip(names, arguments, strict=True))
     if isinstance(source, Wavefront):
-        source, name, arguments = as_flat(source, function, arguments)
-        names = POINTS_OF[name]
-    points = list(zip(names, arguments, strict=True))
-    kernel, components, _ = checked_call(name, source, points, precision, engine)
+        source, name, points = as_flat(source, function, points)
+    kernel, components, _ = checked_call(name, source, list(points.items()), precision, engine)
     return execution.explained(
         kernel, source, components, double=precision != "single", engine=engine
     )

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites, checked_sites
@@ -27,21 +27,19 @@ from polywigner.transforms.arguments import (
     in_plane,
     transform,
 )
+from polywigner.transforms.calls import compute, public
 from polywigner.transforms.extremes import (
     array_factor_apart,
     largest_wave_apart,
     out_of_floats,
 )
-from polywigner.transforms.traced_sources import Differentiable
-from polywigner.transforms.traced_values import fourier_of
-from polywigner.transforms.wavefronts import takes_wavefronts
-from polywigner.transforms.xarray_arguments import content_units, takes_xarray
+from polywigner.transforms.traced_sources import Differentiable, fourier_of
+from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["array_factor", "fourier"]
 
 
-@takes_xarray("nu", units=content_units, long_name="Fourier transform F(nu)")
-@takes_wavefronts
+@public
 def fourier(
     source: Source | Differentiable,
     nu: Points,
@@ -96,6 +94,10 @@ def fourier(
     >>> round(float(pw.fourier(square, (0.25, 0.0)).real), 6)  # 4 sinc(0.5)
     2.546479
     """
+    if isinstance(source, Wavefront):
+        if obliquity is not None and source.is_coherent:
+            raise ArgumentError(f"expected no obliquity for a curved wave, got {obliquity!r}")
+        return compute("fourier", source, {"nu": nu}, precision, engine)
     if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
     if isinstance(source, Differentiable):
