@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Engine
 from polywigner.geometry import Slits
-from polywigner.transforms.fields import PlaneField, bound_of, field_of, is_lit_by_waves
-from polywigner.transforms.lit_sections import column_integrals, column_spectra, mutual_spectra
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -20,7 +18,19 @@ from polywigner.transforms.phase_space import (
     position_marginal,
     wigner,
 )
-from polywigner.transforms.sections import Copies, mirrored_correlation, overlaps, phase
+from polywigner.transforms.sections import (
+    Copies,
+    PlaneField,
+    bound_of,
+    column_integrals,
+    column_spectra,
+    field_of,
+    is_lit_by_waves,
+    mirrored_correlation,
+    mutual_spectra,
+    overlaps,
+    phase,
+)
 from polywigner.transforms.spectrum import fourier
 
 __all__ = ["Tile", "tiles_of"]
