@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from polywigner import kernels
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import Points
-from polywigner.illumination import Array
 from polywigner.optics import FirstOrder
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.calls import compute, public
 from polywigner.transforms.traced_sources import Differentiable
+from polywigner.transforms.wavefronts import flat_of
 
 __all__ = [
     "ambiguity",
@@ -224,10 +224,11 @@ def lag_marginal(
     return compute("lag_marginal", source, {"xi": xi}, precision, engine)
 
 
-def energy_of(source: Aperture | Array | Wavefront) -> float:
-    """int |u|^2 = R_xi(0) of a source in the plane, in m^2 times the unit of |u|^2.
+def energy_of(source: PhaseSpaceSource) -> float:
+    """int |u|^2 = R_xi(0) of a source, in m^d times the unit of |u|^2.
 
     Rounding may make it negative where elements cancel each other everywhere.
     """
     # NumPy: one value is less work than the compilation of a kernel.
-    return float(np.real(lag_marginal(source, (0.0, 0.0), engine="numpy")))
+    lag = np.zeros(kernels.kernel_for("lag_marginal", flat_of(source)).dimension)
+    return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -23,7 +23,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.execution import NumpyOperations
-from polywigner.geometry import Aperture
+from polywigner.geometry import Aperture, Slits
 from polywigner.illumination import Array, Illumination
 from polywigner.numerics.divided_differences import simplex_plane_wave
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave, turns_to_centre
@@ -34,6 +34,7 @@ __all__ = [
     "bound_of",
     "column_integrals",
     "column_spectra",
+    "field_bound",
     "field_of",
     "is_lit_by_waves",
     "mirrored_correlation",
@@ -135,11 +136,15 @@ def bound_of(source: Aperture | Array) -> PlaneField:
     field = field_of(source)
     if not is_lit_by_waves(source):
         return field
-    sizes = [
-        1.0 if o.illumination is None else float(np.abs(o.illumination.amplitudes).sum())
-        for o in field.outlines
-    ]
-    return PlaneField(field.outlines, field.weights * np.array(sizes))
+    return PlaneField(
+        field.outlines, field.weights * np.array(list(map(field_bound, field.outlines)))
+    )
+
+
+def field_bound(element: Aperture | Slits) -> float:
+    """Bound on the modulus of the field on an element."""
+    field = element.illumination
+    return 1.0 if field is None else float(np.abs(field.amplitudes).sum())
 
 
 def _transposed(aperture: Aperture) -> Aperture:

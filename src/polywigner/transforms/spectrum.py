@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits, Wavefront
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites, checked_sites
@@ -109,16 +109,13 @@ def fourier(
         values = _fourier(source, nu, how)
     if obliquity is not None or not _is_complex(nu):
         return values
-    if isinstance(source, Slits) or (isinstance(source, Array) and source.dimension == 1):
-        plane = nu
-    elif isinstance(source, Aperture) or (isinstance(source, Array) and source.dimension == 2):
-        plane = in_plane(nu)
-    else:
+    if isinstance(source, PlacedAperture | Polyhedron) or getattr(source, "dimension", 2) == 3:
         return values
-    return _with_large_waves(source, plane, values, lambda s, f: _fourier(s, f, how))
+    apart = partial(largest_wave_apart, evaluate=lambda s, f: _fourier(s, f, how))
+    return _with_large_waves(source, in_plane(nu), values, apart)
 
 
-def _with_large_waves(source: Any, nu: Any, values: Any, evaluate: Callable[..., Any]) -> Any:
+def _with_large_waves(source: Any, nu: Any, values: Any, apart: Callable[..., Any]) -> Any:
     """The values, with those of waves and phases too large for floats found again."""
     points = np.asarray(nu, dtype=np.complex128)
     lost = out_of_floats(source, points, values)
@@ -126,10 +123,7 @@ def _with_large_waves(source: Any, nu: Any, values: Any, evaluate: Callable[...,
         return values
     found = np.array(values)
     with np.errstate(over="ignore", invalid="ignore"):
-        if isinstance(source, Sites):
-            found[lost] = array_factor_apart(source, points[lost])
-        else:
-            found[lost] = largest_wave_apart(source, points[lost], evaluate)
+        found[lost] = apart(source, points[lost])
     return found[()]
 
 

@@ -24,6 +24,7 @@ from polywigner.transforms.sections import (
     bound_of,
     column_integrals,
     column_spectra,
+    field_bound,
     field_of,
     is_lit_by_waves,
     mirrored_correlation,
@@ -305,9 +306,7 @@ def _on_line(transform: Callable[..., Any]) -> Values:
 def _line_content(source: Any) -> float:
     """Bound on |W|/2 and |A|: the integral of |u| times the largest |u|, or more."""
     if isinstance(source, Slits):
-        field = source.illumination
-        strength = 1.0 if field is None else float(np.abs(field.amplitudes).sum())
-        return strength**2 * source.length
+        return field_bound(source) ** 2 * source.length
     moduli = abs(source.weights)
     return float(
         moduli.sum()
