@@ -247,7 +247,7 @@ def checked_obliquity(obliquity: object, order: int = 1) -> str:
     if not isinstance(obliquity, str) or obliquity not in OBLIQUITIES:
         names = ", ".join(f'"{name}"' for name in OBLIQUITIES)
         raise ArgumentError(f"expected obliquity to be None or one of {names}, got {obliquity!r}")
-    if obliquity == "paper" and order == 3:
+    if order == 3 and obliquity not in CONDITIONS:
         raise ArgumentError(
             'expected obliquity="paper" with order=1, got order 3; the cosine is no boundary '
             'condition of which a third order could be derived: use "rayleigh-sommerfeld-1"'

@@ -30,6 +30,7 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
+    CONDITIONS,
     OBLIQUITIES,
     ObliquityName,
     checked_obliquity,
@@ -204,7 +205,7 @@ def irradiance(
         )  # fmt: skip
     if method == "auto":
         method = checked_obliquity(obliquity, checked_order(order))
-        method, obliquity = ("wigner", "paper") if method == "paper" else (method, None)
+        method, obliquity = (method, None) if method in CONDITIONS else ("wigner", "paper")
     if has_derivatives(source, points, wavelength):
         if sampling != "gauss" or return_error:
             raise ArgumentError(

@@ -35,7 +35,7 @@ from polywigner.transforms.coherence import (
     mean_over_tilts,
 )
 from polywigner.transforms.traced_sources import Differentiable, phase_space_of
-from polywigner.transforms.wavefronts import checked_wavefront, chirp_transform, principal_axes
+from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["TRANSFORMS", "as_flat", "checked_system", "compute", "public"]
@@ -55,7 +55,7 @@ class Transform:
     title: str
     units: Any = content_units
     is_real: bool = False
-    plane: tuple[str, str] | None = None
+    plane: tuple[str, ...] = ()
     """Names of the position, or lag, and of the frequency that a system maps together."""
     whole: str | None = None
     """The transform whose value at zero of the other point it is."""
@@ -146,7 +146,7 @@ def _before(name: str, source: Any, points: Points, through: Any, wavelength: An
     plain = source.source if isinstance(source, Differentiable | Wavefront) else source
     dimension = kernels.kernel_for(name, plain).dimension
     a, b, c, d = _blocks_for(system, dimension)
-    place, frequency = TRANSFORMS[name].plane or ("x", "nu")
+    place, frequency = TRANSFORMS[name].plane
     x, nu = (place, points[place]), (frequency, points[frequency])
     mapped = {
         place: _combined(dimension, (d.T, x), (-length * b.T, nu)),
@@ -242,7 +242,6 @@ def as_flat(wave: Wavefront, name: str, points: Points) -> tuple[Any, str, Point
 
     Raises ArgumentError for F, which is no call of another transform.
     """
-    checked_wavefront(wave)
     if name == "fourier":
         raise ArgumentError(
             "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes "
@@ -282,18 +281,18 @@ def _curved(name: str, wave: Wavefront, points: Points, how: tuple[Any, Any]) ->
     if name == "fourier":
         return _curved_spectrum(wave, points["nu"], *how)
     name, points = _of_whole(name, wave, points)
-    points, flat = _checked(wave, points), wave.source
+    points, flat, plane = _checked(wave, points), wave.source, TRANSFORMS[name].plane
     if not wave.is_coherent:
         flat = Wavefront(flat, coherence_width=wave.coherence_width)
     evaluate = partial(transform, name, flat, precision=how[0], engine=how[1])
     if name == "wigner":
-        return _sheared(evaluate, wave, points, ("x", "nu"))
+        return _sheared(evaluate, wave, points, plane)
     evaluate = partial(evaluate, outputs=2)
     if name == "autocorrelation":
         value = evaluate(points=list(points.items()))
         return _turned(value, wave, points, lambda x, xi: _dot(_slopes(wave, x), xi))
     about_origin = wave._with(centre=np.zeros(wave.dimension))
-    value = _sheared(evaluate, about_origin, points, ("xi", "upsilon"))
+    value = _sheared(evaluate, about_origin, points, plane)
     slope = (wave.curvature @ wave.centre).tolist()
     return _turned(value, wave, points, lambda _, xi: -_dot(slope, xi)) if any(slope) else value
 
@@ -309,7 +308,7 @@ def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
 
 
 def _sheared(
-    evaluate: Callable[..., Any], wave: Wavefront, points: Points, plane: tuple[str, str]
+    evaluate: Callable[..., Any], wave: Wavefront, points: Points, plane: tuple[str, ...]
 ) -> Any:
     """W or A of the flat source at a place and at the frequency less that of the wave there."""
     place, frequency = (list(points).index(label) for label in plane)
