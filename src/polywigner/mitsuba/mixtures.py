@@ -26,7 +26,7 @@ from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
-from polywigner.transforms.coherence import tilts_of
+from polywigner.transforms.wavefronts import tilts_of
 
 __all__ = ["PLAIN", "DrawnWaves", "Mixture", "Wave", "check_mixture", "mixture_of"]
 

@@ -27,9 +27,8 @@ from polywigner.radiometry.directional import radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
-from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
 __all__ = ["check_slopes", "far_field", "powers_of", "radiated_power"]
 

@@ -57,9 +57,8 @@ from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.propagation.screens import Screen
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms import Differentiable
-from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["checked_order", "checked_tolerance", "irradiance"]

@@ -39,9 +39,8 @@ from polywigner.rays.draws import (
     positions_by,
 )
 from polywigner.transforms import sample_automean, wigner
-from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray

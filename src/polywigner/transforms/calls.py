@@ -28,14 +28,15 @@ from polywigner.geometry.arguments import checked_wavelength
 from polywigner.illumination import Array
 from polywigner.optics import FirstOrder
 from polywigner.transforms.arguments import checked_points, in_plane, transform
-from polywigner.transforms.coherence import (
+from polywigner.transforms.traced_sources import Differentiable, phase_space_of
+from polywigner.transforms.wavefronts import (
+    chirp_transform,
     coherent_source,
     degree_of_coherence,
     in_closed_form,
     mean_over_tilts,
+    principal_axes,
 )
-from polywigner.transforms.traced_sources import Differentiable, phase_space_of
-from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 from polywigner.transforms.xarray_arguments import content_units, takes_xarray
 
 __all__ = ["TRANSFORMS", "as_flat", "checked_system", "compute", "public"]

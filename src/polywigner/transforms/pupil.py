@@ -14,9 +14,8 @@ from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_length, checked_row, warn_of_lens
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
-from polywigner.transforms.coherence import is_partly_coherent
 from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["checked_energy", "checked_pupil_radius", "checked_waves", "mtf", "otf", "shares_of"]
