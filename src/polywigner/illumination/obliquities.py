@@ -42,7 +42,6 @@ __all__ = [
     "Obliquity",
     "ObliquityName",
     "checked_obliquity",
-    "cosine_to",
     "direction_cosines",
     "emission_factor",
     "fields_of",
@@ -324,19 +323,6 @@ def emission_factor(forms: Any, cosine: Any) -> Any:
     if both == 0:
         return first * cosine + mixed
     return first * cosine + mixed + both / cosine
-
-
-def cosine_to(normal: NDArray[np.float64], nu: NDArray[Any]) -> NDArray[Any]:
-    """(conj(nu)/|nu|).n for frequencies (..., 3), shape (...): the paper's factor of F.
-
-    NaN at nu = 0, which has no direction.
-    """
-    # scaled first, so that no square underflows or overflows
-    largest = np.maximum(np.abs(nu.real), np.abs(nu.imag)).max(axis=-1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scaled = nu / largest
-        length = np.sqrt((scaled * scaled.conj()).real.sum(axis=-1))
-        return np.asarray((scaled.conj() @ normal) / length)
 
 
 def _common_cosine(source: Aperture | Array, wavelength: float) -> complex | None:

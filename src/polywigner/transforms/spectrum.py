@@ -17,7 +17,6 @@ from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites, checked_sites
-from polywigner.illumination.obliquities import cosine_to
 from polywigner.kernels import is_separable
 from polywigner.transforms.arguments import (
     Source,
@@ -299,7 +298,7 @@ def array_factor(
 
 
 def _towards_normal(source: Any, nu: Any) -> Any:
-    """(conj(nu)/|nu|).n, shape (...)."""
+    """(conj(nu)/|nu|).n, shape (...): the paper's factor of F; NaN at nu = 0, of no direction."""
     if isinstance(source, Aperture):
         normal = np.array([0.0, 0.0, 1.0])
     elif isinstance(source, PlacedAperture):
@@ -314,4 +313,9 @@ def _towards_normal(source: Any, nu: Any) -> Any:
             "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
         )
     array = checked_points("nu", nu, 3, complex_allowed=True)
-    return cosine_to(normal, array)
+    # scaled first, so that no square underflows or overflows
+    largest = np.maximum(np.abs(array.real), np.abs(array.imag)).max(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scaled = array / largest
+        length = np.sqrt((scaled * scaled.conj()).real.sum(axis=-1))
+        return np.asarray((scaled.conj() @ normal) / length)
