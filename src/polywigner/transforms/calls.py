@@ -84,7 +84,7 @@ TRANSFORMS = {
 
 
 def public(function: F) -> F:
-    """A decorator of the transform of the table that has the function's name: takes DataArrays."""
+    """Decorate a function of the table's name, so that its points may be DataArrays."""
     declared = TRANSFORMS[function.__name__]
     return takes_xarray(*declared.points, units=declared.units, long_name=declared.title)(function)
 
@@ -99,7 +99,10 @@ def compute(
     through: Any = None,
     wavelength: Any = None,
 ) -> Any:
-    """Return a transform, but F of a flat source, of any source that it takes, at any points."""
+    """Return a transform of any source that it takes, at any points.
+
+    F of flat sources is :func:`polywigner.fourier`'s own: a sum over elements and waves.
+    """
     declared, how = TRANSFORMS[name], (precision, engine)
     if through is not None or wavelength is not None:
         points = _before(name, source, points, through, wavelength)
@@ -202,7 +205,10 @@ def _product(matrix: Values, points: Values) -> Values:
 
 
 def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any, Any]) -> Any:
-    """Raises IlluminationError for F, which there is in coherent light alone."""
+    """A transform of partly coherent light, by coherent light or in closed form.
+
+    Raises IlluminationError for F, which there is in coherent light alone.
+    """
     if name == "fourier":
         raise IlluminationError(
             f"expected a coherent source for {name}, got one that is coherent over "
