@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.transforms.coherence import TILT_ERROR, tilts_of
+from polywigner.transforms.wavefronts import TILT_ERROR, tilts_of
 
 SIDE, WAVELENGTH = 10e-3, 3.2e-3
 SOURCES = {

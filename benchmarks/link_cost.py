@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.illumination.obliquities import SHARES
+from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.reception.link_kernels import link_kernel
 
 METHOD, TOLERANCE, ROUNDS = "rayleigh-sommerfeld-1", 1e-6, 7
@@ -61,7 +61,7 @@ def brute_force(side: float, to_transmitter: np.ndarray, count: int) -> complex:
         distance = np.sqrt((r * r).sum(axis=0))
         phase, away = 2 * np.pi * distance, (normal * r).sum(axis=0)
         cosine, sine = np.cos(phase), np.sin(phase)
-        kernel = link_kernel(SHARES[METHOD], cosine, sine, distance, r[2], away, normal[2])
+        kernel = link_kernel(CONDITIONS[METHOD], cosine, sine, distance, r[2], away, normal[2])
         total += [shares[some] @ (part @ shares) for part in kernel]
     return complex(*total)
 

@@ -8,7 +8,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.illumination.obliquities import (
-    SHARES,
+    OBLIQUITIES,
     direction_cosines,
     emission_factor,
     irradiance_factor,
@@ -113,7 +113,7 @@ def test_bodies_and_wavelengths_of_zero_are_refused() -> None:
         times_direction_cosine(pw.shapes.square(1.0), 0.0)
 
 
-@pytest.mark.parametrize("name", SHARES)
+@pytest.mark.parametrize("name", OBLIQUITIES)
 def test_obliquity_factors_of_pairs_of_waves_are_those_of_their_far_fields(name: str) -> None:
     """Sum of g |F|^2 over the weighted sources, and |a c F + b F_p|^2 of the field itself."""
     angles = np.linspace(-80, 80, 33)

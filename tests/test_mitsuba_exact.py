@@ -119,12 +119,12 @@ def test_the_density_of_power_is_the_square_of_the_exact_field_near_and_far(
 
 
 def test_equivalent_sources_have_the_far_field_of_the_source() -> None:
-    from polywigner.illumination.obliquities import SHARES
+    from polywigner.illumination.obliquities import CONDITIONS
     from polywigner.mitsuba.equivalent_sources import equivalent_sources
     from polywigner.propagation.panels import radiator_of
 
     radiator = radiator_of(L_SHAPE)
-    found = equivalent_sources(L_SHAPE, radiator, WAVELENGTH, SHARES["kirchhoff"], 1000)
+    found = equivalent_sources(L_SHAPE, radiator, WAVELENGTH, CONDITIONS["kirchhoff"], 1000)
     assert found is not None
     assert found.is_real
     table = np.array(found.lines)

@@ -47,7 +47,7 @@ def parse_methods(
     from polywigner.propagation import METHODS
 
     known = ("wigner", *METHODS)
-    methods = tuple(_method(text, known, OBLIQUITIES, obliquity, order) for text in texts)
+    methods = tuple(_method(text, known, tuple(OBLIQUITIES), obliquity, order) for text in texts)
     names = [method.name for method in methods]
     twice = [name for name in names if names.count(name) > 1]
     if twice:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
+from polywigner.illumination.obliquities import OBLIQUITIES
 
 __all__ = [
     "Samples",
@@ -198,12 +199,5 @@ def label_of(array: Any, name: str) -> str:
     return label
 
 
-_CALLED = {
-    "wigner": "Wigner",
-    "rayleigh-sommerfeld-1": "Rayleigh-Sommerfeld I",
-    "rayleigh-sommerfeld-2": "Rayleigh-Sommerfeld II",
-    "kirchhoff": "Kirchhoff",
-    "fresnel": "Fresnel",
-    "fraunhofer": "Fraunhofer",
-    "paper": "cos θ",
-}
+_CALLED = {"wigner": "Wigner", "fresnel": "Fresnel", "fraunhofer": "Fraunhofer"}
+_CALLED |= {name: each.title for name, each in OBLIQUITIES.items()}

@@ -20,8 +20,8 @@ moments) of four fields: u, that with amplitudes p_m c_m, and those with (1 + p_
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
-from typing import Any, Literal, NamedTuple, TypeVar, cast, get_args
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeVar, cast, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,22 +33,21 @@ from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.waves import Illumination
 
 __all__ = [
+    "CONDITIONS",
+    "DEFAULT",
     "OBLIQUITIES",
-    "SHARES",
     "AnySource",
     "BoundaryCondition",
     "Forms",
     "Obliquity",
-    "Shares",
+    "ObliquityName",
     "checked_obliquity",
-    "cosine_to",
     "direction_cosines",
     "emission_factor",
     "fields_of",
     "grazing_error",
     "irradiance_factor",
     "plus_direction_cosine",
-    "takes_slopes",
     "times_direction_cosine",
     "warn_of_slopes",
     "weighted_sources",
@@ -179,27 +178,62 @@ def _constant(value: complex, element: _Element) -> Illumination:
 
 
 BoundaryCondition = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
-Obliquity = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2", "paper"]
-OBLIQUITIES: tuple[str, ...] = get_args(Obliquity)
+ObliquityName = Literal[BoundaryCondition, "paper"]
 
 Forms = tuple[float, float, float, float]
 """The coefficients of the four forms (T4)."""
 
 
-class Shares(NamedTuple):
-    """A boundary condition: the parts that the field and its slope have in the far field."""
+@final
+@dataclass(frozen=True)
+class Obliquity:
+    """An obliquity: a boundary condition (a, b), or the paper's factor, which is none."""
 
+    name: ObliquityName
+    title: str
+    """Its name in figures."""
     field: float
-    """a: of the field in the opening."""
+    """a: the part of the field in the opening in the far field."""
     slope: float
-    """b = 1 - a: of its derivative along the normal."""
+    """b = 1 - a: the part of its derivative along the normal."""
+
+    @property
+    def is_boundary_condition(self) -> bool:
+        return self.field + self.slope > 0
+
+    @property
+    def takes_slopes(self) -> bool:
+        """Whether the factor depends on the directions of the waves, by the normal derivative."""
+        return self.slope > 0
+
+    @property
+    def mirrored(self) -> float:
+        """Share of the field at a point's mirror image in the field at the point (B2)."""
+        return self.slope - self.field
+
+    def forms(self, p: complex) -> Forms:
+        """Return the coefficients of the forms (T4) of waves that have one direction cosine p."""
+        if not self.is_boundary_condition:
+            return (0.0, 1.0, 0.0, 0.0)
+        a, b = self.field, self.slope
+        return (a * a, 2 * a * b * p.real, (b * abs(p)) ** 2, 2 * a * b * p.imag)
+
+    def of_pairs(self, cosine: Any, p: Any, q: Any) -> Any:
+        """Return g of pairs of waves of real direction cosines p and q, at a cosine."""
+        if not self.is_boundary_condition:
+            return cosine
+        return (self.field * cosine + self.slope * p) * (self.field * cosine + self.slope * q)
 
 
-SHARES = {
-    "rayleigh-sommerfeld-1": Shares(1.0, 0.0),
-    "kirchhoff": Shares(0.5, 0.5),
-    "rayleigh-sommerfeld-2": Shares(0.0, 1.0),
-}
+_ALL = (
+    Obliquity("rayleigh-sommerfeld-1", "Rayleigh-Sommerfeld I", 1.0, 0.0),
+    Obliquity("kirchhoff", "Kirchhoff", 0.5, 0.5),
+    Obliquity("rayleigh-sommerfeld-2", "Rayleigh-Sommerfeld II", 0.0, 1.0),
+    Obliquity("paper", "cos θ", 0.0, 0.0),
+)
+OBLIQUITIES: dict[str, Obliquity] = {each.name: each for each in _ALL}
+CONDITIONS = {name: each for name, each in OBLIQUITIES.items() if each.is_boundary_condition}
+DEFAULT: BoundaryCondition = "rayleigh-sommerfeld-1"
 
 # Waves whose cosines differ by less are at one angle: the rounding of their frequencies.
 _SAME_COSINE = 1e-13
@@ -208,24 +242,16 @@ _SAME_COSINE = 1e-13
 def checked_obliquity(obliquity: object, order: int = 1) -> str:
     """The name of an obliquity, None for Rayleigh-Sommerfeld I; ArgumentError for others."""
     if obliquity is None:
-        return "rayleigh-sommerfeld-1"
-    if obliquity not in OBLIQUITIES:
+        return DEFAULT
+    if not isinstance(obliquity, str) or obliquity not in OBLIQUITIES:
         names = ", ".join(f'"{name}"' for name in OBLIQUITIES)
         raise ArgumentError(f"expected obliquity to be None or one of {names}, got {obliquity!r}")
-    if obliquity == "paper" and order == 3:
+    if order == 3 and obliquity not in CONDITIONS:
         raise ArgumentError(
             'expected obliquity="paper" with order=1, got order 3; the cosine is no boundary '
             'condition of which a third order could be derived: use "rayleigh-sommerfeld-1"'
         )
-    return str(obliquity)
-
-
-def takes_slopes(name: str) -> bool:
-    """Whether an obliquity takes the normal derivative of the field, or a method has one that does.
-
-    Its factor depends on the directions of the waves.
-    """
-    return name in SHARES and SHARES[name].slope > 0
+    return obliquity
 
 
 def warn_of_slopes(source: AnySource, wavelength: float, name: str) -> None:
@@ -233,7 +259,7 @@ def warn_of_slopes(source: AnySource, wavelength: float, name: str) -> None:
 
     Slopes of a fit's evanescent waves: a field given as waves, such as a taper, has its own.
     """
-    if not takes_slopes(name):
+    if name not in OBLIQUITIES or not OBLIQUITIES[name].takes_slopes:
         return
     for field in fields_of(source):
         if field is None or not field.is_fit:
@@ -262,13 +288,11 @@ def weighted_sources(
     Raises IlluminationError where waves leave at different angles that all graze the aperture.
     """
     warn_of_slopes(source, wavelength, obliquity)
-    if obliquity == "paper":
-        return [(source, (0.0, 1.0, 0.0, 0.0))]
-    a, b = SHARES[obliquity]
-    mixed = a * b
-    p = _common_cosine(source, wavelength) if b else 0j
+    chosen = OBLIQUITIES[obliquity]
+    p = _common_cosine(source, wavelength) if chosen.takes_slopes else 0j
     if p is not None:
-        return [(source, (a * a, 2 * mixed * p.real, (b * abs(p)) ** 2, 2 * mixed * p.imag))]
+        return [(source, chosen.forms(p))]
+    a, b, mixed = chosen.field, chosen.slope, chosen.field * chosen.slope
     turned = plus_direction_cosine(source, wavelength, 0.0)
     if not a:
         return [(turned, (0.0, 0.0, b * b, 0.0))]
@@ -299,19 +323,6 @@ def emission_factor(forms: Any, cosine: Any) -> Any:
     if both == 0:
         return first * cosine + mixed
     return first * cosine + mixed + both / cosine
-
-
-def cosine_to(normal: NDArray[np.float64], nu: NDArray[Any]) -> NDArray[Any]:
-    """(conj(nu)/|nu|).n for frequencies (..., 3), shape (...): the paper's factor of F.
-
-    NaN at nu = 0, which has no direction.
-    """
-    # scaled first, so that no square underflows or overflows
-    largest = np.maximum(np.abs(nu.real), np.abs(nu.imag)).max(axis=-1, keepdims=True)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        scaled = nu / largest
-        length = np.sqrt((scaled * scaled.conj()).real.sum(axis=-1))
-        return np.asarray((scaled.conj() @ normal) / length)
 
 
 def _common_cosine(source: Aperture | Array, wavelength: float) -> complex | None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import IlluminationError
-from polywigner.illumination.obliquities import Shares, times_direction_cosine
+from polywigner.illumination.obliquities import Obliquity, times_direction_cosine
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.plans.cuts import sums_over_points
@@ -112,13 +112,13 @@ class EquivalentSources:
 
 
 def equivalent_sources(
-    source: Any, radiator: Radiator, wavelength: float, share: Shares, panels: int
+    source: Any, radiator: Radiator, wavelength: float, condition: Obliquity, panels: int
 ) -> EquivalentSources | None:
     """Those of a source; None where a sum over them takes longer than over so many panels."""
-    fields = [(source, share.field)] if share.field else []
-    if share.slope:
+    fields = [(source, condition.field)] if condition.field else []
+    if condition.slope:
         with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
-            fields.append((times_direction_cosine(source, wavelength), share.slope))
+            fields.append((times_direction_cosine(source, wavelength), condition.slope))
     if not fields:
         return None
     half = (radiator.high - radiator.low) / (2 * wavelength)
@@ -139,7 +139,9 @@ def equivalent_sources(
         places = [h * x for h, x in zip(half, nodes, strict=True)]
         weights = [_fitted(spectrum, sines, places) for spectrum in spectra]
         if all(found is not None for found in weights):
-            return _as_lines(half, nodes, [w for w in weights if w is not None], bool(share.field))
+            return _as_lines(
+                half, nodes, [w for w in weights if w is not None], bool(condition.field)
+            )
     return None
 
 

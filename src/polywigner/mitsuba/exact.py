@@ -23,7 +23,7 @@ from polywigner.errors import IlluminationError, SceneError
 from polywigner.execution import NumpyOperations, ops_for
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import SHARES, times_direction_cosine, warn_of_slopes
+from polywigner.illumination.obliquities import CONDITIONS, times_direction_cosine, warn_of_slopes
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.integrals import distance_of
 from polywigner.mitsuba.equivalent_sources import AWAY, equivalent_sources
@@ -90,10 +90,10 @@ def check_estimator(
 
 def _check_exact(source: Aperture | Array, wavelength: float, obliquity: str) -> None:
     """SceneError where a source has no exact field, or one that costs too much a sample."""
-    if obliquity not in SHARES:
+    if obliquity not in CONDITIONS:
         raise SceneError(
             f'expected a boundary condition as obliquity with the estimator "exact", got '
-            f'{obliquity!r}; use one of {", ".join(SHARES)}, or the estimator "wigner"'
+            f'{obliquity!r}; use one of {", ".join(CONDITIONS)}, or the estimator "wigner"'
         )
     count = panels_in(radiator_of(source), wavelength, _LONGEST)
     if not count <= _MOST_PANELS:
@@ -117,16 +117,16 @@ class ExactField:
         # a scalar variant has one sample: all panels, and all nodes, are taken at once
         self._ops = ops_for(m.Float) if self._jit else NumpyOperations(double=True)
         radiator = radiator_of(source)
-        self._share = SHARES[obliquity]
+        self._condition = CONDITIONS[obliquity]
         self._tables = boundary_tables(
-            radiator, wavelength, _LONGEST, self._ops.double, self._share.field
+            radiator, wavelength, _LONGEST, self._ops.double, self._condition.field
         )
         self._centre = radiator.centre
         self._middle = [opaque(m, c) for c in (radiator.centre / wavelength).tolist()]
         self._inverse = opaque(m, 1 / wavelength)
         self._elements: list[tuple[float, ...]] = []
         self._points = equivalent_sources(
-            source, radiator, wavelength, self._share, len(self._tables.edges)
+            source, radiator, wavelength, self._condition, len(self._tables.edges)
         )
         if self._points is not None:
             self._half = [opaque(m, half) for half in self._points.half]
@@ -152,9 +152,9 @@ class ExactField:
         farthest = far + float(np.hypot(*places.T).max())
         self._farthest = opaque(self._m, farthest)
         self._fields = []
-        if self._share.field:
+        if self._condition.field:
             self._fields.append((own, False))
-        if self._share.slope:
+        if self._condition.slope:
             with suppress(IlluminationError):  # all waves graze the plane: their cosines are zero
                 self._fields.append((times_direction_cosine(own, wavelength), True))
 
@@ -254,10 +254,10 @@ class ExactField:
             found = fourier(field, nu)
             part = Pair(found.real, found.imag)
             if is_slope:
-                total = total + part.scaled(self._share.slope * scale)
+                total = total + part.scaled(self._condition.slope * scale)
             else:
                 near = Pair(1.0, inverse * (1 / (2 * math.pi)))
-                total = total + (part * near).scaled(self._share.field * scale * cosine)
+                total = total + (part * near).scaled(self._condition.field * scale * cosine)
         return total
 
 

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.placed_sources import PlacedSource
 from polywigner.mitsuba.placement import PLACE_ERROR
 from polywigner.mitsuba.radiator import norm_of
 from polywigner.reception import coupling
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 
 __all__ = ["FacingParts", "coupled_share", "facing_parts"]
 
@@ -93,7 +94,7 @@ def _check_obliquity(link: str, one: str, other: str) -> None:
             f"{link}: expected one obliquity, got {one!r} and {other!r}; a link has one boundary "
             "condition at both ends: give both the same"
         )
-    if one == "paper":
+    if one not in CONDITIONS:
         raise SceneError(
             f'{link}: expected a boundary condition as obliquity, got "paper", of which there are '
             'no links; use "rayleigh-sommerfeld-1"'

@@ -19,18 +19,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Wavefront
-from polywigner.illumination.obliquities import (
-    irradiance_factor,
-    takes_slopes,
-    weighted_sources,
-)
+from polywigner.illumination.obliquities import OBLIQUITIES, irradiance_factor, weighted_sources
 from polywigner.mitsuba.obliquity import depends_on_wavelength
 from polywigner.propagation.mixtures import parts_of
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
-from polywigner.transforms.coherence import tilts_of
+from polywigner.transforms.wavefronts import tilts_of
 
 __all__ = ["PLAIN", "DrawnWaves", "Mixture", "Wave", "check_mixture", "mixture_of"]
 
@@ -149,7 +145,7 @@ def check_mixture(
             f'{mixture}; use the estimator "wigner", which draws a tilt and a wavelength for each '
             "sample"
         )
-    oblique = mixture.coherence_width < math.inf and takes_slopes(obliquity)
+    oblique = mixture.coherence_width < math.inf and OBLIQUITIES[obliquity].takes_slopes
     if oblique or (mixture.bandwidth and depends_on_wavelength(source, obliquity)):
         raise SceneError(
             f'expected the obliquity "rayleigh-sommerfeld-1" or "paper" with {mixture}, got '

@@ -16,25 +16,14 @@ from typing import Any
 
 from polywigner.errors import SceneError
 from polywigner.geometry import Wavefront
-from polywigner.illumination.obliquities import (
-    OBLIQUITIES,
-    Forms,
-    emission_factor,
-    fields_of,
-    grazing_error,
-    takes_slopes,
-    weighted_sources,
-)
+from polywigner.illumination import obliquities
+from polywigner.illumination.obliquities import Forms, fields_of, grazing_error, weighted_sources
 from polywigner.propagation.far_fields import check_slopes
 from polywigner.transforms.wavefronts import flat_of
 
-__all__ = [
-    "OBLIQUITIES",
-    "check_obliquity",
-    "depends_on_wavelength",
-    "emission_factor",
-    "emissions",
-]
+__all__ = ["OBLIQUITIES", "check_obliquity", "depends_on_wavelength", "emissions"]
+
+OBLIQUITIES = tuple(obliquities.OBLIQUITIES)
 
 
 def check_obliquity(name: str) -> str:
@@ -49,7 +38,7 @@ def check_obliquity(name: str) -> str:
 def depends_on_wavelength(source: Any, name: str) -> bool:
     """Whether `emissions` do: if the directions of waves matter and there are oblique ones."""
     fields = fields_of(flat_of(source))
-    return takes_slopes(name) and any(field is not None for field in fields)
+    return obliquities.OBLIQUITIES[name].takes_slopes and any(field is not None for field in fields)
 
 
 def emissions(source: Any, wavelength: float, name: str) -> list[tuple[Any, Forms]]:

@@ -18,10 +18,11 @@ import numpy.typing as npt
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import DEFAULT
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
 from polywigner.mitsuba.mixtures import PLAIN, Mixture, check_mixture, mixture_of
-from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
+from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.mitsuba.radiator import Radiator, emitted_power, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.quantities import parse_frequency, parse_power
@@ -67,7 +68,7 @@ class EmitterSpec:
     """Power in W that the field of the source radiates as it is."""
     pose: npt.NDArray[np.float64]
     """(4, 4), read-only; the translation in scene units."""
-    obliquity: str = OBLIQUITIES[0]
+    obliquity: str = DEFAULT
     estimator: str = ESTIMATORS[0]
     scene_unit: float = 1.0
     """Metres."""
@@ -97,7 +98,7 @@ def read_parameters(props: Any) -> EmitterSpec:
     given = Given.of(props, "wigner shape")
     _reject_nested(given.values)
     given.check_names(PARAMETERS)
-    obliquity = check_obliquity(given.text("obliquity", OBLIQUITIES[0]))
+    obliquity = check_obliquity(given.text("obliquity", DEFAULT))
     powers = [given.optional(name, parse_power) for name in ("power", "aperture_power")]
     wavelength = given.wavelength()
     scene_unit = given.scene_unit()

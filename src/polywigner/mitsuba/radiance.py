@@ -12,9 +12,10 @@ import drjit as dr
 
 from polywigner.execution import Traced, kernel_with_derivatives, ops_for
 from polywigner.geometry import Wavefront
+from polywigner.illumination.obliquities import emission_factor
 from polywigner.kernels import kernel_for
 from polywigner.mitsuba.mixtures import Wave
-from polywigner.mitsuba.obliquity import emission_factor, emissions
+from polywigner.mitsuba.obliquity import emissions
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import flat_of
 

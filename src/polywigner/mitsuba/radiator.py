@@ -20,7 +20,7 @@ from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.norms import NORMALISATIONS
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.wavefronts import checked_wavefront, flat_of
 
 __all__ = ["Radiator", "emitted_power", "norm_of", "radiator_of"]

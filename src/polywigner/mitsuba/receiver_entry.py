@@ -12,11 +12,11 @@ from polywigner.errors import ArgumentError, SceneError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import DEFAULT
 from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import check_estimator
 from polywigner.mitsuba.films import film_of
 from polywigner.mitsuba.mixtures import check_mixture, mixture_of
-from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_range
 from polywigner.mitsuba.radiator import norm_of, radiator_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME
@@ -34,7 +34,7 @@ def receiver(
     source: Aperture | Array | npt.ArrayLike,
     wavelength: float,
     to_world: Any = None,
-    obliquity: str = OBLIQUITIES[0],
+    obliquity: str = DEFAULT,
     estimator: str = RECEIVER_ESTIMATORS[0],
     film: tuple[int, int] | Mapping[str, Any] | None = None,
     bandwidth: float | None = None,

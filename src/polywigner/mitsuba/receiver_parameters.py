@@ -15,10 +15,11 @@ import numpy.typing as npt
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import DEFAULT
 from polywigner.mitsuba.exact import check_estimator
 from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
 from polywigner.mitsuba.mixtures import PLAIN, Mixture, check_mixture, mixture_of
-from polywigner.mitsuba.obliquity import OBLIQUITIES, check_obliquity
+from polywigner.mitsuba.obliquity import check_obliquity
 from polywigner.mitsuba.parameters import check_range
 from polywigner.mitsuba.radiator import Radiator, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
@@ -55,7 +56,7 @@ class ReceiverSpec:
     """(4, 4), read-only; the translation in scene units."""
     scene_unit: float = 1.0
     """Metres."""
-    obliquity: str = OBLIQUITIES[0]
+    obliquity: str = DEFAULT
     estimator: str = RECEIVER_ESTIMATORS[0]
     sampling: str = SAMPLINGS[0]
     """Of positions, with the estimator ``wigner``."""
@@ -89,7 +90,7 @@ def read_receiver(props: Any) -> ReceiverSpec:
     given.check_names(RECEIVER_PARAMETERS)
     _check_nested(given.values)
     _check_film(given.values)
-    obliquity = check_obliquity(given.text("obliquity", OBLIQUITIES[0]))
+    obliquity = check_obliquity(given.text("obliquity", DEFAULT))
     wavelength = given.wavelength()
     scene_unit = given.scene_unit()
     source, mixture = mixture_of(given.source(wavelength), wavelength)

@@ -16,11 +16,11 @@ from polywigner.errors import EngineError, PolywignerError, SceneError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
+from polywigner.illumination.obliquities import DEFAULT
 from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.images import threads_for_openexr
 from polywigner.mitsuba.mixtures import check_mixture, mixture_of
-from polywigner.mitsuba.obliquity import OBLIQUITIES
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
 from polywigner.mitsuba.plugins import original_error, register
 from polywigner.mitsuba.radiator import emitted_power, norm_of, radiator_of
@@ -43,7 +43,7 @@ def aperture(
     source: Aperture | Array | npt.ArrayLike,
     wavelength: float,
     to_world: Any = None,
-    obliquity: str = OBLIQUITIES[0],
+    obliquity: str = DEFAULT,
     power: float | str | None = None,
     bsdf: Mapping[str, Any] | None = None,
     scene_unit: float = 1.0,

@@ -15,7 +15,12 @@ from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import Points, takes_frequency
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import SHARES, BoundaryCondition, warn_of_slopes
+from polywigner.illumination.obliquities import (
+    CONDITIONS,
+    DEFAULT,
+    BoundaryCondition,
+    warn_of_slopes,
+)
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
@@ -57,7 +62,7 @@ def amplitude(
     source: Aperture | Array | Wavefront | Differentiable | Screen,
     points: Points,
     wavelength: float,
-    method: Method = "rayleigh-sommerfeld-1",
+    method: Method = DEFAULT,
     *,
     through: FirstOrder | None = None,
     tolerance: float | None = None,
@@ -129,7 +134,7 @@ def amplitude(
     """
     if through is not None:
         others: dict[str, object] = {"obliquity": obliquity}
-        others["method"] = None if method in ("rayleigh-sommerfeld-1", "fresnel") else method
+        others["method"] = None if method in (DEFAULT, "fresnel") else method
         return field_behind(
             source, points, wavelength, through, tolerance, others,
             return_error=return_error, precision=precision, engine=engine,
@@ -179,7 +184,7 @@ def amplitude(
     radiator = radiator_of(source.outline if isinstance(source, Screen) else flat_of(source))
     check_reach(places, float((radiator.high - radiator.low).max()), length, rays=False)
     if name == "fraunhofer" and not isinstance(source, Screen):
-        kind = checked_method(obliquity or "rayleigh-sommerfeld-1", tuple(SHARES))
+        kind = checked_method(obliquity or DEFAULT, CONDITIONS)
         check_slopes(source, kind)
         warn_of_slopes(flat_of(source), length, kind)
         x, y = radiator.centre.tolist()

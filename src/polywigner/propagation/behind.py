@@ -22,7 +22,7 @@ from polywigner.propagation.places import (
     checked_wavelength,
     warn_of_missed,
 )
-from polywigner.transforms.through import checked_system
+from polywigner.transforms.calls import checked_system
 from polywigner.transforms.wavefronts import checked_wavefront
 
 __all__ = ["field_behind", "squared_field"]

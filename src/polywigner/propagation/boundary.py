@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
-from polywigner.illumination.obliquities import SHARES
+from polywigner.illumination.obliquities import OBLIQUITIES
 from polywigner.kernels.boundary import integrals
 from polywigner.kernels.boundary.fresnel import fresnel_edge_sum
 from polywigner.kernels.kernel import Kernel
@@ -167,7 +167,7 @@ def _paraxial_strata(
 
 def _share_of_field(method: str) -> float:
     """The share of the second boundary term (B3); Fresnel fields have none."""
-    return SHARES[method].field if method in SHARES else 0.0
+    return OBLIQUITIES[method].field if method in OBLIQUITIES else 0.0
 
 
 def _kernel(method: str) -> Kernel:

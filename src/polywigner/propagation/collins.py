@@ -17,7 +17,7 @@ from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.line_images import Chirp, line_integral
 from polywigner.propagation.panels import Radiator
 from polywigner.transforms import autocorrelation, fourier
-from polywigner.transforms.curved_spectrum import chirp_transform
+from polywigner.transforms.wavefronts import chirp_transform
 
 __all__ = ["collins_field"]
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.illumination.obliquities import SHARES, direction_cosines
+from polywigner.illumination.obliquities import CONDITIONS, direction_cosines
 from polywigner.propagation.panels import Radiator, radiator_of
-from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
+from polywigner.transforms.wavefronts import chirp_transform, principal_axes
 
 __all__ = ["curved_field"]
 
@@ -150,15 +150,15 @@ def _terms(
     reach = np.sqrt(((nodes - points[:, None, :2]) ** 2).sum(axis=2) + height**2)
     shifted = nodes - part.shift
     field, slopes = np.zeros(turns.shape, np.complex128), np.zeros(turns.shape, np.complex128)
-    of_field, of_slope = SHARES[method]
+    condition = CONDITIONS[method]
     for amplitude, kappa in zip(part.amplitudes.tolist(), part.frequencies, strict=True):
         here = amplitude * np.exp(2j * math.pi * (turns + shifted @ kappa))
         field += here
-        if of_slope:
+        if condition.takes_slopes:
             slopes += here * direction_cosines(slope + kappa, wavelength)
     k = 2 * math.pi / wavelength
-    value = of_slope * slopes
-    value += of_field * field * (height / reach) * (1 + 1j / (k * reach))
+    value = condition.slope * slopes
+    value += condition.field * field * (height / reach) * (1 + 1j / (k * reach))
     way = np.exp(2j * math.pi * (reach / wavelength)) / (1j * wavelength * reach)
     return np.asarray(value * way * (area[:, None] * weights))
 

@@ -14,12 +14,10 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
+    DEFAULT,
     OBLIQUITIES,
-    SHARES,
-    Obliquity,
-    Shares,
+    ObliquityName,
     direction_cosines,
-    takes_slopes,
     times_direction_cosine,
     warn_of_slopes,
 )
@@ -29,9 +27,8 @@ from polywigner.radiometry.directional import radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
-from polywigner.transforms.coherence import is_partly_coherent
-from polywigner.transforms.energies import energy_of
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
 __all__ = ["check_slopes", "far_field", "powers_of", "radiated_power"]
 
@@ -72,12 +69,12 @@ def far_field(
             return 0.0
         return fourier(field, nu, precision=precision, engine=engine)
 
-    if obliquity == "paper":
+    condition = OBLIQUITIES[obliquity]
+    if not condition.is_boundary_condition:
         total = np.sqrt(front) * spectrum(False)
     else:
-        of_field, of_slope = SHARES[obliquity]
-        total = of_field * front * spectrum(False) if of_field else 0.0
-        total = total + of_slope * spectrum(True) if of_slope else total
+        total = condition.field * front * spectrum(False) if condition.field else 0.0
+        total = total + condition.slope * spectrum(True) if condition.takes_slopes else total
     values = np.where(cosine < 0, 0.0, total / (1j * wavelength))
     return values.astype(np.complex64 if precision == "single" else np.complex128)
 
@@ -86,7 +83,7 @@ def far_field(
 def radiated_power(
     source: PlaneSource | Wavefront,
     wavelength: float,
-    obliquity: Obliquity = "rayleigh-sommerfeld-1",
+    obliquity: ObliquityName = DEFAULT,
 ) -> float:
     """Power that leaves through the far hemisphere, P = int |E|^2 dOmega (docs/patterns.md, (RP2)).
 
@@ -128,7 +125,7 @@ def check_slopes(source: PlaneSource | Wavefront, name: str) -> None:
 
     They are those of waves in all directions at once, of which there is no closed form.
     """
-    if isinstance(source, Wavefront) and takes_slopes(name):
+    if isinstance(source, Wavefront) and OBLIQUITIES[name].takes_slopes:
         raise ArgumentError(
             'expected obliquity "rayleigh-sommerfeld-1" or "paper" for a curved wave or partly '
             f"coherent light, got {name!r}, whose factor differs from place to place and from tilt "
@@ -190,10 +187,9 @@ def _broad_powers(
     p = direction_cosines(kappa, wavelength)
     if not (p.real > _STEEP).all():
         return None
-    a, b = SHARES.get(obliquity, Shares(0.0, 0.0))
+    condition = OBLIQUITIES[obliquity]
     cosine = direction_cosines((kappa[:, None] + kappa) / 2, wavelength).real
-    g = (a * cosine + b * p[:, None].real) * (a * cosine + b * p.real)
-    inside = cosine if obliquity == "paper" else g
+    inside = condition.of_pairs(cosine, p[:, None].real, p.real)
     products = c[:, None] * c.conj() * fourier(outline, kappa - kappa[:, None])
     power = float((products * (inside / cosine)).sum().real)
 
@@ -208,8 +204,8 @@ def _broad_powers(
         around = length * (np.square(np.abs(field(places))) @ weight) / 2
         # sine of half the disc of directions along the edge's normal
         across = np.sqrt(1 - np.square(wavelength * (edges @ middle) / length))
-        lost = math.pi * a * a + 4 * a * b * across / at
-        lost = 2 * across / at**2 if obliquity == "paper" else lost
+        lost = math.pi * condition.field**2 + 4 * condition.field * condition.slope * across / at
+        lost = lost if condition.is_boundary_condition else 2 * across / at**2
         power -= float(around @ np.broadcast_to(lost, around.shape)) * wavelength / (4 * math.pi**2)
     return power, float(products.sum().real)
 

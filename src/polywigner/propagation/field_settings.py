@@ -11,7 +11,7 @@ import numpy as np
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision, checked_engine, checked_precision
 from polywigner.geometry.arguments import checked_wavelength
-from polywigner.illumination.obliquities import checked_obliquity
+from polywigner.illumination.obliquities import DEFAULT, checked_obliquity
 from polywigner.propagation.irradiances import checked_order, checked_tolerance
 from polywigner.propagation.places import (
     METHODS,
@@ -78,7 +78,7 @@ class FieldSettings:
         """The settings that matter for one method, as texts and numbers."""
         settings: dict[str, Any] = {"method": method, "quantity": self.quantity}
         if method in WITH_OBLIQUITY:
-            settings["obliquity"] = self.obliquity or "rayleigh-sommerfeld-1"
+            settings["obliquity"] = self.obliquity or DEFAULT
         if method == "wigner":
             settings["order"] = self.order
         if self.tolerance is not None:

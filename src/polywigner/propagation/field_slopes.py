@@ -15,7 +15,7 @@ from polywigner import execution
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array, Illumination
-from polywigner.illumination.obliquities import SHARES
+from polywigner.illumination.obliquities import OBLIQUITIES
 from polywigner.kernels.boundary.edge_strips import FRESNEL_STRIPS, STRIPS
 from polywigner.kernels.boundary.integrals import (
     distance_of,
@@ -239,13 +239,14 @@ class FieldSlopes:
         if self._paraxial:
             kernel, by_length = (value / (1j * z) for value in found)
             return kernel, by_length, -0.5 * (across - away / z) * kernel
-        share, of_slope = SHARES[self.method]
-        first, second = share * z / (2 * math.pi), -1j * of_slope * strips.cosine
+        condition = OBLIQUITIES[self.method]
+        of_field = condition.field / (2 * math.pi)
+        first, second = of_field * z, -1j * condition.slope * strips.cosine
         height = away * found[2] + 2j * math.pi * across * found[0]
         return (
             first * found[2] + second * found[0],
             first * found[3] + second * found[1],
-            (share / (2 * math.pi)) * height,
+            of_field * height,
         )
 
     def _strips(self, longest: float) -> _Strips:

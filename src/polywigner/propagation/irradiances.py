@@ -30,9 +30,10 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
-    Obliquity,
+    CONDITIONS,
+    OBLIQUITIES,
+    ObliquityName,
     checked_obliquity,
-    takes_slopes,
     weighted_sources,
 )
 from polywigner.optics import FirstOrder
@@ -56,9 +57,8 @@ from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.propagation.screens import Screen
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms import Differentiable
-from polywigner.transforms.coherence import is_partly_coherent
-from polywigner.transforms.energies import energy_of
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["checked_order", "checked_tolerance", "irradiance"]
@@ -90,7 +90,7 @@ def irradiance(
     method: str = "wigner",
     *,
     through: FirstOrder | None = None,
-    obliquity: Obliquity | None = None,
+    obliquity: ObliquityName | None = None,
     order: int = 1,
     tolerance: float = _TOLERANCE,
     return_error: bool = False,
@@ -204,7 +204,7 @@ def irradiance(
         )  # fmt: skip
     if method == "auto":
         method = checked_obliquity(obliquity, checked_order(order))
-        method, obliquity = ("wigner", "paper") if method == "paper" else (method, None)
+        method, obliquity = (method, None) if method in CONDITIONS else ("wigner", "paper")
     if has_derivatives(source, points, wavelength):
         if sampling != "gauss" or return_error:
             raise ArgumentError(
@@ -281,7 +281,7 @@ def _is_by_lags(source: Any, obliquity: Any, order: Any) -> bool:
     """
     if not is_partly_coherent(source) or checked_order(order) == 3:
         return False
-    if takes_slopes(checked_obliquity(obliquity, 1)):
+    if OBLIQUITIES[checked_obliquity(obliquity)].takes_slopes:
         return False
     return kernels.partly_coherent_kernel(source) is not None
 

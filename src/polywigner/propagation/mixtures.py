@@ -11,7 +11,7 @@ from polywigner.geometry.arguments import checked_wavelength
 from polywigner.geometry.wavefront import Wavefront
 from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.hemisphere import largest_lag
-from polywigner.transforms.coherence import coherent_source, is_partly_coherent, tilts_of
+from polywigner.transforms.wavefronts import coherent_source, is_partly_coherent, tilts_of
 
 __all__ = ["is_mixture", "mean_over_mixture", "parts_of"]
 

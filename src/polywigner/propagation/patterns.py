@@ -13,8 +13,9 @@ from polywigner.execution import Engine, Precision, checked_engine, checked_prec
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.illumination.obliquities import (
+    DEFAULT,
     OBLIQUITIES,
-    Obliquity,
+    ObliquityName,
     fields_of,
     warn_of_slopes,
 )
@@ -49,7 +50,7 @@ def radiation_pattern(
     theta: ArrayLike,
     phi: ArrayLike,
     *,
-    obliquity: Obliquity = "rayleigh-sommerfeld-1",
+    obliquity: ObliquityName = DEFAULT,
     precision: Precision = None,
     engine: Engine = "auto",
 ) -> Labelled:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Collection
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry.arguments import checked_number, checked_wavelength, real_numbers, shape_of
+from polywigner.illumination.obliquities import BoundaryCondition
 
 __all__ = [
     "DEFAULT_TOLERANCE",
@@ -26,9 +27,7 @@ __all__ = [
     "warn_of_missed",
 ]
 
-Method = Literal[
-    "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fresnel", "fraunhofer"
-]
+Method = Literal[BoundaryCondition, "fresnel", "fraunhofer"]
 
 METHODS: tuple[str, ...] = get_args(Method)
 """Methods for a field, an amplitude with a phase."""
@@ -109,12 +108,12 @@ def checked_amplitude_tolerance(tolerance: float | None, double: bool) -> float:
     return number
 
 
-def checked_method(method: Any, allowed: Sequence[str] = METHODS) -> str:
+def checked_method(method: Any, allowed: Collection[str] = METHODS) -> str:
     """The name of a method; ArgumentError with all names that are allowed for any other."""
     return checked_name("method", method, allowed)
 
 
-def checked_name(argument: str, name: Any, allowed: Sequence[str]) -> str:
+def checked_name(argument: str, name: Any, allowed: Collection[str]) -> str:
     """One of the names allowed for an argument; ArgumentError that lists them for any other."""
     if not isinstance(name, str) or name not in allowed:
         names = ", ".join(f'"{each}"' for each in allowed)

@@ -13,16 +13,13 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import real_numbers
 from polywigner.illumination import Illumination
-from polywigner.illumination.obliquities import SHARES
+from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.propagation.boundary import boundary_field
 from polywigner.propagation.panels import radiator_of
 from polywigner.propagation.places import LARGEST, checked_name, warn_of_missed
 from polywigner.propagation.screen_sums import incident_of_point, wave_at, waves_through
 
 __all__ = ["PlaneWave", "PointSource", "Screen", "field_of_screen"]
-
-# What the field at the mirror point counts in that at a point (docs/theory.md, (B2)).
-_MIRRORED = {"rayleigh-sommerfeld-1": -1.0, "rayleigh-sommerfeld-2": 1.0, "kirchhoff": 0.0}
 
 
 @final
@@ -151,15 +148,16 @@ def field_of_screen(
     engine: str,
 ) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """The field at points (n, 3), z > 0, and an estimate of its error, both (n,)."""
-    if method not in SHARES:
+    if method not in CONDITIONS:
         raise ArgumentError(
-            f"expected method to be one of {', '.join(SHARES)} behind a screen, got {method!r}"
+            f"expected method to be one of {', '.join(CONDITIONS)} behind a screen, got {method!r}"
         )
     light = screen.lit_by
     if isinstance(light, PointSource):
+        mirrored = CONDITIONS[method].mirrored
         incident = light.amplitude * incident_of_point(light.position, points, wavelength)
         ratio, error = waves_through(
-            screen.outline, light.position, points, wavelength, _MIRRORED[method], tolerance
+            screen.outline, light.position, points, wavelength, mirrored, tolerance
         )
         through, errors = incident * ratio, abs(incident) * error
         allowed = np.asarray(2.0 * tolerance * abs(incident))

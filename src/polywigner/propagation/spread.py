@@ -15,7 +15,12 @@ from polywigner.illumination import Array
 from polywigner.optics import FirstOrder
 from polywigner.propagation.irradiances import irradiance
 from polywigner.radiometry.directions import checked_radiator
-from polywigner.transforms.pupil import checked_pupil_radius, checked_waves, energy_of, shares_of
+from polywigner.transforms.pupil import (
+    checked_energy,
+    checked_pupil_radius,
+    checked_waves,
+    shares_of,
+)
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["psf"]
@@ -92,4 +97,4 @@ def psf(
     total: Any = 0.0
     for part, length in zip(share.tolist(), lengths.tolist(), strict=True):
         total = total + part * irradiance(source, points, length, **how)
-    return total / energy_of(source)
+    return total / checked_energy(source)

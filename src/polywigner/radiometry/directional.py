@@ -22,8 +22,7 @@ from polywigner.radiometry.directions import (
 )
 from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.transforms import fourier, wigner
-from polywigner.transforms.coherence import mean_over_tilts
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.wavefronts import flat_of, mean_over_tilts
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["Normalisation", "radiance", "radiant_intensity"]

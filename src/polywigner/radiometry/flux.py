@@ -13,7 +13,7 @@ from polywigner.geometry.arguments import checked_wavelength, takes_frequency
 from polywigner.radiometry.directional import radiance, radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_positions, checked_radiator
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["EnergyBudget", "energy_budget", "flux_vector", "power"]

@@ -19,7 +19,7 @@ from polywigner.geometry.arguments import (
     takes_frequency,
 )
 from polywigner.illumination.obliquities import (
-    Obliquity,
+    ObliquityName,
     checked_obliquity,
     emission_factor,
     weighted_sources,
@@ -39,9 +39,8 @@ from polywigner.rays.draws import (
     positions_by,
 )
 from polywigner.transforms import sample_automean, wigner
-from polywigner.transforms.coherence import is_partly_coherent
-from polywigner.transforms.energies import energy_of
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.phase_space import energy_of
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 
 if TYPE_CHECKING:
     import xarray
@@ -70,7 +69,7 @@ def sample_rays(
     axis: ArrayLike = (0.0, 0.0, 1.0),
     directions: Directions = "beam",
     to_world: ArrayLike | None = None,
-    obliquity: Obliquity | None = None,
+    obliquity: ObliquityName | None = None,
     power: float | None = None,
     aperture_power: float | None = None,
     engine: Engine = "auto",

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.illumination.obliquities import Shares
+from polywigner.illumination.obliquities import Obliquity
 from polywigner.reception.cells import Cells
 from polywigner.reception.link_kernels import link_kernel, link_slopes
 
@@ -116,7 +116,7 @@ class Links:
     """(n, 3, 3), of the receiver's frame into the transmitter's."""
     offset: Floats
     """From the centre of the transmitter to that of the receiver, (n, 3)."""
-    shares: Shares
+    condition: Obliquity
     extra: float
     """Nodes along a side of a cell beyond those that waves and polynomials need."""
 
@@ -147,7 +147,7 @@ class Links:
         found, size = np.zeros(len(pairs), np.complex128), np.zeros(len(pairs))
         for mine, here, there, sight in self._blocks(pairs, order):
             real, imag = link_kernel(
-                self.shares, *sight.wave, sight.distance, sight.rise, sight.away, sight.lean
+                self.condition, *sight.wave, sight.distance, sight.rise, sight.away, sight.lean
             )
             found[mine] += _contracted(here, real, imag, there)
             some = np.s_[:, :: order + 1, :: order + 1]
@@ -167,7 +167,7 @@ class Links:
             wave = sight.wave[0] + 1j * sight.wave[1]
             r = np.stack([np.broadcast_to(part, wave.shape) for part in sight.r])
             normal = self.rotation[pairs.pose[mine]][:, :, 2].T[:, :, None, None]
-            of_place, of_normal = link_slopes(self.shares, wave, r, sight.distance, normal)
+            of_place, of_normal = link_slopes(self.condition, wave, r, sight.distance, normal)
             arms = [there * place[..., 0], there * place[..., 1], there, there]
             for row in range(3):
                 for column, right in enumerate(arms):

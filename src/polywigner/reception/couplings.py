@@ -20,7 +20,7 @@ from polywigner.geometry.arguments import (
     warn_of_distance,
 )
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import SHARES
+from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, BoundaryCondition
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
@@ -38,9 +38,7 @@ from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["LinkMethod", "checked_tolerance", "coupling"]
 
-LinkMethod = Literal[
-    "rayleigh-sommerfeld-1", "rayleigh-sommerfeld-2", "kirchhoff", "fraunhofer", "wigner"
-]
+LinkMethod = Literal[BoundaryCondition, "fraunhofer", "wigner"]
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -65,7 +63,7 @@ def coupling(
     receiver: Aperture | Array | Wavefront | Differentiable,
     to_transmitter: ArrayLike | DrJitArray,
     wavelength: float,
-    method: LinkMethod = "rayleigh-sommerfeld-1",
+    method: LinkMethod = DEFAULT,
     tolerance: float = 1e-6,
     *,
     return_error: bool = False,
@@ -171,10 +169,10 @@ def _found(
 
     (n, 12) in the poses, (n, 2 k) in the fields of both sources, real and imaginary.
     """
-    if any(wanted) and method not in SHARES:
+    if any(wanted) and method not in CONDITIONS:
         raise ArgumentError(
-            f'expected one of {", ".join(SHARES)} with derivatives, got "{method}"; pass '
-            "drjit.detach(...) of what needs none"
+            f'expected one of {", ".join(CONDITIONS)} with derivatives, got "{method}"; '
+            "pass drjit.detach(...) of what needs none"
         )
     sources = tuple(source.source for source in traced)
     poses = checked_poses(to_transmitter)
@@ -244,8 +242,8 @@ def _near(
     """Couplings (n,), their errors, what was allowed, and derivatives (n, 3, 4) or None."""
     offset = _offset(cells, poses)
     extra = _NODES + _NODES_PER_DIGIT * max(0.0, -math.log10(tolerance) - 6)
-    rotation = poses[:, :3, :3]
-    links = Links(cells[0], cells[1], rotation, offset / wavelength, SHARES[method], extra)
+    rotation, condition = poses[:, :3, :3], CONDITIONS[method]
+    links = Links(cells[0], cells[1], rotation, offset / wavelength, condition, extra)
     norm = math.prod(
         root_of_norm(source, wavelength, method, "aperture") / wavelength for source in sources
     )
@@ -269,7 +267,7 @@ def _far(sources: tuple[Any, ...], cells: list[Cells], poses: Floats, wavelength
     for source, own, directions in zip(sources, cells, (towards, back), strict=True):
         curved = isinstance(source, Wavefront)
         centred = source.moved(-own.centre) if curved else moved_source(source, -own.centre)
-        pattern = far_field(centred, directions, wavelength, "rayleigh-sommerfeld-1")
+        pattern = far_field(centred, directions, wavelength, DEFAULT)
         result *= pattern / root_of_norm(source, wavelength, "fraunhofer", "aperture")
     return result
 

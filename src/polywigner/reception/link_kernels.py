@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.illumination.obliquities import Shares
+from polywigner.illumination.obliquities import Obliquity
 
 __all__ = ["link_kernel", "link_slopes"]
 
@@ -28,7 +28,7 @@ _IK = 2j * math.pi
 
 
 def link_kernel(
-    shares: Shares,
+    condition: Obliquity,
     cosine: Floats,
     sine: Floats,
     distance: Floats,
@@ -42,7 +42,7 @@ def link_kernel(
     """
     # 1/(kR) is real, and so are all factors of its powers: real and imaginary part on their own;
     # in place, since fresh memory costs more than the sums
-    a, b = shares
+    a, b = condition.field, condition.slope
     inverse = 1.0 / distance
     near = inverse * (0.5 / math.pi)
     both = inverse * ((a * a) * nr)
@@ -71,10 +71,10 @@ def link_kernel(
 
 
 def link_slopes(
-    shares: Shares, wave: Complex, r: Floats, distance: Floats, m: Floats
+    condition: Obliquity, wave: Complex, r: Floats, distance: Floats, m: Floats
 ) -> tuple[list[Complex], list[Complex]]:
     """Derivatives of :func:`link_kernel` in the three components of r, and in those of m."""
-    a, b = shares
+    a, b = condition.field, condition.slope
     cross, square = a * b / _IK, (a / (2 * math.pi)) ** 2
     green = wave / (1j * distance)
     away = sum(m[j] * r[j] for j in range(3))

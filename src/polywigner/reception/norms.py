@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError, PolywignerError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.obliquities import OBLIQUITIES, SHARES
+from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, Obliquity
 from polywigner.illumination.obliquities import fields_of as fields_on
 from polywigner.propagation.far_fields import powers_of
 from polywigner.propagation.field_slopes import parts_of
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import Differentiable, fourier
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 from polywigner.transforms.traced_sources import fields_of
 from polywigner.transforms.wavefronts import flat_of
 
@@ -57,10 +57,10 @@ def root_of_norm(source: Any, wavelength: float, method: str, normalise: str) ->
     _check_field(source)
     if normalise == "aperture":
         return math.sqrt(energy_of(source))
-    condition = method if method in SHARES else OBLIQUITIES[0]
+    condition = CONDITIONS[method if method in CONDITIONS else DEFAULT]
     is_flat = not isinstance(source, Wavefront)
-    if condition == OBLIQUITIES[0] or (is_flat and fields_on(source) == (None,)):
-        return math.sqrt(powers_of(source, wavelength, condition)[0])
+    if not condition.takes_slopes or (is_flat and fields_on(source) == (None,)):
+        return math.sqrt(powers_of(source, wavelength, condition.name)[0])
     alone = radiated_overlaps([source], np.ones(1, np.complex128), source, wavelength, condition)
     return math.sqrt(alone[0].real)
 
@@ -82,17 +82,16 @@ def _check_field(source: Any) -> None:
 
 
 def radiated_overlaps(
-    parts: Sequence[Any], weights: Complex, source: Any, wavelength: float, condition: str
+    parts: Sequence[Any], weights: Complex, source: Any, wavelength: float, condition: Obliquity
 ) -> Complex:
     """Overlaps int g F_k* F dOmega/lambda^2 of the parts of a source with their sum, (k,) in W.
 
     ``source``: of whose size the parts are; g takes u for what the boundary condition needs.
     """
-    a, b = SHARES[condition]
     found = np.zeros(len(parts), np.complex128)
     step = max(1, _BLOCK // len(parts))
     for directions, solid_angle in directions_and_weights(largest_lag(source), wavelength):
-        factor = (a * directions[:, 2] + b) ** 2 * solid_angle / wavelength**2
+        factor = condition.of_pairs(directions[:, 2], 1.0, 1.0) * solid_angle / wavelength**2
         for start in range(0, len(directions), step):
             some = slice(start, start + step)
             nu = directions[some, :2] / wavelength
@@ -130,7 +129,8 @@ def slopes_of_fields(
     if normalise == "aperture":
         overlaps = _overlaps(parts, weights) / whole**2
     else:
-        overlaps = radiated_overlaps(parts, weights, source, wavelength, method) / whole**2
+        condition = CONDITIONS[method]
+        overlaps = radiated_overlaps(parts, weights, source, wavelength, condition) / whole**2
     for place, part_of in enumerate((overlaps.real, overlaps.imag)):
         found[place] -= part_of[:, None] * values
     return found.reshape(2 * len(parts), len(values)).T

@@ -15,7 +15,7 @@ from polywigner.illumination.obliquities import fields_of
 from polywigner.propagation.arrangement import has_few_kinks, smooth_triangles
 from polywigner.propagation.rays_rules import gauss_rule, node_count
 from polywigner.transforms import wigner
-from polywigner.transforms.energies import energy_of
+from polywigner.transforms.phase_space import energy_of
 
 __all__ = ["overlap"]
 

@@ -24,7 +24,6 @@ __all__ = [
     "checked_points",
     "in_blocks",
     "in_plane",
-    "is_uniform",
     "transform",
 ]
 
@@ -35,11 +34,6 @@ _COMPLEX = ("fourier", "array factor")  # of real and complex nu
 # Frequencies at a time where several arrays of their number are held: some 60 MiB.
 _BLOCK = 1 << 19
 _LEAST_ROWS = 8
-
-
-def is_uniform(source: Any) -> bool:
-    """Whether the field is 1 on the source, and its marginals real."""
-    return not isinstance(source, Array) and source.illumination is None
 
 
 def in_plane(nu: Any) -> Any:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -13,18 +15,9 @@ from polywigner.illumination import Array
 from polywigner.kernels.functions.separable import is_separable
 from polywigner.plans import Plan
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_call, in_plane
-from polywigner.transforms.wavefronts import POINTS_OF, as_flat
+from polywigner.transforms.calls import TRANSFORMS, as_flat
 
 __all__ = ["explain"]
-
-_ARGUMENTS = {
-    "wigner": ("x", "nu"),
-    "ambiguity": ("upsilon", "xi"),
-    "autocorrelation": ("x", "xi"),
-    "fourier": ("nu",),
-    "position_marginal": ("x",),
-    "lag_marginal": ("xi",),
-}
 
 
 def explain(
@@ -67,10 +60,10 @@ def explain(
     >>> print(pw.explain(square, (0.0, 0.0), (1.0, 0.0), engine="numpy").way.name)
     edges one by one, on NumPy
     """
-    names = _ARGUMENTS.get(function) if isinstance(function, str) else None
-    if names is None:
-        known = ", ".join(f'"{name}"' for name in _ARGUMENTS)
+    if not isinstance(function, str) or function not in TRANSFORMS:
+        known = ", ".join(f'"{name}"' for name in TRANSFORMS)
         raise ArgumentError(f"expected function to be one of {known}, got {function!r}")
+    names = TRANSFORMS[function].points
     if len(arguments) != len(names):
         raise ArgumentError(
             f"expected {' and '.join(names)} for {function}, got {len(arguments)} arguments"
@@ -90,11 +83,11 @@ def explain(
         arguments = (in_plane(arguments[0]),) if isinstance(source, Aperture) else arguments
         if isinstance(source, Aperture) and is_separable(source):
             name = "fourier of waves"
+    points: Mapping[str, Any] = dict(zip(names, arguments, strict=True))
     if isinstance(source, Wavefront):
         width = source.coherence_width
         coherent = Wavefront(source.source, source.curvature, source.centre)
-        source, name, arguments = as_flat(coherent, function, arguments)
-        names = POINTS_OF[name]
+        source, name, points = as_flat(coherent, function, points)
         if width < math.inf and name == "wigner":
             source = Wavefront(source, coherence_width=width)
             if kernels.partly_coherent_kernel(source, precision != "single") is None:
@@ -103,8 +96,7 @@ def explain(
                     f"{width:g} m, got an array or distant parts, whose W is a mean over tilts of "
                     "coherent light; explain its .coherent"
                 )
-    points = list(zip(names, arguments, strict=True))
-    kernel, components, _ = checked_call(name, source, points, precision, engine)
+    kernel, components, _ = checked_call(name, source, list(points.items()), precision, engine)
     return execution.explained(
         kernel, source, components, double=precision != "single", engine=engine
     )

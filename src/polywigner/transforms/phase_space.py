@@ -4,22 +4,28 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from polywigner import kernels
 from polywigner.execution import Engine, Precision
 from polywigner.geometry.arguments import Points
 from polywigner.optics import FirstOrder
-from polywigner.transforms.arguments import PhaseSpaceSource, is_uniform, transform
-from polywigner.transforms.through import before
+from polywigner.transforms.arguments import PhaseSpaceSource
+from polywigner.transforms.calls import compute, public
 from polywigner.transforms.traced_sources import Differentiable
-from polywigner.transforms.traced_values import phase_space_of
-from polywigner.transforms.wavefronts import takes_wavefronts
-from polywigner.transforms.xarray_arguments import content_units, takes_xarray
+from polywigner.transforms.wavefronts import flat_of
 
-__all__ = ["ambiguity", "autocorrelation", "lag_marginal", "position_marginal", "wigner"]
+__all__ = [
+    "ambiguity",
+    "autocorrelation",
+    "energy_of",
+    "lag_marginal",
+    "position_marginal",
+    "wigner",
+]
 
 
-@takes_xarray("x", "xi", units="1", long_name="autocorrelation R(x, xi)")
-@takes_wavefronts
+@public
 def autocorrelation(
     source: PhaseSpaceSource,
     x: Points,
@@ -56,12 +62,10 @@ def autocorrelation(
     >>> float(pw.autocorrelation(square, (0.5, 0.0), (0.5, 0.0)).real)  # both points lie inside
     1.0
     """
-    points = [("x", x), ("xi", xi)]
-    return transform("autocorrelation", source, points, precision, engine, outputs=2)
+    return compute("autocorrelation", source, {"x": x, "xi": xi}, precision, engine)
 
 
-@takes_xarray("x", "nu", units=content_units, long_name="Wigner function W(x, nu)")
-@takes_wavefronts
+@public
 def wigner(
     source: PhaseSpaceSource | Differentiable,
     x: Points,
@@ -104,16 +108,11 @@ def wigner(
     >>> round(float(pw.wigner(square, (0.5, 0.0), (0.0, 0.0))), 12)  # the area of the lag slice
     8.0
     """
-    if through is not None or wavelength is not None:
-        x, nu = before("wigner", source, through, wavelength, ("x", x), ("nu", nu))
-    points = [("x", x), ("nu", nu)]
-    if isinstance(source, Differentiable):
-        return phase_space_of("wigner", source, points, precision, engine)
-    return transform("wigner", source, points, precision, engine)
+    system = {"through": through, "wavelength": wavelength}
+    return compute("wigner", source, {"x": x, "nu": nu}, precision, engine, **system)
 
 
-@takes_xarray("upsilon", "xi", units=content_units, long_name="ambiguity function A(upsilon, xi)")
-@takes_wavefronts
+@public
 def ambiguity(
     source: PhaseSpaceSource | Differentiable,
     upsilon: Points,
@@ -155,18 +154,12 @@ def ambiguity(
     >>> float(pw.ambiguity(square, (0.0, 0.0), (1.0, 0.0)).real)  # the overlap of two squares
     2.0
     """
-    if through is not None or wavelength is not None:
-        xi, upsilon = before(
-            "ambiguity", source, through, wavelength, ("xi", xi), ("upsilon", upsilon)
-        )
-    points = [("upsilon", upsilon), ("xi", xi)]
-    if isinstance(source, Differentiable):
-        return phase_space_of("ambiguity", source, points, precision, engine)
-    return transform("ambiguity", source, points, precision, engine, outputs=2)
+    system = {"through": through, "wavelength": wavelength}
+    points = {"upsilon": upsilon, "xi": xi}
+    return compute("ambiguity", source, points, precision, engine, **system)
 
 
-@takes_xarray("x", units=content_units, long_name="position marginal R_x(x)")
-@takes_wavefronts
+@public
 def position_marginal(
     source: PhaseSpaceSource, x: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -194,11 +187,10 @@ def position_marginal(
     >>> round(float(pw.position_marginal(square, (0.5, 0.0))), 12)
     8.0
     """
-    return transform("position_marginal", source, [("x", x)], precision, engine)
+    return compute("position_marginal", source, {"x": x}, precision, engine)
 
 
-@takes_xarray("xi", units=content_units, long_name="lag marginal R_xi(xi)")
-@takes_wavefronts
+@public
 def lag_marginal(
     source: PhaseSpaceSource, xi: Points, *, precision: Precision = None, engine: Engine = "auto"
 ) -> Any:
@@ -229,6 +221,14 @@ def lag_marginal(
     >>> float(pw.lag_marginal(square, (0.5, 0.0)))
     3.0
     """
-    kernels.kernel_for("lag_marginal", source)  # its error if there is none
-    outputs = 1 if is_uniform(source) else 2
-    return transform("lag_marginal", source, [("xi", xi)], precision, engine, outputs=outputs)
+    return compute("lag_marginal", source, {"xi": xi}, precision, engine)
+
+
+def energy_of(source: PhaseSpaceSource) -> float:
+    """int |u|^2 = R_xi(0) of a source, in m^d times the unit of |u|^2.
+
+    Rounding may make it negative where elements cancel each other everywhere.
+    """
+    # NumPy: one value is less work than the compilation of a kernel.
+    lag = np.zeros(kernels.kernel_for("lag_marginal", flat_of(source)).dimension)
+    return float(np.real(lag_marginal(source, lag, engine="numpy")))

@@ -14,12 +14,11 @@ from polywigner.geometry import Aperture, Slits
 from polywigner.geometry.arguments import checked_length, checked_row, warn_of_lens
 from polywigner.illumination import Array
 from polywigner.transforms.arguments import PhaseSpaceSource, checked_points
-from polywigner.transforms.coherence import is_partly_coherent
-from polywigner.transforms.phase_space import ambiguity, lag_marginal
-from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.phase_space import ambiguity, energy_of, lag_marginal
+from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["checked_pupil_radius", "checked_waves", "energy_of", "mtf", "otf", "shares_of"]
+__all__ = ["checked_energy", "checked_pupil_radius", "checked_waves", "mtf", "otf", "shares_of"]
 
 # Least energy over that of the elements one by one: rounding leaves 1e-15 of it where their fields
 # cancel, and a value normalised by a hundred times that has hardly a digit.
@@ -87,8 +86,8 @@ def otf(
     lags = checked_points("xi", xi, kernel.dimension, complex_allowed=False)
     how: dict[str, Any] = {"precision": precision, "engine": engine}
     if slope == 0.0:  # in focus it is an area, which takes no sines
-        return (lag_marginal(source, lags, **how) + 0j) / energy_of(source)
-    return ambiguity(source, slope * lags, lags, **how) / energy_of(source)
+        return (lag_marginal(source, lags, **how) + 0j) / checked_energy(source)
+    return ambiguity(source, slope * lags, lags, **how) / checked_energy(source)
 
 
 @takes_xarray("frequency", units="1", long_name="modulation transfer function")
@@ -214,13 +213,12 @@ def _pupil_radius(source: PhaseSpaceSource) -> float:
     return max(_pupil_radius(element) for element in flat.elements_in_plane)
 
 
-def energy_of(source: PhaseSpaceSource) -> float:
-    """The integral of |u|^2, A(0, 0)."""
+def checked_energy(source: PhaseSpaceSource) -> float:
+    """The integral of |u|^2, A(0, 0); IlluminationError if it is zero."""
     source = flat_of(source)
-    dimension = kernels.kernel_for("ambiguity", source).dimension
-    energy = apart = float(np.real(lag_marginal(source, np.zeros(dimension))))
+    energy = apart = energy_of(source)
     if isinstance(source, Array):
-        contents = [energy_of(element) for element in source.elements_in_plane]
+        contents = [checked_energy(element) for element in source.elements_in_plane]
         apart = float(abs(source.weights) ** 2 @ contents)
     if energy > _DARK * apart and energy > 0.0:
         return energy

@@ -17,6 +17,7 @@ from polywigner.illumination import Array
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
 from polywigner.transforms.phase_space import position_marginal
+from polywigner.transforms.sections import field_bound
 from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["Weights", "in_phase", "sample_automean"]
@@ -99,14 +100,8 @@ def in_phase(source: Any) -> Any:
     if not isinstance(source, Array):
         return source.with_illumination(None)
     elements = [element.with_illumination(None) for element in source.elements_in_plane]
-    largest = [_largest(element) for element in source.elements_in_plane]
+    largest = [field_bound(element) for element in source.elements_in_plane]
     return Array(elements, abs(source.weights) * largest)
-
-
-def _largest(element: Element) -> float:
-    """A bound on the modulus of the field on an element."""
-    field = element.illumination
-    return 1.0 if field is None else float(abs(field.amplitudes).sum())
 
 
 def _numbers(samples: Any, columns: int, seed: Any) -> Values:

@@ -13,11 +13,10 @@ from numpy.typing import ArrayLike
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
-from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Wavefront
 from polywigner.geometry.arguments import Points
 from polywigner.illumination import Array
 from polywigner.illumination.lattices import Sites, checked_sites
-from polywigner.illumination.obliquities import cosine_to
 from polywigner.kernels import is_separable
 from polywigner.transforms.arguments import (
     Source,
@@ -27,21 +26,19 @@ from polywigner.transforms.arguments import (
     in_plane,
     transform,
 )
+from polywigner.transforms.calls import compute, public
 from polywigner.transforms.extremes import (
     array_factor_apart,
     largest_wave_apart,
     out_of_floats,
 )
-from polywigner.transforms.traced_sources import Differentiable
-from polywigner.transforms.traced_values import fourier_of
-from polywigner.transforms.wavefronts import takes_wavefronts
-from polywigner.transforms.xarray_arguments import content_units, takes_xarray
+from polywigner.transforms.traced_sources import Differentiable, fourier_of
+from polywigner.transforms.xarray_arguments import takes_xarray
 
 __all__ = ["array_factor", "fourier"]
 
 
-@takes_xarray("nu", units=content_units, long_name="Fourier transform F(nu)")
-@takes_wavefronts
+@public
 def fourier(
     source: Source | Differentiable,
     nu: Points,
@@ -96,6 +93,10 @@ def fourier(
     >>> round(float(pw.fourier(square, (0.25, 0.0)).real), 6)  # 4 sinc(0.5)
     2.546479
     """
+    if isinstance(source, Wavefront):
+        if obliquity is not None and source.is_coherent:
+            raise ArgumentError(f"expected no obliquity for a curved wave, got {obliquity!r}")
+        return compute("fourier", source, {"nu": nu}, precision, engine)
     if obliquity is not None and (not isinstance(obliquity, str) or obliquity != "paper"):
         raise ArgumentError(f"expected obliquity=None or 'paper', got {obliquity!r}")
     if isinstance(source, Differentiable):
@@ -107,16 +108,13 @@ def fourier(
         values = _fourier(source, nu, how)
     if obliquity is not None or not _is_complex(nu):
         return values
-    if isinstance(source, Slits) or (isinstance(source, Array) and source.dimension == 1):
-        plane = nu
-    elif isinstance(source, Aperture) or (isinstance(source, Array) and source.dimension == 2):
-        plane = in_plane(nu)
-    else:
+    if isinstance(source, PlacedAperture | Polyhedron) or getattr(source, "dimension", 2) == 3:
         return values
-    return _with_large_waves(source, plane, values, lambda s, f: _fourier(s, f, how))
+    apart = partial(largest_wave_apart, evaluate=lambda s, f: _fourier(s, f, how))
+    return _with_large_waves(source, in_plane(nu), values, apart)
 
 
-def _with_large_waves(source: Any, nu: Any, values: Any, evaluate: Callable[..., Any]) -> Any:
+def _with_large_waves(source: Any, nu: Any, values: Any, apart: Callable[..., Any]) -> Any:
     """The values, with those of waves and phases too large for floats found again."""
     points = np.asarray(nu, dtype=np.complex128)
     lost = out_of_floats(source, points, values)
@@ -124,10 +122,7 @@ def _with_large_waves(source: Any, nu: Any, values: Any, evaluate: Callable[...,
         return values
     found = np.array(values)
     with np.errstate(over="ignore", invalid="ignore"):
-        if isinstance(source, Sites):
-            found[lost] = array_factor_apart(source, points[lost])
-        else:
-            found[lost] = largest_wave_apart(source, points[lost], evaluate)
+        found[lost] = apart(source, points[lost])
     return found[()]
 
 
@@ -303,7 +298,7 @@ def array_factor(
 
 
 def _towards_normal(source: Any, nu: Any) -> Any:
-    """(conj(nu)/|nu|).n, shape (...)."""
+    """(conj(nu)/|nu|).n, shape (...): the paper's factor of F; NaN at nu = 0, of no direction."""
     if isinstance(source, Aperture):
         normal = np.array([0.0, 0.0, 1.0])
     elif isinstance(source, PlacedAperture):
@@ -318,4 +313,9 @@ def _towards_normal(source: Any, nu: Any) -> Any:
             "expected nu as a NumPy array for an obliquity, got a Dr.Jit array; use nu.numpy()"
         )
     array = checked_points("nu", nu, 3, complex_allowed=True)
-    return cosine_to(normal, array)
+    # scaled first, so that no square underflows or overflows
+    largest = np.maximum(np.abs(array.real), np.abs(array.imag)).max(axis=-1, keepdims=True)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        scaled = array / largest
+        length = np.sqrt((scaled * scaled.conj()).real.sum(axis=-1))
+        return np.asarray((scaled.conj() @ normal) / length)

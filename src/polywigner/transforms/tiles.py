@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from polywigner.execution import Engine
 from polywigner.geometry import Slits
-from polywigner.transforms.fields import PlaneField, bound_of, field_of, is_lit_by_waves
-from polywigner.transforms.lit_sections import column_integrals, column_spectra, mutual_spectra
 from polywigner.transforms.phase_space import (
     ambiguity,
     autocorrelation,
@@ -20,7 +18,20 @@ from polywigner.transforms.phase_space import (
     position_marginal,
     wigner,
 )
-from polywigner.transforms.sections import Copies, mirrored_correlation, overlaps, phase
+from polywigner.transforms.sections import (
+    Copies,
+    PlaneField,
+    bound_of,
+    column_integrals,
+    column_spectra,
+    field_bound,
+    field_of,
+    is_lit_by_waves,
+    mirrored_correlation,
+    mutual_spectra,
+    overlaps,
+    phase,
+)
 from polywigner.transforms.spectrum import fourier
 
 __all__ = ["Tile", "tiles_of"]
@@ -295,9 +306,7 @@ def _on_line(transform: Callable[..., Any]) -> Values:
 def _line_content(source: Any) -> float:
     """Bound on |W|/2 and |A|: the integral of |u| times the largest |u|, or more."""
     if isinstance(source, Slits):
-        field = source.illumination
-        strength = 1.0 if field is None else float(np.abs(field.amplitudes).sum())
-        return strength**2 * source.length
+        return field_bound(source) ** 2 * source.length
     moduli = abs(source.weights)
     return float(
         moduli.sum()

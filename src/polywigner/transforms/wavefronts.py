@@ -1,66 +1,65 @@
-"""Curved waves in the public transforms: each is what the flat source has, sheared (Q1) to (Q5).
+"""Sources with a curved or partly coherent wave: their parts, spectra, and means over tilts.
 
-The one place where transforms take a Wavefront apart. With u = u0 exp(i pi (x - c).Q (x - c)):
-
-    R(x, xi)  = R0(x, xi) exp(2 pi i (x - c).Q xi)
-    W(x, nu)  = W0(x, nu - Q (x - c))
-    A(up, xi) = A0(up - Q xi, xi) exp(-2 pi i c.Q xi)
+F of a curved wave is a sum of Fresnel integrals along edges. A and R of partly coherent light are
+the coherent source's times the degree of coherence exp(-xi^2/(2 width^2)), and W is an integral
+over the lag slice with this weight, in closed form (docs/coherence.md, (PC3), (I5)). The degree of
+coherence is also the mean of exp(2 pi i t.xi) over tilts t of a normal density, whose standard
+deviation is 1/(2 pi width) along each axis (PC2). So |F|^2, exact fields, and W of large arrays
+with short cuts of their own, are means over shifted frequencies: no lag of a source is longer than
+its box, so that the rules of :mod:`polywigner.numerics.nodes` know how many tilts they need.
 """
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner import execution, kernels
+from polywigner import kernels
 from polywigner.errors import ArgumentError, IlluminationError
-from polywigner.geometry import Wavefront
-from polywigner.transforms.arguments import checked_points, in_plane, transform
-from polywigner.transforms.coherence import is_partly_coherent, partly_coherent
-from polywigner.transforms.curved_spectrum import chirp_transform, principal_axes
-from polywigner.transforms.through import before
+from polywigner.execution import check_not_stopped
+from polywigner.geometry import Aperture, Slits, Wavefront
+from polywigner.illumination import Array
+from polywigner.illumination.array import tilted_source
+from polywigner.kernels.boundary.chirps import chirp_over_intervals, chirp_over_rings
+from polywigner.numerics.nodes import normal_product_rule
+from polywigner.transforms.arguments import broadcast_shape
 
-__all__ = ["POINTS_OF", "as_flat", "checked_wavefront", "flat_of", "sheared", "takes_wavefronts"]
+__all__ = [
+    "TILT_ERROR",
+    "checked_wavefront",
+    "chirp_transform",
+    "coherent_source",
+    "degree_of_coherence",
+    "flat_of",
+    "in_closed_form",
+    "is_partly_coherent",
+    "is_thin",
+    "mean_over_tilts",
+    "principal_axes",
+    "tilts_of",
+]
 
-POINTS_OF = {
-    "autocorrelation": ("x", "xi"),
-    "wigner": ("x", "nu"),
-    "ambiguity": ("upsilon", "xi"),
-}
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
-F = TypeVar("F", bound=Callable[..., Any])
+TILT_ERROR = {True: 1e-11, False: 1e-7}
+"""Error of means over tilts in double and in single precision, relative to the largest of A."""
 
+# Widths over the diagonal of a source from which on the light is so nearly coherent that what it
+# lacks is a linear function of 1/width^2: closed forms cancel, and the next term of the degree of
+# coherence is 1.3e-13, or 8e-7 in single precision. Below the least one W is the width's area times
+# a function of position: squares of lags in widths stay far from the largest float.
+_WIDEST, _NARROWEST = {True: 1e3, False: 20.0}, 1e-9
+# Squares of the diagonal in the area of a source, which is computed in double precision if it has
+# more: single precision misses 1e-7 of this square.
+_THIN = 16.0
 
-def takes_wavefronts(function: F) -> F:
-    """A decorator of a transform (source, points..., **how): its source may be a Wavefront."""
-    of_wavefront = _TRANSFORMS[function.__name__]
-    names = list(inspect.signature(function).parameters)
-
-    @functools.wraps(function)
-    def wrapper(*args: Any, **kwargs: Any) -> Any:
-        source = args[0] if args else kwargs.get("source")
-        if not isinstance(source, Wavefront):
-            return function(*args, **kwargs)
-        given = dict(zip(names, args, strict=False)) | kwargs
-        inspect.signature(function).bind(**given)  # its TypeError for what is missing
-        how = {name: value for name, value in given.items() if name != "source"}
-        how = _before_system(function.__name__, source, how)
-        if is_partly_coherent(source):
-            return partly_coherent(function.__name__, _PUBLIC, _wigner, source, how)
-        return of_wavefront(checked_wavefront(source), **how)
-
-    _PUBLIC[function.__name__] = wrapper
-    return wrapper  # type: ignore[return-value]
-
-
-# What the decorator has made, for partly coherent sources.
-_PUBLIC: dict[str, Callable[..., Any]] = {}
+# Floats at a time.
+_BLOCK = 1 << 20
 
 
 def flat_of(source: Any) -> Any:
@@ -82,176 +81,188 @@ def checked_wavefront(wave: Wavefront) -> Wavefront:
     return wave
 
 
-def as_flat(
-    wave: Wavefront, function: str, points: Sequence[Any]
-) -> tuple[Any, str, tuple[Any, ...]]:
-    """The flat source, the transform and NumPy's points that a call with a Wavefront comes to.
+def is_partly_coherent(source: Any) -> bool:
+    """Whether the points of a source are coherent over a width only."""
+    return isinstance(source, Wavefront) and not source.is_coherent
 
-    Raises ArgumentError for F, which is no call of another transform.
+
+# --- curved waves
+
+
+def principal_axes(curvature: Floats) -> tuple[Floats, Floats]:
+    """Curvatures (d,) along the axes that are the columns of a rotation (d, d)."""
+    if not np.any(curvature - np.diag(np.diagonal(curvature))):
+        return np.diagonal(curvature).copy(), np.eye(len(curvature))
+    values, axes = np.linalg.eigh(curvature)
+    return values, axes
+
+
+def chirp_transform(source: Any, q: Floats, axes: Floats, centre: Floats, nu: Floats) -> Complex:
+    """int u(x) exp(i pi (x - c).Q (x - c) - 2 pi i nu.x) dx at points (n, d), shape (n,).
+
+    ``q``: (n, d) or (d,) curvatures along the columns of ``axes`` (d, d).
     """
-    checked_wavefront(wave)
-    none = np.zeros(wave.dimension)
-    if function == "autocorrelation":
-        return wave.source, function, tuple(_checked(wave, function, x=points[0], xi=points[1]))
-    if function in ("wigner", "position_marginal"):
-        x, nu = _checked(wave, "wigner", x=points[0], nu=[*points, none][1])
-        return wave.source, "wigner", (x, nu - _slope(wave, x))
-    if function in ("ambiguity", "lag_marginal"):
-        upsilon, xi = _checked(wave, "ambiguity", upsilon=[none, *points][-2], xi=points[-1])
-        return wave.source, "ambiguity", (upsilon - xi @ wave.curvature, xi)
-    raise ArgumentError(
-        "expected a flat wave for fourier, got a curved one, of which F is a sum over nodes along "
-        "the edges, on NumPy: there is no choice to explain"
-    )
+    curvatures = np.broadcast_to(q, nu.shape)
+    total = np.zeros(len(nu), np.complex128)
+    with np.errstate(invalid="ignore"):  # of frequencies that are no numbers
+        for element, shift, weight in _elements(source):
+            check_not_stopped()
+            # a copy moved by s is the element itself, its wave about c - s
+            found = _of_element(element, curvatures, axes, centre - shift, nu)
+            total += weight * np.exp(-2j * math.pi * (nu @ shift)) * found
+    return total
 
 
-def sheared(wave: Wavefront, nu: Any, x: Any) -> Any:
-    """nu - Q (x - c), where the flat source has the value of the curved one; Dr.Jit's arrays."""
-    found, kind = execution.components_of_all([("nu", nu), ("x", x)], wave.dimension)
-    return kind.points([a - b for a, b in zip(found[0], _slopes(wave, found[1]), strict=True)])
+def _elements(source: Any) -> Iterator[tuple[Aperture | Slits, Floats, complex]]:
+    if not isinstance(source, Array):
+        yield source, np.zeros(1 if isinstance(source, Slits) else 2), 1.0
+    elif source.repeated is not None:
+        element, positions = source.repeated
+        for position, weight in zip(positions, source.weights.tolist(), strict=True):
+            yield element, position, weight
+    else:
+        none = np.zeros(source.dimension if source.dimension == 1 else 2)
+        for one, weight in zip(source.elements_in_plane, source.weights.tolist(), strict=True):
+            yield one, none, weight
 
 
-def _slope(wave: Wavefront, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Q (x - c), the frequency of the curved wave at x."""
-    return np.asarray((x - wave.centre) @ wave.curvature)
+def _of_element(
+    element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
+) -> Complex:
+    field = element.illumination
+    uniform = element.with_illumination(None)
+    if field is None:
+        return _uniform(uniform, q, axes, centre, nu)
+    total = np.zeros(len(nu), np.complex128)
+    for amplitude, kappa in zip(field.amplitudes.tolist(), field.frequencies, strict=True):
+        total += amplitude * _uniform(uniform, q, axes, centre, nu - kappa)
+    return total
 
 
-def _slopes(wave: Wavefront, x: Sequence[Any]) -> list[Any]:
-    """The components of Q (x - c)."""
-    inner = [c - o for c, o in zip(x, wave.centre.tolist(), strict=True)]
-    return execution.matrix_times(wave.curvature, inner)
+def _uniform(
+    element: Aperture | Slits, q: Floats, axes: Floats, centre: Floats, nu: Floats
+) -> Complex:
+    """About the middle o of the element: x = o + y, with y in the axes of the wave."""
+    middle = np.atleast_1d(np.asarray(element.centre, dtype=np.float64))
+    away = (middle - centre) @ axes
+    inner = nu @ axes - q * away
+    turns = ((q * away) @ away) / 2 - nu @ middle
+    phase = np.exp(2j * math.pi * (turns - np.round(turns)))
+    values = np.empty(len(nu), np.complex128)
+    largest = np.argmax(np.abs(q), axis=1)
+    for axis in range(q.shape[1]):
+        mine = np.flatnonzero(largest == axis)
+        if len(mine):
+            values[mine] = _bent(element, middle, axes, axis, q[mine], inner[mine])
+    return np.asarray(phase * values)
 
 
-def _checked(wave: Wavefront, what: str, **points: Any) -> list[Any]:
-    """Points as the flat source takes them, of the right shape."""
-    dimension = kernels.kernel_for(what, wave.source).dimension
-    return [
-        p if execution.is_drjit(p) else checked_points(name, p, dimension, complex_allowed=False)
-        for name, p in points.items()
-    ]
+def _bent(
+    element: Aperture | Slits, middle: Floats, axes: Floats, axis: int, q: Floats, nu: Floats
+) -> Complex:
+    """About the origin, with the larger curvature along one of the axes."""
+    if isinstance(element, Slits):
+        return chirp_over_intervals(element.intervals - middle, q[:, 0], nu[:, 0])
+    order = [axis, 1 - axis]
+    turn = axes[:, order]
+    rings = tuple((ring - middle) @ turn for ring in element.rings)
+    found = chirp_over_rings(rings, q[:, order], nu[:, order])
+    return found * np.sign(np.linalg.det(turn))  # exchanged axes turn outlines over
 
 
-def _autocorrelation(wave: Wavefront, x: Any, xi: Any, **how: Any) -> Any:
-    x, xi = _checked(wave, "autocorrelation", x=x, xi=xi)
-    value = _flat("autocorrelation", wave, [x, xi], 2, **how)
-    if not (execution.is_drjit(x) or execution.is_drjit(xi)):
-        return _turned(value, np.sum(_slope(wave, x) * xi, axis=-1))
-    found, kind = execution.components_of_all([("x", x), ("xi", xi)], wave.dimension)
-    products = zip(_slopes(wave, found[0]), found[1], strict=True)
-    return kind.turned(value, sum(a * b for a, b in products))
+# --- partly coherent light
 
 
-def _before_system(name: str, wave: Wavefront, given: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of a call behind a system as one without it: points as they were before."""
-    rest = {key: value for key, value in given.items() if key not in ("through", "wavelength")}
-    through, wavelength = given.get("through"), given.get("wavelength")
-    if through is None and wavelength is None:
-        return rest
-    first, second = POINTS_OF[name] if name == "wigner" else POINTS_OF[name][::-1]
-    named = ((first, given[first]), (second, given[second]))
-    points = before(name, wave.source, through, wavelength, *named)
-    return rest | dict(zip((first, second), points, strict=True))
+def coherent_source(source: Wavefront, tilt: Any = None) -> Any:
+    """The source in coherent light: a Wavefront if its wave is curved; times exp(2 pi i tilt.x)."""
+    flat = source.source if tilt is None else tilted_source(source.source, tilt)
+    return Wavefront(flat, source.curvature, source.centre).coherent
 
 
-def _wigner(wave: Wavefront, x: Any, nu: Any, **how: Any) -> Any:
-    x, nu = _checked(wave, "wigner", x=x, nu=nu)
-    return _of_sheared("wigner", wave, x, nu, 1, how)
+def degree_of_coherence(source: Wavefront, xi: Any) -> Any:
+    """exp(-xi^2/(2 width^2)) of lags (..., d), (...): (PC1)."""
+    with np.errstate(over="ignore"):
+        scaled = np.asarray(xi, dtype=np.float64) / source.coherence_width
+        return np.exp(-0.5 * np.square(scaled).sum(axis=-1))
 
 
-def _position_marginal(wave: Wavefront, x: Any, **how: Any) -> Any:
-    return _wigner(wave, x, np.zeros(wave.dimension), **how)
+def tilts_of(source: Wavefront, error: float, longest: float = math.inf) -> tuple[Floats, Floats]:
+    """Tilts (n, d) in 1/m and weights (n,), whose mean of what a source makes errs by ``error``.
 
+    Relative to the largest that it could be if all of the source were in phase. ``longest``: lag in
+    m along each axis, of the mean of a number to which longer ones add next to nothing.
 
-def _ambiguity(wave: Wavefront, upsilon: Any, xi: Any, **how: Any) -> Any:
-    upsilon, xi = _checked(wave, "ambiguity", upsilon=upsilon, xi=xi)
-    about_origin = wave._with(centre=np.zeros(wave.dimension))
-    value = _of_sheared("ambiguity", about_origin, xi, upsilon, 2, how)
-    slope = wave.curvature @ wave.centre
-    if not slope.any():
-        return value
-    if not (execution.is_drjit(upsilon) or execution.is_drjit(xi)):
-        return _turned(value, -(xi @ slope))
-    both = [("upsilon", upsilon), ("xi", xi)]
-    found, kind = execution.components_of_all(both, wave.dimension)
-    return kind.turned(value, -sum(a * s for a, s in zip(found[1], slope.tolist(), strict=True)))
-
-
-def _lag_marginal(wave: Wavefront, xi: Any, **how: Any) -> Any:
-    return _ambiguity(wave, np.zeros(wave.dimension), xi, **how)
-
-
-def _fourier(wave: Wavefront, nu: Any, obliquity: Any = None, **how: Any) -> Any:
-    if obliquity is not None:
-        raise ArgumentError(f"expected no obliquity for a curved wave, got {obliquity!r}")
-    dimension = kernels.kernel_for("wigner", wave.source).dimension
-    precision, engine = how.get("precision"), how.get("engine", "auto")
-    if execution.is_drjit(nu):
-        compute = functools.partial(_spectrum, wave)
-        return execution.evaluate_hosted(
-            compute, "nu", in_plane(nu), dimension, precision=precision, engine=engine
-        )
-    execution.checked_engine(engine)
-    points = in_plane(nu) if dimension == 2 else nu
-    points = checked_points("nu", points, dimension, complex_allowed=True)
-    if np.iscomplexobj(points):
+    Raises ArgumentError for a width so small that there would be too many.
+    """
+    sides = _sides(source)
+    reaches = np.minimum(sides, longest) / source.coherence_width
+    if math.prod(1.0 + reaches) > kernels.MOST_WIDTHS:
+        least = (math.prod(sides.tolist()) / kernels.MOST_WIDTHS) ** (1 / len(sides))
         raise ArgumentError(
-            "expected real nu for a curved wave, got complex numbers; use nu.real, or the flat "
-            "source for evanescent waves"
+            f"expected a width of coherence of at least {least:.3g} m for a source of "
+            f"{' x '.join(f'{side:.3g}' for side in sides)} m, got {source.coherence_width:.3g} m, "
+            "a sum over too many tilts; polywigner.wigner takes any width, except for arrays of "
+            "hundreds of elements"
         )
-    return _spectrum(wave, points, precision=precision)
+    nodes, weights = normal_product_rule(tuple(reaches.tolist()), error)
+    return nodes / (2 * math.pi * source.coherence_width), weights
 
 
-def _spectrum(wave: Wavefront, nu: Any, precision: str | None) -> Any:
-    """F at NumPy's points (..., d)."""
-    single = execution.checked_precision(precision) == "single"
-    q, axes = principal_axes(wave.curvature)
-    flat = nu.reshape(-1, wave.dimension)
-    values = chirp_transform(wave.source, q, axes, wave.centre, flat).reshape(nu.shape[:-1])
-    return values.astype(np.complex64)[()] if single else values[()]
+def _sides(source: Wavefront) -> Floats:
+    """The sides of the source's box, (d,) in m."""
+    return np.asarray(np.subtract(*np.reshape(source.bounds, (2, -1))[::-1]))
 
 
-def _of_sheared(
-    name: str, wave: Wavefront, place: Any, frequency: Any, outputs: int, how: dict[str, Any]
+def is_thin(wave: Wavefront) -> bool:
+    """Whether single precision, with an error of 1e-7 of the squared longest lag, does not do."""
+    if wave.dimension == 1:
+        return False
+    area = sum(element.area for element in wave.source.elements_in_plane)
+    return float(np.square(_sides(wave)).sum()) > _THIN * area
+
+
+def in_closed_form(
+    closed_form: Callable[..., Any],
+    of_coherent: Callable[..., Any],
+    wave: Wavefront,
+    x: Any,
+    nu: Any,
+    double: bool,
 ) -> Any:
-    """W or A of the flat source at a place and at the frequency less that of the wave there."""
-    leads, d = name == "wigner", wave.dimension
-    if execution.is_drjit(place) or execution.is_drjit(frequency):
-        pair = [place, sheared(wave, frequency, place)]
-        return _flat(name, wave, pair if leads else pair[::-1], outputs, **how)
-
-    def shear(components: Sequence[Any]) -> Sequence[Any]:
-        first, second = list(components[:d]), list(components[d:])
-        x, nu = (first, second) if leads else (second, first)
-        moved = [n - s for n, s in zip(nu, _slopes(wave, x), strict=True)]
-        return [*x, *moved] if leads else [*moved, *x]
-
-    points = [place, frequency] if leads else [frequency, place]
-    return _flat(name, wave, points, outputs, shear=shear, **how)
+    """W of a source that is coherent over any width, by its closed form ``(source, x, nu)``."""
+    size, width = math.hypot(*_sides(wave)), wave.coherence_width
+    least, most = _NARROWEST * size, _WIDEST[double] * size
+    held = wave._with(coherence_width=min(max(width, least), most))
+    values = closed_form(held, x, nu)
+    if width < least:
+        return values * (width / least) ** wave.dimension
+    if width <= most:
+        return values
+    limit = of_coherent(x, nu)
+    return limit + (values - limit) * (most / width) ** 2
 
 
-def _flat(
-    name: str, wave: Wavefront, points: Sequence[Any], outputs: int, shear: Any = None, **how: Any
+def mean_over_tilts(
+    evaluate: Callable[..., Any], source: Wavefront, nu: Any, *others: Any, double: bool
 ) -> Any:
-    """A transform of the flat source, as coherent as the wave."""
-    named = list(zip(POINTS_OF[name], points, strict=True))
-    flat = wave.source
-    if not wave.is_coherent:
-        flat = Wavefront(flat, coherence_width=wave.coherence_width)
-    precision, engine = how.get("precision"), how.get("engine", "auto")
-    return transform(name, flat, named, precision, engine, outputs=outputs, shear=shear)
+    """The mean of ``evaluate(*others, nu - t)`` over the tilts t of a source.
 
+    ``nu``, ``others``: (..., d), which broadcast against each other. The tilts become a last axis
+    of samples, over which slices are cut once; ``evaluate`` sees some 1e6 values at a time.
+    """
+    tilts, weights = tilts_of(source, TILT_ERROR[double])
+    arrays = [np.asarray(points) for points in (*others, nu)]
+    shape = broadcast_shape(arrays)
 
-def _turned(value: Any, turns: Any) -> Any:
-    """A value times exp(2 pi i turns), in its own precision."""
-    wave = np.exp(2j * math.pi * (turns - np.round(turns)))
-    return (value * wave).astype(np.asarray(value).dtype)[()]
+    def mean(*parts: Any) -> Any:
+        *rest, frequency = parts
+        spread = [points[..., None, :] for points in rest]
+        values = evaluate(*spread, frequency[..., None, :] - tilts)
+        return values @ weights.astype(values.real.dtype)
 
-
-_TRANSFORMS: dict[str, Callable[..., Any]] = {
-    "fourier": _fourier,
-    "autocorrelation": _autocorrelation,
-    "wigner": _wigner,
-    "ambiguity": _ambiguity,
-    "position_marginal": _position_marginal,
-    "lag_marginal": _lag_marginal,
-}
+    if math.prod(shape) * len(weights) <= _BLOCK:
+        return mean(*arrays)[()]
+    flat = [np.broadcast_to(a, (*shape, a.shape[-1])).reshape(-1, a.shape[-1]) for a in arrays]
+    step = max(1, _BLOCK // len(weights))
+    parts = [mean(*(a[k : k + step] for a in flat)) for k in range(0, len(flat[0]), step)]
+    return np.concatenate(parts).reshape(shape)
