@@ -20,7 +20,7 @@ import numpy as np
 
 import polywigner as pw
 from polywigner.illumination.obliquities import CONDITIONS
-from polywigner.reception.link_kernels import link_kernel
+from polywigner.reception.cell_pairs import link_kernel
 
 METHOD, TOLERANCE, ROUNDS = "rayleigh-sommerfeld-1", 1e-6, 7
 MOST = 1 << 24  # values of the kernel

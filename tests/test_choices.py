@@ -72,7 +72,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("kernels/functions/separable.py", "_PRODUCT"): DIGITS,
     ("kernels/functions/simplices.py", "_MOST_CANCELLING"): DIGITS,
     ("kernels/functions/solids.py", "NEEDLE_ASPECT"): DIGITS,
-    ("kernels/outline/families.py", "_EQUAL"): DIGITS,
+    ("kernels/functions/fourier.py", "_EQUAL"): DIGITS,
     ("kernels/outline/frame.py", "NEEDLE_ASPECT"): DIGITS,
     ("kernels/outline/lines.py", "NEARLY_PARALLEL"): DIGITS,
     ("kernels/outline/lines.py", "_SAME_OFFSET"): DIGITS,

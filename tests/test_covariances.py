@@ -10,7 +10,7 @@ from mpmath import besselj
 
 import polywigner as pw
 from polywigner.errors import ArgumentError
-from polywigner.transforms.labelled import LabelledArray, LabelledArrays
+from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays
 
 pytestmark = pytest.mark.drjit
 pm = pytest.importorskip("polywigner.mitsuba")

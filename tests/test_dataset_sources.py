@@ -16,7 +16,7 @@ import pytest
 import polywigner as pw
 from polywigner.errors import FileFormatError, StoreError
 from polywigner.propagation.stores_files import checksum_of
-from polywigner.transforms.labelled import LabelledArray, LabelledArrays
+from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays
 
 xarray = pytest.importorskip("xarray", reason="the extra datasets is not installed")
 for _library in ("zarr", "dask", "h5netcdf"):

@@ -15,8 +15,7 @@ from oracles.references import ENGINES, awkward, awkward_names
 from polywigner.execution.choice import resolved
 from polywigner.execution.grids import plan_for_grid
 from polywigner.kernels import kernel_for
-from polywigner.kernels.functions.fourier import outline_tables
-from polywigner.kernels.outline.families import families_of
+from polywigner.kernels.functions.fourier import families_of, outline_tables
 from polywigner.toolchain.llvm import prepare
 
 # What the package promises of F, in units of the area, and what float32 reaches.

@@ -20,7 +20,7 @@ from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout
 from polywigner.toolchain.llvm_discovery import Candidate
 from polywigner.toolchain.llvm_verdicts import judge
-from polywigner.transforms.labelled import LabelledArray
+from polywigner.transforms.xarray_arguments import LabelledArray
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals of Unix")
 

@@ -17,7 +17,7 @@ from oracles.drawn import polygons
 from oracles.references import aperture, awkward
 from oracles.shapes import Polygons
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.transforms.labelled import LabelledArrays
+from polywigner.transforms.xarray_arguments import LabelledArrays
 from projected import KINDS, SHAPES, TILES, box_of, shapes, tile
 
 ROUNDING = 1e-13

@@ -15,7 +15,7 @@ import polywigner as pw
 from polywigner.cli import main
 from polywigner.errors import ArgumentError
 from polywigner.figures import draw_range_profile, write_range_animation
-from polywigner.transforms.labelled import LabelledArray, LabelledArrays
+from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays
 
 RADAR = [
     pytest.mark.drjit,

@@ -15,7 +15,7 @@ from oracles.meshes import extruded, sphere, torus
 from oracles.rays import lit_sum
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.scattering.convexity import is_convex
+from polywigner.scattering.facets import is_convex
 
 # Of sums of float64, in amplitudes of a plate of the same size.
 ROUNDING = 1e-12

@@ -209,7 +209,7 @@ def test_parts_that_are_sent_to_another_process_load_the_scene_there(scene: Path
 def test_bad_requests_are_refused_and_leave_nothing(
     scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("polywigner.propagation.stores_running._PATIENCE", 0.3)
+    monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
     before, store = set(tmp_path.iterdir()), tmp_path / "parts.zarr"
     with pytest.raises(ArgumentError, match="store with a scheduler"):
         rendered(scene, scheduler="tcp://127.0.0.1:1")

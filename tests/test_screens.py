@@ -11,7 +11,7 @@ from scipy.special import fresnel
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, PolywignerError
-from polywigner.propagation.screen_sums import incident_of_point
+from polywigner.propagation.screens import incident_of_point
 
 K = 2 * math.pi  # wavelength 1
 L_SHAPE = [(-1.0, -0.7), (1.3, -0.7), (1.3, 0.2), (0.1, 0.2), (0.1, 1.2), (-1.0, 1.2)]

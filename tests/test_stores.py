@@ -30,7 +30,7 @@ from polywigner.errors import (
 )
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout, chunks_within
-from polywigner.transforms.labelled import LabelledArray
+from polywigner.transforms.xarray_arguments import LabelledArray
 from stored import chunk_files, hashes
 
 _EXTRA = "the extra `volume` is not installed"
@@ -303,7 +303,7 @@ def test_chunks_are_as_long_along_every_axis_as_their_number_of_samples_allows()
 def test_a_scheduler_that_does_not_answer_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("polywigner.propagation.stores_running._PATIENCE", 0.3)
+    monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
     for address in ("tcp://127.0.0.1:1", "nonsense://x"):
         with pytest.raises(EngineError, match=f"scheduler at '{address}'"):
             write_dataset(tmp_path / "beam.zarr", LAYOUT, Beam(), SETTINGS, scheduler=address)
@@ -317,7 +317,7 @@ def test_a_server_that_is_no_scheduler_is_named(
         def handle(self) -> None:
             self.request.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
 
-    monkeypatch.setattr("polywigner.propagation.stores_running._PATIENCE", 0.3)
+    monkeypatch.setattr("polywigner.propagation.stores._PATIENCE", 0.3)
     with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Polite) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"tcp://127.0.0.1:{server.server_address[1]}"

@@ -25,7 +25,7 @@ from polywigner.errors import FileFormatError, PolywignerError, PolywignerWarnin
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_disk import one_run
 from polywigner.propagation.stores_layout import Layout
-from polywigner.transforms.labelled import LabelledArray
+from polywigner.transforms.xarray_arguments import LabelledArray
 from stored import hashes
 
 _EXTRA = "the extra `volume` is not installed"

@@ -22,7 +22,7 @@ from polywigner.figures.style import (
     signed_ticks,
     write_title,
 )
-from polywigner.transforms.labelled import Labelled
+from polywigner.transforms.xarray_arguments import Labelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

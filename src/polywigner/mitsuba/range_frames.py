@@ -16,7 +16,7 @@ from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.rendering import check_seed, check_spp, default_spp, exposed
 from polywigner.mitsuba.transients import require_transients, transient_integrator
 from polywigner.mitsuba.unseen import wigner_emitters
-from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 
 __all__ = ["prepared_frames", "range_frames"]
 

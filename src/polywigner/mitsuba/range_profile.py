@@ -35,7 +35,7 @@ from polywigner.mitsuba.scattered import (
 from polywigner.mitsuba.transients import require_transients, transient_integrator
 from polywigner.mitsuba.unseen import lit_by, unseen, wigner_emitters
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 
 __all__ = ["Ranging", "checked_ranges", "profile_of", "range_axes", "range_profile", "ranged"]
 

@@ -21,7 +21,7 @@ from polywigner.mitsuba.scattering_events import Motion
 from polywigner.mitsuba.scattering_steps import number_of
 from polywigner.mitsuba.unseen import unseen
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 
 __all__ = ["scatterers"]
 

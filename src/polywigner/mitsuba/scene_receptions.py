@@ -20,7 +20,7 @@ from polywigner.mitsuba.sent_scenes import SceneFile, SentScene
 from polywigner.mitsuba.unseen import unseen
 from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_layout import Layout
-from polywigner.transforms.labelled import Labelled, LabelledArray
+from polywigner.transforms.xarray_arguments import Labelled, LabelledArray
 
 __all__ = ["receive_parts", "receive_ranges"]
 

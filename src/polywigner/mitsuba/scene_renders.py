@@ -23,7 +23,7 @@ from polywigner.propagation.stores import write_dataset
 from polywigner.propagation.stores_files import require_stores
 from polywigner.propagation.stores_layout import Layout
 from polywigner.radiometry.progress import progress_bar
-from polywigner.transforms.labelled import LabelledArray
+from polywigner.transforms.xarray_arguments import LabelledArray
 
 __all__ = ["Parts", "render_file", "render_parts"]
 

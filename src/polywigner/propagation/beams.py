@@ -18,7 +18,7 @@ from polywigner.propagation.pattern_cuts import (
     cuts_of,
     front_of,
 )
-from polywigner.transforms.labelled import Labelled
+from polywigner.transforms.xarray_arguments import Labelled
 
 __all__ = [
     "BeamMetrics",

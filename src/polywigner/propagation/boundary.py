@@ -14,7 +14,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
 from polywigner.illumination.obliquities import OBLIQUITIES
 from polywigner.kernels.boundary import integrals
-from polywigner.kernels.boundary.fresnel import fresnel_edge_sum
+from polywigner.kernels.boundary.integrals import fresnel_edge_sum
 from polywigner.kernels.kernel import Kernel
 from polywigner.numerics.nodes import gauss_rules
 from polywigner.propagation.panels import Radiator, panels_of

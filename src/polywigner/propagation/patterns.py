@@ -27,8 +27,8 @@ from polywigner.propagation.stores_layout import source_attrs, source_coords
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
 from polywigner.radiometry.hemisphere import check_width, largest_lag
-from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 
 __all__ = ["radiation_pattern"]
 

@@ -30,7 +30,7 @@ from polywigner.propagation.stores_files import (
 )
 from polywigner.propagation.stores_layout import Index, Layout, digest_of, told_settings
 from polywigner.radiometry.progress import progress_bar
-from polywigner.transforms.labelled import LabelledArray
+from polywigner.transforms.xarray_arguments import LabelledArray
 
 __all__ = [
     "Record",

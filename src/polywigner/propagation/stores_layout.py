@@ -17,7 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 from polywigner.errors import ArgumentError
 from polywigner.illumination.files.reading import SOURCE_COORDINATE
 from polywigner.illumination.files.writing import json_of, table_of
-from polywigner.transforms.labelled import LabelledArray
+from polywigner.transforms.xarray_arguments import LabelledArray
 
 __all__ = [
     "Index",

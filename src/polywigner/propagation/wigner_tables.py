@@ -26,8 +26,8 @@ from polywigner.propagation.stores_layout import (
     source_settings,
 )
 from polywigner.transforms import PhaseSpaceSource, ambiguity, wigner
-from polywigner.transforms.labelled import LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.wavefronts import flat_of
+from polywigner.transforms.xarray_arguments import LabelledArray, LabelledArrays, labelled
 
 __all__ = ["ambiguity_table", "wigner_table"]
 

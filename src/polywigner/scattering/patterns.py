@@ -16,7 +16,7 @@ from polywigner.radiometry.progress import progress_bar
 from polywigner.scattering.cross_sections import rcs
 from polywigner.scattering.facets import Body, facets_of
 from polywigner.scattering.polarisations import Channel, checked_channel, checked_unit_vectors
-from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
+from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 
 __all__ = ["rcs_pattern"]
 

@@ -14,8 +14,8 @@ from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.transforms.arguments import PhaseSpaceSource
-from polywigner.transforms.labelled import Labelled, LabelledArray, LabelledArrays, labelled
 from polywigner.transforms.tiles import Tile, tiles_of
+from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 
 __all__ = ["LARGEST_SAMPLES", "PhaseSpaceFunction", "projections"]
 

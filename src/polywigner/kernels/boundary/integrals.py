@@ -14,7 +14,13 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from polywigner.kernels.boundary.edge_waves import EVANESCENT, TRAVELLING, EdgeWave, PanelView
+from polywigner.kernels.boundary.edge_waves import (
+    EVANESCENT,
+    TRAVELLING,
+    EdgeWave,
+    PanelView,
+    wave_difference,
+)
 from polywigner.kernels.kernel import Values
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
@@ -30,6 +36,7 @@ __all__ = [
     "edge_sum",
     "enter",
     "free_wave",
+    "fresnel_edge_sum",
     "leave",
     "leave_phase",
     "lengthwise",
@@ -329,3 +336,63 @@ def _edge_wave(
     """The wave at t along the panel, its phase relative to that of the distance."""
     turns = (constant + t * (slope + t)) / (radius + distance) + along * t + start
     return Pair(*cos_sin_turns(ops, turns))
+
+
+# Beyond the largest of the ellipses that rules are chosen by.
+_NO_SINGULARITY = 100.0
+
+
+def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
+    """(real part, imaginary part, error) of the field but for the phase of the distance."""
+
+    oblique = any(row[5] or row[7] for row in tables.edges)
+
+    def term(*row: Any) -> Values:
+        return _panel(ops, tables, row[:-1], inner, oblique)
+
+    total: Values = ops.sum_over(tables.edges, term, 3, like=inner[0], unroll=False)
+    return total
+
+
+def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
+    x, y, ex, ey, length, *cosines, start, _, _ = row
+    z, digits = inner[4] + inner[5], inner[9]
+    offset = offset_of(inner, x, y)
+    px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
+    # from the place where the wave would go through the plane on its way to the point
+    if oblique:
+        dx = phases.cross(ops, px, offset[0], one, offset[2])
+        dy = phases.cross(ops, py, offset[1], one, offset[2])
+    else:
+        dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
+    first, b = ex * dx + ey * dy, ex * dy - ey * dx
+    free = free_wave(ops, cosines, offset, inner, start)
+    along = px[0] * ex + py[0] * ey
+    half = 0.5 * length
+    swing = ops.maximum(abs(first), abs(first + length)) / z
+    needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
+    seen = (half, first, b, 0.5 / z, *square_along(row, inner), along, start, *free)
+    sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *seen)
+    size = abs(x) + abs(y) + length
+    aside = abs(inner[0]) + abs(inner[2])
+    turns = rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
+    return weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
+
+
+def _node(ops: Any) -> Any:
+    tiny = 1e-300 if ops.double else 1e-37
+
+    def node(
+        at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, b: Any, inverse: Any,
+        constant: Any, slope: Any, along: Any, start: Any, free_r: Any, free_i: Any,
+    ) -> Values:  # fmt: skip
+        t = half * (1.0 + at)
+        s = first + t
+        distance2 = s * s + b * b
+        turns = (constant + t * (slope + t)) * inverse + (along * t + start)
+        edge = Pair(*cos_sin_turns(ops, turns))
+        value = wave_difference(ops, edge, Pair(free_r, free_i), distance2 * inverse)
+        factor = half * b / ops.maximum(distance2, tiny)
+        return node_sums(factor * value.real, factor * value.imag, w, v1, v2)
+
+    return node
