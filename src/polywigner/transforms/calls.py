@@ -34,6 +34,7 @@ from polywigner.transforms.wavefronts import (
     coherent_source,
     degree_of_coherence,
     in_closed_form,
+    is_thin,
     mean_over_tilts,
     principal_axes,
 )
@@ -215,7 +216,10 @@ def _partly_coherent(name: str, wave: Wavefront, points: Points, how: tuple[Any,
             f"{wave.coherence_width:g} m, of which there is no spectrum with a phase; use "
             "polywigner.radiant_intensity, or wigner and ambiguity, which it has"
         )
-    double, takes_degree = execution.checked_precision(how[0]) != "single", TRANSFORMS[name].takes_degree
+    double, takes_degree = (
+        execution.checked_precision(how[0]) != "single",
+        TRANSFORMS[name].takes_degree,
+    )
     has_closed_form = not takes_degree and kernels.partly_coherent_kernel(wave, double) is not None
     traced = [(label, value) for label, value in points.items() if execution.is_drjit(value)]
     if traced and not has_closed_form:
