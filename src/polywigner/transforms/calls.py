@@ -34,6 +34,7 @@ from polywigner.transforms.wavefronts import (
     coherent_source,
     degree_of_coherence,
     in_closed_form,
+    is_thin,
     mean_over_tilts,
     principal_axes,
 )
