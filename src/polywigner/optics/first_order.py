@@ -63,8 +63,6 @@ def checked_vectors(name: str, value: Any) -> Matrix:
     return array
 
 
-Matrix = NDArray[np.float64]
-
 # Of each element of a matrix as it is given, and of each product.
 _ULP = 2.0**-52
 _ONE = np.eye(2)

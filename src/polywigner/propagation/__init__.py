@@ -13,8 +13,7 @@ module               what is in it
 ``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
-``screens``          opaque plates and openings lit by point sources and plane waves;
-                     ``screen_sums`` along their edges
+``screens``          opaque plates and openings lit by point sources and plane waves
 ``behind``           fields behind first-order systems: ``collins`` by the rank of B,
                      ``astigmatic`` of other curvatures along one axis than along the other;
                      ``spread`` the light of a point behind a lens

@@ -64,7 +64,7 @@ _NODES, _TURNS = 20, 4.0
 # Rounding of a sum, relative to the sum of the moduli.
 _ROUNDING = 1e-13
 # Pairs of a point and a cell: so many nodes at a time, points at a time, and the most in all.
-_BLOCK, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
+_READY, _POINTS, _MOST_PAIRS = 1 << 9, 1 << 9, 1 << 22
 
 
 def curved_field(
@@ -130,8 +130,8 @@ def _cells(
     while len(owners):
         small = _are_small(wave, part, cells, points[owners], wavelength)
         ready, done = owners[small], cells[small]
-        for start in range(0, len(ready), _BLOCK):
-            yield ready[start : start + _BLOCK], done[start : start + _BLOCK]
+        for start in range(0, len(ready), _READY):
+            yield ready[start : start + _READY], done[start : start + _READY]
         owners, cells = np.repeat(owners[~small], 4), _quartered(cells[~small])
         if len(owners) > _MOST_PAIRS:
             raise ArgumentError(

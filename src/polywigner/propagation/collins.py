@@ -70,7 +70,6 @@ def _edges_of(outline: Aperture, axes: Floats) -> tuple[Floats, Floats]:
     return np.stack([begin - middle, extent], axis=1), middle
 
 
-Floats = NDArray[np.float64]
 Found = tuple[NDArray[np.complex128], Floats, Floats]
 
 # Curvatures along all axes that differ by less, relative to what rounding makes of them, are equal.

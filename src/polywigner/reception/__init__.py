@@ -3,14 +3,12 @@
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``couplings``        the coupling of a transmitter and a receiver in any pose
+``couplings``        the coupling of a transmitter and a receiver in any pose, by fields or W
 ``poses``            poses, checked: rigid, and both sources in front of each other
 ``cells``            a source in boxes that are cut as needed, with nodes in them
-``link_kernels``     the kernel between two points, and its derivatives
-``cell_pairs``       sums over pairs of boxes, the kernel interpolated between them
+``cell_pairs``       sums over pairs of boxes, their kernel interpolated between them
 ``link_sums``        which pairs, and of which order, for a tolerance
 ``norms``            the power of a source, and its derivatives in weights
-``overlaps``         the same as overlaps of Wigner functions
 ===================  ==========================================================================
 """
 

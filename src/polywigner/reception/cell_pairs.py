@@ -110,8 +110,6 @@ def _ladder(distance: Floats, most: int) -> list[Any]:
     return found
 
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]
 
 # Values of the kernel, or of fields at nodes, at a time: their arrays stay in the cache.

@@ -47,7 +47,7 @@ _PARALLEL = 1e-9
 # Nodes along a side of a cell beyond those of the phase, rule after rule.
 _LEVELS = (2.0, 3.0, 5.0, 7.0, 10.0, 14.0)
 # Pairs of places: a minute's work; and at a time.
-_MOST_PAIRS, _BLOCK = 1 << 24, 1 << 18
+_MOST_PAIRS, _PAIRS_AT_ONCE = 1 << 24, 1 << 18
 
 
 def overlap(
@@ -132,7 +132,7 @@ def _summed(
     turn = pose[:2, :2]
     there = y @ turn.T + pose[:2, 3]
     total = 0.0
-    step = max(1, _BLOCK // len(y))
+    step = max(1, _PAIRS_AT_ONCE // len(y))
     for start in range(0, len(x), step):
         some = slice(start, start + step)
         nu = (there[None] - x[some, None]) / spread
@@ -144,7 +144,6 @@ def _summed(
 
 LinkMethod = Literal[BoundaryCondition, "fraunhofer", "wigner"]
 
-Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 _OPS = execution.NumpyOperations(double=True)

@@ -145,10 +145,6 @@ def _dot(a: Complex, b: Complex | Floats) -> Complex:
     return np.asarray((a * b).sum(axis=1, keepdims=True))
 
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
-
 @takes_frequency
 def rcs(
     body: Body,

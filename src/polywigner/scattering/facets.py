@@ -69,8 +69,6 @@ Indices = NDArray[np.intp]
 # Sine of the angle by which faces in one plane may bend the wrong way after rounding. A dent this
 # shallow shadows no more than this fraction of a body.
 _FLAT = 1e-9
-# Faces that meet at less than this are one bent face, as in ``sheets``: cosine of 30 degrees.
-_SMOOTH = math.cos(math.radians(30))
 # A part touches another within this fraction of the size of both: vertices of STL files are rounded
 # to 1e-7. Triangles of parts are compared each with each, up to so many.
 _TOUCHING = 1e-6
@@ -231,7 +229,6 @@ def _is_met_once(body: Polyhedron, centre: Floats) -> bool:
 
 
 Body = Aperture | PlacedAperture | Polyhedron | Array | Sequence[Any]
-Floats = NDArray[np.float64]
 
 _EXPECTED = "expected a body (Polyhedron, Aperture, placed Aperture, or an Array or list of these)"
 

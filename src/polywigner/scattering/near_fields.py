@@ -177,10 +177,7 @@ def _across(polarisation: Complex, ray: Floats) -> Complex:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
-_LEAST, _MOST = 1e-6, 0.1
+_LEAST, _LARGEST = 1e-6, 0.1
 # Tolerance of fields, as a share of the whole.
 _OF_FIELD = 1e-2
 
@@ -197,9 +194,9 @@ def near_sections(
     normalise: str,
 ) -> tuple[Floats, Floats]:
     """Apparent cross sections (...) in m^2, and received over transmitted powers (...): (SC3)."""
-    meaning = f"a number from {_LEAST:g} to {_MOST:g}"
+    meaning = f"a number from {_LEAST:g} to {_LARGEST:g}"
     allowed = checked_number(tolerance, "tolerance", meaning)
-    if not _LEAST <= allowed <= _MOST:
+    if not _LEAST <= allowed <= _LARGEST:
         raise ArgumentError(f"expected tolerance as {meaning}, got {tolerance!r}")
     counted = checked_normalise(normalise)
     for antenna in (source, receiver):

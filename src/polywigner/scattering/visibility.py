@@ -145,7 +145,6 @@ def _cut(points: Floats, ahead: Floats) -> NDArray[np.object_]:
     return parts
 
 
-Floats = NDArray[np.float64]
 Shapes = NDArray[np.object_]
 
 # Cosine below which a face is seen edge-on and counts as dark.

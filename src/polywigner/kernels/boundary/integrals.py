@@ -348,13 +348,15 @@ def fresnel_edge_sum(ops: Any, tables: BoundaryTables, *inner: Any) -> Values:
     oblique = any(row[5] or row[7] for row in tables.edges)
 
     def term(*row: Any) -> Values:
-        return _panel(ops, tables, row[:-1], inner, oblique)
+        return _fresnel_panel(ops, tables, row[:-1], inner, oblique)
 
     total: Values = ops.sum_over(tables.edges, term, 3, like=inner[0], unroll=False)
     return total
 
 
-def _panel(ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool) -> Values:
+def _fresnel_panel(
+    ops: Any, tables: BoundaryTables, row: Values, inner: Values, oblique: bool
+) -> Values:
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, digits = inner[4] + inner[5], inner[9]
     offset = offset_of(inner, x, y)

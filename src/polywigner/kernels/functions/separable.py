@@ -142,16 +142,13 @@ def _distance_from_sides(ring: Floats, corners: Floats) -> float:
 # 1e-13 of the energy. Frequencies along an axis that agree to the other, in cycles per side or of
 # the largest, are one.
 _PRODUCT, _EQUAL = 4e-15, 1e-14
-# Both are known to a few roundings only: frequencies were turned (see rectangles.py), and
-# amplitudes hold the phases that they have at the origin.
-_ROUNDINGS = 8
-# but waves that differ by more, in cycles per side, always are two.
+# Both are known to a few roundings only: frequencies were turned (see above), and
+# amplitudes hold the phases that they have at the origin. Waves that differ by more than this, in
+# cycles per side, always are two.
 _LARGEST_ROUNDING = 1e-6
-_UNIT = np.finfo(np.float64).eps / 2
 # Cost of a pair of waves, in cuts of an edge.
 _CLIPS_PER_PAIR = 0.5
 
-Floats = npt.NDArray[np.float64]
 Complexes = npt.NDArray[np.complex128]
 
 

@@ -7,7 +7,5 @@ module          what is in it
 ``lines``       lines of edges and pieces, in clusters of direction
 ``tables``      edges and convex pieces of a polygon as constants of a kernel
 ``waves``       sums of plane waves on a source, and what pairs of them contribute
-``families``    edges with equal vectors, for grids
-``rectangles``  which outlines are rectangles
 ==============  ==================================================================
 """
