@@ -134,7 +134,7 @@ def test_mixtures_that_cannot_be_drawn_are_refused(how: dict[str, Any]) -> None:
 def test_a_direct_link_is_the_mean_over_tilts_and_wavelengths() -> None:
     """Far away it is Friis' formula, with the blurred intensity of the emitter over its power."""
     use("scalar_rgb")
-    from polywigner.mitsuba.links import coupled_share, facing_parts
+    from polywigner.mitsuba.direct_light import coupled_share, facing_parts
     from polywigner.mitsuba.mixtures import Mixture
     from polywigner.mitsuba.placed_sources import PlacedSource
 

@@ -8,14 +8,14 @@ to every Mitsuba variant. It never sets a variant.
 - ``shape``: the plugin; ``emitter``: the Wigner radiance; ``obliquity``; ``sampling``
 - ``receiver``: the sensor, with its ``receiver_parameters`` and ``receiver_entry``
 - ``plugins``: both made known to Mitsuba
-- ``received_power``: what receivers get; ``direct_light`` by ``links``, ``mirrors`` and
-  ``visibility``; ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
-- ``scatterers``: lit scenes as clouds, by ``scattering_steps``, ``scattering_events`` and
-  ``scattering_cloud``; ``scatterer_files``; ``covariances`` of arrays that receive them
+- ``received_power``: what receivers get; ``direct_light`` by links and ``mirrors``;
+  ``scattered`` light, while sources are ``unseen``; ``arrival_map`` for pictures
+- ``scatterers``: lit scenes as clouds, by ``scattering_steps`` and ``scattering_events``;
+  ``scatterer_files``; ``covariances`` of arrays that receive them
 - ``range_profile``, ``range_frames``: by lengths of paths, with the integrators of ``transients``
   and ``range_film``
 - ``exact``: exact irradiances in its place, for points that a source lights
-- ``scenes``: loading scenes and choosing variants; ``rendering``: their images; ``shadows``
+- ``scenes``: loading scenes and choosing variants; ``rendering``: their images, with fog
 - ``parts``: those of a picture; ``scene_renders``, ``scene_receptions``: scene files on this
   machine or a cluster, whose workers have ``sent_scenes``
 - ``images``: on disk; ``logs``: what Mitsuba itself has to say

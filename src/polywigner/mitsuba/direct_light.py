@@ -3,18 +3,248 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
+import shapely
+from numpy.typing import NDArray
 
-from polywigner.mitsuba.links import coupled_share, facing_parts
+from polywigner.errors import PolywignerError, SceneError
+from polywigner.geometry import Aperture, Wavefront
+from polywigner.illumination import Array
+from polywigner.illumination.obliquities import CONDITIONS
 from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of
 from polywigner.mitsuba.placed_sources import PlacedSource
+from polywigner.mitsuba.placement import PLACE_ERROR
+from polywigner.mitsuba.radiator import norm_of
 from polywigner.mitsuba.received import DirectPath
-from polywigner.mitsuba.visibility import passing_share
+from polywigner.mitsuba.sampling import cells_with_field
+from polywigner.mitsuba.ways import trace_way
+from polywigner.reception import coupling
+from polywigner.transforms.phase_space import energy_of
 
-__all__ = ["DirectLight", "direct_light", "mirrors_in", "ways_of"]
+__all__ = [
+    "RAYS",
+    "DirectLight",
+    "FacingParts",
+    "coupled_share",
+    "direct_light",
+    "facing_parts",
+    "mirrors_in",
+    "passing_share",
+    "ways_of",
+]
+
+Floats = NDArray[np.float64]
+
+RAYS = 4096
+# A hit lies in the plane of a mirror within this, relative to the coordinates: Mitsuba starts rays
+# 1e-4 off a surface.
+_IN_PLANE = 1e-4
+
+
+def passing_share(
+    scene: Any, emitter: PlacedSource, receiver: PlacedSource, chain: Sequence[Mirror] = ()
+) -> float:
+    """The mean share of power that arrives by these mirrors, of 4096 rays.
+
+    ``emitter`` itself, not its image.
+    """
+    unit = receiver.scene_unit
+    draws = _draws(RAYS)
+    start = emitter.points(_places(emitter, draws[:, :2]))
+    end = receiver.points(_places(receiver, draws[:, 2:]))
+    corners = _corners(start, end, chain)
+    if corners is None:
+        return 0.0
+    way = [end, *corners, start]
+    leaves = np.einsum("ij,j->i", way[-2] - start, emitter.normal) > 0
+    arrives = np.einsum("ij,j->i", way[1] - end, receiver.normal) > 0
+    valid = leaves & arrives & np.all([np.isfinite(point).all(axis=1) for point in way], axis=0)
+    if not valid.any():
+        return 0.0
+    scaled = [point[valid] / unit for point in way]
+    return float(_passed(scene, scaled, receiver, chain).sum() / RAYS)
+
+
+def _draws(count: int) -> Floats:
+    """(count, 4) points that fill the unit cube evenly: multiples of powers of one number.
+
+    Source: M. Roberts, "The unreasonable effectiveness of quasirandom sequences" (2018).
+    """
+    root = 1.1673039782614187  # of x^5 = x + 1
+    steps = root ** -np.arange(1.0, 5.0)
+    result: Floats = (0.5 + np.arange(count)[:, None] * steps) % 1.0
+    return result
+
+
+def _places(source: PlacedSource, draws: Floats) -> Floats:
+    """Places (n, 2) of a source in proportion to |u|^2, in m."""
+    cells = cells_with_field(mi, source.source, 1.0)
+    if dr.is_jit_v(mi.Float):
+        return _rows(cells.sample(mi.Point2f(*(mi.Float(c.tolist()) for c in draws.T))))
+    return np.concatenate([_rows(cells.sample(mi.Point2f(*draw))) for draw in draws.tolist()])
+
+
+def _corners(start: Floats, end: Floats, chain: Sequence[Mirror]) -> list[Floats] | None:
+    """Where the ways meet the mirrors, from the last to the first; nan where one does not.
+
+    None where no way meets all of them.
+    """
+    images = [start]
+    for mirror in chain:
+        height = images[-1] @ mirror.normal - mirror.offset
+        images.append(images[-1] - 2 * height[:, None] * mirror.normal)
+    found, place = [], end
+    for mirror, image in zip(reversed(chain), reversed(images[1:]), strict=True):
+        here, there = (point @ mirror.normal - mirror.offset for point in (place, image))
+        crosses = here * there < 0
+        if not crosses.any():
+            return None
+        along = np.where(crosses, here / np.where(crosses, here - there, 1.0), np.nan)
+        place = place + along[:, None] * (image - place)
+        found.append(place)
+    return found
+
+
+def _passed(
+    scene: Any, way: list[Floats], receiver: PlacedSource, chain: Sequence[Mirror]
+) -> Floats:
+    """The share of each ray that passes; ``way`` in scene units, from the receiver on."""
+    rounding = _IN_PLANE * max(float(np.abs(place).max()) for place in way)
+    planes = [
+        (mirror.shape, mi.Vector3f(*mirror.normal.tolist()), mirror.offset / receiver.scene_unit)
+        for mirror in reversed(chain)
+    ]
+    normal = mi.Normal3f(*receiver.normal.tolist())
+    trace = partial(trace_way, scene, receiver.medium, normal, planes, rounding)
+    if dr.is_jit_v(mi.Float):
+        points = [mi.Point3f(*(mi.Float(c.tolist()) for c in place.T)) for place in way]
+        return np.broadcast_to(np.array(trace(points), np.float64), len(way[0]))
+    rays = zip(*(place.tolist() for place in way), strict=True)
+    return np.array([float(trace([mi.Point3f(*point) for point in ray])) for ray in rays])
+
+
+def _rows(points: Any) -> Floats:
+    """(n, 2) from a point, or from an array of them."""
+    return np.stack([np.ravel(np.array(c, np.float64)) for c in (points.x, points.y)], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class FacingParts:
+    """What each of two sources has in front of the other's plane."""
+
+    emitter: PlacedSource
+    receiver: PlacedSource
+    share: float
+    """Of int |u|^2 of both, the product: 1 where all faces all."""
+
+
+def facing_parts(emitter: PlacedSource, receiver: PlacedSource) -> FacingParts | None:
+    """The parts that face each other; None where there are none, as in one plane."""
+    sizes = [
+        max(float(np.abs(values).max()) for values in (placed.pose[:3, 3], placed.source.bounds))
+        for placed in (emitter, receiver)
+    ]
+    rounding = PLACE_ERROR * max(sizes)
+    parts, share = [], 1.0
+    for one, other in ((emitter, receiver), (receiver, emitter)):
+        pose = one.pose_of(other)
+        part = _part_in_front(one.source, pose[:3, 2], pose[:3, 3], rounding)
+        if part is None:
+            return None
+        if part is not one.source:
+            share *= energy_of(part) / energy_of(one.source)
+        parts.append(replace(one, source=part))
+    return FacingParts(parts[0], parts[1], share)
+
+
+def coupled_share(parts: FacingParts, tolerance: float) -> float:
+    """Received over radiated power with nothing in between, as the receiver counts it.
+
+    Of partly coherent sources and of a band of frequencies its mean.
+
+    Raises SceneError where the link is too much work, or too near, and where it has no boundary
+    condition at both ends.
+    """
+    emitter, receiver = parts.emitter, parts.receiver
+    link = f"the link from emitter {emitter.name!r} to receiver {receiver.name!r}"
+    _check_obliquity(link, emitter.obliquity, receiver.obliquity)
+    pose = emitter.pose_of(receiver)
+    method: Any = emitter.obliquity
+    share = 0.0
+    # mixtures take no slopes, by which the fields of links and of patterns differ in scale
+    is_plain = emitter.mixture.is_plain and receiver.mixture.is_plain
+    counted: Any = "radiated" if is_plain else "aperture"
+    try:
+        for sent, wavelength, weight in emitter.mixture.parts(emitter.source, emitter.wavelength):
+            for taken, _, other in receiver.mixture.parts(receiver.source, wavelength):
+                b = coupling(sent, taken, pose, wavelength, method, tolerance, normalise=counted)
+                share += weight * other * abs(b) ** 2
+    except PolywignerError as error:
+        raise SceneError(f"{link}: {error}") from None
+    for placed in (emitter, receiver):
+        mine = norm_of(placed.source, placed.wavelength, method, normalise=counted)
+        share *= mine / placed.norm
+    return float(share)
+
+
+def _check_obliquity(link: str, one: str, other: str) -> None:
+    if one != other:
+        raise SceneError(
+            f"{link}: expected one obliquity, got {one!r} and {other!r}; a link has one boundary "
+            "condition at both ends: give both the same"
+        )
+    if one not in CONDITIONS:
+        raise SceneError(
+            f'{link}: expected a boundary condition as obliquity, got "paper", of which there are '
+            'no links; use "rayleigh-sommerfeld-1"'
+        )
+
+
+def _part_in_front(source: Any, normal: Floats, place: Floats, rounding: float) -> Any:
+    """The part of a source in z = 0 in front of the plane through ``place``; itself if that is all.
+
+    ``rounding``: heights of no account, in m.
+    """
+    if isinstance(source, Wavefront):
+        flat = _part_in_front(source.source, normal, place, rounding)
+        if flat is None or flat is source.source:
+            return None if flat is None else source
+        return source.on(flat)
+    elements = source.elements_in_plane
+    parts = [_cut(element, normal, float(normal @ place) + rounding) for element in elements]
+    if all(part is element for part, element in zip(parts, elements, strict=True)):
+        return source
+    weights = source.weights if isinstance(source, Array) else np.ones(1)
+    kept = [(part, w) for part, w in zip(parts, weights, strict=True) if part is not None]
+    return Array([part for part, _ in kept], [w for _, w in kept]) if kept else None
+
+
+def _cut(element: Aperture, normal: Floats, least: float) -> Aperture | None:
+    """Where ``normal`` . x > ``least``; the very element where that is everywhere."""
+    corners = np.concatenate(element.rings)
+    heights = corners @ normal[:2] - least
+    if (heights > 0).all():
+        return element
+    if not (heights > 0).any():
+        return None
+    slope = float(np.hypot(*normal[:2]))
+    ahead = normal[:2] / slope
+    beside = np.array([-ahead[1], ahead[0]])
+    far = 2 * (element.diameter + float(np.abs(heights).max()) / slope)
+    foot = element.centre - ahead * (float(element.centre @ normal[:2]) - least) / slope
+    box = [foot + beside * far * s + ahead * far * a for s, a in ((1, 0), (-1, 0), (-1, 1), (1, 1))]
+    found = shapely.intersection(element.polygons, shapely.Polygon(box))
+    polygons = [part for part in shapely.get_parts(found) if part.area > 0]
+    if not polygons:
+        return None
+    return Aperture(shapely.MultiPolygon(polygons)).with_illumination(element.illumination)
 
 
 Way = tuple[Mirror, ...]

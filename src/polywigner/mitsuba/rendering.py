@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import ArgumentError, SceneError
-from polywigner.mitsuba.fog import is_fog_near
 from polywigner.mitsuba.parts import Exposure, cut_of
+from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
+from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
-from polywigner.mitsuba.shadows import looks_through, may_shadow
 
 __all__ = [
     "check_seed",
@@ -26,8 +26,75 @@ __all__ = [
     "default_spp",
     "depths_of",
     "exposed",
+    "is_fog_near",
+    "looks_through",
+    "may_shadow",
     "render",
 ]
+
+
+def is_fog_near(scene: Any, sensor: Any) -> bool:
+    """Whether fog is nearer to a receiver of exact weights than 2 D^2/wavelength (Fraunhofer)."""
+    if not is_receiver(sensor) or sensor.spec.estimator != "exact":
+        return False
+    if sensor.get_medium() is not None:
+        return True
+    spec = sensor.spec
+    size = np.ptp(np.reshape(spec.source.bounds, (2, 2)), axis=0)
+    far = 2 * float(size @ size) / spec.wavelength / spec.scene_unit
+    middle = spec.pose[:3] @ [*(spec.radiator.centre / spec.scene_unit), 0.0, 1.0]
+    bounds = (shape.bbox() for shape in scene.shapes() if shape.is_medium_transition())
+    return any(float(box.distance(middle.tolist())) < far for box in bounds)
+
+
+# Those that look behind null surfaces, and the particle tracer, whose light passes them.
+_TRANSPARENT = ("Volumetric", "Volpath", "ParticleTracer")
+
+
+def looks_through(integrator: Any) -> bool:
+    """Whether light passes null surfaces on its way to what this integrator shades."""
+    # Integrators written in Python share a class name in Mitsuba.
+    names = integrator.class_name() + type(integrator).__name__
+    return any(name in names for name in _TRANSPARENT)
+
+
+def may_shadow(scene: Any) -> bool:
+    """Whether the null surface of a source stands where another light shines.
+
+    A source shines before its plane: sources side by side in one plane do not meet each other's
+    light. The light of an environment is left out: it is often faint, and there for the background.
+    """
+    lights = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
+    for number, source in enumerate(lights):
+        if _is_source(source) and _has_null_surface(source):
+            corners = _corners(source.get_shape())
+            others = lights[:number] + lights[number + 1 :]
+            if any(_shines_on(other, corners) for other in others):
+                return True
+    return False
+
+
+def _is_source(emitter: Any) -> bool:
+    return getattr(type(emitter), "is_wigner", False)
+
+
+def _has_null_surface(source: Any) -> bool:
+    bsdf = source.get_shape().bsdf()
+    return source.spec.visible and mi.has_flag(bsdf.flags(), mi.BSDFFlags.Null)
+
+
+def _corners(shape: Any) -> npt.NDArray[np.float64]:
+    return np.asarray(mi.traverse(shape)["vertex_positions"], dtype=np.float64).reshape(-1, 3)
+
+
+def _shines_on(light: Any, points: npt.NDArray[np.float64]) -> bool:
+    if not _is_source(light):
+        return True
+    pose = np.array(matrix_of(light.to_world))
+    heights = (points - pose[:3, 3]) @ pose[:3, 2]
+    rounding = PLACE_ERROR * max(np.abs(points).max(), np.abs(pose).max())
+    return bool(heights.max() > rounding)
+
 
 # Noise falls with the root of the number: nobody waits for more.
 _LARGEST_SPP = 2**30

@@ -5,7 +5,7 @@ module                what is in it
 ====================  =========================================================================
 ``cross_sections``    the radar cross section by physical optics, and its derivatives
 ``patterns``          the same over azimuth and elevation
-``facets``            bodies and plates as triangles, and which join smoothly, and which shadow others
+``facets``            bodies and plates as triangles: which join smoothly, which shadow others
 ``near_fields``       the cross section near the antennas of a radar, over pieces of plane waves
 ``antennas``          antennas at their places, and their fields
 ``visibility``        the parts of triangles that are seen from far away, and what stands before
