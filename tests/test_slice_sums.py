@@ -118,11 +118,24 @@ def test_values_are_exact_where_edges_coincide(function: str, engine: str, doubl
 
 @pytest.mark.slow
 @engines
-def test_w_is_exact_at_a_hundred_thousand_degenerate_positions(engine: str) -> None:
-    for source, points, expected in cases("W", 2, MANY, MANY_DRAWS):
+def test_w_is_exact_at_thousands_of_degenerate_positions(engine: str) -> None:
+    for source, points, expected in cases("W", 2, FEW, MANY_DRAWS):
         for double in (True, False):
             found = computed(pw.wigner, source, *points, double=double, engine=engine)
             assert np.abs(found - expected).max() <= tolerance(source, double)
+
+
+@pytest.mark.slow
+@engines
+def test_w_at_a_hundred_thousand_degenerate_positions_is_that_of_convex_pieces(engine: str) -> None:
+    """Another cut, which takes its decisions line by line."""
+    for source, _, shape, rng in draws(3, MANY):
+        x, nu = positions(rng, shape, MANY_DRAWS), frequencies(rng, shape, MANY_DRAWS)
+        with forced("edges"):
+            expected = pw.wigner(source, x, nu, engine="numpy")
+        for double in (True, False):
+            found = computed(pw.wigner, source, x, nu, double=double, engine=engine)
+            assert np.abs(found - expected).max() <= BOTH * tolerance(source, double)
 
 
 @pytest.mark.parametrize("name", awkward_names())
