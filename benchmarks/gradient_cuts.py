@@ -1,10 +1,10 @@
-"""From how many edges on are derivatives in points faster by cells than as code?
+"""From how many edges on are derivatives in points faster by lists of pairs than as code?
 
 Run ``python benchmarks/gradient_cuts.py``. Gradients of W and A of regular polygons with respect to
 random positions (lags) and frequencies, in double precision, with edges forced to be code of the
-kernel, and found in cells: CPU seconds of the first call, which compiles, and the least of the
-later ones, on one core. Kernels that an earlier run has left on disk are not compiled again: set
-``HOME`` to an empty folder to see that. Prints a Markdown table.
+kernel, and found in lists of pairs: CPU seconds of the first call, which compiles, and the least of
+the later ones, on one core. Kernels that an earlier run has left on disk are not compiled again:
+set ``HOME`` to an empty folder to see that. Prints a Markdown table.
 """
 
 from __future__ import annotations
@@ -56,11 +56,11 @@ def main() -> None:
     import drjit as dr
 
     dr.set_thread_count(1)
-    print("| transform | edges | code: first, then | cells: first, then |")
+    print("| transform | edges | code: first, then | pairs: first, then |")
     print("|---|---|---|---|")
     for corners in CORNERS:
         for name in TRANSFORMS:
-            times = [seconds(name, corners, cut) for cut in ("code", "cells")]
+            times = [seconds(name, corners, cut) for cut in ("code", "pairs")]
             figures = " | ".join(f"{t[0]:.2f} s, {1e3 * min(t[1:]):.0f} ms" for t in times)
             print(f"| {name} | {corners} | {figures} |", flush=True)
 

@@ -3,8 +3,9 @@
 Outlines of 8 to 1024 vertices: regular polygons; stars whose points are as deep as they are wide;
 random outlines, smooth but not convex; and random ones that jump in and out from vertex to vertex,
 whose lag slices themselves have more and more edges ("parts": what is summed up per sample).
-"before" is the same library with its lists by cells switched off. Arrays from and to NumPy, CPU
-seconds on one thread; errors are against float64 without cells, in units of the area.
+"Pieces" is the cut of all edges by all convex pieces, which stays for outlines of few edges. Arrays
+from and to NumPy, CPU seconds on one thread; errors are against pieces in float64, in units of the
+area.
 
     python benchmarks/wigner_cost.py [--samples 262144] [--vertices 8 16 32 ...] [--ambiguity]
 """
@@ -17,18 +18,19 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from polywigner.kernels.cut.cell_lists import cell_lists
 
 import polywigner as pw
 from polywigner.execution import NumpyOperations
 from polywigner.kernels import tables_of
+from polywigner.kernels.cut.clipping import MIRRORED
+from polywigner.kernels.cut.winding import ListedParts, pairs_of
 from polywigner.plans import forced
 from polywigner.toolchain.llvm import prepare
 
 VERTICES = (8, 16, 32, 64, 128, 256, 512, 1024)
 CHECKED = 48  # samples at which errors are measured
 CYCLES = 10.0  # |nu| times the diameter, at most
-CUTS_BEFORE = 2e9  # of cuts to time without cells
+CUTS_BY_PIECES = 2e9
 
 
 def polar(radii: np.ndarray) -> pw.Aperture:
@@ -73,23 +75,14 @@ def per_sample(call: Callable[..., Any], a: np.ndarray, b: np.ndarray) -> tuple[
 
 
 def parts(source: pw.Aperture, x: np.ndarray) -> float:
-    """How many parts of edges a lag slice has on average, as the cells leave them."""
-    tables = tables_of(source, True)
-    lists = cell_lists(tables, -1)
-    from polywigner.kernels.cut.cells import order
-
-    from polywigner.kernels.cut.clipping import MIRRORED
-
-    ops = NumpyOperations(True)
-    cell = order(ops, tables, *(2 * p for p in tables.frame.position(ops, *x.T)), MIRRORED)
-    runs = np.append(0, np.cumsum(lists.runs[:, 1].astype(int) - lists.runs[:, 0]))
-    whole = runs[lists.first_run[cell + 1]] - runs[lists.first_run[cell]]
-    cut = sum(c.first[cell + 1].astype(int) - c.first[cell] for c in (lists.plain, lists.special))
-    return float((whole + cut).mean())
+    """How many parts of edges a lag slice has on average."""
+    tables, ops = tables_of(source, True), NumpyOperations(True)
+    offset = (2 * p for p in tables.frame.position(ops, *x.T))
+    return len(ListedParts(ops, tables, (MIRRORED, 0, 0), *offset).owner) / len(x)
 
 
 def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) -> list[float]:
-    """Seconds per sample after and before, of the first call, and the error."""
+    """Seconds per sample by pairs and by pieces, of the first call, and the error."""
     transform = pw.ambiguity if ambiguity else pw.wigner
     centre = np.reshape(source.bounds, (2, 2)).mean(axis=0)
 
@@ -98,14 +91,14 @@ def measure(source: pw.Aperture, precision: str, samples: int, ambiguity: bool) 
         return transform(source, a, b, engine="llvm", precision=how)
 
     x, nu = points(source, samples)
-    after, first = per_sample(call, x, nu)
+    by_pairs, first = per_sample(call, x, nu)
     clips = tables_of(source, True).clips
-    few = int(min(samples, max(256, CUTS_BEFORE / clips)))
+    few = int(min(samples, max(256, CUTS_BY_PIECES / clips)))
     with forced("edges"):  # all of them cut by all pieces
-        before, _ = per_sample(call, x[:few], nu[:few])
+        by_pieces, _ = per_sample(call, x[:few], nu[:few])
         expected = call(x[:CHECKED], nu[:CHECKED], "double")
     chosen = call(x, nu)[:CHECKED]
-    return [after, before, first, float(np.abs(chosen - expected).max() / source.area)]
+    return [by_pairs, by_pieces, first, float(np.abs(chosen - expected).max() / source.area)]
 
 
 def main() -> None:
@@ -120,7 +113,7 @@ def main() -> None:
     import drjit
 
     drjit.set_thread_count(1)
-    print("| outline | n | precision | ns/sample | ratio | before, ns | ratio | first call, s |"
+    print("| outline | n | precision | ns/sample | ratio | pieces, ns | ratio | first call, s |"
           " parts | MB | error |\n|" + "---|" * 11)  # fmt: skip
     for name in options.outlines:
         for precision in ("single", "double"):
@@ -129,7 +122,8 @@ def main() -> None:
                 source = OUTLINES[name](count)
                 row = measure(source, precision, options.samples, options.ambiguity)
                 base = base or row
-                lists = cell_lists(tables_of(source, precision == "double"), -1)
+                is_double = precision == "double"
+                lists = pairs_of(tables_of(source, is_double), (MIRRORED, 0, 0), is_double)
                 print(
                     f"| {name} | {count} | {precision} | {1e9 * row[0]:.0f} | "
                     f"{row[0] / base[0]:.1f} | {1e9 * row[1]:.0f} | {row[1] / base[1]:.1f} | "

@@ -258,19 +258,21 @@ def _outlines_compiled(request: Request, outline: Outline) -> Iterator[Way]:
     if is_wide and outline.allows_lists and outline.edges > LIMITS["most edges not worth listing"]:
         run = call + _listing(outline, request.rows) + _cost("compiled listed term", edges)
         yield _compiled(LISTED_COMPILED, 0.0, run)
-    elif request.takes_data:
+        return
+    if request.takes_data:
         term = "compiled edge with weights" if outline.weighs_lags else "compiled edge by pairs"
         run = _cost("compiled pairs", n * views) + _cost(term, edges)
         setup = _pairs(outline)
         if not outline.is_uniform:
             setup += _cost("compile", 2) + _cost("compile a wave", (outline.waves - 1) * views)
         yield replace(_by_data(request, run), setup=setup)
-    else:
+    if not loops_over_edges(outline.cuts) and not outline.weighs_lags:
+        clip = "compile a clip, double" if request.double else "compile a clip"
+        run = call + _cost("compiled clip", n * views * outline.cuts)
+        yield _compiled("edges as code", _cost(clip, outline.cuts * views), run, "code")
+    elif not request.takes_data:
         run = call + _cost("compiled row", n * views * outline.cuts)
-        if loops_over_edges(outline.cuts):
-            yield _compiled("edges as rows, compiled", 0.0, run, "rows")
-        else:
-            yield _compiled("edges as code, compiled", 0.0, run, "code")
+        yield _compiled("edges as rows, compiled", 0.0, run, "rows")
 
 
 def _listing(outline: Outline, places: int) -> float:
