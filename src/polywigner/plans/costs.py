@@ -52,6 +52,7 @@ COSTS: dict[str, Cost] = {
     "compile a wave": Cost(30e-3, "wave of the field on an edge", _REGRET),
     "compiled call": Cost(0.5e-3, "call of a compiled kernel", _REGRET),
     "compiled sample": Cost(10e-9, "sample that goes to the engine and back", _CUTS),
+    "kernel for all": Cost(50e-3, "kernel that serves all sources, on disk but for once", _PAIRS),
     "compile a clip": Cost(0.5e-3, "edge and side in single precision", _CUTS),
     "compile a clip, double": Cost(1.5e-3, "the same in double precision", _CUTS),
     "compiled clip": Cost(0.25e-9, "sample, edge and side as code", _CUTS),
@@ -65,7 +66,7 @@ COSTS: dict[str, Cost] = {
         0.17e-6, "sample and edge of a slice in partly coherent light", "coherence.py"
     ),
     "compiled listed term": Cost(1e-9, "sample and part of its slice", "outer_products.py"),
-    "compiled pairs": Cost(40e-9, "sample, whatever the number of edges", _PAIRS),
+    "compiled pairs": Cost(70e-9, "sample, whatever the number of edges", _PAIRS),
     "compiled edge by pairs": Cost(1.2e-9, "sample and edge, looked up in lists", _PAIRS),
     "compiled copy": Cost(0.08e-6, "sample of an array of copies", "array_cost.py"),
     "compiled pair of copies": Cost(10e-9, "sample and pair of elements near it", "array_cost.py"),

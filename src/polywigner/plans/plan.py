@@ -208,7 +208,7 @@ def _compiled(name: str, setup: float, run: float, cut: str | None = None) -> Wa
 def _by_data(request: Request, run: float) -> Way:
     """The source as data of a kernel that takes any."""
     run += _calling(request) + _cost("source as data", 1)
-    return Way(DATA, "llvm", _cost("load", 1) + _cost("compile", 2), 0.0, run, "pairs")
+    return Way(DATA, "llvm", _cost("load", 1) + _cost("kernel for all", 1), 0.0, run, "pairs")
 
 
 def _arrays(request: Request, outline: Outline) -> Iterator[Way]:

@@ -46,7 +46,7 @@ _ROUNDED = 1e-13
 # Far beyond rounding, in units of the frame: cells count as so much larger.
 _MARGIN = 1e-12
 # Levels are sums of weights, which rounding parts by less: whole numbers for uniform sources.
-_NO_WEIGHT, _LEVELS = 1e-12, 2.0**40
+_NO_WEIGHT, _LEVELS = 1e-15, 2.0**50
 # Below all levels on the grid (2^-106, in single precision 2^-48), and no subnormal number.
 _NO_LEVEL = 1e-35
 # Finer cells have fewer pairs: 64 across leave a 30-gon some 4 in each (benchmarks/call_rates.py).
@@ -332,11 +332,13 @@ class _Lists:
         meets, enters, *_ = crossing(_Exact, *ends, *middle)
         weights = others[:, 5] + 1j * others[:, 6]
         self.unit = float(abs(weights).max(initial=0.0)) or 1.0
-        jump = weights.take(other) * meets * (2 * enters - 1)
+        # of any weights, sums over many cells would round
+        exact = np.complex128 if (weights == 1.0).all() else np.clongdouble
+        jump = weights.take(other).astype(exact) * (meets * (2 * enters - 1))
         own, is_lead = edge < self.count, edge >= self.count
         at = cell[is_lead] * self.rings + (edge[is_lead] - self.count) // 2
         self.leads = at, edge[is_lead], other[is_lead]
-        self.at_start = np.zeros(cells.count * self.rings, np.complex128)
+        self.at_start = np.zeros(cells.count * self.rings, exact)
         """Level of the first vertex of each ring, by cell and ring."""
         np.add.at(self.at_start, at, jump[is_lead])
         touches = _touches(cells, *ends, *middle)[own]
