@@ -22,15 +22,16 @@ from polywigner.errors import FileFormatError, PolywignerError, SceneError
 from polywigner.geometry.exact import (
     area_and_error,
     estimated_area,
+    groups_apart,
     orientations,
     signed_area,
     turn,
+    union_on_grid,
 )
 from polywigner.geometry.formats import gerber_layers, work
-from polywigner.geometry.formats.gerber_layers import composed
+from polywigner.geometry.formats.gerber import composed
+from polywigner.geometry.formats.limits import Work
 from polywigner.geometry.formats.outlines import nested
-from polywigner.geometry.formats.work import Work
-from polywigner.geometry.grid import groups_apart, union_on_grid
 from polywigner.geometry.rings import without_slight_bends
 
 MIB = 2**20

@@ -15,8 +15,13 @@ from xml.parsers import expat
 import mitsuba as mi
 
 from polywigner.errors import FileFormatError, SceneError
-from polywigner.geometry.formats.content import bytes_of, check_regular
-from polywigner.geometry.formats.limits import LARGEST_SCENE, MOST_NESTED, MOST_SCENE_ELEMENTS
+from polywigner.geometry.formats.limits import (
+    LARGEST_SCENE,
+    MOST_NESTED,
+    MOST_SCENE_ELEMENTS,
+    bytes_of,
+    check_regular,
+)
 
 __all__ = ["check_scene_file", "digest_of_file", "digests_of", "resolving"]
 

@@ -15,7 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Wavefront
-from polywigner.geometry.grid import polygons_in
+from polywigner.geometry.exact import polygons_in
 from polywigner.illumination.obliquities import fields_of
 from polywigner.propagation.arrangement import triangulated
 from polywigner.propagation.rays_rules import NODES_PER_CYCLE, areas, rule_by_triangles

@@ -1,11 +1,9 @@
-"""Closed outlines of a DXF drawing: what lies in an odd number of them is open.
-
-ezdxf parses the file; circles, arcs, bulges and splines are followed here, to a stated tolerance.
-"""
+"""Closed outlines of a DXF drawing: an area inside an odd number of them is open."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -14,21 +12,254 @@ import numpy as np
 
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.geometry.exact import Ring
-from polywigner.geometry.formats.chains import JOINT, chained, is_closed
-from polywigner.geometry.formats.curves import Curve, Points, flattened, rough_points, transformed
-from polywigner.geometry.formats.drawing import Drawing, required
-from polywigner.geometry.formats.dxf_entities import IGNORED, paths_of, work_of
-from polywigner.geometry.formats.layers import check_known, overlap_remedy
+from polywigner.geometry.formats.curves import (
+    JOINT,
+    Arc,
+    Bezier,
+    Curve,
+    Points,
+    bezier_spans,
+    chained,
+    ends,
+    flattened,
+    is_closed,
+    reversed_curve,
+    rough_points,
+    transformed,
+)
 from polywigner.geometry.formats.limits import (
     LARGEST_DXF,
     LARGEST_NUMBER,
     MOST_NESTED_BLOCKS,
     check_number,
+    place_of,
 )
-from polywigner.geometry.formats.outlines import nested, without_duplicates
-from polywigner.geometry.formats.quoting import place_of
+from polywigner.geometry.formats.outlines import (
+    Drawing,
+    check_known,
+    nested,
+    overlap_remedy,
+    required,
+    without_duplicates,
+)
 
-__all__ = ["read_dxf"]
+__all__ = ["IGNORED", "paths_of", "read_dxf", "work_of"]
+
+IGNORED = frozenset({
+    "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "DIMENSION", "ARC_DIMENSION", "LARGE_RADIAL_DIMENSION",
+    "LEADER", "MULTILEADER", "MLEADER", "TOLERANCE", "POINT", "RAY", "XLINE", "VIEWPORT", "IMAGE",
+    "WIPEOUT", "OLE2FRAME", "ACAD_TABLE", "LIGHT", "SUN",
+})  # fmt: skip
+"""Annotation: nothing that could be an outline."""
+
+# Flatter than 1e-9 of its chord, an arc's centre is not known from its bulge; the chord is.
+_FLATTEST_BULGE = 1e-9
+
+_LARGEST_DEGREE = 25
+
+Path = list[Curve]
+
+
+def paths_of(entity: Any) -> list[Path]:
+    """The paths of one entity, (n, 3); open ones are to be joined with others.
+
+    Raises FileFormatError for entities that are no plane curves.
+    """
+    reader = _READERS.get(entity.dxftype())
+    if reader is None:
+        raise FileFormatError(
+            f"expected lines, curves, hatches and blocks, got a {entity.dxftype()[:40]}; convert "
+            "it to polylines, or move it to a layer that is off"
+        )
+    return reader(entity)
+
+
+def work_of(curve: Curve) -> int:
+    """How many curves it counts as: those of a high degree take longer to find."""
+    return _work(len(curve.points) - 1) if isinstance(curve, Bezier) else 1
+
+
+def _work(degree: int) -> int:
+    return max(1, (degree + 1) ** 2 // 8)  # cubics count twice
+
+
+def _vector(point: Any) -> Points:
+    return np.array([float(point[k]) if k < len(point) else 0.0 for k in range(3)])
+
+
+def _to_world(entity: Any, paths: Iterable[Path], elevation: float = 0.0) -> list[Path]:
+    """From the entity's own plane, which its extrusion direction defines."""
+    ocs = entity.ocs()
+    axes = np.array([list(ocs.ux), list(ocs.uy), list(ocs.uz)])
+    return [[transformed(c, axes, elevation * axes[2]) for c in path] for path in paths]
+
+
+def _line(entity: Any) -> list[Path]:
+    return [[np.array([_vector(entity.dxf.start), _vector(entity.dxf.end)])]]
+
+
+def _circular(centre: Points, radius: float, start: float, end: float) -> Arc:
+    """From one angle counter-clockwise to the other (degrees); equal ones mean a whole circle."""
+    if not radius >= 0:
+        raise FileFormatError(f"expected a radius from zero up, got {radius:g}; correct it")
+    sweep = math.fmod(end - start, 360.0)
+    sweep = sweep + 360 if sweep <= 0 else sweep
+    u, v = np.array([radius, 0.0, 0.0]), np.array([0.0, radius, 0.0])
+    return Arc(centre, u, v, math.radians(start), math.radians(sweep))
+
+
+def _circle(entity: Any) -> list[Path]:
+    circle = _circular(_vector(entity.dxf.center), float(entity.dxf.radius), 0.0, 360.0)
+    return _to_world(entity, [[circle]])
+
+
+def _arc(entity: Any) -> list[Path]:
+    dxf = entity.dxf
+    arc = _circular(
+        _vector(dxf.center), float(dxf.radius), float(dxf.start_angle), float(dxf.end_angle)
+    )
+    return _to_world(entity, [[arc]])
+
+
+def _elliptic(centre: Points, major: Points, minor: Points, start: float, end: float) -> Arc:
+    """From one parameter to the other (radians); equal ones mean a whole ellipse."""
+    sweep = math.fmod(end - start, 2 * math.pi)
+    # The parameters of a whole ellipse are 0 and 2 pi up to rounding.
+    sweep = sweep + 2 * math.pi if sweep <= 1e-9 else sweep
+    return Arc(centre, major, minor, start, sweep)
+
+
+def _ellipse(entity: Any) -> list[Path]:
+    dxf = entity.dxf
+    major, normal = _vector(dxf.major_axis), _vector(dxf.extrusion)
+    minor = float(dxf.ratio) * np.cross(normal / np.linalg.norm(normal), major)
+    centre = _vector(dxf.center)
+    return [[_elliptic(centre, major, minor, float(dxf.start_param), float(dxf.end_param))]]
+
+
+def _bulging(points: Points, bulges: Points, is_closed: bool) -> Path:
+    """Lines and arcs through the points; a bulge is the tangent of a quarter of the arc's angle."""
+    following = np.roll(points, -1, axis=0)
+    path: Path = []
+    for k in range(len(points) if is_closed else len(points) - 1):
+        start, end, bulge = points[k], following[k], float(bulges[k])
+        chord = end - start
+        if not chord.any():
+            continue
+        if abs(bulge) < _FLATTEST_BULGE:
+            path.append(np.array([start, end]))
+            continue
+        across = np.array([-chord[1], chord[0], 0.0])
+        centre = start + chord / 2 + across * (1 / bulge - bulge) / 4
+        u = start - centre
+        path.append(Arc(centre, u, np.array([-u[1], u[0], 0.0]), 0.0, 4 * math.atan(bulge)))
+    return path
+
+
+def _flat(pairs: Iterable[Any]) -> Points:
+    rows = [[float(x), float(y), 0.0] for x, y in pairs]
+    return np.array(rows).reshape(-1, 3)
+
+
+def _light_polyline(entity: Any) -> list[Path]:
+    rows = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
+    path = _bulging(_flat(rows[:, :2]), rows[:, 2], bool(entity.closed))
+    return _to_world(entity, [path] if path else [], float(entity.dxf.elevation))
+
+
+def _polyline(entity: Any) -> list[Path]:
+    if not (entity.is_2d_polyline or entity.is_3d_polyline):
+        raise FileFormatError("expected plane polylines, got a POLYLINE that is a mesh; remove it")
+    # Bit 16 marks the frame points of a spline that the other vertices follow.
+    vertices = [v for v in entity.vertices if not v.dxf.get("flags", 0) & 16]
+    points = np.array([_vector(v.dxf.location) for v in vertices]).reshape(-1, 3)
+    bulges = np.array([float(v.dxf.get("bulge", 0.0)) for v in vertices])
+    if entity.is_3d_polyline:
+        path = _bulging(points, np.zeros(len(points)), bool(entity.is_closed))
+        return [path] if path else []
+    path = _bulging(points, bulges, bool(entity.is_closed))
+    return _to_world(entity, [path] if path else [])
+
+
+def _spline_curves(tool: Any) -> Path:
+    """The Bezier curves of ezdxf's B-spline."""
+    control = np.array([_vector(p) for p in tool.control_points])
+    knots = np.array(list(tool.knots()), dtype=np.float64)
+    weights = np.array(list(tool.weights()), dtype=np.float64)
+    degree = len(knots) - len(control) - 1
+    if not 1 <= degree <= _LARGEST_DEGREE or len(control) <= degree:
+        raise FileFormatError(
+            f"expected a spline of degree 1 to {_LARGEST_DEGREE} with enough control points, got "
+            f"{len(control)} points and {len(knots)} knots"
+        )
+    check_number(len(control) * _work(degree))
+    if not np.isfinite(knots).all() or (np.diff(knots) < 0).any():
+        raise FileFormatError("expected knots of a spline in rising order, got others")
+    if len(weights) and not (np.isfinite(weights) & (weights > 0)).all():
+        raise FileFormatError("expected weights of a spline above zero, got others")
+    return [*bezier_spans(control, knots, weights if len(weights) else None)]
+
+
+def _spline(entity: Any) -> list[Path]:
+    check_number(20 * entity.fit_point_count())  # each row of a linear system, in Python
+    path = _spline_curves(entity.construction_tool())
+    if path and entity.closed:
+        start, end = ends(path[0])[0], ends(path[-1])[1]
+        path += [np.array([end, start])] if (start != end).any() else []
+    return [path] if path else []
+
+
+def _solid(entity: Any) -> list[Path]:
+    corners = [_vector(entity.dxf.get(f"vtx{k}", entity.dxf.vtx2)) for k in (0, 1, 3, 2, 0)]
+    return _to_world(entity, [[np.array(corners)]])
+
+
+def _edge(edge: Any) -> Path:
+    """One edge of a hatch boundary, in the hatch's plane, running the way it is listed."""
+    kind = type(edge).__name__
+    if kind == "LineEdge":
+        return [np.array([_vector(edge.start), _vector(edge.end)])]
+    if kind == "SplineEdge":
+        return _spline_curves(edge.construction_tool())
+    centre = _vector(edge.center)
+    if kind == "ArcEdge":
+        arc = _circular(centre, float(edge.radius), float(edge.start_angle), float(edge.end_angle))
+    else:
+        major = _vector(edge.major_axis)
+        minor = float(edge.ratio) * np.array([-major[1], major[0], 0.0])
+        arc = _elliptic(centre, major, minor, float(edge.start_param), float(edge.end_param))
+    return [arc if edge.ccw else reversed_curve(arc)]
+
+
+def _hatch(entity: Any) -> list[Path]:
+    paths: list[Path] = []
+    for boundary in entity.paths:
+        if hasattr(boundary, "vertices"):
+            rows = np.array(boundary.vertices, dtype=np.float64).reshape(-1, 3)
+            path = _bulging(_flat(rows[:, :2]), rows[:, 2], True)
+            paths += [path] if path else []
+        else:
+            paths += _joined([_edge(edge) for edge in boundary.edges])
+    return _to_world(entity, paths, _vector(entity.dxf.elevation)[2])
+
+
+def _joined(edges: list[Path]) -> list[Path]:
+    """The edges of one boundary; each whole circle among them is an outline of its own."""
+    edges = [edge for edge in edges if edge]
+    if not edges:
+        return []
+    points = np.concatenate([rough_points(curve) for edge in edges for curve in edge])
+    gap = JOINT * float(np.linalg.norm(np.ptp(points, axis=0)))
+    whole = [edge for edge in edges if is_closed(edge, gap)]
+    return whole + chained([edge for edge in edges if not is_closed(edge, gap)], gap)
+
+
+_READERS = {
+    "LINE": _line, "ARC": _arc, "CIRCLE": _circle, "ELLIPSE": _ellipse, "SPLINE": _spline,
+    "LWPOLYLINE": _light_polyline, "POLYLINE": _polyline, "HATCH": _hatch, "SOLID": _solid,
+    "TRACE": _solid,
+}  # fmt: skip
+
 
 _Drawn = tuple[list[Curve], str]
 """A path and the name of its layer."""

@@ -10,17 +10,15 @@ import numpy as np
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.formats import gds_process
-from polywigner.geometry.formats.drawing import Drawing, required
-from polywigner.geometry.formats.layers import overlap_remedy
 from polywigner.geometry.formats.limits import (
     LARGEST_GDS,
     LARGEST_NUMBER,
     MOST_VERTICES,
+    Work,
     check_rings,
+    in_process,
 )
-from polywigner.geometry.formats.outlines import filled
-from polywigner.geometry.formats.processes import in_process
-from polywigner.geometry.formats.work import Work
+from polywigner.geometry.formats.outlines import Drawing, filled, overlap_remedy, required
 
 __all__ = ["read_gds"]
 

@@ -11,8 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.limits import check_number
-from polywigner.geometry.formats.quoting import token
+from polywigner.geometry.formats.limits import check_number, token
 
 __all__ = ["checked_statements"]
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.drawing import required
 from polywigner.geometry.formats.limits import (
     LARGEST_NUMBER,
     LONGEST_LINE,
@@ -19,6 +18,7 @@ from polywigner.geometry.formats.limits import (
     MOST_LINES,
     MOST_SOLIDS,
 )
+from polywigner.geometry.formats.outlines import required
 
 __all__ = ["MESH_SUFFIXES", "read_mesh"]
 

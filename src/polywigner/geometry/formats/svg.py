@@ -7,23 +7,385 @@ colour; strokes have no part in it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Points, flattened
-from polywigner.geometry.formats.drawing import Drawing
-from polywigner.geometry.formats.layers import overlap_remedy
-from polywigner.geometry.formats.outlines import filled
-from polywigner.geometry.formats.svg_document import Document, parsed
-from polywigner.geometry.formats.svg_shapes import view_box
-from polywigner.geometry.formats.svg_values import PIXEL, physical_length
-from polywigner.geometry.formats.work import Work
+from polywigner.geometry.formats.curves import Points, count_of, flattened
+from polywigner.geometry.formats.limits import (
+    MOST_ELEMENTS,
+    MOST_NESTED,
+    MOST_RULES,
+    MOST_TEXT,
+    MOST_TRANSFORMS,
+    Work,
+    check_number,
+    check_rings,
+)
+from polywigner.geometry.formats.outlines import (
+    Drawing,
+    check_known,
+    filled,
+    overlap_remedy,
+    required,
+)
+from polywigner.geometry.formats.svg_shapes import (
+    PIXEL,
+    SHAPES,
+    Place,
+    Shape,
+    corner,
+    fitted,
+    length,
+    matrix_of,
+    physical_length,
+    rules_of,
+    shape_of,
+    style_of,
+    view_box,
+)
 
-__all__ = ["read_svg"]
+__all__ = ["Document", "Style", "Styles", "check_supported", "is_painted", "parsed", "read_svg"]
+
+_INHERITED = ("fill", "fill-rule", "fill-opacity", "visibility")
+_GEOMETRY = ("x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "d")
+_OWN = (
+    "display", "opacity", "transform", "transform-origin", "clip-path", "mask", "filter",
+    *_GEOMETRY,
+)  # fmt: skip
+_UNSUPPORTED = ("clip-path", "mask", "filter", "transform-origin")
+_SIMPLE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
+
+
+@dataclass(frozen=True, eq=False)
+class Style:
+    """The properties that decide what is painted."""
+
+    inherited: dict[str, str] = field(default_factory=dict)
+    own: dict[str, str] = field(default_factory=dict)
+    hidden: bool = False
+    """An element around it, or it itself, has no opacity."""
+
+
+class Styles:
+    """The rules of a file's style sheets."""
+
+    def __init__(self, sheet: str) -> None:
+        self.rules = [
+            (selector, relevant)
+            for selector, declarations in rules_of(sheet)
+            if (relevant := _relevant(declarations))
+        ]
+        if len(self.rules) > MOST_RULES:
+            raise FileFormatError(
+                f"expected a style sheet of at most {MOST_RULES} rules, got {len(self.rules)}; "
+                "save as plain SVG"
+            )
+        for selector, _ in self.rules:
+            element, _, name = selector.removeprefix("#").partition(".")
+            if selector != "*" and not set(element + name) <= _SIMPLE:
+                raise FileFormatError(
+                    "expected style rules for an element, .class or #id, got "
+                    f"{selector[:60]!r}; save as plain SVG with presentation attributes"
+                )
+
+    def of(self, element: Any, tag: str, parent: Style) -> Style:
+        """The element's style: attributes, then style sheets, then its own style attribute."""
+        found = _relevant(dict(element.attrib))
+        names = element.get("class", "").split()[:MOST_RULES]
+        known = {"*", tag, f"#{element.get('id')}"}
+        known |= {f".{name}" for name in names} | {f"{tag}.{name}" for name in names}
+        for selector, declarations in self.rules:
+            if selector in known:
+                found |= declarations
+        found |= _relevant(style_of(element.get("style", "")))
+        given = {
+            name: found[name] for name in _INHERITED if found.get(name, "inherit") != "inherit"
+        }
+        own = {name: found[name] for name in _OWN if name in found}
+        return Style(parent.inherited | given, own, parent.hidden or _is_zero(own.get("opacity")))
+
+
+def _relevant(declarations: dict[str, str]) -> dict[str, str]:
+    return {name: declarations[name] for name in (*_INHERITED, *_OWN) if name in declarations}
+
+
+def _is_zero(text: str | None) -> bool:
+    if text is None:
+        return False
+    value = length(text, "an opacity", 1.0)
+    if not math.isfinite(value):
+        raise FileFormatError(f"expected an opacity from 0 to 1, got {text[:60]!r}")
+    return value <= 0
+
+
+def _is_transparent(fill: str) -> bool:
+    """Whether a fill is none, or a colour whose fourth number, its opacity, is zero."""
+    colour = fill.lower()
+    if colour.startswith("#"):
+        return len(colour) in (5, 9) and colour.endswith("0" * (len(colour) // 4))
+    function, bracket, numbers = colour.partition("(")
+    if bracket and function in ("rgb", "rgba", "hsl", "hsla"):
+        parts = numbers.rstrip(") ").replace(",", " ").replace("/", " ").split()
+        return len(parts) == 4 and not parts[3].rstrip("%").strip("0.")
+    return colour in ("none", "transparent")
+
+
+def is_painted(style: Style) -> bool:
+    """Whether the inside of a shape shows, in whatever colour."""
+    fill = style.inherited.get("fill", "black").lower()
+    rule = style.inherited.get("fill-rule", "nonzero")
+    if rule not in ("nonzero", "evenodd"):
+        raise FileFormatError(f"expected the fill-rule nonzero or evenodd, got {rule[:60]!r}")
+    return not (
+        _is_transparent(fill)
+        or style.hidden
+        or style.inherited.get("visibility") in ("hidden", "collapse")
+        or _is_zero(style.inherited.get("fill-opacity"))
+    )
+
+
+def check_supported(style: Style, tag: str) -> None:
+    """Raise for what changes the picture and is not read."""
+    for name in _UNSUPPORTED:
+        if style.own.get(name, "none") != "none":
+            raise FileFormatError(
+                f"expected shapes without {name}, got a {tag} element with one; apply it to the "
+                "path in a drawing program, or remove it"
+            )
+
+
+_NAMESPACE = "{http://www.w3.org/2000/svg}"
+_NAMES = ("{http://www.inkscape.org/namespaces/inkscape}label", "data-name", "id")
+_LINK = "{http://www.w3.org/1999/xlink}href"
+# A start tag is parsed as a whole, before its attributes can be counted.
+_LONG_PIECE = re.compile(rb"<[^<]{%d}" % MOST_TEXT)
+
+_CONTAINERS = {"svg", "g", "a", "switch"}
+_OPAQUE = {"text", "image", "foreignObject"}
+
+
+def parsed(content: bytes) -> Any:
+    """The root element. A plain DOCTYPE may stand; declarations in it and other files may not."""
+    if _LONG_PIECE.search(content):
+        raise FileFormatError(
+            f"expected elements of at most {MOST_TEXT >> 20} MiB, got one with more text or "
+            "attributes; simplify the drawing"
+        )
+    defused = required("defusedxml.ElementTree", "SVG")
+    common = required("defusedxml.common", "SVG")
+    parser = defused.XMLParser(target=_bounded_builder(), forbid_dtd=False)
+    # The default of an attribute that a DTD declares would be copied into each element.
+    parser.parser.StartDoctypeDeclHandler = _refuse_declarations
+    try:
+        parser.feed(content)
+        root = parser.close()
+    except FileFormatError:
+        raise
+    except common.DefusedXmlException:
+        _refuse_declarations("", None, None, True)
+    except (SyntaxError, ValueError, LookupError) as error:  # ParseError is a SyntaxError
+        line = getattr(error, "position", (1, 0))[0]
+        raise FileFormatError(f"expected SVG, got text that is not XML in line {line}") from None
+    if _tag(root) != "svg":
+        raise FileFormatError("expected an svg element, got XML of another kind")
+    return root
+
+
+def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: bool) -> None:
+    if has_declarations:
+        raise FileFormatError(
+            "expected SVG without entities or other declarations of its own, got one; save as "
+            "plain SVG"
+        )
+
+
+def _bounded_builder() -> Any:
+    from xml.etree.ElementTree import TreeBuilder
+
+    class Bounded(TreeBuilder):
+        count = depth = 0
+
+        def start(self, *arguments: Any) -> Any:
+            self.count += 1
+            self.depth += 1
+            _check_count(self.count)
+            _check_depth(self.depth)
+            return super().start(*arguments)
+
+        def end(self, *arguments: Any) -> Any:
+            self.depth -= 1
+            return super().end(*arguments)
+
+    return Bounded()
+
+
+def _check_count(count: int) -> None:
+    if count > MOST_ELEMENTS:
+        raise FileFormatError(
+            f"expected at most {MOST_ELEMENTS} elements (repetitions by use included), got more; "
+            "simplify the drawing"
+        )
+
+
+def _check_depth(depth: int) -> None:
+    if depth > MOST_NESTED:
+        raise FileFormatError(
+            f"expected elements nested at most {MOST_NESTED} deep, got more (or a use that "
+            "contains itself); ungroup them"
+        )
+
+
+def _tag(element: Any) -> str:
+    """The name of an SVG element; empty for those of other namespaces and comments."""
+    tag = element.tag if isinstance(element.tag, str) else "{"
+    return tag.removeprefix(_NAMESPACE) if not tag.startswith("{") or _NAMESPACE in tag else ""
+
+
+def _names(element: Any) -> list[str]:
+    """What drawing programs call a group or shape; first what they show."""
+    return [element.get(key) for key in _NAMES if element.get(key)]
+
+
+class Document:
+    """A walk over the elements that are drawn, on `layers` (names or ids) alone if there are."""
+
+    def __init__(self, root: Any, layers: Sequence[str] = ()) -> None:
+        self.root = root
+        self.layers = frozenset(layers)
+        known = {name: _tag(e) == "g" for e in root.iter() for name in _names(e)}
+        if not self.layers <= known.keys():
+            check_known(layers, [name for name in known if known[name] or name in self.layers])
+        self.styles = Styles("".join(e.text or "" for e in root.iter() if _tag(e) == "style"))
+        self.named = {e.get("id"): e for e in reversed(list(root.iter())) if e.get("id")}
+        self.visited = 0
+        self.curves = 0
+        self.outlines = 0
+        self.text = 0
+        self.transforms = 0
+
+    def shapes(self, matrix: Points) -> Iterator[Shape]:
+        box = view_box(self.root)
+        viewport = (None, None) if box is None else (box[2], box[3])
+        place = Place(matrix, np.zeros(2), Style(), viewport, is_asked=not self.layers)
+        inside = self._entered(self.root, place)
+        if inside.style.own.get("display") != "none":
+            yield from self._children(self.root, inside)
+
+    def _entered(self, element: Any, place: Place) -> Place:
+        """The place inside an element: its style, its transform."""
+        self.visited += 1
+        _check_count(self.visited)
+        _check_depth(place.depth + 1)
+        self.text += sum(map(len, element.attrib.values()))
+        if self.text > MOST_TEXT:
+            raise FileFormatError(
+                f"expected at most {MOST_TEXT >> 20} MiB of attributes (repetitions included), got "
+                "more; simplify the drawing"
+            )
+        tag, names = _tag(element), _names(element)
+        style = self.styles.of(element, tag, place.style)
+        is_asked = place.is_asked or not self.layers.isdisjoint(names)
+        if not place.is_asked:  # a layer asked for is read, hidden or not
+            style = replace(style, own={k: v for k, v in style.own.items() if k != "display"})
+        around = (*place.unchecked, (style, tag)) if style.own.get("display") != "none" else ()
+        for some, name in around if is_asked else ():
+            check_supported(some, name)
+        inside = replace(
+            place,
+            style=style,
+            depth=place.depth + 1,
+            layer=names[0] if tag == "g" and names else place.layer,
+            is_asked=is_asked,
+            unchecked=() if is_asked else around,
+        )
+        text = style.own.get("transform")
+        if text not in (None, "", "none"):
+            self.transforms += text.count("(")
+            if self.transforms > MOST_TRANSFORMS:
+                raise FileFormatError(
+                    f"expected at most {MOST_TRANSFORMS} transforms (repetitions by use included), "
+                    "got more; simplify the drawing"
+                )
+            inside = inside.moved(*matrix_of(text))
+        return inside
+
+    def _children(self, element: Any, place: Place) -> Iterator[Shape]:
+        for child in element:
+            yield from self._drawn(child, place)
+
+    def _drawn(self, element: Any, place: Place) -> Iterator[Shape]:
+        tag = _tag(element)
+        if tag not in _CONTAINERS | SHAPES | _OPAQUE | {"use"}:
+            return
+        inside = self._entered(element, place)
+        if inside.style.own.get("display") == "none":
+            return
+        if tag in SHAPES:
+            if inside.is_asked and is_painted(inside.style):
+                shape = shape_of(element, tag, inside)
+                self.curves += sum(count_of(curve) for path in shape.subpaths for curve in path)
+                check_number(self.curves)
+                self.outlines += len(shape.subpaths)
+                check_rings(self.outlines)
+                yield shape
+        elif tag == "use":
+            yield from self._used(element, inside)
+        elif tag in _OPAQUE:
+            if inside.is_asked and (tag != "text" or is_painted(inside.style)):
+                raise FileFormatError(
+                    f"expected shapes, got a {tag} element; convert it to paths or remove it"
+                )
+        elif tag == "svg":
+            yield from self._children(element, self._viewport(element, inside))
+        else:
+            yield from self._children(_chosen(element) if tag == "switch" else element, inside)
+
+    def _used(self, element: Any, place: Place) -> Iterator[Shape]:
+        link = (element.get("href") or element.get(_LINK) or "").strip()
+        target = self.named.get(link[1:]) if link.startswith("#") else None
+        if target is None:
+            raise FileFormatError(
+                f"expected a use of an element in the same file, got {link[:60]!r}; unlink it"
+            )
+        place = place.moved(np.eye(2), corner(element, place))
+        if _tag(target) not in ("symbol", "svg"):
+            yield from self._drawn(target, place)
+            return
+        inside = self._entered(target, place)
+        size = [element.get(name) or target.get(name) for name in ("width", "height")]
+        yield from self._children(target, self._viewport(target, inside, size))
+
+    def _viewport(
+        self, element: Any, place: Place, size: Sequence[str | None] | None = None
+    ) -> Place:
+        """The place inside a nested svg or symbol: its corner, and the scale of its viewBox."""
+        if size is None:
+            size = [element.get("width"), element.get("height")]
+        place = place.moved(np.eye(2), corner(element, place))
+        box = view_box(element)
+        extents = [
+            reference if text in (None, "auto") else length(str(text), "a size", reference)
+            for text, reference in zip(size, place.viewport, strict=True)
+        ]
+        if box is None:
+            return replace(place, viewport=(extents[0], extents[1]))
+        width, height = (
+            given if given is not None else own for given, own in zip(extents, box[2:], strict=True)
+        )
+        scale, shift = fitted(element.get("preserveAspectRatio", ""), box, (width, height))
+        return replace(place.moved(np.diag(scale), shift), viewport=box[2:])
+
+
+def _chosen(switch: Any) -> list[Any]:
+    """The one element of a switch that is drawn: the first that asks for no extension."""
+    return [child for child in switch if _tag(child) and not child.get("requiredExtensions")][:1]
 
 
 def read_svg(

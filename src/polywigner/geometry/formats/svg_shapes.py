@@ -1,20 +1,269 @@
-"""The shapes of an SVG file as closed curves, and the viewports they stand in."""
+"""Shapes of an SVG file as closed curves: lengths, transforms, path data, viewports."""
 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.formats.curves import Arc, Curve, Points, ends, transformed
-from polywigner.geometry.formats.limits import LARGEST_NUMBER
-from polywigner.geometry.formats.svg_style import Style
-from polywigner.geometry.formats.svg_values import closed, length, numbers_of, subpaths_of
+from polywigner.geometry.formats.curves import Arc, Bezier, Curve, Points, ends, transformed
+from polywigner.geometry.formats.limits import LARGEST_NUMBER, check_number
+from polywigner.geometry.formats.outlines import required
+from polywigner.geometry.formats.svg import Style
 
-__all__ = ["SHAPES", "Place", "Shape", "corner", "fitted", "shape_of", "view_box"]
+__all__ = [
+    "PHYSICAL",
+    "PIXEL",
+    "SHAPES",
+    "Place",
+    "Shape",
+    "corner",
+    "fitted",
+    "length",
+    "matrix_of",
+    "numbers_of",
+    "physical_length",
+    "rules_of",
+    "shape_of",
+    "style_of",
+    "subpaths_of",
+    "view_box",
+]
+
+# Possessive (++) and atomic (?>) throughout, so that no text takes longer than its length.
+_NUMBER = r"(?>[+-]?(?:[0-9]++\.?[0-9]*+|\.[0-9]++)(?:[eE][+-]?[0-9]++)?)"
+_COMMA = r"(?>\s*+,\s*+|\s*+)"
+_LENGTH = re.compile(rf"\s*+({_NUMBER})(%|[a-zA-Z]*+)\s*+")
+_LIST = re.compile(rf"\s*+(?:{_NUMBER}{_COMMA})*+")
+_FUNCTION = re.compile(rf"\s*+([a-zA-Z]++)\s*+\(\s*+((?:{_NUMBER}{_COMMA})++)\)\s*+,?")
+_NUMBERS = re.compile(_NUMBER)
+_COMMAND = re.compile(r"([MmZzLlHhVvCcSsQqTtAa])([^MmZzLlHhVvCcSsQqTtAa]*+)")
+_ARC = rf"{_NUMBER}{_COMMA}" * 3 + rf"[01]{_COMMA}" * 2 + rf"{_NUMBER}{_COMMA}" * 2
+_ARCS = re.compile(rf"\s*+(?:{_ARC})++")
+_FLAGS = re.compile(_ARC)
+_ARITY = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2}
+_ARGUMENTS = {
+    "matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,),
+    "skewY": (1,),
+}  # fmt: skip
+
+PIXEL = Fraction(254, 960_000)
+"""The metres of a CSS pixel, 1/96 inch."""
+
+PHYSICAL = {
+    "mm": Fraction(1, 1000), "cm": Fraction(1, 100), "Q": Fraction(1, 4000),
+    "in": Fraction(254, 10_000), "pt": Fraction(254, 720_000), "pc": Fraction(254, 60_000),
+}  # fmt: skip
+"""The metres of the units that state a size."""
+
+_LONGEST_SHEET = 2**20
+
+# Fraction("1e999999999") fills memory.
+_LONGEST_NUMBER = 40
+
+
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= 60 else text[:60] + "...")
+
+
+def _refuse(what: str, text: str) -> FileFormatError:
+    return FileFormatError(f"expected {what}, got {_shown(text)}; correct it")
+
+
+def _split_length(text: str, name: str) -> tuple[str, str]:
+    match = _LENGTH.fullmatch(text)
+    if match is None or len(match[1]) > _LONGEST_NUMBER:
+        raise _refuse(f"{name} as a length such as 12.5mm", text)
+    return match[1], match[2]
+
+
+def length(text: str, name: str, reference: float | None) -> float:
+    """A length in user units; `reference` is what 100 % stands for, if known."""
+    number, unit = _split_length(text, name)
+    value = float(number)
+    if unit == "%":
+        if reference is None:
+            raise _refuse(f"{name} in units, since the drawing has no viewBox", text)
+        return value / 100 * reference
+    if unit in PHYSICAL:
+        return value * float(PHYSICAL[unit] / PIXEL)
+    if unit in ("", "px"):
+        return value
+    raise _refuse(f"{name} in px, mm, cm, Q, in, pt or pc", text)
+
+
+def physical_length(text: str, name: str) -> Fraction | None:
+    """The metres of a width such as "20mm", above zero; None if it states no size (px, %)."""
+    number, unit = _split_length(text, name)
+    value = float(number)
+    if not (0 < value < math.inf):
+        raise _refuse(f"{name} above zero", text)
+    if unit not in PHYSICAL:
+        if unit not in ("", "px", "%"):
+            raise _refuse(f"{name} in px, mm, cm, Q, in, pt or pc", text)
+        return None
+    if abs(math.log10(value)) > 50:  # bounds the digits of the fraction
+        raise _refuse(f"{name} of a sensible size", text)
+    return Fraction(number) * PHYSICAL[unit]
+
+
+def numbers_of(text: str, name: str) -> list[float]:
+    """The numbers of a list such as "0,0 10,5"."""
+    if not _LIST.fullmatch(text):
+        raise _refuse(f"{name} as numbers", text)
+    check_number(_count(text) // 2)
+    return [float(number) for number in _NUMBERS.findall(text)]
+
+
+def _count(text: str) -> int:
+    return sum(1 for _ in _NUMBERS.finditer(text))
+
+
+def matrix_of(text: str) -> tuple[Points, Points]:
+    """A transform list as the matrix (2, 2) and offset (2,) of p -> p @ matrix + offset."""
+    place, matrix, offset = 0, np.eye(2), np.zeros(2)
+    text = text.rstrip()
+    while place < len(text):
+        match = _FUNCTION.match(text, place)
+        place = match.end() if match else place
+        values = numbers_of(match[2], "arguments") if match else []
+        if match is None or len(values) not in _ARGUMENTS.get(match[1], ()):
+            raise _refuse("a transform such as translate(10 5) rotate(45)", text)
+        own, shift = _function(match[1], values)
+        matrix, offset = own @ matrix, shift @ matrix + offset
+    return matrix, offset
+
+
+def _function(name: str, values: list[float]) -> tuple[Points, Points]:
+    if name == "matrix":
+        return np.array([values[0:2], values[2:4]]), np.array(values[4:6])
+    if name == "translate":
+        return np.eye(2), np.array([*values, 0.0][:2])
+    if name == "scale":
+        return np.diag([values[0], values[-1]]), np.zeros(2)
+    if name == "rotate":
+        turn = _rotation(values[0])
+        centre = np.array([*values[1:], 0.0, 0.0][:2])
+        return turn, centre - centre @ turn
+    slope = math.tan(math.radians(math.fmod(values[0], 180.0)))
+    skew = [[1.0, 0.0], [slope, 1.0]] if name == "skewX" else [[1.0, slope], [0.0, 1.0]]
+    return np.array(skew), np.zeros(2)
+
+
+def _rotation(degrees: float) -> Points:
+    """Quarter turns are exact."""
+    quarters = {0.0: (1.0, 0.0), 90.0: (0.0, 1.0), 180.0: (-1.0, 0.0), 270.0: (0.0, -1.0)}
+    angle = math.fmod(degrees, 360.0) if math.isfinite(degrees) else math.nan
+    radians = math.radians(angle)
+    c, s = quarters.get(angle % 360, (math.cos(radians), math.sin(radians)))
+    return np.array([[c, s], [-s, c]])
+
+
+def subpaths_of(data: str) -> list[list[Curve]]:
+    """The subpaths of path data, each closed by a line where it is open, as a fill closes it."""
+    expected = _checked_segments(data)
+    library = required("svgelements", "SVG")
+    try:
+        path = library.Path(data)
+    except Exception:  # of the kinds it may raise, none is documented
+        path = ()
+    if len(path) != expected:
+        raise _refuse("path data as SVG 2 writes it", data)
+    subpaths: list[list[Curve]] = []
+    for segment in path:
+        kind = type(segment).__name__
+        if kind in ("Move", "Close"):  # after a Z without an M, the next subpath starts there, too
+            subpaths.append([])
+        else:
+            subpaths[-1].append(_curve(segment, kind))
+    return [closed(subpath) for subpath in subpaths if subpath]
+
+
+def closed(subpath: list[Curve]) -> list[Curve]:
+    """With a line from its end to its start, where they differ."""
+    start, end = ends(subpath[0])[0], ends(subpath[-1])[1]
+    return subpath if (start == end).all() else [*subpath, np.array([end, start])]
+
+
+def _point(point: Any) -> list[float]:
+    return [float(point.x), float(point.y)]
+
+
+def _curve(segment: Any, kind: str) -> Curve:
+    start, end = _point(segment.start), _point(segment.end)
+    if kind == "QuadraticBezier":
+        return Bezier(np.array([start, _point(segment.control), end]))
+    if kind == "CubicBezier":
+        return Bezier(np.array([start, _point(segment.control1), _point(segment.control2), end]))
+    if kind == "Arc" and start != end and segment.rx and segment.ry and segment.sweep:
+        centre, prx, pry = (np.array(_point(p)) for p in (segment.center, segment.prx, segment.pry))
+        return Arc(centre, prx - centre, pry - centre, segment.get_start_t(), segment.sweep)
+    return np.array([start, end])  # Line, and arcs without a radius
+
+
+def _checked_segments(data: str) -> int:
+    """The number of segments in path data; an error where it does not follow the grammar."""
+    stripped = data.strip()
+    if stripped and stripped[0] not in "Mm":
+        raise _refuse("path data that starts with M", data)
+    segments = 0
+    for command in _COMMAND.finditer(data):
+        letter, arguments = command.groups()
+        kind = letter.upper()
+        if kind == "A":
+            count = sum(1 for _ in _FLAGS.finditer(arguments)) if _ARCS.fullmatch(arguments) else 0
+        elif kind == "Z":
+            count = 0 if arguments.strip() else 1
+        else:
+            count = _count(arguments) if _LIST.fullmatch(arguments) else 0
+            count = 0 if count % _ARITY[kind] else count // _ARITY[kind]
+        if not count:
+            raise FileFormatError(
+                f"expected the numbers of a path's {letter}, got {_shown(arguments)}; correct it"
+            )
+        segments += count
+        check_number(segments)
+    return segments
+
+
+def _without_comments(text: str) -> str:
+    """Less what stands between /* and */, or after a /* that does not end."""
+    first, *others = text.split("/*")
+    return first + "".join(other.partition("*/")[2] for other in others)
+
+
+def style_of(text: str) -> dict[str, str]:
+    """The declarations of a style such as "fill:none; fill-rule:evenodd"."""
+    declarations = (part.partition(":") for part in _without_comments(text).split(";"))
+    return {
+        name.strip().lower(): value.replace("!important", "").strip()
+        for name, colon, value in declarations
+        if colon
+    }
+
+
+def rules_of(text: str) -> list[tuple[str, dict[str, str]]]:
+    """The (selector, declarations) of a style sheet, weakest first.
+
+    Statements such as @import are passed over. Raises FileFormatError for blocks such as @media.
+    """
+    if len(text) > _LONGEST_SHEET:
+        raise FileFormatError("expected style sheets of at most 1 MiB, got more; simplify them")
+    rules = []
+    for block in _without_comments(text).split("}"):
+        selectors, brace, declarations = block.partition("{")
+        if "{" in declarations:
+            raise _refuse("style rules that are not nested", selectors.strip())
+        if brace:
+            style = style_of(declarations)
+            rules += [(s.strip(), style) for s in selectors.rpartition(";")[2].split(",")]
+    return sorted(rules, key=lambda rule: ("#" in rule[0], "." in rule[0], rule[0] != "*"))
+
 
 SHAPES = frozenset({"path", "rect", "circle", "ellipse", "polygon", "polyline"})
 """The elements with an inside."""

@@ -10,9 +10,13 @@ from pathlib import Path
 from typing import Any, NoReturn, Protocol, runtime_checkable
 
 from polywigner.errors import FileFormatError, PolywignerError
-from polywigner.geometry.formats.content import bytes_of, text_of
-from polywigner.geometry.formats.limits import LARGEST_TOML, check_values
-from polywigner.geometry.formats.quoting import place_of
+from polywigner.geometry.formats.limits import (
+    LARGEST_TOML,
+    bytes_of,
+    check_values,
+    place_of,
+    text_of,
+)
 from polywigner.illumination.files.fields import wavelength_in
 from polywigner.illumination.files.tables import Source, source_of
 

@@ -32,10 +32,10 @@ from polywigner.geometry.formats.limits import (
     MOST_LISTED,
     MOST_RINGS,
     MOST_WAVES,
+    check_polygons,
     check_rings,
     check_vertices,
 )
-from polywigner.geometry.formats.work import check_polygons
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import Part, oriented, polygon_of_part
 from polywigner.illumination.array import Array, Element, phased_array
