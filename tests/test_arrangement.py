@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.propagation.arrangement import kink_count, kinks, smooth_triangles
-from polywigner.propagation.rays_rules import areas, gauss_rule
+from polywigner.propagation.arrangement import (
+    areas,
+    gauss_rule,
+    kink_count,
+    kinks,
+    smooth_triangles,
+)
 
 CHEVRON = pw.shapes.chevron(2.0, 1.2, 0.4)
 SQUARES = [(1.4 * i, 1.4 * j) for i in range(3) for j in range(2)]

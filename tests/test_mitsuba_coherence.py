@@ -11,7 +11,7 @@ import polywigner as pw
 from mitsuba_scenes import pose, use
 from polywigner.errors import SceneError
 from polywigner.propagation.far_fields import powers_of
-from polywigner.propagation.mixtures import parts_of
+from polywigner.propagation.irradiances import parts_of
 
 WAVELENGTH = 3.2e-3
 WIDTH = 8e-3

@@ -13,8 +13,7 @@ from oracles.diffraction import irradiance_by_quadrature
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
 from polywigner.propagation import arrangement, rays_adaptive, rays_sampling
-from polywigner.propagation.arrangement import smooth_triangles
-from polywigner.propagation.rays_rules import gauss_rule, node_count
+from polywigner.propagation.arrangement import gauss_rule, node_count, smooth_triangles
 
 CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
 

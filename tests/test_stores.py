@@ -29,7 +29,7 @@ from polywigner.errors import (
     StoreError,
 )
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_layout import Layout, chunks_within
+from polywigner.propagation.stores_files import Layout, chunks_within
 from polywigner.transforms.xarray_arguments import LabelledArray
 from stored import chunk_files, hashes
 

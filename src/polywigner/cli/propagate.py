@@ -123,7 +123,7 @@ def _fields(
     how: Mapping[str, Any],
 ) -> Any:
     """A dataset with one variable for each method, named after it."""
-    from polywigner.propagation.field_settings import FieldOptions, checked_settings
+    from polywigner.propagation.datasets import FieldOptions, checked_settings
 
     for method in wanted:  # before the first is computed
         checked_settings(wavelength, cast(FieldOptions, {**how, **method.options}))

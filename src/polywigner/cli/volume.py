@@ -100,7 +100,7 @@ def run_volume(
     from polywigner.figures import draw_volume, outline_of
     from polywigner.figures.fields import label_of
     from polywigner.figures.volumes import check_volume_options
-    from polywigner.propagation.field_settings import FieldOptions, checked_settings
+    from polywigner.propagation.datasets import FieldOptions, checked_settings
 
     drawn: dict[str, Any] = {
         "surfaces": levels,

@@ -20,7 +20,7 @@ from polywigner.figures.style import (
     write_title,
 )
 from polywigner.propagation.beams import BeamMetrics, beam_metrics
-from polywigner.propagation.pattern_cuts import checked_pattern, cuts_of, front_of
+from polywigner.propagation.patterns import checked_pattern, cuts_of, front_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -21,9 +21,9 @@ from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Wavefront
 from polywigner.illumination.obliquities import OBLIQUITIES, irradiance_factor, weighted_sources
 from polywigner.mitsuba.obliquity import depends_on_wavelength
-from polywigner.propagation.mixtures import parts_of
+from polywigner.propagation.irradiances import parts_of
 from polywigner.quantities import SPEED_OF_LIGHT
-from polywigner.radiometry.bands import checked_bandwidth, wavelengths_of_band
+from polywigner.radiometry.directions import checked_bandwidth, wavelengths_of_band
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
 from polywigner.transforms.wavefronts import tilts_of

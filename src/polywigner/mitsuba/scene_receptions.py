@@ -19,7 +19,7 @@ from polywigner.mitsuba.scattered import BATCHES, Scattering, batches_of, lights
 from polywigner.mitsuba.sent_scenes import SceneFile, SentScene
 from polywigner.mitsuba.unseen import unseen
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_layout import Layout
+from polywigner.propagation.stores_files import Layout
 from polywigner.transforms.xarray_arguments import Labelled, LabelledArray
 
 __all__ = ["receive_parts", "receive_ranges"]

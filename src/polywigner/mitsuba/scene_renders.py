@@ -20,8 +20,7 @@ from polywigner.mitsuba.rendering import exposed
 from polywigner.mitsuba.scenes import choose_variant
 from polywigner.mitsuba.sent_scenes import SceneFile, SentScene, check_is_whole
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_files import require_stores
-from polywigner.propagation.stores_layout import Layout
+from polywigner.propagation.stores_files import Layout, require_stores
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import LabelledArray
 

@@ -28,10 +28,10 @@ from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
 from polywigner.optics import FirstOrder
-from polywigner.propagation.behind import field_behind
 from polywigner.propagation.boundary import boundary_field
+from polywigner.propagation.collins import field_behind
 from polywigner.propagation.far_fields import check_slopes, far_field
-from polywigner.propagation.fields_traced import has_derivatives, traced_field
+from polywigner.propagation.field_slopes import has_derivatives, traced_field
 from polywigner.propagation.panels import Radiator, radiator_of
 from polywigner.propagation.places import (
     METHODS,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.geometry.arguments import checked_number
-from polywigner.propagation.pattern_cuts import (
+from polywigner.propagation.patterns import (
     angle_between,
     checked_pattern,
     cuts_of,

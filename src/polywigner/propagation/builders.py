@@ -14,8 +14,13 @@ from polywigner.errors import ArgumentError
 from polywigner.execution.choice import resolved
 from polywigner.geometry import Wavefront
 from polywigner.geometry.arguments import takes_frequency
-from polywigner.propagation.datasets import FieldBlock, dataset, described
-from polywigner.propagation.field_settings import FieldOptions, checked_settings
+from polywigner.propagation.datasets import (
+    FieldBlock,
+    FieldOptions,
+    checked_settings,
+    dataset,
+    described,
+)
 from polywigner.propagation.grids import (
     box_grid,
     hemisphere_grid,
@@ -24,7 +29,7 @@ from polywigner.propagation.grids import (
     shape_of_grid,
 )
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_layout import (
+from polywigner.propagation.stores_files import (
     Layout,
     chunks_within,
     source_attrs,

@@ -23,8 +23,8 @@ from polywigner.illumination.obliquities import (
 )
 from polywigner.illumination.tapers import uniform
 from polywigner.propagation.places import checked_name
-from polywigner.radiometry.directional import radiant_intensity
 from polywigner.radiometry.directions import PlaneSource, checked_radiator
+from polywigner.radiometry.flux import radiant_intensity
 from polywigner.radiometry.hemisphere import directions_and_weights, largest_lag
 from polywigner.transforms import fourier
 from polywigner.transforms.phase_space import energy_of

@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_count, checked_length, real_numbers, shape_of
-from polywigner.propagation.angles import checked_phi, checked_theta, unit_vectors
-from polywigner.propagation.places import LARGEST, checked_points
+from polywigner.propagation.places import (
+    LARGEST,
+    checked_phi,
+    checked_points,
+    checked_theta,
+    unit_vectors,
+)
 from polywigner.transforms.xarray_arguments import LabelledArray
 
 __all__ = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, get_args
 
@@ -25,9 +26,11 @@ from polywigner.geometry.arguments import (
     DrJitArray,
     Points,
     checked_number,
+    checked_wavelength,
     takes_frequency,
     warn_caller,
 )
+from polywigner.geometry.wavefront import Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
@@ -38,10 +41,9 @@ from polywigner.illumination.obliquities import (
 )
 from polywigner.optics import FirstOrder
 from polywigner.propagation.amplitudes import amplitude
-from polywigner.propagation.behind import field_behind, squared_field
+from polywigner.propagation.collins import field_behind, squared_field
 from polywigner.propagation.far_fields import check_slopes
-from polywigner.propagation.fields_traced import has_derivatives, traced_field
-from polywigner.propagation.mixtures import is_mixture, mean_over_mixture
+from polywigner.propagation.field_slopes import has_derivatives, traced_field
 from polywigner.propagation.places import (
     DEFAULT_TOLERANCE,
     METHODS,
@@ -51,17 +53,87 @@ from polywigner.propagation.places import (
     checked_wavelength,
 )
 from polywigner.propagation.rays import Rays
-from polywigner.propagation.rays_adaptive import Estimate, by_gauss
-from polywigner.propagation.rays_sampling import Sampling, by_samples
+from polywigner.propagation.rays_adaptive import Estimate, Sampling, by_gauss, by_samples
 from polywigner.propagation.rays_traced import traced_irradiance
 from polywigner.propagation.screens import Screen
-from polywigner.radiometry.directions import checked_radiator
+from polywigner.radiometry.directions import (
+    checked_bandwidth,
+    checked_radiator,
+    wavelengths_of_band,
+)
+from polywigner.radiometry.hemisphere import largest_lag
 from polywigner.transforms import Differentiable
 from polywigner.transforms.phase_space import energy_of
-from polywigner.transforms.wavefronts import flat_of, is_partly_coherent
+from polywigner.transforms.wavefronts import coherent_source, flat_of, is_partly_coherent, tilts_of
 from polywigner.transforms.xarray_arguments import takes_xarray
 
-__all__ = ["checked_order", "checked_tolerance", "irradiance"]
+__all__ = [
+    "checked_order",
+    "checked_tolerance",
+    "irradiance",
+    "is_mixture",
+    "mean_over_mixture",
+    "parts_of",
+]
+
+
+def is_mixture(source: Any, bandwidth: Any, by_lags: bool = False) -> bool:
+    """Whether light is a mixture: of a band of wavelengths, or of tilts.
+
+    ``by_lags``: partly coherent light is none, but lags with a weight.
+    """
+    return bandwidth is not None or (is_partly_coherent(source) and not by_lags)
+
+
+def mean_over_mixture(
+    compute: Callable[[Any, float], Any],
+    source: Any,
+    wavelength: Any,
+    bandwidth: float | None,
+    error: float,
+    return_error: bool,
+    by_lags: bool = False,
+) -> Any:
+    """The mean of ``compute(source, wavelength)`` over the tilts and wavelengths of light.
+
+    With ``return_error`` of values and of errors. ``error`` : of the mean, relative to the largest
+    irradiance that there could be.
+    """
+    total: Any = 0.0
+    parts = parts_of(source, checked_wavelength(wavelength), bandwidth, error, by_lags)
+    for one, length, weight in parts:
+        total = total + weight * np.asarray(compute(one, length))
+    return (total[0][()], total[1][()]) if return_error else total[()]
+
+
+def parts_of(
+    source: Any,
+    wavelength: float,
+    bandwidth: float | None,
+    error: float,
+    by_lags: bool = False,
+) -> Iterator[tuple[Any, float, float]]:
+    """Sources, wavelengths in m, and weights, whose mean is that of the mixture.
+
+    The sources are coherent, unless partly coherent light is computed ``by_lags``.
+    """
+    band = [(wavelength, 1.0)]
+    if bandwidth is not None:
+        flat = source.source if isinstance(source, Wavefront) else source
+        width = checked_bandwidth(bandwidth, wavelength)
+        band = wavelengths_of_band(wavelength, width, largest_lag(flat), error)
+    for tilted, share in [(source, 1.0)] if by_lags else _tilted(source, error):
+        for length, weight in band:
+            yield tilted, length, share * weight
+
+
+def _tilted(source: Any, error: float) -> Iterator[tuple[Any, float]]:
+    if not is_partly_coherent(source):
+        yield source, 1.0
+        return
+    for tilt, share in zip(*tilts_of(source, error), strict=True):
+        yield coherent_source(source, tilt), float(share)
+
 
 Values = NDArray[np.float64]
 

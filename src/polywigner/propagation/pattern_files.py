@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import checked_path, write_lines
 from polywigner.propagation.beams import checked_efficiency
-from polywigner.propagation.pattern_cuts import checked_pattern, cuts_of
+from polywigner.propagation.patterns import checked_pattern, cuts_of
 from polywigner.transforms.xarray_arguments import Labelled
 
 __all__ = ["Polarisation", "write_pattern"]

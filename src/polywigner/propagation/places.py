@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Collection
 from typing import Any, Literal, get_args
@@ -10,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, PolywignerWarning
-from polywigner.geometry.arguments import checked_number, checked_wavelength, real_numbers, shape_of
+from polywigner.geometry.arguments import (
+    checked_number,
+    checked_row,
+    checked_wavelength,
+    real_numbers,
+    shape_of,
+    warn_of_degrees,
+)
 from polywigner.illumination.obliquities import BoundaryCondition
 
 __all__ = [
@@ -20,12 +28,51 @@ __all__ = [
     "Method",
     "check_reach",
     "checked_amplitude_tolerance",
+    "checked_angles",
     "checked_method",
     "checked_name",
+    "checked_phi",
     "checked_points",
+    "checked_theta",
     "checked_wavelength",
+    "unit_vectors",
     "warn_of_missed",
 ]
+
+Angles = NDArray[np.float64]
+
+
+def checked_theta(values: Any) -> Angles:
+    """Angles from the normal (n,) in rad, from -pi to pi; ArgumentError for anything else."""
+    return checked_angles(values, "theta", math.pi)
+
+
+def checked_phi(values: Any) -> Angles:
+    """Angles from the x axis (n,) in rad; ArgumentError for anything else."""
+    return checked_angles(values, "phi", math.inf)
+
+
+def unit_vectors(theta: Angles, phi: Angles) -> NDArray[np.float64]:
+    """(n, m, 3) of all angles (n,) from the z axis and (m,) from the x axis."""
+    sine, cosine = np.sin(theta)[:, None], np.cos(theta)[:, None]
+    # cos(pi/2) is 6e-17, and the horizon belongs to both sides
+    cosine = np.where(np.abs(cosine) < 1e-15, 0.0, cosine)
+    parts = np.broadcast_arrays(sine * np.cos(phi), sine * np.sin(phi), cosine)
+    return np.stack(parts, axis=-1)
+
+
+def checked_angles(values: Any, name: str, largest: float) -> Angles:
+    """Angles (n,) in rad, at most so large; ArgumentError for anything else."""
+    expected = f"expected {name} as angles (n,) in rad"
+    angles = checked_row(values, expected)
+    if not np.isfinite(angles).all() or np.abs(angles).max() > largest * (1 + 1e-12):
+        raise ArgumentError(
+            f"{expected}, finite and from -{largest:.4g} to {largest:.4g}, got {values!r}; use "
+            "numpy.radians for degrees"
+        )
+    warn_of_degrees(name, angles)
+    return angles
+
 
 Method = Literal[BoundaryCondition, "fresnel", "fraunhofer"]
 

@@ -20,12 +20,10 @@ from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.illumination.obliquities import checked_obliquity, weighted_sources
 from polywigner.kernels import kernel_for
-from polywigner.propagation.arrangement import smooth_triangles
+from polywigner.propagation.arrangement import Rule, gauss_rule, smooth_triangles
 from polywigner.propagation.places import checked_points, checked_wavelength
-from polywigner.propagation.ray_kernels import ray_factors
-from polywigner.propagation.rays import Rays
+from polywigner.propagation.rays import Rays, ray_factors
 from polywigner.propagation.rays_adaptive import phase_rates
-from polywigner.propagation.rays_rules import Rule, gauss_rule
 from polywigner.radiometry.directions import checked_source
 from polywigner.transforms import Differentiable, wigner
 from polywigner.transforms.traced_sources import fields_of, with_fields

@@ -24,11 +24,14 @@ from polywigner.propagation.stores_files import (
     FINGERPRINT,
     METADATA,
     SETTINGS,
+    Index,
+    Layout,
     checksum_of,
+    digest_of,
     recent_zarr,
     required,
+    told_settings,
 )
-from polywigner.propagation.stores_layout import Index, Layout, digest_of, told_settings
 from polywigner.radiometry.progress import progress_bar
 from polywigner.transforms.xarray_arguments import LabelledArray
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import real_numbers
-from polywigner.propagation.angles import unit_vectors
+from polywigner.propagation.places import unit_vectors
 
 __all__ = ["GRAZING", "Band", "bands_in_box", "bands_on_line", "bands_on_sphere"]
 

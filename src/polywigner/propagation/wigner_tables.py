@@ -17,7 +17,7 @@ from polywigner.execution.choice import resolved
 from polywigner.geometry.arguments import checked_count, real_numbers
 from polywigner.kernels import kernel_for
 from polywigner.propagation.stores import write_dataset
-from polywigner.propagation.stores_layout import (
+from polywigner.propagation.stores_files import (
     Index,
     Layout,
     chunks_within,

@@ -14,8 +14,14 @@ module               what is in it
 ===================  ==========================================================================
 """
 
-from polywigner.radiometry.directional import radiance, radiant_intensity
-from polywigner.radiometry.flux import EnergyBudget, energy_budget, flux_vector, power
+from polywigner.radiometry.flux import (
+    EnergyBudget,
+    energy_budget,
+    flux_vector,
+    power,
+    radiance,
+    radiant_intensity,
+)
 
 __all__ = [
     "EnergyBudget",

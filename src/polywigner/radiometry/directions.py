@@ -1,7 +1,8 @@
-"""Sources that radiate to z > 0, and directions to which they do."""
+"""Directions to which sources radiate, and bands of frequencies as means over wavelengths."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,55 @@ from numpy.typing import NDArray
 from polywigner import execution
 from polywigner.errors import ArgumentError
 from polywigner.geometry import Aperture, Slits, Wavefront
-from polywigner.geometry.arguments import real_numbers, shape_of
+from polywigner.geometry.arguments import checked_number, real_numbers, shape_of
 from polywigner.illumination import Array
+from polywigner.numerics.nodes import flat_rule
+from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.wavefronts import checked_wavefront
 
 __all__ = [
     "PlaneSource",
+    "checked_bandwidth",
     "checked_directions",
     "checked_positions",
     "checked_radiator",
     "checked_source",
+    "wavelengths_of_band",
 ]
+
+# Bandwidth times the time that light takes across the source: some so many wavelengths are summed.
+_MOST_SPREAD = 500.0
+_MEANING = "a bandwidth in Hz above zero, and less than twice the frequency"
+
+
+def checked_bandwidth(bandwidth: Any, wavelength: float) -> float:
+    """In Hz, of light about a wavelength in m; ArgumentError for what reaches down to zero."""
+    width = checked_number(bandwidth, "bandwidth", _MEANING)
+    carrier = SPEED_OF_LIGHT / wavelength
+    if not 0 < width < 2 * carrier:
+        raise ArgumentError(
+            f"expected {_MEANING}, {2 * carrier:.4g} Hz, got {bandwidth!r}; leave it out for one "
+            "wavelength"
+        )
+    return width
+
+
+def wavelengths_of_band(
+    wavelength: float, bandwidth: float, lag: float, error: float
+) -> list[tuple[float, float]]:
+    """(wavelength, weight) for the mean over the band, of a source ``lag`` m across."""
+    spread = bandwidth * lag / SPEED_OF_LIGHT
+    if not spread <= _MOST_SPREAD:
+        raise ArgumentError(
+            f"expected a bandwidth of at most {_MOST_SPREAD * SPEED_OF_LIGHT / lag:.4g} Hz for a "
+            f"source of {lag:.4g} m, got {bandwidth:g}, of which some {spread:.3g} wavelengths "
+            "would be summed up; check its unit, or compute parts of the band"
+        )
+    reach = math.pi * spread
+    nodes, weights = flat_rule(reach, error)
+    frequencies = SPEED_OF_LIGHT / wavelength + bandwidth / 2 * nodes
+    return list(zip((SPEED_OF_LIGHT / frequencies).tolist(), weights.tolist(), strict=True))
+
 
 PlaneSource = Aperture | Array
 

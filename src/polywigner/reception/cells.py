@@ -17,8 +17,12 @@ from numpy.typing import NDArray
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.exact import polygons_in
 from polywigner.illumination.obliquities import fields_of
-from polywigner.propagation.arrangement import triangulated
-from polywigner.propagation.rays_rules import NODES_PER_CYCLE, areas, rule_by_triangles
+from polywigner.propagation.arrangement import (
+    NODES_PER_CYCLE,
+    areas,
+    rule_by_triangles,
+    triangulated,
+)
 from polywigner.transforms.wavefronts import flat_of
 
 __all__ = ["Cells", "cells_of"]

@@ -24,10 +24,14 @@ from polywigner.illumination.obliquities import CONDITIONS, DEFAULT, BoundaryCon
 from polywigner.illumination.support import moved_source
 from polywigner.kernels.boundary.integrals import distance_of, point_in_wavelengths
 from polywigner.numerics.phases import reduced
-from polywigner.propagation.arrangement import has_few_kinks, smooth_triangles
+from polywigner.propagation.arrangement import (
+    gauss_rule,
+    has_few_kinks,
+    node_count,
+    smooth_triangles,
+)
 from polywigner.propagation.far_fields import far_field
 from polywigner.propagation.places import checked_method, checked_wavelength, warn_of_missed
-from polywigner.propagation.rays_rules import gauss_rule, node_count
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.reception.cell_pairs import Links
 from polywigner.reception.cells import Cells, cells_of

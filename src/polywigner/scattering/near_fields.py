@@ -16,13 +16,16 @@ from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_number, warn_caller
 from polywigner.radiometry.directions import checked_source
 from polywigner.reception.norms import checked_normalise
-from polywigner.scattering.antennas import Antenna, Source, checked_places, directions_of
-from polywigner.scattering.facets import Facets, warn_of_corners
-from polywigner.scattering.polarisations import (
+from polywigner.scattering.antennas import (
+    Antenna,
     Polarisation,
+    Source,
+    checked_places,
     checked_polarisations,
+    directions_of,
     spherical_axes,
 )
+from polywigner.scattering.facets import Facets, warn_of_corners
 from polywigner.scattering.surface_sums import Pieces, transforms
 from polywigner.scattering.visibility import (
     Seen,

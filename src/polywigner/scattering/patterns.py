@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import checked_wavelength, takes_frequency
-from polywigner.propagation.angles import checked_angles
+from polywigner.propagation.places import checked_angles
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.radiometry.progress import progress_bar
+from polywigner.scattering.antennas import Channel, checked_channel, checked_unit_vectors
 from polywigner.scattering.cross_sections import rcs
 from polywigner.scattering.facets import Body, facets_of
-from polywigner.scattering.polarisations import Channel, checked_channel, checked_unit_vectors
 from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 
 __all__ = ["rcs_pattern"]

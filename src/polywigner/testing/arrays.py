@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.illumination import Array as Elements
 from polywigner.illumination import phased_array
-from polywigner.testing.array_cases import ArrayCase, array_case_of
-from polywigner.testing.cases import Precision, content_of, require
-from polywigner.testing.laws import (
+from polywigner.testing.cases import (
+    ArrayCase,
+    Precision,
     ambiguity_is_hermitian_and_bounded,
+    array_case_of,
+    content_of,
+    corners_of,
+    require,
     values_at_zero,
+    waves_of,
     wigner_is_real_and_bounded,
 )
 from polywigner.testing.pieces import lag_slices_of_pairs, position_slices_of_pairs
-from polywigner.testing.simplices import corners_of
-from polywigner.testing.waves import waves_of
 
 __all__ = ["ambiguity_by_pairs", "assert_array_identities", "wigner_by_pairs"]
 

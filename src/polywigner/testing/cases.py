@@ -1,9 +1,11 @@
-"""Common parts of the assertions: a source with places to look at, and reports of differences."""
+"""Sources to check, their waves and simplices, places to look at, and laws at single places."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from typing import Any, Literal
 
@@ -13,21 +15,217 @@ from numpy.typing import NDArray
 
 from polywigner import transforms
 from polywigner.errors import ArgumentError
-from polywigner.geometry import Aperture, Slits
-from polywigner.testing.simplices import corners_of
-from polywigner.testing.waves import Waves, waves_of
+from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
+from polywigner.illumination import Array as Elements
+from polywigner.illumination import Illumination
 
 __all__ = [
     "TOLERANCE",
+    "ArrayCase",
     "Case",
     "Precision",
+    "Simplex",
+    "Waves",
+    "ambiguity_is_hermitian_and_bounded",
+    "array_case_of",
     "box_of",
     "case_of",
     "content_of",
+    "corners_of",
+    "phase_of",
     "require",
     "rim_of",
+    "simplices_of",
+    "small_frequency_limit",
     "thinness_of",
+    "values_at_zero",
+    "waves_of",
+    "wigner_is_real_and_bounded",
 ]
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Waves:
+    """u = sum of amplitude exp(2 pi i frequency.x)."""
+
+    amplitudes: Array
+    """(m,) complex."""
+    frequencies: Array
+    """(m, d)."""
+
+    @property
+    def uniform(self) -> bool:
+        """Whether the field is 1."""
+        return bool(np.all(self.amplitudes == 1)) and not self.frequencies.any()
+
+    @property
+    def strength(self) -> float:
+        """Bound on |u|."""
+        return float(np.abs(self.amplitudes).sum())
+
+    @property
+    def carrier(self) -> Array:
+        """The mean frequency (d,), by power."""
+        return np.asarray(np.abs(self.amplitudes) ** 2 @ self.frequencies) / float(
+            (np.abs(self.amplitudes) ** 2).sum()
+        )
+
+    @property
+    def spread(self) -> float:
+        """Largest distance of a frequency from the carrier, in 1/m."""
+        return float(np.linalg.norm(self.frequencies - self.carrier, axis=1).max())
+
+    def pairs(self) -> Iterator[tuple[complex, Array, Array]]:
+        """(c_m c_n*, mean of both frequencies, difference of both) of all ordered pairs."""
+        for c, kappa in zip(self.amplitudes.tolist(), self.frequencies, strict=True):
+            for d, other in zip(self.amplitudes.tolist(), self.frequencies, strict=True):
+                yield c * d.conjugate(), (kappa + other) / 2, kappa - other
+
+    def middles(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, d) means of two frequencies, about which W is large."""
+        return self._drawn(rng, count, 0.5, 0.5)
+
+    def distances(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, d) differences of two frequencies, about which A is large."""
+        return self._drawn(rng, count, 1.0, -1.0)
+
+    def _drawn(self, rng: np.random.Generator, count: int, first: float, second: float) -> Array:
+        if len(self.amplitudes) == 1:  # no draws: the places of uniform sources depend on them
+            return np.broadcast_to((first + second) * self.frequencies, (count, self._dimension))
+        one, other = rng.integers(len(self.amplitudes), size=(2, count))
+        return first * self.frequencies[one] + second * self.frequencies[other]
+
+    @property
+    def _dimension(self) -> int:
+        return int(self.frequencies.shape[1])
+
+    def field(self) -> Illumination:
+        """The waves as an Illumination."""
+        return Illumination(self.amplitudes, self.frequencies)
+
+    def mapped(self, matrix: Array, shift: Array) -> Waves:
+        """Carried along by x -> matrix x + shift."""
+        kappa = self.frequencies @ np.linalg.inv(matrix)
+        return Waves(self.amplitudes * np.exp(-2j * np.pi * (kappa @ shift)), kappa)
+
+    def conjugate(self) -> Waves:
+        return Waves(self.amplitudes.conj(), -self.frequencies)
+
+
+def waves_of(source: Aperture | Slits) -> Waves:
+    """The waves on a source."""
+    field = source.illumination
+    if field is None:
+        return Waves(np.ones(1, complex), np.zeros((1, 1 if isinstance(source, Slits) else 2)))
+    return Waves(field.amplitudes, field.frequencies)
+
+
+Array = NDArray[Any]
+Point = tuple[Fraction, ...]
+
+
+@dataclass(frozen=True)
+class Simplex:
+    """d! times the signed content, and the corners in the space of nu."""
+
+    weight: Fraction
+    corners: tuple[Point, ...]
+
+
+def simplices_of(source: Any) -> list[Simplex]:
+    """Signed simplices with one corner in common, their first, whose sum the source is."""
+    if isinstance(source, Slits):
+        ends = [tuple((Fraction(x),) for x in pair) for pair in source.intervals.tolist()]
+        return [Simplex(b[0] - a[0], (a, b)) for a, b in ends]
+    if isinstance(source, Polyhedron):
+        corners = _exact(source.vertices)
+        return _fan([[corners[k] for k in face] for face in source.triangles.tolist()])
+    if isinstance(source, PlacedAperture):
+        pose = [[Fraction(value) for value in row] for row in source.pose.tolist()]
+        return [
+            Simplex(s.weight, tuple(_placed(pose, corner) for corner in s.corners))
+            for s in simplices_of(source.aperture)
+        ]
+    rings = [_exact(ring) for ring in source.rings]
+    return _fan([[p, q] for r in rings for p, q in zip(r, r[1:] + r[:1], strict=True)])
+
+
+def corners_of(source: Any) -> Array:
+    """Vertices (n, d) in the space of nu, as floats."""
+    if isinstance(source, Slits):
+        return source.intervals.reshape(-1, 1)
+    if isinstance(source, Polyhedron):
+        return source.vertices
+    if isinstance(source, Aperture):
+        return np.concatenate(source.rings)
+    flat = np.concatenate(source.aperture.rings)
+    return flat @ source.pose[:3, :2].T + source.pose[:3, 3]
+
+
+def _exact(points: Array) -> list[Point]:
+    return [tuple(Fraction(x) for x in point) for point in points.tolist()]
+
+
+def _placed(pose: list[list[Fraction]], corner: Point) -> Point:
+    x, y = corner
+    return tuple(row[0] * x + row[1] * y + row[3] for row in pose[:3])
+
+
+def _fan(faces: list[list[Point]]) -> list[Simplex]:
+    """The cones from one corner over all faces that do not contain it."""
+    apex = faces[0][0]
+    found = []
+    for face in faces:
+        rows = [[x - a for x, a in zip(corner, apex, strict=True)] for corner in face]
+        weight = _determinant(rows)
+        if weight:
+            found.append(Simplex(weight, (apex, *face)))
+    return found
+
+
+def _determinant(rows: Sequence[Sequence[Fraction]]) -> Fraction:
+    if len(rows) == 2:
+        return rows[0][0] * rows[1][1] - rows[0][1] * rows[1][0]
+    (a, b, c), lower = rows[0], rows[1:]
+    minors = [[[row[j] for j in range(3) if j != k] for row in lower] for k in range(3)]
+    first, second, third = (_determinant(minor) for minor in minors)
+    return a * first - b * second + c * third
+
+
+def phase_of(nu: Sequence[float], point: Sequence[Any]) -> complex:
+    """exp(-2 pi i nu.point), the product exact and reduced modulo one turn."""
+    turns = sum(Fraction(n) * Fraction(x) for n, x in zip(nu, point, strict=True))
+    reduced = float(turns - round(turns))
+    return complex(math.cos(2 * math.pi * reduced), -math.sin(2 * math.pi * reduced))
+
+
+def small_frequency_limit(
+    simplices: list[Simplex], centre: Sequence[float], nu: Sequence[float]
+) -> complex:
+    """F(nu) to second order in nu.(x - centre), from exact moments.
+
+    The next term is (2 pi |nu| D)^3/6 of the content.
+    """
+    d = len(simplices[0].corners) - 1
+    middle = [Fraction(c) for c in centre]
+    frequency = [Fraction(n) for n in nu]
+    zeroth = first = second = Fraction(0)
+    for simplex in simplices:
+        turns = [
+            sum((n * (x - c) for n, x, c in zip(frequency, p, middle, strict=True)), Fraction(0))
+            for p in simplex.corners
+        ]
+        total = sum(turns, Fraction(0))
+        squares = sum((t * t for t in turns), Fraction(0))
+        zeroth += simplex.weight / math.factorial(d)
+        first += simplex.weight * total / math.factorial(d + 1)
+        second += simplex.weight * (total * total + squares) / math.factorial(d + 2)
+    turn = 2 * math.pi
+    near = complex(float(zeroth) - turn**2 * float(second) / 2, -turn * float(first))
+    return near * phase_of(nu, centre)
+
 
 Array = NDArray[Any]
 Precision = Literal["double", "single"] | None
@@ -185,3 +383,168 @@ def _row(value: Any, number: int) -> Sequence[float]:
     array = np.asarray(value)
     row: list[float] = (array[number] if array.ndim > 1 else array).tolist()
     return row
+
+
+Values = NDArray[Any]
+
+_PLACES = 12  # of sums over pairs of elements, each pair a slice cut by itself
+_LEAST_PLACES, _MOST_ELEMENTS = 1, 400  # fewer places than that for more elements
+
+
+@dataclass(frozen=True)
+class ArrayCase:
+    """An array, places to look at, and how to evaluate."""
+
+    array: Elements
+    x: Values
+    xi: Values
+    nu: Values
+    upsilon: Values
+    keywords: dict[str, Any]
+    tolerance: float
+
+    @property
+    def elements(self) -> tuple[Any, ...]:
+        return self.array.elements_in_plane
+
+    @property
+    def weights(self) -> Values:
+        return self.array.weights
+
+    @property
+    def dimension(self) -> int:
+        return int(self.x.shape[-1])
+
+    @cached_property
+    def strengths(self) -> Values:
+        """Bounds (n,) on the field of each element."""
+        return np.abs(self.weights) * [waves_of(e).strength for e in self.elements]
+
+    @cached_property
+    def scale(self) -> float:
+        """int |u|^2 if all were in phase: what rounding errors of A, and of W / 2^d, follow."""
+        outlines = [element.with_illumination(None) for element in self.elements]
+        return _energy(Elements(outlines, self.strengths))
+
+    @cached_property
+    def energy(self) -> float:
+        return _energy(self.array)
+
+    @cached_property
+    def allowed(self) -> float:
+        """Error allowed to A and, times 2^d, to W."""
+        return self.tolerance * self.scale + self._moved
+
+    @property
+    def _moved(self) -> float:
+        """Error in W and A from rounding of the elements' places and of phases there."""
+        farthest = max(float(np.abs(corners_of(element)).max()) for element in self.elements)
+        ulp = float(np.spacing(4 * farthest))
+        rims = sum(s * rim_of(e) for s, e in zip(self.strengths, self.elements, strict=True))
+        frequency = max(float(np.abs(self.nu).max()), float(np.abs(self.upsilon).max()))
+        by_rims = 4 * ulp * float(self.strengths.max()) * rims
+        return by_rims + 8 * np.pi * ulp * frequency * self.scale
+
+    @property
+    def few(self) -> int:
+        """At how many places to sum over pairs of elements."""
+        return max(_LEAST_PLACES, min(_PLACES, _MOST_ELEMENTS // len(self.array)))
+
+    @property
+    def otherwise(self) -> dict[str, Any]:
+        """Keywords for many sources at few places, for which compiling would be slower."""
+        return {**self.keywords, "engine": "numpy"}
+
+    def evaluate(self, transform: str, *places: Values) -> Any:
+        return getattr(transforms, transform)(self.array, *places, **self.keywords)
+
+
+def _energy(array: Elements) -> float:
+    zero = np.zeros((1, len(box_of(array.elements_in_plane[0])[0])))
+    return float(transforms.ambiguity(array, zero, zero, engine="numpy")[0].real)
+
+
+def array_case_of(
+    array: Any,
+    points: int,
+    seed: int,
+    precision: Precision,
+    engine: str,
+    tolerance: float | None,
+) -> ArrayCase:
+    """Places seen by pairs of elements: the mean of a point of one and a point of another."""
+    if not isinstance(array, Elements):
+        raise ArgumentError(
+            f"expected an Array, got {type(array).__name__}; use assert_wigner_identities for one "
+            "aperture or slits"
+        )
+    elements = array.elements_in_plane
+    rng = np.random.default_rng(seed)
+    one, other = rng.integers(len(elements), size=(2, points))
+    ends = [_drawn_in(elements, chosen, rng) for chosen in (one, other)]
+    dimension = ends[0].shape[1]
+    corners = np.concatenate([corners_of(element) for element in elements])
+    largest = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    smallest = min(element.diameter for element in elements)
+    direction = rng.normal(size=(points, dimension))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    size = 10 ** rng.uniform(-2 - np.log10(largest), 1 - np.log10(smallest), points)
+    carriers = [_wave_of(elements, chosen, rng) for chosen in (one, other)]
+    if tolerance is None:
+        thinnest = max(map(thinness_of, elements))
+        tolerance = TOLERANCE[precision or "double"] * max(1.0, thinnest / 10)
+    return ArrayCase(
+        array,
+        x=(ends[0] + ends[1]) / 2,
+        xi=ends[0] - ends[1],
+        nu=(carriers[0] + carriers[1]) / 2 + size[:, None] * direction,
+        upsilon=carriers[0] - carriers[1] + size[:, None] * direction,
+        keywords={"precision": precision, "engine": engine},
+        tolerance=tolerance,
+    )
+
+
+def _drawn_in(elements: Any, chosen: Values, rng: np.random.Generator) -> Values:
+    """A random point (n, d) in the box of each chosen element."""
+    boxes = {k: box_of(elements[k]) for k in set(chosen.tolist())}
+    unit = rng.random((len(chosen), len(boxes[int(chosen[0])][0])))
+    return np.stack(
+        [boxes[k][0] + u @ boxes[k][1] for k, u in zip(chosen.tolist(), unit, strict=True)]
+    )
+
+
+def _wave_of(elements: Any, chosen: Values, rng: np.random.Generator) -> Values:
+    """The frequency (n, d) of one of the waves of each chosen element."""
+    return np.stack([rng.choice(waves_of(elements[k]).frequencies) for k in chosen.tolist()])
+
+
+def wigner_is_real_and_bounded(case: Case | ArrayCase, allowed: float) -> Any:
+    """Also returns W at the case's places."""
+    value = case.evaluate("wigner", case.x, case.nu)
+    if np.iscomplexobj(value):
+        raise AssertionError(f"W is real: expected a real array, got {value.dtype}")
+    bound = 2**case.dimension * case.energy
+    law = f"|W| <= {2**case.dimension} times int |u|^2"
+    here = {"x": case.x, "nu": case.nu}
+    require(law, value, np.clip(value, -bound, bound), allowed, here)
+    return value
+
+
+def ambiguity_is_hermitian_and_bounded(case: Case | ArrayCase) -> None:
+    here = {"upsilon": case.upsilon, "xi": case.xi}
+    value = case.evaluate("ambiguity", case.upsilon, case.xi)
+    mirrored = case.evaluate("ambiguity", -case.upsilon, -case.xi)
+    require("A(-upsilon, -xi) = conj A(upsilon, xi)", mirrored, value.conj(), case.allowed, here)
+    size = np.abs(value)
+    require("|A| <= A(0, 0)", size, np.minimum(size, case.energy), case.allowed, here)
+
+
+def values_at_zero(case: Case | ArrayCase, allowed: float) -> None:
+    """Values at zero frequency: those of W, within ``allowed``, and of A are the marginals."""
+    zero = np.zeros(case.dimension)
+    by_position = case.evaluate("position_marginal", case.x)
+    at_zero = case.evaluate("wigner", case.x, zero)
+    require("W(x, 0) = R_x(x)", at_zero, by_position, allowed, {"x": case.x})
+    by_lag = case.evaluate("lag_marginal", case.xi)
+    at_zero = case.evaluate("ambiguity", zero, case.xi)
+    require("A(0, xi) = R_xi(xi)", at_zero, by_lag, case.allowed, {"xi": case.xi})

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Slits, lag_slice, position_slice, triangulate
-from polywigner.testing.waves import waves_of
+from polywigner.testing.cases import waves_of
 
 __all__ = [
     "lag_slices",

@@ -15,16 +15,17 @@ from numpy.typing import NDArray
 from polywigner import transforms
 from polywigner.errors import ArgumentError, GeometryError
 from polywigner.geometry import Aperture, PlacedAperture, Polyhedron, Slits
-from polywigner.testing.cases import Precision, require
-from polywigner.testing.pieces import split_in_three
-from polywigner.testing.simplices import (
+from polywigner.testing.cases import (
+    Precision,
     Simplex,
     corners_of,
     phase_of,
+    require,
     simplices_of,
     small_frequency_limit,
+    waves_of,
 )
-from polywigner.testing.waves import waves_of
+from polywigner.testing.pieces import split_in_three
 
 __all__ = ["assert_fourier_stable"]
 

@@ -10,9 +10,13 @@ import shapely
 
 from polywigner import transforms
 from polywigner.geometry import Aperture, Slits
-from polywigner.testing.cases import Case, Precision, box_of, case_of, require
-from polywigner.testing.laws import (
+from polywigner.testing.cases import (
+    Case,
+    Precision,
     ambiguity_is_hermitian_and_bounded,
+    box_of,
+    case_of,
+    require,
     values_at_zero,
     wigner_is_real_and_bounded,
 )
