@@ -14,7 +14,7 @@ from dask.callbacks import Callback
 
 import polywigner as pw
 from polywigner.errors import ArgumentError, MissingExtraError, PolywignerError, PolywignerWarning
-from polywigner.propagation import datasets, field_settings
+from polywigner.propagation import datasets
 from polywigner.propagation.grids import box_grid
 
 WAVELENGTH = 299792458 / 94e9
@@ -187,7 +187,7 @@ def test_a_warning_of_many_blocks_is_said_once_and_to_the_caller(
 
 
 def test_a_block_can_be_sent_to_another_process() -> None:
-    settings = field_settings.checked_settings(WAVELENGTH, {"method": "fraunhofer"})
+    settings = datasets.checked_settings(WAVELENGTH, {"method": "fraunhofer"})
     block = datasets.FieldBlock(CHEVRONS, box_grid(BOX, SHAPE), "fraunhofer", settings)
     there = pickle.loads(pickle.dumps(block))
     assert (there((1, 0, 2), (2, 3, 1)) == block((1, 0, 2), (2, 3, 1))).all()

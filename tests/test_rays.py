@@ -12,7 +12,7 @@ import polywigner as pw
 from oracles.diffraction import irradiance_by_quadrature
 from oracles.references import read_json
 from polywigner.errors import ArgumentError, PolywignerError, PolywignerWarning
-from polywigner.propagation import arrangement, rays_adaptive, rays_sampling
+from polywigner.propagation import arrangement, rays_adaptive
 from polywigner.propagation.arrangement import gauss_rule, node_count, smooth_triangles
 
 CONDITIONS = ("rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2")
@@ -253,7 +253,7 @@ def test_places_are_drawn_until_the_tolerance_is_met() -> None:
 
 
 def test_a_tolerance_that_drawn_places_miss_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rays_sampling, "_MOST_SAMPLES", 1 << 15)
+    monkeypatch.setattr(rays_adaptive, "_MOST_SAMPLES", 1 << 15)
     with pytest.warns(PolywignerWarning, match="more samples, or sampling='gauss'"):
         pw.irradiance(SQUARE, on_arc(8.0, [40, 60]), 1.0, sampling="monte-carlo", seed=1)
 

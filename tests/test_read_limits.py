@@ -22,16 +22,15 @@ from polywigner.errors import FileFormatError, PolywignerError, SceneError
 from polywigner.geometry.exact import (
     area_and_error,
     estimated_area,
-    groups_apart,
     orientations,
     signed_area,
     turn,
-    union_on_grid,
 )
-from polywigner.geometry.formats import gerber_layers, work
+from polywigner.geometry.formats import gerber, limits
 from polywigner.geometry.formats.gerber import composed
 from polywigner.geometry.formats.limits import Work
 from polywigner.geometry.formats.outlines import nested
+from polywigner.geometry.grid import groups_apart, union_on_grid
 from polywigner.geometry.rings import without_slight_bends
 
 MIB = 2**20
@@ -89,7 +88,7 @@ def test_edges_near_each_other_are_counted_before_they_are_compared(
     radii = np.where(np.arange(2000) % 2, 1e-3, 1.0)
     star = radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     Work().check_edges([star])
-    monkeypatch.setattr(work, "MOST_NEAR_EDGES", 100_000)
+    monkeypatch.setattr(limits, "MOST_NEAR_EDGES", 100_000)
     with pytest.raises(FileFormatError, match="100000 pairs of edges near each other"):
         Work().check_edges([star])
 
@@ -110,7 +109,7 @@ def test_crossings_are_counted_for_all_shapes_of_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Five stars of 434 crossings, none of which is too much alone."""
-    monkeypatch.setattr(work, "MOST_CROSSINGS", 1000)
+    monkeypatch.setattr(limits, "MOST_CROSSINGS", 1000)
     pytest.importorskip("defusedxml")
     ring = " ".join(f"{p.real:.6f},{p.imag:.6f}" for p in _star(31))
     stars = [f'<polygon points="{ring}" transform="translate({3 * k})"/>' for k in range(5)]
@@ -120,7 +119,7 @@ def test_crossings_are_counted_for_all_shapes_of_a_file(
 def test_stars_of_gerber_regions_count_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(work, "MOST_CROSSINGS", 1000)
+    monkeypatch.setattr(limits, "MOST_CROSSINGS", 1000)
     pytest.importorskip("gerbonara")
     regions = ""
     for k in range(5):
@@ -147,13 +146,13 @@ def test_vertices_of_groups_that_lie_apart_are_not_counted_together(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Shapes that touch are joined together, so their vertices count; a lattice of them is free."""
-    monkeypatch.setattr(gerber_layers, "_QUICK", 30)
-    monkeypatch.setattr(gerber_layers, "MOST_COMBINED", 100)
+    monkeypatch.setattr(gerber, "_QUICK", 30)
+    monkeypatch.setattr(gerber, "MOST_COMBINED", 100)
     apart = [(True, shapely.box(3 * k, 2 * (k % 7), 3 * k + 1, 2 * (k % 7) + 1)) for k in range(99)]
-    assert composed(apart, work.Work()).area == 99
+    assert composed(apart, limits.Work()).area == 99
     chain = [(True, shapely.box(k, 0, k + 2, 1)) for k in range(30)]
     with pytest.raises(FileFormatError, match="at most 100 vertices"):
-        composed(chain, work.Work())
+        composed(chain, limits.Work())
 
 
 def test_groups_are_apart_along_x_or_y_by_more_than_the_gap() -> None:

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from polywigner.errors import ArgumentError
 from polywigner.geometry.aperture import Aperture
 from polywigner.geometry.arguments import real_numbers
-from polywigner.geometry.exact import Ring, polygons_in, union_on_grid
+from polywigner.geometry.exact import Ring
+from polywigner.geometry.grid import polygons_in, union_on_grid
 
 __all__ = ["automean", "lag_slice", "position_slice"]
 

@@ -16,15 +16,8 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, GeometryError
-from polywigner.geometry.exact import (
-    Ring,
-    grid_size,
-    orientations,
-    polygons_in,
-    shoelace,
-    straightened,
-    union_on_grid,
-)
+from polywigner.geometry.exact import Ring, orientations, shoelace
+from polywigner.geometry.grid import grid_size, polygons_in, straightened, union_on_grid
 from polywigner.geometry.rings import (
     Part,
     clean_ring,

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polywigner.geometry import Aperture, Slits, automean
-from polywigner.geometry.exact import union_on_grid
+from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.lattices import lattice_of
 from polywigner.illumination.waves import restored

@@ -30,7 +30,6 @@ from polywigner.geometry.arguments import (
     takes_frequency,
     warn_caller,
 )
-from polywigner.geometry.wavefront import Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
@@ -50,7 +49,6 @@ from polywigner.propagation.places import (
     check_reach,
     checked_method,
     checked_points,
-    checked_wavelength,
 )
 from polywigner.propagation.rays import Rays
 from polywigner.propagation.rays_adaptive import Estimate, Sampling, by_gauss, by_samples

@@ -130,7 +130,7 @@ def _third_order(c: Any, inverse: Any, wavelength: Any, forms: Values) -> Values
     )
 
 
-Values = NDArray[np.float64]
+Floats = NDArray[np.float64]
 
 # Cuts that are made in NumPy beforehand, a few seconds' work; of more edges or places they are part
 # of the kernel.
@@ -164,7 +164,7 @@ class Rays:
             return source
         return Wavefront(source, coherence_width=self.coherence_width)
 
-    def irradiance(self, rule: Rule, points: Values) -> Values:
+    def irradiance(self, rule: Rule, points: Floats) -> Floats:
         """The sum over a rule's nodes at points (n, 3), (n,)."""
         total = np.zeros(len(points))
         for source, forms in self.sources:
@@ -183,7 +183,7 @@ class Rays:
 
     def _listed(
         self, source: Aperture | Array, rule: Rule
-    ) -> Iterator[tuple[Kernel, Values, Values]]:
+    ) -> Iterator[tuple[Kernel, Floats, Floats]]:
         """Kernels, and what to sum them over: parts of slices, or places as they are."""
         nodes, weights = rule
         if not self._is_by_parts(source, len(nodes)):
@@ -210,7 +210,7 @@ class Rays:
         by_edges = self.order == 3 or kernel_for("wigner", source).slices is not None
         return by_edges and tables_of(source, True).clips * places <= _MOST_CUTS
 
-    def integrand(self, places: Values, points: Values) -> Values:
+    def integrand(self, places: Floats, points: Floats) -> Floats:
         """Irradiance per area from each place (m, 2) at each point (n, 3), (n, m)."""
         total: Any = 0.0
         place, point = places.T[:, None, :], points.T[:, :, None]
@@ -226,5 +226,5 @@ class Rays:
                 outputs=1,
             )
             total = total + values
-        result: Values = total
+        result: Floats = total
         return result

@@ -247,7 +247,6 @@ def _quartered(cells: Triangles) -> Triangles:
 
 Sampling = Literal["gauss", "sobol", "monte-carlo"]
 
-Values = NDArray[np.float64]
 
 # Independent batches, from whose scatter the error is estimated, to a fifth of itself.
 _BATCHES = 16

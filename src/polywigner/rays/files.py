@@ -61,12 +61,12 @@ _HEADER = np.dtype(
         ("reserved", "<i4", 2),
     ]
 )
-_COLUMNS = {0: 7, 2: 8}
+_NUMBERS = {0: 7, 2: 8}
 # Rays at a time.
 _BLOCK = 1 << 20
 _MICROMETRE = 1e-6
 # Our own description, from which the sign of a part and how many rays were drawn are read back.
-_PARTS = {1: "signed", +2: "positive part", -2: "negative part, to be subtracted"}
+_PART_NAMES = {1: "signed", +2: "positive part", -2: "negative part, to be subtracted"}
 _OURS = re.compile(r"polywigner rays of (\d+): (signed|positive|negative)")
 
 
@@ -84,7 +84,7 @@ def write_source_file(
     header = np.zeros((), _HEADER)
     flux = float(columns[:, 6].sum() * scale[6])
     header["Identifier"], header["NbrRays"] = _IDENTIFIERS[0], len(columns)
-    header["Description"] = f"polywigner rays of {count}: {_PARTS[part]}".encode()
+    header["Description"] = f"polywigner rays of {count}: {_PART_NAMES[part]}".encode()
     header["SourceFlux"] = header["RaySetFlux"] = flux
     header["Wavelength"] = wavelength / _MICROMETRE
     header["InclinationEnd"], header["AzimuthEnd"] = 180.0, 360.0
@@ -110,7 +110,7 @@ def read_source_file(path: Path) -> tuple[Values, dict[str, Any]]:
         header = np.frombuffer(start, _HEADER)[0]
         if header["Identifier"] not in _IDENTIFIERS:
             raise _wrong(path, f"the identifier {header['Identifier']}")
-        columns = _COLUMNS.get(int(header["ray_format_type"]))
+        columns = _NUMBERS.get(int(header["ray_format_type"]))
         units = list(METRES.values())
         number = int(header["DimensionUnits"])
         if columns is None or not 0 <= number < len(units):

@@ -232,7 +232,6 @@ if TYPE_CHECKING:
 
 Directions = Literal["beam", "uniform"]
 
-Values = NDArray[np.float64]
 
 # 12 GB of rays; of more draw several sets.
 _MOST = 100_000_000

@@ -155,8 +155,6 @@ def _across(name: str, vectors: Complex, towards: Floats) -> Complex:
 
 
 Source = Aperture | Array
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 # Boundary condition of the fields of antennas.
 _CONDITION = "rayleigh-sommerfeld-1"

@@ -74,9 +74,6 @@ def _lit(
         yield rows, lit_pieces(facets, seen)
 
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-
 # In rad: parts of faces in shadows are good to 1e-12 of their amplitude, and the square is left of
 # the edges' motion in turns of phase.
 _STEP = 1e-5

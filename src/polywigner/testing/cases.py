@@ -122,7 +122,6 @@ def waves_of(source: Aperture | Slits) -> Waves:
     return Waves(field.amplitudes, field.frequencies)
 
 
-Array = NDArray[Any]
 Point = tuple[Fraction, ...]
 
 
@@ -227,7 +226,6 @@ def small_frequency_limit(
     return near * phase_of(nu, centre)
 
 
-Array = NDArray[Any]
 Precision = Literal["double", "single"] | None
 
 # Relative to the content: what the package promises. Shapely's clipping may move a corner by an

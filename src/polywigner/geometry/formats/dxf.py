@@ -57,10 +57,10 @@ _FLATTEST_BULGE = 1e-9
 
 _LARGEST_DEGREE = 25
 
-Path = list[Curve]
+CurvePath = list[Curve]
 
 
-def paths_of(entity: Any) -> list[Path]:
+def paths_of(entity: Any) -> list[CurvePath]:
     """The paths of one entity, (n, 3); open ones are to be joined with others.
 
     Raises FileFormatError for entities that are no plane curves.
@@ -87,14 +87,14 @@ def _vector(point: Any) -> Points:
     return np.array([float(point[k]) if k < len(point) else 0.0 for k in range(3)])
 
 
-def _to_world(entity: Any, paths: Iterable[Path], elevation: float = 0.0) -> list[Path]:
+def _to_world(entity: Any, paths: Iterable[CurvePath], elevation: float = 0.0) -> list[CurvePath]:
     """From the entity's own plane, which its extrusion direction defines."""
     ocs = entity.ocs()
     axes = np.array([list(ocs.ux), list(ocs.uy), list(ocs.uz)])
     return [[transformed(c, axes, elevation * axes[2]) for c in path] for path in paths]
 
 
-def _line(entity: Any) -> list[Path]:
+def _line(entity: Any) -> list[CurvePath]:
     return [[np.array([_vector(entity.dxf.start), _vector(entity.dxf.end)])]]
 
 
@@ -108,12 +108,12 @@ def _circular(centre: Points, radius: float, start: float, end: float) -> Arc:
     return Arc(centre, u, v, math.radians(start), math.radians(sweep))
 
 
-def _circle(entity: Any) -> list[Path]:
+def _circle(entity: Any) -> list[CurvePath]:
     circle = _circular(_vector(entity.dxf.center), float(entity.dxf.radius), 0.0, 360.0)
     return _to_world(entity, [[circle]])
 
 
-def _arc(entity: Any) -> list[Path]:
+def _arc(entity: Any) -> list[CurvePath]:
     dxf = entity.dxf
     arc = _circular(
         _vector(dxf.center), float(dxf.radius), float(dxf.start_angle), float(dxf.end_angle)
@@ -129,7 +129,7 @@ def _elliptic(centre: Points, major: Points, minor: Points, start: float, end: f
     return Arc(centre, major, minor, start, sweep)
 
 
-def _ellipse(entity: Any) -> list[Path]:
+def _ellipse(entity: Any) -> list[CurvePath]:
     dxf = entity.dxf
     major, normal = _vector(dxf.major_axis), _vector(dxf.extrusion)
     minor = float(dxf.ratio) * np.cross(normal / np.linalg.norm(normal), major)
@@ -137,10 +137,10 @@ def _ellipse(entity: Any) -> list[Path]:
     return [[_elliptic(centre, major, minor, float(dxf.start_param), float(dxf.end_param))]]
 
 
-def _bulging(points: Points, bulges: Points, is_closed: bool) -> Path:
+def _bulging(points: Points, bulges: Points, is_closed: bool) -> CurvePath:
     """Lines and arcs through the points; a bulge is the tangent of a quarter of the arc's angle."""
     following = np.roll(points, -1, axis=0)
-    path: Path = []
+    path: CurvePath = []
     for k in range(len(points) if is_closed else len(points) - 1):
         start, end, bulge = points[k], following[k], float(bulges[k])
         chord = end - start
@@ -161,13 +161,13 @@ def _flat(pairs: Iterable[Any]) -> Points:
     return np.array(rows).reshape(-1, 3)
 
 
-def _light_polyline(entity: Any) -> list[Path]:
+def _light_polyline(entity: Any) -> list[CurvePath]:
     rows = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
     path = _bulging(_flat(rows[:, :2]), rows[:, 2], bool(entity.closed))
     return _to_world(entity, [path] if path else [], float(entity.dxf.elevation))
 
 
-def _polyline(entity: Any) -> list[Path]:
+def _polyline(entity: Any) -> list[CurvePath]:
     if not (entity.is_2d_polyline or entity.is_3d_polyline):
         raise FileFormatError("expected plane polylines, got a POLYLINE that is a mesh; remove it")
     # Bit 16 marks the frame points of a spline that the other vertices follow.
@@ -181,7 +181,7 @@ def _polyline(entity: Any) -> list[Path]:
     return _to_world(entity, [path] if path else [])
 
 
-def _spline_curves(tool: Any) -> Path:
+def _spline_curves(tool: Any) -> CurvePath:
     """The Bezier curves of ezdxf's B-spline."""
     control = np.array([_vector(p) for p in tool.control_points])
     knots = np.array(list(tool.knots()), dtype=np.float64)
@@ -200,7 +200,7 @@ def _spline_curves(tool: Any) -> Path:
     return [*bezier_spans(control, knots, weights if len(weights) else None)]
 
 
-def _spline(entity: Any) -> list[Path]:
+def _spline(entity: Any) -> list[CurvePath]:
     check_number(20 * entity.fit_point_count())  # each row of a linear system, in Python
     path = _spline_curves(entity.construction_tool())
     if path and entity.closed:
@@ -209,12 +209,12 @@ def _spline(entity: Any) -> list[Path]:
     return [path] if path else []
 
 
-def _solid(entity: Any) -> list[Path]:
+def _solid(entity: Any) -> list[CurvePath]:
     corners = [_vector(entity.dxf.get(f"vtx{k}", entity.dxf.vtx2)) for k in (0, 1, 3, 2, 0)]
     return _to_world(entity, [[np.array(corners)]])
 
 
-def _edge(edge: Any) -> Path:
+def _edge(edge: Any) -> CurvePath:
     """One edge of a hatch boundary, in the hatch's plane, running the way it is listed."""
     kind = type(edge).__name__
     if kind == "LineEdge":
@@ -231,8 +231,8 @@ def _edge(edge: Any) -> Path:
     return [arc if edge.ccw else reversed_curve(arc)]
 
 
-def _hatch(entity: Any) -> list[Path]:
-    paths: list[Path] = []
+def _hatch(entity: Any) -> list[CurvePath]:
+    paths: list[CurvePath] = []
     for boundary in entity.paths:
         if hasattr(boundary, "vertices"):
             rows = np.array(boundary.vertices, dtype=np.float64).reshape(-1, 3)
@@ -243,7 +243,7 @@ def _hatch(entity: Any) -> list[Path]:
     return _to_world(entity, paths, _vector(entity.dxf.elevation)[2])
 
 
-def _joined(edges: list[Path]) -> list[Path]:
+def _joined(edges: list[CurvePath]) -> list[CurvePath]:
     """The edges of one boundary; each whole circle among them is an outline of its own."""
     edges = [edge for edge in edges if edge]
     if not edges:

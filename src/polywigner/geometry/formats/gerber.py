@@ -1,4 +1,4 @@
-"""The copper of one layer of a board in Gerber (RS-274X): objects that gerbonara reads, as polygons."""
+"""Copper of one layer of a board in Gerber (RS-274X): objects that gerbonara reads, as polygons."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.exact import combined_on_grid, groups_apart, polygons_in, union_on_grid
 from polywigner.geometry.formats import gerber_process
 from polywigner.geometry.formats.curves import Arc, Curve, flattened
 from polywigner.geometry.formats.gerber_statements import checked_statements
@@ -27,6 +26,7 @@ from polywigner.geometry.formats.limits import (
     text_of,
 )
 from polywigner.geometry.formats.outlines import Drawing, filled, required
+from polywigner.geometry.grid import combined_on_grid, groups_apart, polygons_in, union_on_grid
 from polywigner.geometry.rings import rings_of_polygon
 
 __all__ = ["Layers", "Shapes", "composed", "read_gerber"]

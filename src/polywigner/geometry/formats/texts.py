@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from polywigner.errors import FileFormatError
-from polywigner.geometry.exact import Ring, polygons_in
+from polywigner.geometry.exact import Ring
 from polywigner.geometry.formats.limits import (
     DEEPEST_WKT,
     LONGEST_LINE,
@@ -20,6 +20,7 @@ from polywigner.geometry.formats.limits import (
     place_of,
     token,
 )
+from polywigner.geometry.grid import polygons_in
 from polywigner.geometry.rings import rings_of_polygon
 
 __all__ = ["rings_of_csv", "rings_of_geojson", "rings_of_wkt"]
