@@ -15,9 +15,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.editing import rings_of_aperture
-from polywigner.explorer.state import State, to_query
+from polywigner.explorer.state import CATALOGUE, State, to_query
 
 IMAGES = Path(__file__).parent / "images"
 SECONDS = 120.0

@@ -11,7 +11,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.methods import parse_methods
+from polywigner.cli.fields import parse_methods
 from polywigner.cli.sources import field_title, frequency_text, short_name
 from polywigner.cli.where import parse_place, place_text
 from polywigner.errors import PolywignerError

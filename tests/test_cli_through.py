@@ -5,7 +5,7 @@ import pytest
 
 import polywigner as pw
 from polywigner.cli import main
-from polywigner.cli.systems import system_from
+from polywigner.cli.transform import system_from
 from polywigner.errors import QuantityError
 
 

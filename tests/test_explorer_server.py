@@ -285,7 +285,7 @@ class Loop:
 
 
 def listener(most: int, loop: Loop) -> Any:
-    from polywigner.explorer.listening import Listener
+    from polywigner.explorer.guard import Listener
 
     plain = socket.create_server(("127.0.0.1", 0))
     return Listener(plain, most, lambda: loop)

@@ -29,14 +29,19 @@ from polywigner.explorer import (
     views,
     windows,
 )
-from polywigner.explorer.choices import CATALOGUE
-from polywigner.explorer.history import History
-from polywigner.explorer.needs import needed
 from polywigner.explorer.readings import Readings
 from polywigner.explorer.results import queue, results, stages
 from polywigner.explorer.scheduler import Scheduler
 from polywigner.explorer.shown import power_of_ten, shown
-from polywigner.explorer.state import LARGEST_QUERY, State, from_query, to_query
+from polywigner.explorer.state import (
+    CATALOGUE,
+    LARGEST_QUERY,
+    History,
+    State,
+    from_query,
+    needed,
+    to_query,
+)
 
 WAIT = 5.0  # seconds, for another thread on a loaded machine
 SMALL = 17  # samples along an axis: the laws do not depend on it

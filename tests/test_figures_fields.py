@@ -9,7 +9,7 @@ import pytest
 
 from polywigner.errors import ArgumentError
 from polywigner.figures import draw_hemispheres, draw_lines, draw_planes
-from polywigner.figures.differences import difference_db, summary
+from polywigner.figures.levels import difference_db, summary
 
 xarray = pytest.importorskip("xarray")
 

@@ -12,9 +12,8 @@ import pytest
 import polywigner as pw
 from polywigner.errors import ArgumentError, EngineError
 from polywigner.figures import draw_volume
-from polywigner.figures.volumes_layers import Layers, cast_layers, closed, shaded
+from polywigner.figures.volumes_layers import Layers, View, back_wall, cast_layers, closed, shaded
 from polywigner.figures.volumes_pyvista import pyvista_layers
-from polywigner.figures.volumes_view import View, back_wall
 
 xarray = pytest.importorskip("xarray")
 

@@ -180,7 +180,7 @@ def test_the_rules_see_a_breach(file: str, source: str) -> None:
         ("execution/x.py", "from polywigner.geometry import Aperture"),
         ("cli/x.py", "import polywigner as pw\npw.wigner(1, 2, 3)"),
         ("geometry/x.py", "from .rings import y\nfrom polywigner import __version__"),
-        ("mitsuba/x.py", "from polywigner.mitsuba.shape import register"),
+        ("mitsuba/x.py", "from polywigner.mitsuba.plugins import register"),
     ],
 )
 def test_the_rules_let_right_imports_pass(file: str, source: str) -> None:

@@ -135,8 +135,8 @@ def test_a_direct_link_is_the_mean_over_tilts_and_wavelengths() -> None:
     """Far away it is Friis' formula, with the blurred intensity of the emitter over its power."""
     use("scalar_rgb")
     from polywigner.mitsuba.direct_light import coupled_share, facing_parts
-    from polywigner.mitsuba.mixtures import Mixture
-    from polywigner.mitsuba.placed_sources import PlacedSource
+    from polywigner.mitsuba.placement import PlacedSource
+    from polywigner.mitsuba.radiance import Mixture
 
     square, far, width, band = pw.shapes.square(6e-3), 20.0, 12e-3, 2e9
     partly = square.partially_coherent(width)
@@ -161,7 +161,7 @@ def test_a_receiver_by_exact_fields_is_coherent() -> None:
 def test_scalar_variants_draw_waves_of_the_right_spread() -> None:
     """Tilts of standard deviation 1/(2 pi width), and frequencies over all of the band."""
     mi = use("scalar_rgb")
-    from polywigner.mitsuba.mixtures import DrawnWaves, Mixture
+    from polywigner.mitsuba.radiance import DrawnWaves, Mixture
     from polywigner.quantities import SPEED_OF_LIGHT
 
     waves = DrawnWaves(mi, Mixture(WIDTH, 20e9))

@@ -120,7 +120,7 @@ def test_the_density_of_power_is_the_square_of_the_exact_field_near_and_far(
 
 def test_equivalent_sources_have_the_far_field_of_the_source() -> None:
     from polywigner.illumination.obliquities import CONDITIONS
-    from polywigner.mitsuba.equivalent_sources import equivalent_sources
+    from polywigner.mitsuba.exact import equivalent_sources
     from polywigner.propagation.panels import radiator_of
 
     radiator = radiator_of(L_SHAPE)

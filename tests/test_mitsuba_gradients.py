@@ -140,8 +140,8 @@ def test_the_mean_of_a_control_variate_has_the_derivatives_of_the_far_field(
     import drjit as dr
 
     from polywigner.execution import ops_for
+    from polywigner.mitsuba.emitter import TracedSource
     from polywigner.mitsuba.radiator import radiator_of
-    from polywigner.mitsuba.traced import TracedSource
 
     radiator = radiator_of(source, "rayleigh-sommerfeld-1")
     traced = TracedSource(mi, radiator)

@@ -61,8 +61,8 @@ def same(found: list[Any], whole: list[Any]) -> bool:
 
 
 def received(path: Path, seed: int = 0, **options: Any) -> list[Any]:
-    from polywigner.mitsuba.receiving_arguments import asked_of
-    from polywigner.mitsuba.scene_receptions import receive_parts
+    from polywigner.mitsuba.received import asked_of
+    from polywigner.mitsuba.scene_renders import receive_parts
     from polywigner.mitsuba.sent_scenes import SceneFile
 
     file = SceneFile(path, "scalar_rgb")

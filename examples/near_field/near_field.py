@@ -19,7 +19,7 @@ import numpy as np
 import polywigner as pw
 from polywigner.errors import PolywignerWarning
 from polywigner.figures import draw_lines
-from polywigner.figures.differences import summary
+from polywigner.figures.levels import summary
 
 WAVELENGTH = 299_792_458 / 94e9
 SQUARE = pw.shapes.square(10e-3)

@@ -10,8 +10,7 @@ from typing import Any, cast
 
 from polywigner.cli.fields import format_suffixes
 from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.reading import Reading
+from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
     check_is_coherent,
     check_source_file,

@@ -7,17 +7,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from polywigner.cli.fields import check_files, format_suffixes, write_field
-from polywigner.cli.grid_advice import samples_of_place
-from polywigner.cli.methods import (
+from polywigner.cli.fields import (
     MethodText,
+    check_files,
     compared_with,
+    format_suffixes,
     parse_methods,
     print_differences,
+    samples_of_place,
+    write_field,
 )
 from polywigner.cli.output import output_stem, targets
-from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.reading import Reading
+from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
     check_source_file,
     field_title,

@@ -17,19 +17,17 @@ from polywigner.cli.output import (
     targets,
     writing,
 )
-from polywigner.cli.ranges import (
-    draw_ranges,
-    parse_ranges,
-    prepare_ranges,
-    ranges_record,
-    ranges_text,
-)
 from polywigner.cli.scenes import (
     check_is_file,
     check_is_no_aperture,
     check_samples,
     check_threads,
     counted_bar,
+    draw_ranges,
+    parse_ranges,
+    prepare_ranges,
+    ranges_record,
+    ranges_text,
     scene_definition,
     versions_of,
 )
@@ -115,10 +113,10 @@ def run_receive(
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
     from polywigner.mitsuba.arrival_map import arrival_map
-    from polywigner.mitsuba.logs import to_list
+    from polywigner.mitsuba.images import to_list
+    from polywigner.mitsuba.received import asked_of
     from polywigner.mitsuba.received_power import receivers_of
-    from polywigner.mitsuba.receiving_arguments import asked_of
-    from polywigner.mitsuba.scene_receptions import receive_parts, receive_ranges
+    from polywigner.mitsuba.scene_renders import receive_parts, receive_ranges
     from polywigner.mitsuba.sent_scenes import SceneFile, remove_store
     from polywigner.propagation.exports import write_netcdf
     from polywigner.propagation.stores_files import require_stores
@@ -179,7 +177,7 @@ def run_receive(
 
 def _figure(scene: str, found: list[Any], maps: list[Any], floor_db: float) -> Any:
     """A panel for each receiver."""
-    from polywigner.figures.arrivals import DirectArrival, draw_arrivals
+    from polywigner.figures.ranges import DirectArrival, draw_arrivals
     from polywigner.figures.style import new_figure
 
     columns = min(len(found), _COLUMNS)

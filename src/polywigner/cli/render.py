@@ -18,13 +18,14 @@ from polywigner.cli.output import (
     targets,
     writing,
 )
-from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.ranges import parse_ranges, prepare_ranges
+from polywigner.cli.reading import check_wavelength
 from polywigner.cli.scenes import (
     check_is_file,
     check_is_no_aperture,
     check_samples,
     check_threads,
+    parse_ranges,
+    prepare_ranges,
     versions_of,
 )
 from polywigner.cli.sources import frequency_text, short_name
@@ -96,9 +97,8 @@ def run_render(settings: RenderSettings, out: str | None) -> None:
     )
     from polywigner.figures.levels import check_floor
     from polywigner.mitsuba import choose_variant
-    from polywigner.mitsuba.images import mean_of_colours, write_exr
-    from polywigner.mitsuba.logs import to_list
-    from polywigner.mitsuba.range_frames import prepared_frames
+    from polywigner.mitsuba.images import mean_of_colours, to_list, write_exr
+    from polywigner.mitsuba.range_profile import prepared_frames
     from polywigner.mitsuba.receiver import is_receiver
     from polywigner.mitsuba.rendering import check_spp, default_spp
     from polywigner.mitsuba.scene_renders import render_parts

@@ -44,7 +44,7 @@ def run_scatterers(
     check_is_no_aperture(scene)
 
     from polywigner.mitsuba import choose_variant, load_scene, scatterers, write_scatterers
-    from polywigner.mitsuba.logs import to_list
+    from polywigner.mitsuba.images import to_list
 
     chosen = choose_variant(variant)
     with to_list() as messages:

@@ -6,12 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from polywigner.cli.fields import format_suffixes, write_field
-from polywigner.cli.grid_advice import samples_of_box
-from polywigner.cli.methods import compared_with, parse_methods, print_differences
+from polywigner.cli.fields import (
+    compared_with,
+    format_suffixes,
+    parse_methods,
+    print_differences,
+    samples_of_box,
+    write_field,
+)
 from polywigner.cli.output import check_writable, missing_folders, output_stem, say_made, targets
-from polywigner.cli.plausibility import check_wavelength
-from polywigner.cli.reading import Reading
+from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
     check_source_file,
     field_title,

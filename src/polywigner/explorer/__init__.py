@@ -14,9 +14,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from polywigner.explorer.choices import UNITS
 from polywigner.explorer.server import check_installed, serve
-from polywigner.explorer.state import State
+from polywigner.explorer.state import UNITS, State
 
 __all__ = ["State", "check_installed", "serve", "start_state"]
 

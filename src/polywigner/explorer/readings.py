@@ -20,9 +20,8 @@ from typing import Any
 import polywigner
 from polywigner.errors import FileFormatError, PolywignerError
 from polywigner.explorer import reading_process
-from polywigner.explorer.choices import UNITS, Unit
 from polywigner.explorer.sources import check_upload, without_advice
-from polywigner.explorer.state import Ring
+from polywigner.explorer.state import UNITS, Ring, Unit
 from polywigner.geometry.formats import library_process
 
 __all__ = ["Readings"]

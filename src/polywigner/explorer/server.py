@@ -78,8 +78,7 @@ def new_server(
     from tornado.ioloop import IOLoop
     from tornado.netutil import bind_sockets
 
-    from polywigner.explorer.guard import guard, served_hosts
-    from polywigner.explorer.listening import Listener, most_connections
+    from polywigner.explorer.guard import Listener, guard, most_connections, served_hosts
     from polywigner.explorer.readings import Readings
     from polywigner.explorer.scheduler import Scheduler
     from polywigner.explorer.visits import Turns, route

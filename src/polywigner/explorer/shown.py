@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.explorer.choices import UNITS, Part, Unit
+from polywigner.explorer.state import UNITS, Part, Unit
 from polywigner.explorer.views import Picture
 from polywigner.figures.levels import level_db
 

@@ -3,23 +3,56 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Any, get_args
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal, get_args
 from urllib.parse import parse_qsl, quote, urlencode
 
 from polywigner.errors import ArgumentError, PolywignerError
-from polywigner.explorer.choices import UNITS, Part, Unit
+from polywigner.geometry import Aperture, shapes
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
 __all__ = [
+    "CATALOGUE",
     "LARGEST_QUERY",
     "MOST_RINGS",
     "MOST_VERTICES",
+    "UNITS",
+    "History",
+    "Part",
     "Ring",
     "State",
+    "Unit",
     "from_query",
+    "needed",
     "to_query",
 ]
+
+Unit = Literal["m", "cm", "mm", "µm", "nm"]
+Part = Literal["level", "real", "phase"]
+
+UNITS: Mapping[str, int] = {"m": 1, "cm": 100, "mm": 1000, "µm": 10**6, "nm": 10**9}
+"""Number of each unit in a metre: dividing by it rounds a typed length correctly."""
+
+CATALOGUE: Mapping[str, Callable[[], Aperture]] = {
+    "square": lambda: shapes.square(10),
+    "rectangle": lambda: shapes.rectangle(12, 8),
+    "triangle": lambda: shapes.triangle(12, 10),
+    "hexagon": lambda: shapes.regular_polygon(6, 6),
+    "octagon": lambda: shapes.regular_polygon(8, 6),
+    "disc": lambda: shapes.disc(5, 32),
+    "ring": lambda: shapes.ring(6, 3, 24),
+    "star": lambda: shapes.star(5, 7, 3),
+    "chevron": lambda: shapes.chevron(20, 12, 4),
+    "two chevrons": lambda: shapes.chevron_pair(20, 12, 4),
+    "vee": lambda: shapes.vee(12, 10, 2),
+    "u shape": lambda: shapes.u_shape(12, 10, 3),
+    "bow-tie": lambda: shapes.bow_tie(14, 8, 1),
+    "double slit": lambda: shapes.double_slit(2, 12, (-4, 4)),
+    "18 hexagons": lambda: shapes.hexagonal_segments(2.5, 0.1),
+}
+"""Shapes of some ten units, whatever the unit."""
+
 
 Point = tuple[float, float]
 Ring = tuple[Point, ...]
@@ -210,3 +243,57 @@ def _value(name: str, text: str, kind: type) -> Any:
 def _pair(text: str) -> Point:
     first, second = text.split(",")
     return float(first), float(second)
+
+
+_LONGEST = 200
+
+
+@dataclass(frozen=True)
+class History:
+    """Immutable; each step gives a new one. Only the last 200 states are kept."""
+
+    present: State = field(default_factory=State)
+    past: tuple[State, ...] = ()
+    future: tuple[State, ...] = ()
+
+    def then(self, state: State) -> History:
+        """With a new present; what had been undone is forgotten. The same state is no step."""
+        if state == self.present:
+            return self
+        return History(state, (*self.past, self.present)[-_LONGEST:])
+
+    def instead(self, state: State) -> History:
+        """With another present that is no step of its own, as in the middle of a drag."""
+        return History(state, self.past, self.future)
+
+    def undone(self) -> History:
+        """One step back, where there is one."""
+        if not self.past:
+            return self
+        return History(self.past[-1], self.past[:-1], (self.present, *self.future))
+
+    def redone(self) -> History:
+        """One step forward again, where there is one."""
+        if not self.future:
+            return self
+        return History(self.future[0], (*self.past, self.present), self.future[1:])
+
+
+_SOURCE = frozenset({"rings", "unit", "wave", "taper", "array", "window", "steering"})
+_NEEDS: Mapping[str, frozenset[str]] = {
+    "fourier": _SOURCE | {"reach", "part"},
+    "wigner_nu": _SOURCE | {"x", "reach", "coherence"},
+    "wigner_x": _SOURCE | {"nu", "coherence"},
+    "otf": _SOURCE | {"defocus"},
+    "far": _SOURCE | {"reach"},
+    "near": _SOURCE | {"distance", "order"},
+    "values": _SOURCE | {"x", "nu", "coherence"},
+}
+_PLAIN = State()
+_NAMES = tuple(field.name for field in fields(State))
+
+
+def needed(state: State, name: str) -> State:
+    """The state with all that a view does not depend on as it is at the start."""
+    others = {field: getattr(_PLAIN, field) for field in _NAMES if field not in _NEEDS[name]}
+    return state.moved(**others)

@@ -20,10 +20,9 @@ import polywigner as pw
 from polywigner.errors import ArgumentError, PolywignerWarning
 from polywigner.execution import Engine
 from polywigner.explorer import windows
-from polywigner.explorer.needs import needed
 from polywigner.explorer.sources import light_of, source_of
-from polywigner.explorer.state import State
-from polywigner.figures.differences import difference_db
+from polywigner.explorer.state import State, needed
+from polywigner.figures.levels import difference_db
 from polywigner.geometry import Aperture
 from polywigner.illumination.support import mutual_support
 from polywigner.numerics.peaks import climbed, largest

@@ -1,29 +1,24 @@
 """Pictures: level maps in dB, rendered scenes, and the transforms of an aperture.
 
 ``levels`` turns signed radiance into dB above a stated floor, ``style`` holds what all pictures
-share, ``scene`` draws a rendered picture, ``slices`` computes what ``transforms`` draws as the
-figure of ``polywigner transform``, ``projections`` draws what ``polywigner.projections`` returns.
-Fields in front of a source: ``lines``, ``planes`` and ``hemispheres`` draw several methods side by
-side, ``volumes`` isosurfaces, ``patterns`` far fields as data sheets show them. ``arrivals``: where
-a receiver's power comes from, ``ranges`` from how far; ``range_frames``: what a
-camera sees from there. ``paper`` has the
-figures of the paper, ``drawing`` what they share with the others.
+share, ``scene`` draws a rendered picture or its frames by range, ``slices`` computes what
+``transforms`` draws as the figure of ``polywigner transform``, ``projections`` draws projections
+of phase space. Fields in front of a source: ``lines`` and ``planes`` draw several methods side by
+side, ``volumes`` isosurfaces, ``patterns`` far fields as data sheets show them. ``ranges``: where
+a receiver's power comes from, and how far. ``paper`` has the figures of the paper.
 Nothing here opens a window: figures are drawn into memory and saved by the caller.
 """
 
 from __future__ import annotations
 
-from polywigner.figures.arrivals import DirectArrival, draw_arrivals
 from polywigner.figures.cross_sections import draw_rcs
-from polywigner.figures.hemispheres import draw_hemispheres
 from polywigner.figures.levels import level_db, picture_peak
 from polywigner.figures.lines import draw_lines
-from polywigner.figures.patterns import draw_pattern
+from polywigner.figures.patterns import draw_hemispheres, draw_pattern
 from polywigner.figures.planes import draw_planes
 from polywigner.figures.projections import draw_projections
-from polywigner.figures.range_frames import write_range_animation
-from polywigner.figures.ranges import draw_range_profile
-from polywigner.figures.scene import draw_scene
+from polywigner.figures.ranges import DirectArrival, draw_arrivals, draw_range_profile
+from polywigner.figures.scene import draw_scene, write_range_animation
 from polywigner.figures.slices import (
     LARGEST_SAMPLES,
     TransformSlices,

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.differences import COMPARED_DB, difference_db
 from polywigner.figures.fields import (
     chosen_method,
     dims_of,
@@ -21,7 +20,7 @@ from polywigner.figures.fields import (
     quantity_of,
     squared_unit,
 )
-from polywigner.figures.levels import check_floor, level_db
+from polywigner.figures.levels import COMPARED_DB, check_floor, difference_db, level_db
 from polywigner.figures.style import (
     LEVEL_MAP,
     SIGNED_MAP,

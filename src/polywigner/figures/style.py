@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
-from polywigner.errors import ArgumentError
-from polywigner.geometry.display import LengthUnit, length_unit
+import numpy as np
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
+from polywigner.errors import ArgumentError
+from polywigner.geometry.display import LengthUnit, draw_rings, length_unit
 
 __all__ = [
     "LEVEL_MAP",
@@ -17,9 +17,13 @@ __all__ = [
     "LengthUnit",
     "checked_axes",
     "colour_bar",
+    "draw_polygons",
     "figure_on",
+    "length_axes",
     "length_unit",
+    "letter_panels",
     "new_figure",
+    "number_panels",
     "number_text",
     "quantity_text",
     "row_bar",
@@ -27,6 +31,11 @@ __all__ = [
     "signed_ticks",
     "write_title",
 ]
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
 
 LEVEL_MAP = "inferno"  # perceptually uniform, black at the floor
 SIGNED_MAP = "RdBu_r"  # diverging, white at zero
@@ -151,3 +160,49 @@ def signed_ticks(bar: Any) -> None:
     bar.ax.yaxis.set_major_locator(FixedLocator([-1, -0.1, -0.01, 0, 0.01, 0.1, 1]))
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number_text(value)))
     bar.ax.yaxis.set_minor_locator(FixedLocator([]))
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def draw_polygons(axes: Axes, shape: Any, unit: LengthUnit, **how: Any) -> None:
+    """A shapely polygon or multipolygon in metres, holes cut out, in the unit that is printed."""
+    polygons = [p for p in getattr(shape, "geoms", [shape]) if p.geom_type == "Polygon"]
+    rings = [ring for p in polygons for ring in (p.exterior, *p.interiors)]
+    if rings:
+        draw_rings(axes, [np.asarray(ring.coords) for ring in rings], unit.metres, **how)
+
+
+def length_axes(axes: Axes, symbol: str, unit: LengthUnit) -> None:
+    """Both axes to one scale, around what is drawn, labelled with the components of ``symbol``."""
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.08)
+    axes.autoscale_view()
+    # A position is (x, y), a lag (xi_x, xi_y).
+    across, up = ("x", "y") if symbol == "x" else (f"{symbol}_x", f"{symbol}_y")
+    axes.set_xlabel(f"${across}$ ({unit.name})")
+    axes.set_ylabel(f"${up}$ ({unit.name})")
+
+
+def letter_panels(panels: Iterable[Axes]) -> None:
+    """(a), (b), ... in the upper left corners."""
+    for letter, axes in zip(ascii_lowercase, panels, strict=False):
+        axes.set_title(f"({letter})", loc="left", fontweight="bold")
+
+
+def number_panels(figure: Figure, letter: str) -> None:
+    """(a1), (a2), ... in the upper left corners of a picture that is itself a part (a) of a figure.
+
+    Before what stands there already. Panels are all axes that are shown, but for colour bars.
+    """
+    shown = [
+        axes
+        for axes in figure.axes
+        if axes.get_label() != "<colorbar>" and axes.get_visible() and axes.axison
+    ]
+    for number, axes in enumerate(shown, start=1):
+        beside = axes.get_title(loc="left")
+        text = rf"$\mathbf{{({letter}{number})}}$  {beside}".rstrip()
+        axes.set_title(text, loc="left", fontsize=8 if beside else 9)

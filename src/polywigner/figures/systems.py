@@ -10,14 +10,16 @@ from numpy.typing import NDArray
 
 import polywigner as pw
 from polywigner.errors import ArgumentError
-from polywigner.figures.drawing import draw_polygons, length_axes, letter_panels
 from polywigner.figures.levels import level_db
 from polywigner.figures.slices import LARGEST_SAMPLES, default_position, outline_of
 from polywigner.figures.style import (
     LEVEL_MAP,
     SIGNED_MAP,
     colour_bar,
+    draw_polygons,
+    length_axes,
     length_unit,
+    letter_panels,
     number_text,
     signed_norm,
     signed_ticks,

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.drawing import draw_polygons, length_axes, letter_panels
 from polywigner.figures.levels import check_floor, level_db
 from polywigner.figures.slices import TransformSlices
 from polywigner.figures.style import (
@@ -17,8 +16,11 @@ from polywigner.figures.style import (
     TYPOGRAPHY,
     LengthUnit,
     colour_bar,
+    draw_polygons,
     figure_on,
+    length_axes,
     length_unit,
+    letter_panels,
     number_text,
     signed_norm,
     signed_ticks,

@@ -19,10 +19,18 @@ from polywigner.figures.style import (
     number_text,
     quantity_text,
 )
-from polywigner.figures.volumes_box import draw_box, draw_outline, draw_picture, draw_wall
-from polywigner.figures.volumes_layers import Layers, cast_layers, closed, shaded
+from polywigner.figures.volumes_layers import (
+    Layers,
+    View,
+    cast_layers,
+    closed,
+    draw_box,
+    draw_outline,
+    draw_picture,
+    draw_wall,
+    shaded,
+)
 from polywigner.figures.volumes_pyvista import pyvista_layers
-from polywigner.figures.volumes_view import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

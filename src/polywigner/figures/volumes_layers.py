@@ -9,15 +9,290 @@ layers can be laid over each other in their order.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from polywigner.figures.volumes_view import View
+from polywigner.figures.slices import outline_of
+from polywigner.figures.style import LengthUnit, number_text
 
-__all__ = ["Layers", "cast_layers", "closed", "shaded"]
+__all__ = [
+    "Edge",
+    "Layers",
+    "View",
+    "back_edges",
+    "back_wall",
+    "cast_layers",
+    "closed",
+    "draw_box",
+    "draw_outline",
+    "draw_picture",
+    "draw_wall",
+    "label_edge",
+    "shaded",
+]
 
 Floats = NDArray[np.float64]
+
+_FLATTEST = 0.25
+"""Smallest drawn side of a box in parts of its largest: thinner boxes are stretched to this."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Parallel projection of x, y, z (metres) along ``towards``, y upwards on the page.
+
+    ``stretch`` (3,) multiplies lengths along x, y, z first; ``right``, ``up`` and ``towards`` (3,)
+    are orthogonal unit vectors in stretched space, the last one pointing to the viewer.
+    """
+
+    stretch: Floats
+    right: Floats
+    up: Floats
+    towards: Floats
+
+    @staticmethod
+    def of(lower: ArrayLike, upper: ArrayLike, towards: ArrayLike) -> View:
+        """The view of a box between two corners from the direction ``towards`` (3,).
+
+        Sides shorter than a quarter of the longest are stretched to that quarter.
+        """
+        extent = np.asarray(upper, dtype=np.float64) - np.asarray(lower, dtype=np.float64)
+        stretch = np.maximum(extent, _FLATTEST * extent.max()) / extent
+        direction = np.asarray(towards, dtype=np.float64)
+        direction = direction / np.linalg.norm(direction)
+        right = np.cross((0.0, 1.0, 0.0), direction)
+        right = right / np.linalg.norm(right)
+        return View(stretch, right, np.cross(direction, right), direction)
+
+    @property
+    def is_stretched(self) -> bool:
+        return bool(np.any(self.stretch > 1))
+
+    def on_page(self, points: ArrayLike) -> Floats:
+        """Points (..., 3) to page coordinates (..., 2)."""
+        stretched = np.asarray(points, dtype=np.float64) * self.stretch
+        return np.stack([stretched @ self.right, stretched @ self.up], axis=-1)
+
+    def corners(self, lower: Floats, upper: Floats) -> Floats:
+        """The eight corners of a box on the page, (8, 2)."""
+        ends = np.array(list(product(*zip(lower, upper, strict=True))))
+        return self.on_page(ends)
+
+
+def back_wall(view: View, axis: int, lower: Floats, upper: Floats) -> float:
+    """The coordinate along ``axis`` of the face that the viewer sees from inside the box."""
+    return float(lower[axis] if view.towards[axis] > 0 else upper[axis])
+
+
+class Edge(NamedTuple):
+    """An edge of a box along ``axis``, from ``start`` to ``end`` (3,), and its outward side.
+
+    ``outward`` (2,), a unit vector on the page, points away from the middle of the box.
+    """
+
+    axis: int
+    start: Floats
+    end: Floats
+    outward: Floats
+
+
+def _edges(view: View, axis: int, lower: Floats, upper: Floats) -> list[tuple[Edge, int]]:
+    """The four edges along an axis, each with the number of its two faces that show their front."""
+    others = [a for a in range(3) if a != axis]
+    middle = view.on_page((lower + upper) / 2)
+    found = []
+    for at_upper in product((False, True), repeat=2):
+        start, end = lower.copy(), upper.copy()
+        for other, is_upper in zip(others, at_upper, strict=True):
+            start[other] = end[other] = (upper if is_upper else lower)[other]
+        fronts = sum(
+            (view.towards[other] > 0) == is_upper
+            for other, is_upper in zip(others, at_upper, strict=True)
+        )
+        first, last = view.on_page(start), view.on_page(end)
+        along = (last - first) / np.linalg.norm(last - first)
+        across = np.array([-along[1], along[0]])
+        outward = across * np.sign(across @ ((first + last) / 2 - middle) or 1.0)
+        found.append((Edge(axis, start, end, outward), fronts))
+    return found
+
+
+def label_edge(view: View, axis: int, lower: Floats, upper: Floats) -> Edge:
+    """The edge that carries the ticks of an axis: on the outline, low, for y at the left."""
+    outline = [edge for edge, fronts in _edges(view, axis, lower, upper) if fronts == 1]
+
+    def height(edge: Edge) -> float:
+        return float((view.on_page(edge.start) + view.on_page(edge.end))[0 if axis == 1 else 1])
+
+    return min(outline, key=height)
+
+
+def back_edges(view: View, lower: Floats, upper: Floats) -> list[Edge]:
+    """The nine edges of the back walls: all but the three nearest to the viewer."""
+    return [
+        edge for axis in range(3) for edge, fronts in _edges(view, axis, lower, upper) if fronts < 2
+    ]
+
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.transforms import Affine2D
+
+    from polywigner import Aperture, Array
+
+
+_INK = "0.25"
+_APERTURE = "#101010"
+_TICK = 0.012  # of the diagonal of the page
+_LABEL = 0.035
+_NAME = 0.105
+_APART = 0.055
+_MANY = 20  # outlines, as of arrays, which lines of the usual width would fill
+
+
+def _affine(origin: Floats, along: Floats, down: Floats) -> Affine2D:
+    """Takes (column, row) of a raster to the page; each argument (2,)."""
+    from matplotlib.transforms import Affine2D
+
+    return Affine2D(
+        np.array([[along[0], down[0], origin[0]], [along[1], down[1], origin[1]], [0, 0, 1]])
+    )
+
+
+def draw_picture(
+    axes: Axes, picture: NDArray[Any], origin: Floats, along: Floats, down: Floats, **how: Any
+) -> Any:
+    """A raster of values or RGBA, pixel (row, column) centred at origin + column*along + row*down
+    on the page."""
+    rows, columns = picture.shape[:2]
+    return axes.imshow(
+        picture,
+        origin="lower",
+        extent=(-0.5, columns - 0.5, -0.5, rows - 0.5),
+        transform=_affine(origin, along, down) + axes.transData,
+        clip_on=False,
+        **how,
+    )
+
+
+def draw_wall(
+    axes: Axes,
+    view: View,
+    axis: int,
+    wall: Floats,
+    corners: tuple[Floats, Floats],
+    contours: tuple[float, ...],
+    colours: Floats,
+    **how: Any,
+) -> Any:
+    """Samples (m, n) over the back wall across an axis of the box between two corners, (3,) each.
+
+    The samples reach from edge to edge along the two other axes, in their order; contours are drawn
+    at some of their values, in ``colours`` (k, 3); ``how`` is for the picture of all others.
+    """
+    lower, upper = corners
+    corner = lower.copy()
+    corner[axis] = back_wall(view, axis, lower, upper)
+    first, second = (a for a in range(3) if a != axis)
+    steps = []
+    for a, count in zip((first, second), wall.shape, strict=True):
+        step = np.zeros(3)
+        step[a] = (upper[a] - lower[a]) / (count - 1)
+        steps.append(view.on_page(step))
+    origin = view.on_page(corner)
+    shown = draw_picture(axes, wall, origin, steps[1], steps[0], interpolation="bilinear", **how)
+    # Samples lie on the faces' borders, so that half of each outer pixel stands over.
+    shown.set_clip_path(_face(axes, view, axis, lower, upper))
+    shown.set_clip_on(True)
+    rows, columns = np.indices(wall.shape)
+    x, y = (rows * steps[0][k] + columns * steps[1][k] + origin[k] for k in range(2))
+    if wall.min() < max(contours) and wall.max() > min(contours):
+        axes.contour(x, y, wall, contours, colors=colours, linewidths=0.7, linestyles="solid")
+    return shown
+
+
+def _face(axes: Axes, view: View, axis: int, lower: Floats, upper: Floats) -> Any:
+    from matplotlib.patches import Polygon
+
+    corners = []
+    first, second = (a for a in range(3) if a != axis)
+    for ends in ((lower, lower), (upper, lower), (upper, upper), (lower, upper)):
+        corner = lower.copy()
+        corner[axis] = back_wall(view, axis, lower, upper)
+        corner[first], corner[second] = ends[0][first], ends[1][second]
+        corners.append(view.on_page(corner))
+    patch = Polygon(np.array(corners), closed=True, fill=False, lw=0, transform=axes.transData)
+    axes.add_patch(patch)
+    return patch
+
+
+def draw_box(axes: Axes, view: View, lower: Floats, upper: Floats, unit: LengthUnit) -> None:
+    """The edges of the back walls, and ticks and names of the three axes at the outline."""
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    page = view.corners(lower, upper)
+    (left, below), (right, above) = page.min(axis=0), page.max(axis=0)
+    axes.set_xlim(left, right)
+    axes.set_ylim(below, above)
+    for edge in back_edges(view, lower, upper):
+        axes.plot(*view.on_page([edge.start, edge.end]).T, color=_INK, lw=0.7, zorder=2)
+    size = float(np.ptp(view.corners(lower, upper), axis=0).max())
+    for axis in (2, 1, 0):
+        _label(axes, view, label_edge(view, axis, lower, upper), "xyz"[axis], size, unit)
+
+
+def _label(axes: Axes, view: View, edge: Edge, name: str, size: float, unit: LengthUnit) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    first, last = view.on_page(edge.start), view.on_page(edge.end)
+    low, high = edge.start[edge.axis] / unit.metres, edge.end[edge.axis] / unit.metres
+    count = max(2, min(6, int(9 * float(np.linalg.norm(last - first)) / size)))
+    for value in MaxNLocator(count).tick_values(low, high):
+        part = (value - low) / (high - low)
+        if not -1e-9 <= part <= 1 + 1e-9:
+            continue
+        place = first + part * (last - first)
+        end = place + _TICK * size * edge.outward
+        axes.plot(*np.stack([place, end]).T, color=_INK, lw=0.7, zorder=2)
+        x, y = place + _LABEL * size * edge.outward
+        # Two axes may end at one corner of the outline, each with a number.
+        if all(np.hypot(x - a, y - b) > _APART * size for a, b in _places_of_texts(axes)):
+            axes.text(x, y, number_text(value), ha="center", va="center", fontsize=8)
+    middle = (first + last) / 2 + _NAME * size * edge.outward
+    along = last - first if last[0] >= first[0] else first - last
+    angle = np.degrees(np.arctan2(along[1], along[0]))
+    axes.text(
+        middle[0], middle[1], f"${name}$ ({unit.name})", ha="center", va="center", rotation=angle,
+        rotation_mode="anchor",
+    )  # fmt: skip
+
+
+def _places_of_texts(axes: Axes) -> list[tuple[float, float]]:
+    return [text.get_position() for text in axes.texts]
+
+
+def draw_outline(axes: Axes, view: View, source: Aperture | Array) -> None:
+    """The outline of a source in the plane z = 0, holes cut out."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    shape = outline_of(source).polygons
+    rings = [ring for p in shape.geoms for ring in (p.exterior, *p.interiors)]
+    width = 1.0 if len(rings) <= _MANY else 0.3
+    path = Path.make_compound_path(
+        *(Path(_on_aperture(view, np.asarray(ring.coords)), closed=True) for ring in rings)
+    )
+    axes.add_patch(PathPatch(path, facecolor=_APERTURE, alpha=0.35, edgecolor="none", zorder=4))
+    axes.add_patch(PathPatch(path, fill=False, edgecolor=_APERTURE, lw=width, zorder=4))
+
+
+def _on_aperture(view: View, points: ArrayLike) -> Floats:
+    flat = np.asarray(points, dtype=np.float64)[:, :2]
+    return view.on_page(np.column_stack([flat, np.zeros(len(flat))]))
+
 
 _BELOW = 20.0
 """dB under the lowest isosurface at which values are cut off: nulls go down to minus infinity, and

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polywigner.errors import EngineError, MissingExtraError, install_command
-from polywigner.figures.volumes_layers import Layers
-from polywigner.figures.volumes_view import View
+from polywigner.figures.volumes_layers import Layers, View
 from polywigner.interruption import temporary_folder
 
 __all__ = ["pyvista_layers"]

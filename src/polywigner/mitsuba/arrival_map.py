@@ -9,15 +9,13 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from polywigner.mitsuba.films import film_of
-from polywigner.mitsuba.images import mean_of_colours
-from polywigner.mitsuba.logs import silent
-from polywigner.mitsuba.parts import seed_of
+from polywigner.mitsuba.images import mean_of_colours, silent
+from polywigner.mitsuba.parts import film_of, seed_of
+from polywigner.mitsuba.range_film import is_transient
 from polywigner.mitsuba.received_power import receivers_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME, receiver_class
 from polywigner.mitsuba.rendering import default_integrator
-from polywigner.mitsuba.transients import is_transient
-from polywigner.mitsuba.unseen import unseen
+from polywigner.mitsuba.scattered import unseen
 
 __all__ = ["arrival_map"]
 

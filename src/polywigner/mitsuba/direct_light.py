@@ -18,13 +18,11 @@ from polywigner.errors import PolywignerError, SceneError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import CONDITIONS
-from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of
-from polywigner.mitsuba.placed_sources import PlacedSource
-from polywigner.mitsuba.placement import PLACE_ERROR
+from polywigner.mitsuba.mirrors import Mirror, chains_of, mirrors_of, trace_way
+from polywigner.mitsuba.placement import PLACE_ERROR, PlacedSource
 from polywigner.mitsuba.radiator import norm_of
 from polywigner.mitsuba.received import DirectPath
 from polywigner.mitsuba.sampling import cells_with_field
-from polywigner.mitsuba.ways import trace_way
 from polywigner.reception import coupling
 from polywigner.transforms.phase_space import energy_of
 

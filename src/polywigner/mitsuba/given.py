@@ -5,6 +5,9 @@ The parts that the ``wigner`` shape and the ``wigner_receiver`` sensor have in c
 
 from __future__ import annotations
 
+import hashlib
+import threading
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +19,83 @@ import numpy.typing as npt
 
 from polywigner import geometry
 from polywigner.errors import GeometryError, SceneError
-from polywigner.geometry import read_aperture
-from polywigner.illumination import read_source
+from polywigner.geometry import (
+    Aperture,
+    PlacedAperture,
+    Polyhedron,
+    Slits,
+    Wavefront,
+    read_aperture,
+)
+from polywigner.illumination import Array, read_source
+from polywigner.illumination.files.writing import json_of, table_of
 from polywigner.illumination.texts import FEEDING, fed
-from polywigner.mitsuba.sources import is_key, registered_source
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 
-__all__ = ["SOURCE_PARAMETERS", "Given", "rigid_pose"]
+__all__ = [
+    "CAPACITY",
+    "KEY_PREFIX",
+    "SOURCE_PARAMETERS",
+    "Given",
+    "as_source",
+    "is_key",
+    "pose_entry",
+    "register_source",
+    "registered_source",
+    "rigid_pose",
+]
+
+KEY_PREFIX = "memory:"
+
+# Bounds what a long-lived process that makes a scene per aperture (an optimiser) keeps. A scene
+# needs its key only while it is being loaded.
+CAPACITY = 1024
+
+_sources: OrderedDict[str, Aperture | Array | Wavefront] = OrderedDict()
+_lock = threading.Lock()
+
+
+def register_source(source: Aperture | Array | Wavefront) -> str:
+    """The key under which scenes find this aperture or array, with its wave; equal ones share one.
+
+    The last 1024 sources are kept. Use the key as the parameter ``source`` (or ``aperture``) of a
+    ``wigner`` shape, in a dictionary or in XML.
+
+    Raises
+    ------
+    SceneError for anything but an Aperture or an Array.
+    """
+    if not isinstance(source, Aperture | Array | Wavefront):
+        raise SceneError(
+            f"expected an Aperture or an Array, got {type(source).__name__}; make one with "
+            "polywigner.Aperture(vertices)"
+        )
+    content = json_of(table_of(source))  # all that makes it up, to the last digit
+    key = KEY_PREFIX + hashlib.sha256(content.encode()).hexdigest()[:24]
+    with _lock:
+        _sources[key] = source
+        _sources.move_to_end(key)
+        while len(_sources) > CAPACITY:
+            _sources.popitem(last=False)
+    return key
+
+
+def is_key(name: str) -> bool:
+    """Whether the parameter ``aperture`` or ``source`` is a key rather than a file."""
+    return name.startswith(KEY_PREFIX)
+
+
+def registered_source(key: str) -> Aperture | Array | Wavefront:
+    """The source of a key, or a SceneError."""
+    with _lock:
+        source = _sources.get(key)
+    if source is None:
+        raise SceneError(
+            f"expected the key of a source in this process, got {key!r}; make the scene entry "
+            "with polywigner.mitsuba.aperture(...) shortly before loading the scene"
+        )
+    return source
+
 
 SOURCE_PARAMETERS = (
     "aperture",
@@ -183,3 +256,20 @@ def rigid_pose(matrix: Any) -> npt.NDArray[np.float64]:
         return geometry.rigid_pose(given.reshape(4, 4))
     except GeometryError as error:
         raise SceneError(str(error)) from None
+
+
+def as_source(given: Any) -> Any:
+    """A source as it is; an Aperture of anything else. GeometryError for no outline."""
+    kinds = Aperture | Array | Wavefront | PlacedAperture | Slits | Polyhedron
+    return given if isinstance(given, kinds) else Aperture(given)
+
+
+def pose_entry(to_world: Any) -> dict[str, Any]:
+    """The key ``to_world`` for a matrix or a transform of any variant; nothing for None.
+
+    Raises SceneError for a pose that is not rigid.
+    """
+    if to_world is None:
+        return {}
+    pose = rigid_pose(getattr(to_world, "matrix", to_world))
+    return {"to_world": mi.scalar_rgb.ScalarTransform4f(pose)}

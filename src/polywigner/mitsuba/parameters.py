@@ -21,8 +21,7 @@ from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.given import SOURCE_PARAMETERS, Given
-from polywigner.mitsuba.mixtures import PLAIN, Mixture, check_mixture, mixture_of
-from polywigner.mitsuba.obliquity import check_obliquity
+from polywigner.mitsuba.radiance import PLAIN, Mixture, check_mixture, check_obliquity, mixture_of
 from polywigner.mitsuba.radiator import Radiator, emitted_power, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.quantities import parse_frequency, parse_power

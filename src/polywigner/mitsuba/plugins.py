@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
 import mitsuba as mi
 
-from polywigner.errors import PolywignerError
+from polywigner.errors import PolywignerError, SceneError
 from polywigner.execution import uncompiled
+from polywigner.geometry import triangulate
+from polywigner.mitsuba.emitter import emitter_class
+from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
+from polywigner.mitsuba.placement import cover, hide
 
-__all__ = ["add_plugin", "original_error", "register"]
+__all__ = ["PLUGIN_NAME", "add_plugin", "check_nested", "original_error", "register"]
 
 # Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
 # themselves wait here until the scene's loader asks for them; loaders may run in parallel.
@@ -58,3 +62,49 @@ def _built(build: Callable[[str, Any], Any], variant: str, props: Any) -> Any:
         _recent_errors.append(error)
         # Mitsuba puts the traceback before the message, where frames of this package are no help.
         raise error.with_traceback(None) from None
+
+
+PLUGIN_NAME = "wigner"
+
+
+def check_nested(names: Iterable[str], visible: bool) -> None:
+    """Raise SceneError for anything nested in a shape without a surface."""
+    for name in () if visible else names:
+        raise SceneError(
+            f"expected nothing nested in a wigner shape that is not visible, got {name!r}; leave "
+            "it out, or make the shape visible"
+        )
+
+
+def _build(variant: str, props: Any) -> Any:
+    """The mesh for the parameters of one ``wigner`` element."""
+    return _mesh(variant, props, read_parameters(props))
+
+
+def _mesh(variant: str, props: Any, spec: EmitterSpec) -> Any:
+    m = getattr(mi, variant)
+    vertices, triangles = triangulate(spec.radiator.support)
+    inner = mi.Properties(PLUGIN_NAME)
+    inner.set_id(props.id())
+    nested = dict(props.objects())
+    check_nested(nested, spec.visible)
+    for name, value in nested.items():
+        inner[name] = value
+    if not any(isinstance(value, m.BSDF) for value in nested.values()):
+        inner["bsdf"] = mi.load_dict({"type": "null"})
+    inner["emitter"] = emitter_class(variant)(spec, id=f"{props.id()}_emitter")
+    mesh = m.Mesh(
+        props.id() or PLUGIN_NAME,
+        len(vertices),
+        len(triangles),
+        props=inner,
+        has_vertex_texcoords=True,
+    )
+    centre = spec.radiator.centre / spec.scene_unit
+    cover(mesh, spec.radiator.support, spec.pose, centre, spec.scene_unit)
+    if not spec.visible:
+        hide(mesh)
+    return mesh
+
+
+add_plugin("shape", PLUGIN_NAME, _build)

@@ -14,8 +14,7 @@ from polywigner.geometry import Aperture, PlacedAperture, Wavefront
 from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination import Array
 from polywigner.illumination.support import moved_source, mutual_support
-from polywigner.mitsuba.mixtures import PLAIN, Mixture
-from polywigner.mitsuba.obliquity import check_obliquity
+from polywigner.mitsuba.radiance import PLAIN, Mixture, check_obliquity
 from polywigner.plans import shifts_samples
 from polywigner.propagation.far_fields import check_slopes, powers_of
 from polywigner.radiometry.directions import checked_radiator

@@ -6,9 +6,23 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from polywigner.quantities import SPEED_OF_LIGHT
+import numpy as np
 
-__all__ = ["OTHER_LIGHTS", "Contribution", "DirectPath", "ReceivedPower", "dbm_of", "dbm_text"]
+from polywigner.errors import ArgumentError
+from polywigner.mitsuba.rendering import check_seed, check_spp
+from polywigner.quantities import NOISE_PARSERS, SPEED_OF_LIGHT, parse_noise
+from polywigner.reception.couplings import checked_tolerance
+
+__all__ = [
+    "OTHER_LIGHTS",
+    "Asked",
+    "Contribution",
+    "DirectPath",
+    "ReceivedPower",
+    "asked_of",
+    "dbm_of",
+    "dbm_text",
+]
 
 BOLTZMANN = 1.380649e-23
 """J/K, exact in the SI of 2019."""
@@ -207,3 +221,64 @@ def _dict_of(part: Contribution) -> dict[str, Any]:
 
 def _watts(value: float) -> str:
     return f"{value:.4g} W"
+
+
+_MOST_REFLECTIONS = 3
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Checked arguments of :func:`polywigner.mitsuba.received_power`; None: as the scene says."""
+
+    spp: int | None
+    seed: int
+    integrator: Any
+    reflections: int
+    tolerance: float
+    bandwidth: float | None
+    temperature: float | None
+    noise_figure: float | None
+
+    def noise_of(self, spec: Any) -> dict[str, Any]:
+        """Of a receiver: what is asked, else its own."""
+        asked = {name: getattr(self, name) for name in NOISE_PARSERS}
+        noise = {n: getattr(spec, n) if value is None else value for n, value in asked.items()}
+        power = noise_power_of(**noise)
+        if power is not None and not 0 < power < math.inf:
+            raise ArgumentError(
+                f"expected noise k T B F of a number of watts, got {power} W from {noise}; check "
+                "the units of bandwidth (Hz) and temperature (K)"
+            )
+        return noise
+
+
+def asked_of(
+    spp: Any,
+    seed: Any,
+    integrator: Any,
+    reflections: Any,
+    tolerance: Any,
+    bandwidth: Any,
+    temperature: Any,
+    noise_figure: Any,
+) -> Asked:
+    """The arguments; ArgumentError, QuantityError for one out of range."""
+    return Asked(
+        None if spp is None else check_spp(spp),
+        check_seed(seed),
+        integrator,
+        _checked_reflections(reflections),
+        checked_tolerance(tolerance),
+        **parse_noise(bandwidth, temperature, noise_figure),
+    )
+
+
+def _checked_reflections(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise ArgumentError(f"expected reflections as a whole number, got {value!r}")
+    if not 0 <= value <= _MOST_REFLECTIONS:
+        raise ArgumentError(
+            f"expected reflections from 0 to {_MOST_REFLECTIONS}, got {value}; ways by more "
+            "mirrors are not searched"
+        )
+    return int(value)

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.direct_light import DirectLight, direct_light, mirrors_in, ways_of
-from polywigner.mitsuba.placed_sources import (
+from polywigner.mitsuba.placement import (
     PlacedSource,
     check_match,
     placed_emitter,
     placed_receiver,
 )
-from polywigner.mitsuba.received import OTHER_LIGHTS, Contribution, ReceivedPower
+from polywigner.mitsuba.received import OTHER_LIGHTS, Asked, Contribution, ReceivedPower, asked_of
 from polywigner.mitsuba.receiver import is_receiver
-from polywigner.mitsuba.receiving_arguments import Asked, asked_of
 from polywigner.mitsuba.rendering import default_spp, exposed
 from polywigner.mitsuba.scattered import (
     BATCHES,
@@ -30,8 +29,9 @@ from polywigner.mitsuba.scattered import (
     lights_of,
     shares_of,
     standard_error,
+    unseen,
+    wigner_emitters,
 )
-from polywigner.mitsuba.unseen import unseen, wigner_emitters
 
 __all__ = [
     "Parties",

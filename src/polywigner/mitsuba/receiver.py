@@ -33,17 +33,13 @@ from polywigner.errors import SceneError
 from polywigner.geometry import Aperture
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import irradiance_factor
-from polywigner.mitsuba.emitter_sampling import spectrum
-from polywigner.mitsuba.exact import ExactField
+from polywigner.mitsuba.exact import ExactField, opaque
 from polywigner.mitsuba.given import rigid_pose
-from polywigner.mitsuba.mixtures import DrawnWaves
-from polywigner.mitsuba.numbers import opaque
-from polywigner.mitsuba.obliquity import emissions
 from polywigner.mitsuba.placement import Frame, matrix_of
 from polywigner.mitsuba.plugins import add_plugin
-from polywigner.mitsuba.radiance import WignerSum
+from polywigner.mitsuba.radiance import DrawnWaves, WignerSum, emissions
 from polywigner.mitsuba.receiver_parameters import ReceiverSpec, read_receiver
-from polywigner.mitsuba.sampling import Tabulated, cells_with_field, positions_of
+from polywigner.mitsuba.sampling import Tabulated, cells_with_field, positions_of, spectrum
 from polywigner.transforms import fourier
 
 __all__ = [

@@ -13,16 +13,15 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT
-from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import check_estimator
-from polywigner.mitsuba.films import film_of
-from polywigner.mitsuba.mixtures import check_mixture, mixture_of
+from polywigner.mitsuba.given import as_source, pose_entry, register_source
 from polywigner.mitsuba.parameters import check_range
+from polywigner.mitsuba.parts import film_of
+from polywigner.mitsuba.radiance import check_mixture, mixture_of
 from polywigner.mitsuba.radiator import norm_of, radiator_of
 from polywigner.mitsuba.receiver import RECEIVER_NAME
 from polywigner.mitsuba.receiver_parameters import RECEIVER_ESTIMATORS
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
-from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_length, parse_noise
 from polywigner.reception.norms import NORMALISATIONS, checked_normalise
 

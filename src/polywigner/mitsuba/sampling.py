@@ -7,9 +7,11 @@ in the world.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
 import numpy as np
 import numpy.typing as npt
 import shapely
@@ -32,6 +34,8 @@ __all__ = [
     "cells_with_field",
     "check_sampling",
     "positions_of",
+    "sampled_emitter_class",
+    "spectrum",
 ]
 
 SAMPLINGS = ("uniform", "marginal", "root-marginal")
@@ -173,3 +177,179 @@ class Tabulated(Positions):
         inside = dr.all((place >= 0.0) & (place <= 1.0))
         density = self._warp.eval(dr.clip(place, 0.0, 1.0))
         return dr.select(inside, density * self._inverse_area, 0.0)
+
+
+# Stands for a density without bound; its square, and products with radiances, fit into float32.
+_OVERWHELMING = 1e12
+
+
+def spectrum(m: Any, value: Any, active: Any) -> Any:
+    """A value of one narrow band: the same in every channel or at every sampled wavelength."""
+    return m.depolarizer(m.UnpolarizedSpectrum(dr.select(active, value, 0.0)))
+
+
+@cache
+def sampled_emitter_class(variant: str) -> Any:
+    """The base of the emitter's class for one variant, which has no radiance yet.
+
+    What it is built on has ``_positions`` to draw from, ``_shifts``, its ``_frame``, ``_wave``,
+    ``_radiance`` and ``_intensity``; with the estimator ``exact``, else None,
+    ``_cells`` in proportion to |u|^2, and ``_irradiance``.
+    """
+    m = getattr(mi, variant)
+    jit = dr.is_jit_v(m.Float)
+
+    base: Any = m.Emitter
+
+    class SampledEmitter(base):
+        """Not a plugin of its own."""
+
+        # ---- sampling for receivers ----------------------------------------------------------
+
+        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+            x, per_area = self._drawn(sample)
+            direction, distance = self._seen_from(it, x)
+            ds = m.DirectionSample3f()
+            self._place(ds, x, it.time)
+            ds.d = -self._frame.to_scene(direction)
+            ds.dist = distance
+            ds.pdf = self._density(direction.z, distance, per_area)
+            ds.emitter = m.EmitterPtr(self) if jit else self
+            return ds, spectrum(m, self._weight(it, x, per_area), active)
+
+        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            cosine = -dr.dot(ds.d, self._frame.axes[2])
+            return self._density(cosine, ds.dist, self._density_at(ds.uv))
+
+        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+            direction, distance = self._seen_from(it, ds.uv)
+            per_area = self._density_at(ds.uv)
+            density = self._density(direction.z, distance, per_area)
+            return spectrum(m, self._weight(it, ds.uv, per_area) * density, active)
+
+        def _drawn(self, sample: Any) -> tuple[Any, Any]:
+            """A position and its density, None where there is exact light."""
+            if self._cells is not None:
+                return self._cells.sample(sample), None
+            return self._positions.sample(sample)
+
+        def _density_at(self, x: Any) -> Any:
+            return None if self._cells is not None else self._positions.density(x)
+
+        def _density(self, cosine: Any, distance: Any, per_area: Any) -> Any:
+            """Per solid angle; overwhelming where no light comes by rays that meet the source.
+
+            Integrators weigh samples of a light against such rays by the squares of densities. A
+            light that has no surface is met by none. Exact light must not be counted twice; mirrors
+            take no samples of lights, and show the radiance. As a `delta` light, for which there is
+            no weighing, it would be too bright in ``direct`` with several samples of lights.
+            """
+            front = cosine > 0.0
+            density = m.Float(_OVERWHELMING)
+            if per_area is not None and self.spec.visible:
+                density = per_area * (distance * distance) / dr.select(front, cosine, 1.0)
+            return dr.select(front, density, 0.0)
+
+        def _weight(self, it: Any, x: Any, per_area: Any) -> Any:
+            if self._cells is not None:
+                return self._seen_exactly(it)
+            return self._received(it, x, per_area) / per_area
+
+        def _seen_exactly(self, it: Any) -> Any:
+            """|U|^2 at the point ``it``; the surface there multiplies it by its own cosine."""
+            place = self._frame.to_own(it.p - self._frame.origin)
+            front = place.z > 0.0
+            found = self._irradiance(m.Point3f(place.x, place.y, dr.select(front, place.z, 1.0)))
+            return dr.select(front, found, 0.0)
+
+        def _received(self, it: Any, x: Any, per_area: Any) -> Any:
+            """L cos/r^2 at the point ``it``, the mean over the places that a sample stands for.
+
+            With a control variate: less what the direction from the middle would give at these
+            places, plus the integral of that, dealt out in proportion to the density of samples.
+            """
+            total, wave = 0.0, self._wave(x, it.p)
+            if self.spec.control_variate:
+                middle, distance = self._seen_from(it, m.Point2f(0.0))
+                fixed = middle.z / (distance * distance) * self._cosines(it, x, middle)
+                total = self._intensity(middle, wave) * fixed * per_area
+            for shift, weight in self._shifts:
+                place = x + shift
+                direction, distance = self._seen_from(it, place)
+                cosine = direction.z / (distance * distance)
+                found = self._radiance(place, direction, wave) * cosine
+                if self.spec.control_variate:
+                    found = found - self._radiance(place, middle, wave) * fixed
+                total = total + weight * found
+            return total
+
+        def _cosines(self, it: Any, x: Any, middle: Any) -> Any:
+            """The receiver's cosine towards the middle over that towards x, by which it multiplies.
+
+            1 where there is no surface (fog has no normal), or only one of the two is in front.
+            """
+            normal = self._frame.to_own(it.n)
+            own, other = dr.dot(normal, self._seen_from(it, x)[0]), dr.dot(normal, middle)
+            same_side = own * other > 0.0
+            return dr.select(same_side, other / dr.select(same_side, own, 1.0), 1.0)
+
+        def _seen_from(self, it: Any, x: Any) -> tuple[Any, Any]:
+            """Unit vector, in the frame, from x to the point ``it``; and the distance."""
+            r = self._frame.to_own(it.p - self._frame.origin) - m.Vector3f(x.x, x.y, 0.0)
+            distance = dr.norm(r)
+            return r / distance, distance
+
+        def _place(self, sample: Any, x: Any, time: Any) -> None:
+            """Fill in what all samples of the position x have in common."""
+            sample.p = self._frame.point(x)
+            sample.n = m.Normal3f(self._frame.axes[2])
+            sample.uv = x
+            sample.time = m.Float(time)
+            sample.delta = m.Bool(False)
+
+        # ---- sampling of the emitted field ---------------------------------------------------
+
+        def sample_position(self, time: Any, sample: Any, active: Any = True) -> Any:
+            ps = m.PositionSample3f()
+            x, per_area = self._positions.sample(sample)
+            self._place(ps, x, time)
+            ps.pdf = m.Float(per_area)
+            return ps, dr.select(active, m.Float(1.0 / per_area), 0.0)
+
+        def pdf_position(self, ps: Any, active: Any = True) -> Any:
+            return dr.select(active, m.Float(self._positions.density(ps.uv)), 0.0)
+
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> Any:
+            """Position as for receivers, direction by cosine: the weight's mean is the power."""
+            ps, share = self.sample_position(time, sample2, active)
+            direction = m.warp.square_to_cosine_hemisphere(sample3)
+            wavelengths, density = _optical_wavelengths(m, sample1)
+            si = m.SurfaceInteraction3f(ps, wavelengths)
+            si.time = time
+            found = self._radiance(ps.uv, direction, self._wave(ps.uv, direction))
+            weight = spectrum(m, found * share * dr.pi, active)
+            return si.spawn_ray(self._frame.to_scene(direction)), weight * density
+
+        def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
+            """For the particle tracer alone, which passes the direction in scene coordinates."""
+            wavelengths, density = _optical_wavelengths(m, sample)
+            direction = self._frame.to_own(si.wi)
+            radiance = self._radiance(si.uv, direction, self._wave(si.uv, direction))
+            return wavelengths, spectrum(m, radiance, active) * density
+
+    return SampledEmitter
+
+
+def _optical_wavelengths(m: Any, sample: Any) -> tuple[Any, Any]:
+    """Wavelengths of the renderer's own colour spectrum and their inverse density.
+
+    Only spectral variants have any. They stand for colours, not for the wave of the aperture,
+    whose radiance is the same at each.
+    """
+    zero = dr.zeros(m.Ray3f).wavelengths
+    if dr.size_v(type(zero)) == 0:
+        return zero, 1.0
+    shifts = [sample + i / len(zero) for i in range(len(zero))]
+    return m.sample_uniform_spectrum(type(zero)(*(shift - dr.floor(shift) for shift in shifts)))

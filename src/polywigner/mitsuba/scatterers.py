@@ -14,14 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.illumination import Array
-from polywigner.mitsuba.placed_sources import placed_emitter
+from polywigner.mitsuba.placement import placed_emitter
+from polywigner.mitsuba.received import asked_of
 from polywigner.mitsuba.received_power import chosen, matched, receivers_of
 from polywigner.mitsuba.receiver import receiving
-from polywigner.mitsuba.receiving_arguments import asked_of
 from polywigner.mitsuba.rendering import depths_of
-from polywigner.mitsuba.scattering_events import Events, Motion, events_of
-from polywigner.mitsuba.scattering_steps import Paths, number_of
-from polywigner.mitsuba.unseen import unseen, wigner_emitters
+from polywigner.mitsuba.scattered import unseen, wigner_emitters
+from polywigner.mitsuba.scattering_steps import Events, Motion, Paths, events_of, number_of
 from polywigner.quantities import SPEED_OF_LIGHT
 from polywigner.transforms.xarray_arguments import Labelled, LabelledArray, LabelledArrays, labelled
 

@@ -17,17 +17,15 @@ from polywigner.geometry import Aperture
 from polywigner.geometry.arguments import takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import DEFAULT
-from polywigner.mitsuba.entries import as_source, pose_entry
 from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
+from polywigner.mitsuba.given import as_source, pose_entry, register_source
 from polywigner.mitsuba.images import threads_for_openexr
-from polywigner.mitsuba.mixtures import check_mixture, mixture_of
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
-from polywigner.mitsuba.plugins import original_error, register
+from polywigner.mitsuba.plugins import PLUGIN_NAME, check_nested, original_error, register
+from polywigner.mitsuba.radiance import check_mixture, mixture_of
 from polywigner.mitsuba.radiator import emitted_power, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
 from polywigner.mitsuba.scene_files import check_scene_file, resolving
-from polywigner.mitsuba.shape import PLUGIN_NAME, check_nested
-from polywigner.mitsuba.sources import register_source
 from polywigner.quantities import parse_frequency, parse_length, parse_power
 from polywigner.toolchain import llvm
 

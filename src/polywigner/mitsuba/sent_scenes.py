@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from polywigner.errors import SceneError, StoreError
+from polywigner.mitsuba.given import is_key, register_source, registered_source
 from polywigner.mitsuba.scene_files import digest_of_file, digests_of
 from polywigner.mitsuba.scenes import choose_variant, load_scene
-from polywigner.mitsuba.sources import is_key, register_source, registered_source
 from polywigner.propagation.stores_files import one_run, source_settings, told_settings
 
 __all__ = ["SceneFile", "SentScene", "check_is_whole", "remove_store"]

@@ -25,8 +25,8 @@ from bokeh.models import (
     Toggle,
 )
 
-from polywigner.explorer.choices import CATALOGUE, UNITS
 from polywigner.explorer.snippets import SNIPPETS
+from polywigner.explorer.state import CATALOGUE, UNITS
 
 __all__ = ["VIEWS", "Controls"]
 

@@ -12,11 +12,12 @@ from bokeh.events import DocumentReady, DoubleTap, MouseLeave, MouseMove, PanEnd
 from bokeh.models import CustomJS
 
 from polywigner.explorer import editing, views, windows
-from polywigner.explorer.choices import CATALOGUE
 from polywigner.explorer.page import script
-from polywigner.explorer.page.downloads import connect_downloads
-from polywigner.explorer.page.drawing import (
+from polywigner.explorer.page.actions import (
+    Keyboard,
+    connect_downloads,
     connect_drawing,
+    connect_tour,
     corner,
     finish,
     near,
@@ -25,10 +26,9 @@ from polywigner.explorer.page.drawing import (
     tolerance_of,
 )
 from polywigner.explorer.page.guards import guarded, on_change, on_click, on_event
-from polywigner.explorer.page.keyboard import Keyboard
 from polywigner.explorer.page.show import ORDERS, PARTS
-from polywigner.explorer.page.tour import connect_tour
 from polywigner.explorer.sources import LARGEST_UPLOAD, check_size
+from polywigner.explorer.state import CATALOGUE
 
 if TYPE_CHECKING:
     from polywigner.explorer.page.session import Session

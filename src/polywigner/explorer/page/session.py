@@ -15,21 +15,24 @@ from tornado.ioloop import IOLoop
 
 from polywigner.errors import PolywignerError
 from polywigner.explorer.editing import without_vertex
-from polywigner.explorer.history import History
 from polywigner.explorer.logs import log_fault
-from polywigner.explorer.needs import needed
 from polywigner.explorer.page.access import connect_access
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.events import connect
 from polywigner.explorer.page.guards import guarded
-from polywigner.explorer.page.layout import arranged, connect_layout
-from polywigner.explorer.page.messages import together
-from polywigner.explorer.page.show import Figures, fill, show_code
-from polywigner.explorer.page.status import Status
+from polywigner.explorer.page.show import (
+    Figures,
+    Status,
+    arranged,
+    connect_layout,
+    fill,
+    show_code,
+    together,
+)
 from polywigner.explorer.readings import Readings
 from polywigner.explorer.results import Result, queue, results
 from polywigner.explorer.scheduler import Scheduler
-from polywigner.explorer.state import State, from_query, to_query
+from polywigner.explorer.state import History, State, from_query, needed, to_query
 from polywigner.explorer.views import edges_of
 
 __all__ = ["Session", "open_page"]

@@ -2,27 +2,171 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from bokeh.events import DocumentReady
+from bokeh.layouts import column, row
+from bokeh.models import ColumnDataSource, CustomJS, InlineStyleSheet
 
 from polywigner.errors import PolywignerError
 from polywigner.explorer import windows
 from polywigner.explorer.editing import rows_of_rings
-from polywigner.explorer.history import History
+from polywigner.explorer.page import script, theme
 from polywigner.explorer.page.controls import VIEWS, Controls
 from polywigner.explorer.page.drawings import ApertureFigure, LagFigure, PolarFigure
 from polywigner.explorer.page.pictures import ImageFigure, replaced
 from polywigner.explorer.results import Result
 from polywigner.explorer.shown import in_unit, shown
 from polywigner.explorer.snippets import snippet
-from polywigner.explorer.state import State
+from polywigner.explorer.state import History, State
 
-__all__ = ["PARTS", "Figures", "fill", "show_code"]
+__all__ = [
+    "PARTS",
+    "Figures",
+    "Status",
+    "arranged",
+    "connect_layout",
+    "fill",
+    "show_code",
+    "together",
+]
+
+
+def _styled(text: str) -> list[Any]:
+    return [InlineStyleSheet(css=text)]
+
+
+def arranged(head: Any, side: Any, figures: list[Any], point: Any) -> Any:
+    """The page: a line of messages above controls and figures."""
+    point.stylesheets = _styled(theme.POINT)
+    grid = row(*figures, point, stylesheets=_styled(theme.GRID), name="figures")
+    main = column(grid, stylesheets=_styled(theme.MAIN), name="main")
+    for name, text in (("busy", theme.BUSY), ("message", theme.MESSAGE)):
+        for made in head.select({"name": name}):
+            made.stylesheets = _styled(text)
+    head.stylesheets, side.stylesheets = _styled(theme.HEAD), _styled(theme.SIDE)
+    return column(head, side, main, stylesheets=_styled(theme.PAGE), name="page")
+
+
+def connect_layout(doc: Any, page: Any, figures: list[Any], drawer: Any, groups: list[Any]) -> None:
+    """Figures as large as the window lets them be, and controls as many as it has room for."""
+    known = {
+        "page": page, "main": page.children[2], "figures": figures, "drawer": drawer,
+        "groups": [group.heading for group in groups], "narrow": theme.NARROW,
+        "heights": [group.height for group in groups],
+    }  # fmt: skip
+    doc.js_on_event(DocumentReady, CustomJS(args=known, code=script.ARRANGE))
+    doc.js_on_event(DocumentReady, CustomJS(args={"figure": figures[0]}, code=script.QUICK_PAINT))
+    doc.js_on_event(DocumentReady, CustomJS(args={"figures": figures}, code=theme.PAINT))
+
+
+@contextmanager
+def together(doc: Any) -> Iterator[None]:
+    """Changes of a document that go to the browser as one message.
+
+    Bokeh sends each change by itself: half a millisecond for the list of all models that it makes
+    for each, and a figure painted several times over. Callbacks on what is changed here are not
+    called, as while widgets are filled.
+    """
+    if doc.callbacks.hold_value is not None:  # part of a larger whole
+        yield
+        return
+    doc.hold("combine")
+    try:
+        yield
+    finally:
+        _send(doc)
+
+
+def _send(doc: Any) -> None:
+    session: Any = getattr(doc.session_context, "session", None)
+    try:
+        # of Bokeh's own, for which there is no public name
+        events, writes = doc.callbacks._held_events, session._pending_writes
+        connections = [(c.protocol, c._socket) for c in session._subscribed_connections]
+    except AttributeError:  # another version, or no session yet
+        doc.unhold()
+        return
+    if writes is None or not all(getattr(e, "setter", session) is None for e in events):
+        doc.unhold()  # also of what is no change of a model, or comes from the browser
+        return
+    doc.callbacks._held_events = []
+    doc.unhold()
+    for protocol, socket in connections if events else ():
+        writes.append(socket.send_message(protocol.create("PATCH-DOC", events)))
+
+
+_NEAR = ("rays_near", "exact_near", "difference_near")
+
+
+def _figures(views: Collection[str]) -> list[str]:
+    """Names of the figures of views."""
+    return [f for view in views for f in (_NEAR if view == "near" else (view,))]
+
+
+class Status:
+    """The line above the figures, and the figures that are pale as they are of an older state."""
+
+    def __init__(self, line: Any) -> None:
+        self.line = line
+        self.stale = ColumnDataSource({"figure": []}, name="stale")
+        self.request = 0  # the number of the newest
+
+    def show_on(self, doc: Any, figures: Sequence[Any]) -> None:
+        """Let the page count seconds, and make older pictures pale."""
+        counted = CustomJS(args={"busy": self.line}, code=script.ELAPSED)
+        doc.js_on_event(DocumentReady, counted)
+        pale = CustomJS(args={"figures": [*figures], "stale": self.stale}, code=script.STALE)
+        self.stale.js_on_change("data", pale)
+        doc.js_on_event(DocumentReady, pale)
+
+    def _say(self, kind: str, text: str, stale: Collection[str]) -> None:
+        # the page itself counts the seconds of what is "computing"
+        self.line.text = (
+            f'<span class="{kind}" data-request="{self.request}"><span role="status">{text}</span> '
+            '<span class="elapsed" aria-hidden="true"></span></span>'
+        )
+        figures = _figures(stale)
+        if self.stale.data["figure"] != figures:
+            self.stale.data = {"figure": figures}
+
+    def computing(
+        self, asked: Sequence[str], todo: Sequence[tuple[str, int]], stale: Collection[str]
+    ) -> None:
+        """Say what is being computed of the views that were asked for.
+
+        Parameters
+        ----------
+        asked : names of views.
+        todo : what is still to be computed: names and samples along an axis, the first one now.
+        stale : the views of which nothing has come yet.
+        """
+        pictures = [name for name in asked if name in VIEWS]
+        done = len(set(pictures) - {name for name, _ in todo})
+        text = "computing …"
+        if todo and pictures:
+            name, samples = todo[0]
+            size = f", {samples} × {samples}" if samples else ""
+            what = VIEWS.get(name, "values")
+            text = f"computing {what}{size}: {done} of {len(pictures)} pictures done"
+        self._say("computing", text, stale)
+
+    def ready(self, views: Collection[str], trouble: bool, blank: bool) -> None:
+        """Say that nothing more comes, and whether pictures are of the outline on show."""
+        if blank:
+            self._say("outdated", "nothing drawn", ())
+        elif trouble:
+            self._say("outdated", "pictures of an earlier state", [*views, "lags"])
+        else:
+            self._say("ready", "ready", ())
+
 
 PARTS = ("level", "real", "phase")
 ORDERS = (1, 3)
-_NEAR = ("rays", "exact", "difference")
+_PARTS_NEAR = ("rays", "exact", "difference")
 
 
 def fill(controls: Controls, history: History) -> None:
@@ -73,20 +217,20 @@ class Figures:
             "wigner_nu": ImageFigure("wigner_nu", "W over ν", "ν"),
             "wigner_x": ImageFigure("wigner_x", "W over x", "x"),
             "otf": ImageFigure("otf", "OTF", "ξ"),
-            **{f"{key}_near": ImageFigure(f"{key}_near", key, "x") for key in _NEAR},
+            **{f"{key}_near": ImageFigure(f"{key}_near", key, "x") for key in _PARTS_NEAR},
         }
         self.set_visible(())
         made = {name: image.figure for name, image in self.images.items()}
         self.all = [
             self.aperture.figure, made["fourier"], made["wigner_nu"],
             made["wigner_x"], made["otf"], self.polar.figure, self.lags.figure,
-            *(made[f"{key}_near"] for key in _NEAR),
+            *(made[f"{key}_near"] for key in _PARTS_NEAR),
         ]  # fmt: skip
 
     def of(self, name: str) -> list[Any]:
         """The Bokeh figures of a view."""
         if name == "near":
-            return [self.images[f"{key}_near"].figure for key in _NEAR]
+            return [self.images[f"{key}_near"].figure for key in _PARTS_NEAR]
         return [self.polar.figure if name == "far" else self.images[name].figure]
 
     def clear(self, name: str, controls: Controls) -> None:
@@ -97,7 +241,7 @@ class Figures:
             self.polar.clear()
         else:
             controls.note.text = "" if name == "near" else controls.note.text
-            for key in [f"{key}_near" for key in _NEAR] if name == "near" else [name]:
+            for key in [f"{key}_near" for key in _PARTS_NEAR] if name == "near" else [name]:
                 self.images[key].clear()
 
     def clear_all(self, controls: Controls) -> None:
@@ -156,7 +300,7 @@ class Figures:
             self.polar.show(result.value)
         elif result.name == "near":
             controls.note.text = result.value.note
-            for key in _NEAR:
+            for key in _PARTS_NEAR:
                 what = shown(result.value, key, unit=state.unit)
                 self.images[f"{key}_near"].update(result.value, what, state, None)
         else:

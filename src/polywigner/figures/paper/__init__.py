@@ -11,7 +11,7 @@ import importlib
 from typing import NamedTuple
 
 from polywigner.errors import ArgumentError
-from polywigner.figures.paper.made import QUALITIES, Made, Quality
+from polywigner.figures.paper.sources import QUALITIES, Made, Quality
 from polywigner.propagation.stores_files import required
 
 __all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "check_figures", "make_figure"]

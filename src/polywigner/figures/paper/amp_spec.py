@@ -6,14 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.drawing import draw_polygons
 from polywigner.figures.levels import level_db
-from polywigner.figures.paper.made import Made, Quality, geojson, number_samples
-from polywigner.figures.paper.sources import WAVELENGTH, chevrons
+from polywigner.figures.paper.sources import (
+    WAVELENGTH,
+    Made,
+    Quality,
+    chevrons,
+    geojson,
+    number_samples,
+)
 from polywigner.figures.style import (
     SIGNED_MAP,
     TYPOGRAPHY,
     colour_bar,
+    draw_polygons,
     length_unit,
     new_figure,
     number_text,

@@ -8,11 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.drawing import draw_polygons, letter_panels
 from polywigner.figures.levels import level_db
-from polywigner.figures.paper.made import Made, Quality, number_samples
-from polywigner.figures.paper.sources import WAVELENGTH, catalogue
-from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, length_unit, new_figure, number_text
+from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, catalogue, number_samples
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    TYPOGRAPHY,
+    draw_polygons,
+    length_unit,
+    letter_panels,
+    new_figure,
+    number_text,
+)
 
 __all__ = ["make"]
 

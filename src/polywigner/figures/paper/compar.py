@@ -9,12 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.drawing import number_panels
 from polywigner.figures.lines import draw_lines
-from polywigner.figures.paper.fields import RAYS, compared
-from polywigner.figures.paper.made import Made, Quality, number_samples
-from polywigner.figures.paper.sources import WAVELENGTH, square
+from polywigner.figures.paper.sources import (
+    RAYS,
+    WAVELENGTH,
+    Made,
+    Quality,
+    compared,
+    number_samples,
+    square,
+)
 from polywigner.figures.planes import draw_planes
+from polywigner.figures.style import number_panels
 
 __all__ = ["make"]
 

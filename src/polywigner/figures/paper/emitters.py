@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import polywigner as pw
-from polywigner.figures.drawing import letter_panels
 from polywigner.figures.levels import level_db, picture_peak
-from polywigner.figures.paper.made import Made, Quality
 from polywigner.figures.paper.room import (
     Film,
     cosine_source,
@@ -16,8 +14,15 @@ from polywigner.figures.paper.room import (
     uniform_source,
     wigner_source,
 )
-from polywigner.figures.paper.sources import WAVELENGTH, square
-from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, new_figure, number_text, quantity_text
+from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, square
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    TYPOGRAPHY,
+    letter_panels,
+    new_figure,
+    number_text,
+    quantity_text,
+)
 
 __all__ = ["make"]
 

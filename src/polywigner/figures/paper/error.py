@@ -8,12 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.differences import COMPARED_DB, summary
-from polywigner.figures.drawing import letter_panels
-from polywigner.figures.paper.fields import RAYS, limits_known
-from polywigner.figures.paper.made import Made, Quality, number_samples
-from polywigner.figures.paper.sources import WAVELENGTH, square
-from polywigner.figures.style import TYPOGRAPHY, new_figure, number_text
+from polywigner.figures.levels import COMPARED_DB, summary
+from polywigner.figures.paper.sources import (
+    RAYS,
+    WAVELENGTH,
+    Made,
+    Quality,
+    limits_known,
+    number_samples,
+    square,
+)
+from polywigner.figures.style import TYPOGRAPHY, letter_panels, new_figure, number_text
 
 __all__ = ["LARGEST_ANGLE", "make"]
 

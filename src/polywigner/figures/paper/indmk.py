@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import polywigner as pw
-from polywigner.figures.drawing import draw_polygons, length_axes
-from polywigner.figures.paper.made import Made, Quality, geojson
-from polywigner.figures.paper.sources import triangles
-from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure
+from polywigner.figures.paper.sources import Made, Quality, geojson, triangles
+from polywigner.figures.style import TYPOGRAPHY, draw_polygons, length_axes, length_unit, new_figure
 
 __all__ = ["make"]
 

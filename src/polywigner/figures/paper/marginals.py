@@ -7,10 +7,17 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.figures.drawing import draw_polygons, length_axes, letter_panels
-from polywigner.figures.paper.made import Made, Quality, geojson, number_samples
-from polywigner.figures.paper.sources import triangles
-from polywigner.figures.style import LEVEL_MAP, TYPOGRAPHY, colour_bar, length_unit, new_figure
+from polywigner.figures.paper.sources import Made, Quality, geojson, number_samples, triangles
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    TYPOGRAPHY,
+    colour_bar,
+    draw_polygons,
+    length_axes,
+    length_unit,
+    letter_panels,
+    new_figure,
+)
 
 __all__ = ["make"]
 

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.drawing import number_panels
-from polywigner.figures.paper.made import Made, Quality, number_samples
-from polywigner.figures.paper.sources import chevrons
+from polywigner.figures.paper.sources import Made, Quality, chevrons, number_samples
 from polywigner.figures.projections import draw_projections
+from polywigner.figures.style import number_panels
 from polywigner.transforms.projection import PhaseSpaceFunction
 
 __all__ = ["KINDS", "make"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from polywigner.figures.levels import picture_peak
-from polywigner.figures.paper.made import Made, Quality
 from polywigner.figures.paper.room import Film, render_room, wigner_source
+from polywigner.figures.paper.sources import Made, Quality
 from polywigner.figures.scene import draw_scene
 
 __all__ = ["make"]

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.paper.made import Quality
-from polywigner.figures.paper.sources import WAVELENGTH, square
+from polywigner.figures.paper.sources import WAVELENGTH, Quality, square
 from polywigner.interruption import temporary_folder
 
 __all__ = [

@@ -8,10 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.drawing import letter_panels
-from polywigner.figures.paper.made import Made, Quality, number_samples
-from polywigner.figures.paper.sources import WAVELENGTH, chevrons, square
-from polywigner.figures.style import TYPOGRAPHY, new_figure
+from polywigner.figures.paper.sources import (
+    WAVELENGTH,
+    Made,
+    Quality,
+    chevrons,
+    number_samples,
+    square,
+)
+from polywigner.figures.style import TYPOGRAPHY, letter_panels, new_figure
 
 __all__ = ["POSITION", "dense_samples", "grid_wigner", "make"]
 

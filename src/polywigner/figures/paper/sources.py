@@ -7,14 +7,65 @@ they show what its captions say, a few wavelengths across.
 from __future__ import annotations
 
 import functools
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
+from polywigner.errors import PolywignerWarning
 from polywigner.quantities import wavelength_of
 
-__all__ = ["WAVELENGTH", "catalogue", "chevrons", "square", "triangle", "triangles"]
+__all__ = [
+    "QUALITIES",
+    "RAYS",
+    "WAVELENGTH",
+    "Made",
+    "Quality",
+    "catalogue",
+    "chevrons",
+    "compared",
+    "geojson",
+    "limits_known",
+    "number_samples",
+    "square",
+    "triangle",
+    "triangles",
+]
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+Quality = Literal["draft", "print"]
+QUALITIES: tuple[str, ...] = get_args(Quality)
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """The pictures of a figure by their letters ("" of a single one), the arrays behind them by
+    name, and for each of these its unit and axes in words."""
+
+    figures: Mapping[str, Figure]
+    values: Mapping[str, NDArray[Any]]
+    about: Mapping[str, str]
+
+
+def number_samples(quality: Quality, draft: int, final: int) -> int:
+    """Number of samples to take along an axis."""
+    return draft if quality == "draft" else final
+
+
+def geojson(shape: Any) -> NDArray[Any]:
+    """A shapely geometry as a text in an array, with all its digits."""
+    import shapely
+
+    return np.asarray(shapely.to_geojson(shape))
+
 
 WAVELENGTH = wavelength_of(94e9)
 """3.19 mm, in metres."""
@@ -68,3 +119,35 @@ def catalogue() -> dict[str, pw.Slits | pw.Aperture]:
         "U": shapes.u_shape(12 * _MM, 12 * _MM, 3 * _MM),
         "interferometer": shapes.interferometer(stations, 2 * _MM),
     }
+
+
+RAYS: Mapping[str, Mapping[str, Any]] = {
+    "paper": {"obliquity": "paper"},
+    "matched": {"obliquity": "kirchhoff"},
+    "third order": {"obliquity": "kirchhoff", "order": 3},
+}
+"""Wigner rays with the paper's obliquity, with that of Kirchhoff's integral, and to third order."""
+
+
+def compared(place: Callable[..., Any], rays: tuple[str, ...], *others: str) -> Any:
+    """Fields at a place by some of ``RAYS``, by other methods, and last by Kirchhoff's integral.
+
+    Parameters
+    ----------
+    place : :func:`polywigner.line` and the like, with all but the method and the bar given.
+    rays : names in ``RAYS``.
+    others : methods.
+    """
+    with limits_known():
+        found = place(method=(*others, "kirchhoff"), progress=False)
+        for name in rays:
+            found[name] = place(method="wigner", progress=False, **RAYS[name])["wigner"]
+    return found[[*rays, *others, "kirchhoff"]]
+
+
+@contextmanager
+def limits_known() -> Iterator[None]:
+    """No warnings of points too close for rays: figures show just where rays cease to hold."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PolywignerWarning)
+        yield

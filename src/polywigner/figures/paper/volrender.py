@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import polywigner as pw
-from polywigner.figures.paper.made import Made, Quality, geojson
-from polywigner.figures.paper.sources import WAVELENGTH, chevrons
+from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, chevrons, geojson
 from polywigner.figures.volumes import draw_volume
 
 __all__ = ["make"]

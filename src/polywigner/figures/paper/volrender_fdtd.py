@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.paper.fields import limits_known
-from polywigner.figures.paper.made import Made, Quality
-from polywigner.figures.paper.sources import WAVELENGTH, square
+from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, limits_known, square
 from polywigner.figures.volumes import draw_volume
 
 __all__ = ["make"]

@@ -7,10 +7,16 @@ from typing import Any
 import numpy as np
 
 import polywigner as pw
-from polywigner.figures.drawing import draw_polygons, length_axes, letter_panels
-from polywigner.figures.paper.made import Made, Quality, geojson
-from polywigner.figures.paper.sources import triangle
-from polywigner.figures.style import TYPOGRAPHY, length_unit, new_figure, number_text
+from polywigner.figures.paper.sources import Made, Quality, geojson, triangle
+from polywigner.figures.style import (
+    TYPOGRAPHY,
+    draw_polygons,
+    length_axes,
+    length_unit,
+    letter_panels,
+    new_figure,
+    number_text,
+)
 
 __all__ = ["make"]
 
