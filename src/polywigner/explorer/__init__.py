@@ -3,7 +3,7 @@
 Three layers, each knowing only those above it:
 
 - :mod:`~polywigner.explorer.state`, what is shown, as one frozen value, and as the text of a
-  link; ``editing`` and ``history`` make new states of old;
+  link; ``editing`` makes new states of old;
 - :mod:`~polywigner.explorer.views`, from a state to arrays with units; ``snippets`` and
   ``exports`` write down the same as Python code and files;
 - ``page`` and ``server``: widgets, figures and sessions, the only modules that import Bokeh.

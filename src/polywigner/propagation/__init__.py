@@ -6,27 +6,22 @@ metres; a free wave is exp(+i k R)/R (docs/conventions). Fields are in the unit 
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``places``           checked points, wavelengths and names of methods
-``irradiances``      |U|^2 at points
-``rays``             sums of Wigner rays; ``ray_kernels`` what is summed
-``arrangement``      where the Wigner function is smooth; ``rays_rules`` Gauss rules there
-``rays_adaptive``    rules refined to a tolerance; ``rays_sampling`` drawn places instead
+``places``           points, angles, wavelengths and names of methods, checked
+``irradiances``      |U|^2 at points, of mixtures of waves too
+``rays``             sums of Wigner rays; ``rays_adaptive`` rules refined to a tolerance
+``arrangement``      cells where the Wigner function is smooth, and Gauss rules on them
 ``amplitudes``       the complex field at points, by boundary integrals and in the far field
 ``boundary``         sums along edges to a tolerance; ``panels`` pieces of edges with their waves
 ``screens``          opaque plates and openings lit by point sources and plane waves
-``behind``           fields behind first-order systems: ``collins`` by the rank of B,
-                     ``astigmatic`` of other curvatures along one axis than along the other;
-                     ``spread`` the light of a point behind a lens
+``collins``          fields behind first-order systems; ``spread`` the light of a point in an image
 ``builders``         lines, planes, hemispheres and volumes: ``grids`` of points and ``datasets``
-``patterns``         radiation patterns, the far field over angles; ``pattern_files`` writes them
-``beams``            what a data sheet says of a pattern: gain, beamwidths, sidelobes, from
-                     ``pattern_cuts``, cuts along meridians
-``stores``           arrays larger than memory: in chunks, on disk, by many, taken up when killed
+``patterns``         radiation patterns and their cuts; ``pattern_files`` writes them
+``beams``            numbers of data sheets: gain, beamwidths, sidelobes
+``stores``           arrays larger than memory, in chunks on disk; ``stores_checks`` what is whole
 ``exports``          datasets to NetCDF and VTK files
-``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields, and
-                     ``suggestions_noise`` samples per pixel
+``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields
 ``wigner_tables``    W and A on grids of four coordinates
-===================  ==========================================================================
+===================
 """
 
 from __future__ import annotations

@@ -8,9 +8,8 @@ module               what is in it
 ===================  ==========================================================================
 ``directions``       checked sources and directions; directions to spatial frequencies
 ``hemisphere``       a quadrature over all directions that is exact to rounding
-``directional``      radiance and radiant intensity: W and F in SI units
 ``progress``         a bar on a terminal for work that takes long
-``flux``             flux vector, power, and how much of it is evanescent
+``flux``             radiance, radiant intensity, flux and power in SI units; the evanescent share
 ===================  ==========================================================================
 """
 

@@ -8,11 +8,9 @@ carry W exactly; through aberrations approximately.
 module               what is in it
 ===================  ==========================================================================
 ``sampling``         rays drawn from W of a source: :func:`sample_rays`
-``draws``            random and quasi-random numbers, cones of directions
 ``bundles``          rays as a dataset, checked, and after ray optics of your own
 ``rebuilding``       irradiance in the pixels of a plane, with its standard error
 ``files``            .npz, .csv, NetCDF and source files of OpticStudio, written and read
-``source_files``     the binary of those source files
 ===================  ==========================================================================
 """
 

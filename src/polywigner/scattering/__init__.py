@@ -7,10 +7,9 @@ module                what is in it
 ``patterns``          the same over azimuth and elevation
 ``facets``            bodies and plates as triangles: which join smoothly, which shadow others
 ``near_fields``       the cross section near the antennas of a radar, over pieces of plane waves
-``antennas``          antennas at their places, and their fields
+``antennas``          antennas at their places, their fields and polarisations
 ``visibility``        the parts of triangles that are seen from far away, and what stands before
 ``surface_sums``      the Fourier transform of lit surfaces with their normals
-``polarisations``     directions and polarisations, checked
 ====================  =========================================================================
 """
 
