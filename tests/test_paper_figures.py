@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 import polywigner as pw
 from polywigner.cli import main
 from polywigner.figures.paper import FIGURES
-from polywigner.figures.paper.room import intensity_by_fft
 from polywigner.figures.paper.sampling import POSITION, dense_samples
+from polywigner.figures.paper.scenes import intensity_by_fft
 from polywigner.figures.paper.sources import WAVELENGTH, chevrons, square, triangle, triangles
 
 Values = dict[str, np.ndarray]

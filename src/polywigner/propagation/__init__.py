@@ -21,7 +21,7 @@ module               what is in it
 ``exports``          datasets to NetCDF and VTK files
 ``suggestions``      how many samples a grid needs: ``suggestions_fields`` bands of fields
 ``wigner_tables``    W and A on grids of four coordinates
-===================
+===================  ==========================================================================
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The figures of the paper, regenerated from the public functions: ``polywigner figures``.
 
-One module for each figure, of the figure's name, with ``make(quality) -> Made``. ``sources`` has
-the apertures and the wavelength that they share, ``made`` what all of them return. docs/figures.md
+A figure is a function ``draw_NAME(quality) -> Made`` in ``transforms``, ``fields``, ``scenes`` or
+``sampling``; ``sources`` has the apertures and the wavelength that they share. docs/figures.md
 says what each shows and how that compares with the paper's caption.
 """
 
@@ -18,30 +18,36 @@ __all__ = ["FIGURES", "QUALITIES", "Made", "Quality", "Subject", "check_figures"
 
 
 class Subject(NamedTuple):
-    """What a figure shows, the letters of its pictures if it has several, and whether it takes the
-    labelled arrays that the extra ``volume`` brings."""
+    """The module of a figure, its caption, letters of its pictures if it has several, and whether
+    it takes the labelled arrays that the extra ``volume`` brings."""
 
+    module: str
     text: str
     parts: tuple[str, ...] = ("",)
     labelled: bool = False
 
 
 FIGURES = {
-    "render": Subject("a scene with a coherent transmitter"),
-    "amp_spec": Subject("real part of the Fourier transform of two chevrons"),
-    "indmk": Subject("two elements and their automean"),
-    "marginals": Subject("position and lag marginals of two triangles"),
-    "xforms": Subject("construction of the slices of the autocorrelation"),
-    "projs": Subject("projections of R, W and A", ("a", "b", "c")),
-    "volrender": Subject("isosurfaces of the field of two chevrons", labelled=True),
+    "render": Subject("scenes", "a scene with a coherent transmitter"),
+    "amp_spec": Subject("transforms", "real part of the Fourier transform of two chevrons"),
+    "indmk": Subject("transforms", "two elements and their automean"),
+    "marginals": Subject("transforms", "position and lag marginals of two triangles"),
+    "xforms": Subject("transforms", "construction of the slices of the autocorrelation"),
+    "projs": Subject("transforms", "projections of R, W and A", ("a", "b", "c")),
+    "volrender": Subject("fields", "isosurfaces of the field of two chevrons", labelled=True),
     "volrender_fdtd": Subject(
-        "isosurfaces of the field of a square by FDTD and by rays", ("a", "b"), labelled=True
+        "fields",
+        "isosurfaces of the field of a square by FDTD and by rays",
+        ("a", "b"),
+        labelled=True,
     ),
-    "compar": Subject("Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b"), True),
-    "error": Subject("error of each method against distance"),
-    "emitters": Subject("one scene by a Wigner, an FFT, a uniform and a cosine source"),
-    "sampling": Subject("samples that a grid needs, and how exact they make it"),
-    "appendix": Subject("patterns of nine apertures"),
+    "compar": Subject(
+        "fields", "Wigner rays beside Kirchhoff and Fraunhofer diffraction", ("a", "b"), True
+    ),
+    "error": Subject("fields", "error of each method against distance"),
+    "emitters": Subject("scenes", "one scene by a Wigner, an FFT, a uniform and a cosine source"),
+    "sampling": Subject("sampling", "samples that a grid needs, and how exact they make it"),
+    "appendix": Subject("transforms", "patterns of nine apertures"),
 }
 """By name, in the order of the paper."""
 
@@ -79,5 +85,6 @@ def make_figure(name: str, quality: Quality = "draft") -> Made:
     ArgumentError : no such figure or quality; MissingExtraError without a library it needs.
     """
     check_figures([name], quality)
-    made: Made = importlib.import_module(f"{__name__}.{name}").make(quality)
+    module = importlib.import_module(f"{__name__}.{FIGURES[name].module}")
+    made: Made = getattr(module, f"draw_{name}")(quality)
     return made

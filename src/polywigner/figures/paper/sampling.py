@@ -18,7 +18,7 @@ from polywigner.figures.paper.sources import (
 )
 from polywigner.figures.style import TYPOGRAPHY, letter_panels, new_figure
 
-__all__ = ["POSITION", "dense_samples", "grid_wigner", "make"]
+__all__ = ["POSITION", "dense_samples", "draw_sampling", "grid_wigner"]
 
 POSITION = (0.5e-3, 0.8e-3)
 """Place of the slice that is summed on grids, in m: no symmetry of the chevrons helps there."""
@@ -66,7 +66,7 @@ def grid_wigner(
     return np.asarray((waves[1] @ inside @ waves[0].T).real * cell)
 
 
-def make(quality: Quality) -> Made:
+def draw_sampling(quality: Quality) -> Made:
     """(a) Samples of dense grids against the aperture's size; (b) the error of a grid."""
     import matplotlib as mpl
 

@@ -1,4 +1,4 @@
-"""The scene of the rendered figures, with one source or another in it."""
+"""Figures of the paper with rendered rooms: render, emitters."""
 
 from __future__ import annotations
 
@@ -11,13 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 import polywigner as pw
-from polywigner.figures.paper.sources import WAVELENGTH, Quality, square
+from polywigner.figures.levels import level_db, picture_peak
+from polywigner.figures.paper.sources import WAVELENGTH, Made, Quality, square
+from polywigner.figures.scene import draw_scene
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    TYPOGRAPHY,
+    letter_panels,
+    new_figure,
+    number_text,
+    quantity_text,
+)
 from polywigner.interruption import temporary_folder
 
 __all__ = [
     "POSE",
     "Film",
     "cosine_source",
+    "draw_emitters",
+    "draw_render",
     "fft_source",
     "intensity_by_fft",
     "render_room",
@@ -151,3 +163,61 @@ def fft_source(quality: Quality) -> tuple[str, dict[str, NDArray[np.float32]]]:
         <transform name="to_world">{POSE}</transform>
     </emitter>"""
     return text, {"slide.exr": slide[..., None].astype(np.float32)}
+
+
+_FLOOR_DB = -40.0
+_FILMS = {"draft": Film(270, 225, 36), "print": Film(720, 600, 784)}
+
+
+def draw_render(quality: Quality) -> Made:
+    """The 10 mm square at 94 GHz, looking down at a floor, as Mitsuba renders it."""
+    radiance = render_room(wigner_source(), _FILMS[quality])
+    figure = draw_scene(radiance, picture_peak(radiance), _FLOOR_DB)
+    return Made(
+        {"": figure},
+        {"radiance": radiance},
+        {"radiance": "W m^-2 sr^-1 for |u|^2 = 1 W/m^2; rows from the top; signed"},
+    )
+
+
+_FILMS_OF_SOURCES = {"draft": Film(270, 225, 36), "print": Film(480, 400, 784)}
+_OTHERS = {"draft": 16, "print": 100}  # samples of sources that leave hardly any noise
+_UNIT = "W/(m² sr)"
+
+
+def draw_emitters(quality: Quality) -> Made:
+    """One scene with four sources of equal power; 0 dB is the peak of the Wigner source's."""
+    import matplotlib as mpl
+
+    power = pw.power(square(), WAVELENGTH)
+    film = _FILMS_OF_SOURCES[quality]
+    quiet = film._replace(samples=_OTHERS[quality])
+    projector, slide = fft_source(quality)
+    pictures = {
+        "wigner": render_room(wigner_source(), film),
+        "fft": render_room(projector, quiet, slide),
+        "uniform": render_room(uniform_source(power), quiet),
+        "cosine": render_room(cosine_source(power), quiet),
+    }
+    titles = ("Wigner, coherent aperture", "far field by FFT, from a point",
+              "uniform, from a point", "cosine, incoherent surface")  # fmt: skip
+    zero = picture_peak(pictures["wigner"])
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(8.4, 6.6)
+        figure.set_layout_engine("compressed")
+        panels = figure.subplots(2, 2).ravel()
+        for axes, picture, title in zip(panels, pictures.values(), titles, strict=True):
+            levels = level_db(picture, zero, _FLOOR_DB)
+            shown = axes.imshow(levels, cmap=LEVEL_MAP, vmin=_FLOOR_DB, vmax=0.0)
+            axes.set(xticks=[], yticks=[])
+            axes.set_title(title)
+        bar = figure.colorbar(shown, ax=panels, shrink=0.7, pad=0.02, extend="max")
+        against = "nothing lit" if zero is None else quantity_text(zero, _UNIT)
+        bar.set_label(f"radiance, dB relative to {against}; floor {number_text(_FLOOR_DB)} dB")
+        letter_panels(panels)
+    about = "W m^-2 sr^-1; rows from the top; signed"
+    return Made(
+        {"": figure},
+        {**pictures, "power": np.asarray(power)},
+        {**dict.fromkeys(pictures, about), "power": "W, of each source"},
+    )

@@ -1,0 +1,422 @@
+"""Figures of the paper about transforms: amp_spec, appendix, indmk, marginals, projs, xforms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import polywigner as pw
+from polywigner.figures.levels import level_db
+from polywigner.figures.paper.sources import (
+    WAVELENGTH,
+    Made,
+    Quality,
+    catalogue,
+    chevrons,
+    geojson,
+    number_samples,
+    triangle,
+    triangles,
+)
+from polywigner.figures.projections import draw_projections
+from polywigner.figures.style import (
+    LEVEL_MAP,
+    SIGNED_MAP,
+    TYPOGRAPHY,
+    colour_bar,
+    draw_polygons,
+    length_axes,
+    length_unit,
+    letter_panels,
+    new_figure,
+    number_panels,
+    number_text,
+)
+from polywigner.transforms.projection import PhaseSpaceFunction
+
+__all__ = [
+    "KINDS",
+    "draw_amp_spec",
+    "draw_appendix",
+    "draw_indmk",
+    "draw_marginals",
+    "draw_projs",
+    "draw_xforms",
+    "signed_db",
+]
+
+_FLOOR_DB = -40.0
+
+
+def signed_db(values: NDArray[np.float64], peak: float, floor_db: float) -> NDArray[np.float64]:
+    """Decades above a floor with the sign of the values: 0 at the floor, +-1 at the peak.
+
+    Parameters
+    ----------
+    values : field-like, of any shape; 20 dB are a factor of ten.
+    peak : the modulus that is 0 dB.
+    floor_db : moduli at or below this level, dB, are 0.
+    """
+    levels = level_db(np.square(values), peak**2, floor_db)
+    signed: NDArray[np.float64] = np.sign(values) * (1 - levels / floor_db)
+    return signed
+
+
+def draw_amp_spec(quality: Quality) -> Made:
+    """F(nu) on the square |nu_x|, |nu_y| <= 1/wavelength; drawn on a symmetric scale in dB."""
+    import matplotlib as mpl
+
+    source = chevrons()
+    frequency = np.linspace(-1, 1, number_samples(quality, 257, 1025)) / WAVELENGTH
+    nu = np.stack(np.meshgrid(frequency, frequency), axis=-1)
+    transform = pw.fourier(source, nu)
+    unit = length_unit(WAVELENGTH)
+    edge = frequency[-1] * (1 + 1 / (len(frequency) - 1)) * unit.metres
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(5.8, 4.4)
+        axes = figure.add_subplot()
+        shown = axes.imshow(
+            signed_db(transform.real, source.area, _FLOOR_DB),
+            origin="lower",
+            extent=(-edge, edge, -edge, edge),
+            cmap=SIGNED_MAP,
+            vmin=-1,
+            vmax=1,
+            interpolation="nearest",
+        )
+        area = source.area / unit.metres**2
+        # Above zero levels rise to the peak; below it those of negative values fall away from it.
+        levels = np.array([0, -10, -20, -30])
+        places = 1 - levels / _FLOOR_DB
+        bar = colour_bar(
+            axes, shown, f"Re F > 0 (red), Re F < 0 (blue)\ndB relative to F(0) = {area:.3g} mm²"
+        )
+        names = [number_text(level) for level in levels]
+        bar.set_ticks([*-places, 0.0, *places])
+        bar.set_ticklabels([*names, f"≤ {number_text(_FLOOR_DB)}", *names])
+        axes.add_patch(
+            mpl.patches.Circle(
+                (0, 0), unit.metres / WAVELENGTH, fill=False, edgecolor="0.35", lw=0.8, ls=":"
+            )
+        )
+        axes.set_xlabel(rf"$\nu_x$ (1/{unit.name})")
+        axes.set_ylabel(rf"$\nu_y$ (1/{unit.name})")
+        axes.set_title(f"Re F(ν) of two chevrons; dotted: |ν| = 1/λ, λ = {WAVELENGTH * 1e3:.3g} mm")
+        inset = axes.inset_axes((0.01, 0.01, 0.19, 0.12))
+        draw_polygons(inset, source.polygons, unit, facecolor="0.2", edgecolor="none")
+        inset.set_aspect("equal")
+        inset.margins(0.1)
+        inset.autoscale_view()
+        inset.set(xticks=[], yticks=[])
+    return Made(
+        {"": figure},
+        {"frequency": frequency, "fourier": transform, "aperture": geojson(source.polygons)},
+        {
+            "frequency": "1/m, along both axes",
+            "fourier": "m^2; fourier[j, i] at nu = (frequency[i], frequency[j])",
+            "aperture": "GeoJSON, m",
+        },
+    )
+
+
+def draw_appendix(quality: Quality) -> Made:
+    """|F|^2 relative to its peak for all |nu_x|, |nu_y| <= 1/wavelength, with the outlines."""
+    import matplotlib as mpl
+
+    along = np.linspace(-1, 1, number_samples(quality, 401, 1601)) / WAVELENGTH
+    across = np.linspace(-1, 1, number_samples(quality, 161, 641)) / WAVELENGTH
+    grid = np.stack(np.meshgrid(across, across), axis=-1)
+    values: dict[str, NDArray[Any]] = {"nu": along, "nu_x": across}
+    about = {"nu": "1/m, of slits", "nu_x": "1/m, along both axes of all others"}
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(8.4, 8.6, spacing=0.03)
+        figure.set_layout_engine("compressed")
+        panels = figure.subplots(3, 3).ravel()
+        for axes, (name, source) in zip(panels, catalogue().items(), strict=True):
+            slits = isinstance(source, pw.Slits)
+            field = pw.fourier(source, along[:, None] if slits else grid)
+            peak = source.length if isinstance(source, pw.Slits) else source.area
+            levels = level_db(np.abs(field) ** 2, peak**2, _FLOOR_DB)
+            if slits:
+                _draw_line(axes, along, levels)
+            else:
+                shown = _draw_map(axes, across, levels)
+            _draw_outline(axes, source)
+            axes.set_title(name)
+            key = name.replace(",", "").replace("-", "_").replace(" ", "_")
+            values[key] = field
+            about[key] = "m, at nu" if slits else "m^2; [j, i] at (nu_x[i], nu_x[j])"
+        bar = figure.colorbar(shown, ax=panels, location="bottom", shrink=0.5, aspect=40, pad=0.02)
+        bar.set_label(f"|F(ν)|², dB relative to |F(0)|², floor {number_text(_FLOOR_DB)} dB")
+        letter_panels(panels)
+    return Made({"": figure}, values, about)
+
+
+_INVERSE_UNIT = length_unit(WAVELENGTH)
+
+
+def _draw_line(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -> None:
+    axes.plot(nu * _INVERSE_UNIT.metres, levels, color="#1f3b57", lw=1.0)
+    axes.set_ylim(_FLOOR_DB, 1.5)
+    axes.set_box_aspect(1)
+    axes.margins(x=0)
+    axes.grid(alpha=0.3, lw=0.5)
+    axes.set_xlabel(rf"$\nu$ (1/{_INVERSE_UNIT.name})")
+    axes.set_ylabel("|F|² (dB)", labelpad=0)
+
+
+def _draw_map(axes: Any, nu: NDArray[np.float64], levels: NDArray[np.float64]) -> Any:
+    edge = nu[-1] * _INVERSE_UNIT.metres * (1 + 1 / (len(nu) - 1))
+    shown = axes.imshow(
+        levels,
+        origin="lower",
+        extent=(-edge, edge, -edge, edge),
+        cmap=LEVEL_MAP,
+        vmin=_FLOOR_DB,
+        vmax=0.0,
+        interpolation="nearest",
+    )
+    axes.set_xlabel(rf"$\nu_x$ (1/{_INVERSE_UNIT.name})")
+    axes.set_ylabel(rf"$\nu_y$ (1/{_INVERSE_UNIT.name})", labelpad=0)
+    return shown
+
+
+def _draw_outline(axes: Any, source: pw.Slits | pw.Aperture) -> None:
+    """Draws a source in the upper right corner, all figures to one scale: 20 mm wide."""
+    inset = axes.inset_axes((0.72, 0.72, 0.27, 0.27))
+    half = 10e-3 / _INVERSE_UNIT.metres
+    if isinstance(source, pw.Slits):
+        for start, end in source.intervals / _INVERSE_UNIT.metres:
+            inset.plot([start, end], [0, 0], color="#1f3b57", lw=3, solid_capstyle="butt")
+        inset.patch.set_visible(False)
+    else:
+        draw_polygons(inset, source.polygons, _INVERSE_UNIT, facecolor="white", edgecolor="none")
+        inset.set_facecolor((0, 0, 0, 0.6))  # lobes may be as bright as the outline
+    inset.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
+    inset.spines[:].set_visible(False)
+
+
+_ELEMENTS, _SUPPORT, _HULL = "#c8372d", "#9dbfe0", "0.45"  # red and blue, as in the paper
+
+
+def draw_indmk(quality: Quality) -> Made:
+    """Elements (red), automean (red and blue) and its convex hull, with their areas."""
+    import matplotlib as mpl
+
+    source = triangles()
+    support = pw.automean(source)
+    hull = source.polygons.convex_hull
+    unit = length_unit(source.diameter)
+    mm2 = unit.metres**2
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(6.2, 3.3)  # as wide as the legend
+        axes = figure.add_subplot()
+        parts = (
+            (hull, "none", _HULL, f"convex hull, {hull.area / mm2:.0f} mm²"),
+            (
+                support.polygons,
+                _SUPPORT,
+                "none",
+                f"automean (blue and red), {support.area / mm2:.0f} mm²",
+            ),
+            (source.polygons, _ELEMENTS, "none", f"elements, {source.area / mm2:.0f} mm²"),
+        )
+        for shape, face, edge, label in parts:
+            dashed = "--" if face == "none" else "-"
+            draw_polygons(
+                axes, shape, unit, facecolor=face, edgecolor=edge, ls=dashed, lw=0.9, label=label
+            )
+        length_axes(axes, "x", unit)
+        figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
+    shapes = {"elements": source.polygons, "automean": support.polygons, "hull": hull}
+    areas = np.array([shape.area for shape in shapes.values()])
+    return Made(
+        {"": figure},
+        {**{name: geojson(shape) for name, shape in shapes.items()}, "areas": areas},
+        {**dict.fromkeys(shapes, "GeoJSON, m"), "areas": "m^2, of elements, automean and hull"},
+    )
+
+
+_MARGIN = 0.5e-3  # so that outlines do not lie on the frame
+
+
+def draw_marginals(quality: Quality) -> Made:
+    """R_x(x) with the automean's outline, and R_xi(xi): both areas of overlaps."""
+    import matplotlib as mpl
+
+    source = triangles()
+    count = number_samples(quality, 241, 721)
+    support = pw.automean(source)
+    xmin, ymin, xmax, ymax = source.bounds
+    x = np.linspace(xmin - _MARGIN, xmax + _MARGIN, count)
+    y = np.linspace(ymin - _MARGIN, ymax + _MARGIN, count // 2 + 1)
+    xi_x = np.linspace(xmin - xmax, xmax - xmin, count)
+    xi_y = np.linspace(ymin - ymax, ymax - ymin, count // 2 + 1)
+    of_position = pw.position_marginal(source, np.stack(np.meshgrid(x, y), axis=-1))
+    of_lag = pw.lag_marginal(source, np.stack(np.meshgrid(xi_x, xi_y), axis=-1))
+    unit = length_unit(source.diameter)
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(5.6, 4.2, spacing=0.04)
+        figure.set_layout_engine("compressed")
+        panels = figure.subplots(2, 1)
+        for axes, across, up, values, symbol, name in (
+            (panels[0], x, y, of_position, "x", r"$R_x$, area of the lag slice at $x$"),
+            (
+                panels[1],
+                xi_x,
+                xi_y,
+                of_lag,
+                r"\xi",
+                r"$R_\xi$, area of the position slice at $\xi$",
+            ),
+        ):
+            _draw_marginal(axes, across, up, values, symbol, unit)
+            axes.set_title(name)
+        for shape, ink in ((support.polygons, "0.75"), (source.polygons, "#5ec8ff")):
+            draw_polygons(panels[0], shape, unit, facecolor="none", edgecolor=ink, lw=0.8)
+        letter_panels(panels)
+    return Made(
+        {"": figure},
+        {
+            "x": x,
+            "y": y,
+            "position_marginal": of_position,
+            "xi_x": xi_x,
+            "xi_y": xi_y,
+            "lag_marginal": of_lag,
+            "aperture": geojson(source.polygons),
+        },
+        {
+            **dict.fromkeys(("x", "y", "xi_x", "xi_y"), "m"),
+            "position_marginal": "m^2, [j, i] at (x[i], y[j])",
+            "lag_marginal": "m^2, [j, i] at (xi_x[i], xi_y[j])",
+            "aperture": "GeoJSON, m",
+        },
+    )
+
+
+def _draw_marginal(axes: Any, across: Any, up: Any, values: Any, symbol: str, unit: Any) -> None:
+    shown = axes.pcolormesh(
+        across / unit.metres,
+        up / unit.metres,
+        values / unit.metres**2,
+        shading="nearest",
+        cmap=LEVEL_MAP,
+        vmin=0.0,
+        rasterized=True,
+    )
+    colour_bar(axes, shown, f"{unit.name}²")
+    length_axes(axes, symbol, unit)
+    axes.set_aspect("equal", adjustable="box")
+    axes.margins(0)
+
+
+KINDS: dict[str, PhaseSpaceFunction] = {"a": "autocorrelation", "b": "wigner", "c": "ambiguity"}
+
+
+def draw_projs(quality: Quality) -> Made:
+    """The four tiles of each grid of the paper, for two chevrons; the numbers have all six."""
+    figures = {}
+    values: dict[str, NDArray[Any]] = {}
+    about: dict[str, str] = {}
+    for letter, kind in KINDS.items():
+        found = pw.projections(chevrons(), kind, samples=number_samples(quality, 97, 513))
+        title = f"({letter}) projected {_called(kind)}, two chevrons"
+        figures[letter] = draw_projections(found, title=title)
+        number_panels(figures[letter], letter)
+        for name in (*found.coords, *found.data_vars):
+            key = str(name) if name in found.coords else f"{kind}_{name}"
+            values[key] = np.asarray(found[name].values)
+            units = found[name].attrs["units"]
+            dims = ", ".join(map(str, found[name].dims))
+            about[key] = units if name in found.coords else f"{units}, over {dims}"
+    return Made(figures, values, about)
+
+
+def _called(kind: PhaseSpaceFunction) -> str:
+    return {"wigner": "Wigner function"}.get(kind, f"{kind} function")
+
+
+POSITION = (1.2e-3, -0.6e-3)
+LAG = (4e-3, 2.5e-3)
+
+_ELEMENT, _FIRST, _SECOND, _SLICE = "0.82", "#1f3b57", "#8a5a00", "#c1440e"
+
+
+def draw_xforms(quality: Quality) -> Made:
+    """(a) 2(G - x) & 2(x - G), over lags; (b) (G - xi/2) & (G + xi/2), over positions."""
+    import matplotlib as mpl
+    from shapely.affinity import affine_transform, translate
+
+    source = triangle()
+    outline = source.polygons
+    (x, y), (across, up) = POSITION, LAG
+    shapes = {
+        "element": outline,
+        "doubled": affine_transform(outline, (2, 0, 0, 2, -2 * x, -2 * y)),
+        "mirrored": affine_transform(outline, (-2, 0, 0, -2, 2 * x, 2 * y)),
+        "lag_slice": pw.lag_slice(source, POSITION),
+        "behind": translate(outline, -across / 2, -up / 2),
+        "ahead": translate(outline, across / 2, up / 2),
+        "position_slice": pw.position_slice(source, LAG),
+    }
+    with mpl.rc_context(TYPOGRAPHY):
+        figure = new_figure(8.2, 4.2, spacing=0.04)
+        left, right = figure.subplots(1, 2)
+        _draw_overlap(left, shapes, ("doubled", "2(Γ − x)"), ("mirrored", "2(x − Γ)"), "lag_slice")
+        _draw_overlap(right, shapes, ("behind", "Γ − ξ/2"), ("ahead", "Γ + ξ/2"), "position_slice")
+        left.plot(x * 1e3, y * 1e3, "o", color="black", ms=4, label="x", zorder=5)
+        arrow = {"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0}
+        tip = np.array(LAG) * 1e3
+        right.annotate("", tip, (0, 0), arrowprops=arrow, zorder=5)
+        right.annotate("ξ", tip, xytext=(4, 2), textcoords="offset points")
+        right.plot(*np.outer(tip, (-0.5, 0.5)), "o", color="black", ms=4, label="±ξ/2", zorder=5)
+        left.set_title(f"lag slice at x = {_pair(POSITION)} mm")
+        right.set_title(f"position slice at ξ = {_pair(LAG)} mm")
+        unit = length_unit(source.diameter)
+        length_axes(left, r"\xi", unit)
+        length_axes(right, "x", unit)
+        for axes in (left, right):
+            axes.legend(
+                loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, frameon=False, fontsize=8
+            )
+        letter_panels((left, right))
+    return Made(
+        {"": figure},
+        {
+            **{name: geojson(shape) for name, shape in shapes.items()},
+            "x": np.array(POSITION),
+            "xi": np.array(LAG),
+        },
+        {**dict.fromkeys(shapes, "GeoJSON, m"), "x": "m", "xi": "m"},
+    )
+
+
+def _pair(metres: tuple[float, float]) -> str:
+    return "({}, {})".format(*(number_text(value * 1e3) for value in metres))
+
+
+def _draw_overlap(
+    axes: Any, shapes: Any, first: tuple[str, str], second: tuple[str, str], slice_name: str
+) -> None:
+    unit = length_unit(1e-2)
+    draw_polygons(
+        axes, shapes["element"], unit, facecolor=_ELEMENT, edgecolor="none", label="element Γ"
+    )
+    draw_polygons(
+        axes,
+        shapes[slice_name],
+        unit,
+        facecolor=_SLICE,
+        edgecolor="none",
+        alpha=0.45,
+        label="slice Γ′",
+    )
+    for (name, label), ink, dash in ((first, _FIRST, "-"), (second, _SECOND, "--")):
+        draw_polygons(
+            axes, shapes[name], unit, facecolor="none", edgecolor=ink, ls=dash, lw=1.2, label=label
+        )
+    axes.axhline(0, color="0.6", lw=0.5, zorder=0)
+    axes.axvline(0, color="0.6", lw=0.5, zorder=0)
