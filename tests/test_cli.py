@@ -79,10 +79,10 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
 
 
 def _raising(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    def run_transform(*_: object, **__: object) -> None:
+    def check(_: object) -> None:
         raise error
 
-    monkeypatch.setattr("polywigner.cli.transform.run_transform", run_transform)
+    monkeypatch.setattr("polywigner.cli.sources.SourceOptions.check", check)
 
 
 def test_an_error_of_several_lines_is_put_on_one(

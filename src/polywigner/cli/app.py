@@ -1,4 +1,4 @@
-"""The commands and their options; each imports its work when it is called."""
+"""The commands of ``polywigner``; each imports the heavy libraries when it is called."""
 
 from __future__ import annotations
 
@@ -6,30 +6,18 @@ from typing import Annotated
 
 import typer
 
-from polywigner.cli.app_far_fields import pattern, rcs
-from polywigner.cli.app_fields import propagate, volume
-from polywigner.cli.app_rays import rays
-from polywigner.cli.app_scenes import receive, render, scatterers
-from polywigner.cli.options import (
-    AllowOutside,
-    Array,
-    Curved,
-    DbFloor,
-    Focus,
-    Frequency,
-    Layer,
-    Out,
-    SourceFile,
-    Steering,
-    Taper,
-    Tolerance,
-    Union,
-    Unit,
-    Wavelength,
-    Window,
-    feeding_of,
-)
-from polywigner.cli.reading import Reading
+from polywigner.cli.explore import explore
+from polywigner.cli.figures import figures
+from polywigner.cli.options import with_options
+from polywigner.cli.pattern import pattern
+from polywigner.cli.propagate import propagate
+from polywigner.cli.rays import rays
+from polywigner.cli.rcs import rcs
+from polywigner.cli.receive import receive
+from polywigner.cli.render import render
+from polywigner.cli.scatterers import scatterers
+from polywigner.cli.transform import transform
+from polywigner.cli.volume import volume
 
 __all__ = ["app"]
 
@@ -60,146 +48,20 @@ def _polywigner(
     """Coherent radiation of polygonal apertures: transforms in closed form, and rendering."""
 
 
-app.command()(render)
-app.command()(receive)
-app.command()(scatterers)
-
-
-@app.command()
-def transform(
-    aperture: SourceFile,
-    unit: Unit = None,
-    tolerance: Tolerance = None,
-    layer: Layer = None,
-    union: Union = False,
-    allow_outside: AllowOutside = False,
-    taper: Taper = None,
-    array: Array = None,
-    window: Window = None,
-    steering: Steering = None,
-    focus: Focus = None,
-    curved: Curved = None,
-    frequency: Annotated[
-        str | None,
-        typer.Option(
-            help="Such as '94 GHz': shows |nu| up to 1/wavelength. Default: a source file's own."
-        ),
-    ] = None,
-    wavelength: Wavelength = None,
-    x: Annotated[
-        str | None,
-        typer.Option(help="Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."),
-    ] = None,
-    xi: Annotated[
-        str | None,
-        typer.Option(help="Lag of the ambiguity slice (default: one with a good overlap)."),
-    ] = None,
-    through: Annotated[
-        str | None,
-        typer.Option(
-            help="Lenses behind it, such as 'space 50 mm, lens 50 mm, space 50 mm', in the order "
-            "of the light: shows W and the light behind them."
-        ),
-    ] = None,
-    samples: Annotated[
-        int | None,
-        typer.Option(help="Samples along each frequency axis (default: 257, or up to 513)."),
-    ] = None,
-    db_floor: DbFloor = -40.0,
-    out: Out = None,
-) -> None:
-    """Draw and save the transforms of an aperture or an array.
-
-    Writes a figure NAME.png (Fourier transform, automean, a Wigner and an ambiguity slice) and
-    the values NAME.npz.
-    """
-    from polywigner.cli.transform import run_transform
-
-    run_transform(
-        aperture,
-        reading=Reading(unit, tolerance, layer, union, allow_outside),
-        feeding=feeding_of(taper, array, window, steering, focus, curved),
-        frequency=frequency,
-        wavelength=wavelength,
-        x=x,
-        xi=xi,
-        through=through,
-        samples=samples,
-        floor_db=db_floor,
-        out=out,
-    )
-
-
-app.command()(pattern)
-app.command()(rcs)
-app.command()(propagate)
-app.command()(volume)
-app.command()(rays)
-
-
-@app.command()
-def figures(
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="NAME",
-            help="render, amp_spec, indmk, marginals, xforms, projs, volrender, volrender_fdtd, "
-            "compar, error, emitters, sampling, appendix (default: all).",
-        ),
-    ] = None,
-    quality: Annotated[
-        str, typer.Option(help="draft, or print: more samples and pixels, several minutes.")
-    ] = "draft",
-    out: Annotated[str | None, typer.Option(help="Folder to write to (default: figures).")] = None,
-) -> None:
-    """Regenerate the figures of the paper.
-
-    Writes NAME.png, NAME.pdf and the numbers behind them, NAME.npz, for each.
-    """
-    from polywigner.cli.figures import run_figures
-
-    run_figures(names or [], quality=quality, out=out)
-
-
-@app.command()
-def explore(
-    aperture: Annotated[
-        str | None,
-        typer.Argument(
-            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a square)."
-        ),
-    ] = None,
-    unit: Unit = None,
-    layer: Layer = None,
-    union: Union = False,
-    frequency: Frequency = None,
-    wavelength: Wavelength = None,
-    port: Annotated[int, typer.Option(help="To serve at; 0: any that is free.")] = 5006,
-    address: Annotated[
-        str, typer.Option(help="To listen at; any other than this one lets other machines in.")
-    ] = "127.0.0.1",
-    allow_host: Annotated[
-        list[str] | None,
-        typer.Option(help="Another name that the page is opened by; several times for more."),
-    ] = None,
-    browser: Annotated[bool, typer.Option(help="Whether to open a browser.")] = True,
-) -> None:
-    """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
-
-    Prints the address of the page and serves it until Ctrl-C.
-    """
-    from polywigner.cli.explore import run_explore
-
-    run_explore(
-        aperture,
-        reading=Reading(unit, None, layer, union),
-        frequency=frequency,
-        wavelength=wavelength,
-        port=port,
-        address=address,
-        allow_host=allow_host or [],
-        browser=browser,
-    )
+for command in (
+    render,
+    receive,
+    scatterers,
+    transform,
+    pattern,
+    rcs,
+    propagate,
+    volume,
+    rays,
+    figures,
+    explore,
+):
+    app.command()(with_options(command))
 
 
 @app.command()

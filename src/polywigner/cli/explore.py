@@ -3,43 +3,52 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from typing import Annotated
 
+import typer
+
+from polywigner.cli.options import Frequency, Layer, Union, Unit, Wavelength
 from polywigner.cli.reading import Reading
 from polywigner.cli.sources import check_source_file, wavelength_from
 
-__all__ = ["run_explore"]
+__all__ = ["explore"]
 
 
-def run_explore(
-    aperture: str | None,
-    *,
-    reading: Reading,
-    frequency: str | None,
-    wavelength: str | None,
-    port: int,
-    address: str,
-    allow_host: Sequence[str],
-    browser: bool,
+def explore(
+    aperture: Annotated[
+        str | None,
+        typer.Argument(
+            help="Aperture file to begin with: GeoJSON, WKT, CSV, SVG, DXF (default: a square)."
+        ),
+    ] = None,
+    unit: Unit = None,
+    layer: Layer = None,
+    union: Union = False,
+    frequency: Frequency = None,
+    wavelength: Wavelength = None,
+    port: Annotated[int, typer.Option(help="To serve at; 0: any that is free.")] = 5006,
+    address: Annotated[
+        str, typer.Option(help="To listen at; any other than this one lets other machines in.")
+    ] = "127.0.0.1",
+    allow_host: Annotated[
+        list[str] | None,
+        typer.Option(help="Another name that the page is opened by; several times for more."),
+    ] = None,
+    browser: Annotated[bool, typer.Option(help="Whether to open a browser.")] = True,
 ) -> None:
-    """Serve the page until it is stopped; prints its address.
+    """Open a page to draw an aperture in, and see its transforms and fields (extra: explorer).
 
-    Raises
-    ------
-    PolywignerError : a file that cannot be read, an address that cannot be had, no Bokeh.
+    Prints the address of the page and serves it until Ctrl-C.
     """
     if aperture is not None:
-        check_source_file(aperture, reading)
+        check_source_file(aperture, Reading(unit, None, layer, union))
     wavelength_from(frequency, wavelength)  # its error
     from polywigner.explorer import check_installed, serve, start_state
 
     check_installed()
-    state = start_state(
-        aperture, reading.unit or "mm", frequency or wavelength, reading.layer, reading.union
-    )
-    if not serve(
-        state, port=port, address=address, browser=browser, say=_say, allow_host=allow_host
-    ):
+    state = start_state(aperture, unit or "mm", frequency or wavelength, layer, union)
+    hosts = allow_host or []
+    if not serve(state, port=port, address=address, browser=browser, say=_say, allow_host=hosts):
         os._exit(0)  # not after the seconds or minutes of a computation nobody waits for
 
 

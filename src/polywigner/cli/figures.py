@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from polywigner.cli.output import check_text, check_writable, writing
 from polywigner.errors import ArgumentError
@@ -13,24 +14,33 @@ from polywigner.errors import ArgumentError
 if TYPE_CHECKING:
     from polywigner.figures.paper import Made, Quality
 
-__all__ = ["run_figures"]
+__all__ = ["figures"]
 
 _RESOLUTION = {"draft": 150, "print": 300}  # pixels per inch
 
 
-def run_figures(names: Sequence[str], *, quality: str, out: str | None) -> None:
-    """Write NAME.png, NAME.pdf and NAME.npz for each figure and print their paths.
+def figures(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="NAME",
+            help="render, amp_spec, indmk, marginals, xforms, projs, volrender, volrender_fdtd, "
+            "compar, error, emitters, sampling, appendix (default: all).",
+        ),
+    ] = None,
+    quality: Annotated[
+        str, typer.Option(help="draft, or print: more samples and pixels, several minutes.")
+    ] = "draft",
+    out: Annotated[str | None, typer.Option(help="Folder to write to (default: figures).")] = None,
+) -> None:
+    """Regenerate the figures of the paper.
 
-    Figures of several pictures are NAME_a, NAME_b, ... and have one NAME.npz.
-
-    Raises
-    ------
-    PolywignerError : no such figure or quality, or no place to write to; nothing is written then.
+    Writes NAME.png, NAME.pdf and the numbers behind them, NAME.npz, for each.
     """
     from polywigner.figures.paper import check_figures, make_figure
     from polywigner.radiometry.progress import progress_bar
 
-    chosen = check_figures(list(names), quality)
+    chosen = check_figures(list(names or []), quality)
     folder = _folder(out)
     files = {name: _files(folder, name) for name in chosen}
     check_writable([path for paths in files.values() for path in paths])

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from dataclasses import MISSING, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -36,7 +40,7 @@ __all__ = [
     "Unit",
     "Wavelength",
     "Window",
-    "feeding_of",
+    "with_options",
 ]
 
 SourceFile = Annotated[
@@ -98,7 +102,9 @@ Bandwidth = Annotated[
 ]
 Frequency = Annotated[str | None, typer.Option(help="Such as '94 GHz'.")]
 Wavelength = Annotated[str | None, typer.Option(help="Such as '3.19 mm', instead of --frequency.")]
-DbFloor = Annotated[float, typer.Option(help="Lowest level of the picture, dB below its peak.")]
+DbFloor = Annotated[
+    float, typer.Option("--db-floor", help="Lowest level of the picture, dB below its peak.")
+]
 Out = Annotated[
     str | None,
     typer.Option(help="Folder, or path without suffix, of the files written (default: here)."),
@@ -152,22 +158,36 @@ Scheduler = Annotated[
 ]
 
 
-def feeding_of(
-    taper: str | None,
-    array: str | None,
-    window: str | None,
-    steering: str | None,
-    focus: str | None,
-    curved: str | None,
-    coherence: str | None = None,
-) -> dict[str, str | None]:
-    """The texts of these options by their names."""
-    return {
-        "taper": taper,
-        "array": array,
-        "window": window,
-        "steering": steering,
-        "focus": focus,
-        "curved": curved,
-        "coherence": coherence,
-    }
+def with_options(function: Callable[..., Any]) -> Callable[..., None]:
+    """Return a command whose options are the function's own and the fields of its dataclasses.
+
+    A parameter that is annotated by a dataclass stands for an option for each of its fields, as
+    they are annotated and with their defaults; the function gets the dataclass made of them.
+    """
+    hints = get_type_hints(function, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    options: list[Parameter] = []
+    for name, own in signature(function).parameters.items():
+        if name in groups:
+            kinds = get_type_hints(groups[name], include_extras=True)
+            options += [_option(f.name, f.default, kinds[f.name]) for f in fields(groups[name])]
+        else:
+            options.append(_option(name, own.default, hints[name]))
+
+    @wraps(function)
+    def command(**given: Any) -> None:
+        made = {
+            name: kind(**{part.name: given.pop(part.name) for part in fields(kind)})
+            for name, kind in groups.items()
+        }
+        function(**made, **given)
+
+    command.__signature__ = Signature(options)  # type: ignore[attr-defined]
+    command.__annotations__ = {option.name: option.annotation for option in options}
+    return command
+
+
+def _option(name: str, default: Any, kind: Any) -> Parameter:
+    missing = default is MISSING or default is Parameter.empty
+    default = Parameter.empty if missing else default
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
+
+import typer
 
 from polywigner.cli.fields import format_suffixes
+from polywigner.cli.options import BoundaryCondition, DbFloor, Out
 from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
+    SourceOptions,
     check_is_coherent,
-    check_source_file,
     field_title,
-    read_fed_source,
-    required_wavelength,
-    wavelength_from,
 )
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle, parse_power
 
-__all__ = ["run_pattern"]
+__all__ = ["pattern"]
 
 _FORMATS = ("csv", "txt", "ffd", "cut", "msi", "pln")
 # A lobe of a source D across is lambda/D wide; so many steps across it draw it smoothly.
@@ -33,34 +31,46 @@ _FINEST, _COARSEST = 0.25, 1.0
 _MOST = 4_000_000
 
 
-def run_pattern(
-    source: str,
+def pattern(
     *,
-    obliquity: str,
-    power: str | None,
-    efficiency: float,
-    polarisation: str,
-    step: str | None,
-    frequency: str | None,
-    wavelength: str | None,
-    reading: Reading,
-    feeding: Mapping[str, str | None],
-    floor_db: float,
-    formats: Sequence[str],
-    out: str | None,
+    obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
+    power: Annotated[
+        str | None,
+        typer.Option(
+            help="That the antenna accepts, such as '10 dBm' or '10 mW'; without it, no EIRP."
+        ),
+    ] = None,
+    efficiency: Annotated[
+        float, typer.Option(help="Radiated over accepted power: what losses leave, up to 1.")
+    ] = 1.0,
+    polarisation: Annotated[
+        str, typer.Option(help="x or y, of the field on the aperture; for the files.")
+    ] = "y",
+    step: Annotated[
+        str | None, typer.Option(help="Of the angles, such as '0.5 deg' (default: enough).")
+    ] = None,
+    source: SourceOptions,
+    floor_db: DbFloor = -40.0,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help="Of the values: csv (default), txt (CST), ffd (HFSS), cut (GRASP), msi or pln; "
+            "several times for several of them.",
+        ),
+    ] = None,
+    out: Out = None,
 ) -> None:
-    """Write NAME.png and the values; print the numbers of a data sheet and the files' paths.
+    """Compute the radiation pattern of a source, and what a data sheet says of it.
 
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    Prints directivity, gain, EIRP, beam direction, half-power widths and first sidelobes. Writes a
+    figure NAME_pattern.png (cuts, polar plot, u-v map, the numbers) and the values.
     """
-    check_source_file(source, reading)
-    asked = wavelength_from(frequency, wavelength)
+    source.check()
     watts = None if power is None else parse_power(power)
     angle = None if step is None else _step(step)
-    suffixes = format_suffixes(formats or ("csv",), _FORMATS)
-    files = targets(output_stem(out, Path(source).stem + "_pattern"), (".png", *suffixes))
+    suffixes = format_suffixes(formats or ["csv"], _FORMATS)
+    files = targets(output_stem(out, Path(source.source).stem + "_pattern"), (".png", *suffixes))
     check_writable(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
@@ -71,28 +81,27 @@ def run_pattern(
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
-    radiator, said = read_fed_source(source, reading, feeding, asked)
+    radiator, length = source.read_with_wavelength()
     check_is_coherent(radiator, "pattern")
-    length = required_wavelength(said)
-    diameter = outline_of(radiator).diameter
-    check_wavelength(length, diameter)
-    degrees = _degrees(diameter / length) if angle is None else math.degrees(angle)
+    degrees = (
+        _degrees(outline_of(radiator).diameter / length) if angle is None else math.degrees(angle)
+    )
     quarter = round(90.0 / degrees)
     # nothing goes backwards, but HFSS wants to read it
     reach_of_theta = 2 * quarter if ".ffd" in suffixes else quarter
     theta = np.radians(np.arange(reach_of_theta + 1) * 90.0 / quarter)
     phi = np.radians(np.arange(4 * quarter) * 90.0 / quarter)
-    pattern = pw.radiation_pattern(radiator, length, theta, phi, obliquity=cast(Any, obliquity))
-    metrics = pw.beam_metrics(pattern, power=watts, efficiency=efficiency)
+    found = pw.radiation_pattern(radiator, length, theta, phi, obliquity=cast(Any, obliquity))
+    metrics = pw.beam_metrics(found, power=watts, efficiency=efficiency)
     figure = draw_pattern(
-        pattern, metrics=metrics, floor_db=floor_db, title=field_title(source, length)
+        found, metrics=metrics, floor_db=floor_db, title=field_title(source.source, length)
     )
     with writing(files) as (picture, *values):
         figure.savefig(picture, format="png")
         for path, partial in zip(files[1:], values, strict=True):
             named = partial.with_name(partial.name + path.suffix)  # the suffix chooses the format
             pw.write_pattern(
-                pattern, named, polarisation=cast(Any, polarisation), efficiency=efficiency
+                found, named, polarisation=cast(Any, polarisation), efficiency=efficiency
             )
             named.replace(partial)
     print(metrics)

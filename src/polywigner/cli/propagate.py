@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
 
 from polywigner.cli.fields import (
     MethodText,
@@ -17,14 +19,22 @@ from polywigner.cli.fields import (
     samples_of_place,
     write_field,
 )
+from polywigner.cli.options import (
+    Accuracy,
+    Against,
+    Bandwidth,
+    DbFloor,
+    EngineName,
+    Formats,
+    Obliquity,
+    Order,
+    Out,
+    Precision,
+)
 from polywigner.cli.output import output_stem, targets
-from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
-    check_source_file,
+    MixedSourceOptions,
     field_title,
-    read_fed_source,
-    required_wavelength,
-    wavelength_from,
 )
 from polywigner.cli.where import Place, parse_place, place_text
 from polywigner.errors import ArgumentError
@@ -36,67 +46,85 @@ if TYPE_CHECKING:
     from polywigner import Aperture
     from polywigner import Array as ApertureArray
 
-__all__ = ["run_propagate"]
+__all__ = ["propagate"]
 
 _DEFAULT = ("wigner", "rayleigh-sommerfeld-1")
 
 
-def run_propagate(
-    source: str,
+def propagate(
     *,
-    where: Mapping[str, str | None],
-    samples: str | None,
-    methods: Sequence[str],
-    order: int,
-    obliquity: str | None,
-    amplitude: bool,
-    against: str | None,
-    accuracy: float | None,
-    frequency: str | None,
-    wavelength: str | None,
-    reading: Reading,
-    feeding: Mapping[str, str | None],
-    bandwidth: str | None,
-    engine: str,
-    precision: str | None,
-    floor_db: float,
-    formats: Sequence[str],
-    out: str | None,
+    line: Annotated[
+        str | None,
+        typer.Option(help="Two points: '0 mm, 0 mm, 2 mm to 0 mm, 0 mm, 150 mm'."),
+    ] = None,
+    arc: Annotated[
+        str | None,
+        typer.Option(
+            help="A cut at one distance: '50 mm', or '50 mm, 45 deg, 80 deg' with the angle of "
+            "the cut from x, and the largest from the axis."
+        ),
+    ] = None,
+    plane: Annotated[
+        str | None,
+        typer.Option(help="Ranges of two coordinates: '-30 mm to 30 mm, -30 mm to 30 mm, 90 mm'."),
+    ] = None,
+    hemisphere: Annotated[str | None, typer.Option(help="Its radius, such as '50 mm'.")] = None,
+    samples: Annotated[
+        str | None,
+        typer.Option(help="'201' on lines and arcs, '101 x 81' elsewhere (default: enough)."),
+    ] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="wigner, rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, fresnel or "
+            "fraunhofer; several times to compare them (default: the first two). wigner with its "
+            "own obliquity and order: 'wigner paper', 'wigner kirchhoff 3'."
+        ),
+    ] = None,
+    order: Order = 1,
+    obliquity: Obliquity = None,
+    amplitude: Annotated[
+        bool, typer.Option("--amplitude", help="Complex fields, with phases; not by wigner.")
+    ] = False,
+    against: Against = None,
+    accuracy: Accuracy = None,
+    source: MixedSourceOptions,
+    bandwidth: Bandwidth = None,
+    engine: EngineName = "auto",
+    precision: Precision = None,
+    floor_db: DbFloor = -40.0,
+    formats: Formats = None,
+    out: Out = None,
 ) -> None:
-    """Write NAME.png and the values; print how far methods are apart, and the files' paths.
+    """Compute the field of a source in front of it, by several methods side by side.
 
-    ``formats`` : of the values, "nc" and "zarr", "nc" if empty; "vti" for planes.
-
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    On a line, an arc, a plane or a hemisphere. Writes a figure NAME.png and the values NAME.nc
+    (or what --format says: nc, zarr, and of planes vti, for ParaView), and prints how far the
+    methods are apart. For volumes, see `polywigner volume`.
     """
-    check_source_file(source, reading)
+    source.check()
+    where = {"line": line, "arc": arc, "plane": plane, "hemisphere": hemisphere}
     place = parse_place(where, samples)
-    asked = wavelength_from(frequency, wavelength)
-    suffixes = format_suffixes(formats or ("nc",))
+    suffixes = format_suffixes(formats or ["nc"])
     if ".vti" in suffixes and place.kind != "plane":
         raise ArgumentError(
             f"--format: expected vti, an image, with --plane, got it with --{place.kind}; use nc "
             "or zarr"
         )
-    files = targets(output_stem(out, Path(source).stem), (".png", *suffixes))
+    files = targets(output_stem(out, Path(source.source).stem), (".png", *suffixes))
     check_files(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
-    from polywigner.figures import outline_of
     from polywigner.figures.levels import check_floor
     from polywigner.propagation.stores_files import required
 
     check_floor(floor_db)
-    wanted = parse_methods(methods or _DEFAULT, obliquity, order)
+    wanted = parse_methods(method or _DEFAULT, obliquity, order)
     reference = compared_with(wanted, against)
     for suffix, module in (("", "xarray"), (".nc", "h5netcdf"), (".zarr", "zarr")):
         if not suffix or suffix in suffixes:
             required(module)  # now rather than after the work
-    radiator, said = read_fed_source(source, reading, feeding, asked)
-    length = required_wavelength(said)
-    check_wavelength(length, outline_of(radiator).diameter)
+    radiator, length = source.read_with_wavelength()
     place = place._replace(shape=samples_of_place(radiator, place, length, amplitude))
     how = {
         "quantity": "amplitude" if amplitude else "irradiance",
@@ -107,7 +135,11 @@ def run_propagate(
     }
     found = _fields(radiator, place, wanted, length, how)
     figure = _figure(
-        found, place, reference, floor_db, f"{field_title(source, length)}\n{place_text(place)}"
+        found,
+        place,
+        reference,
+        floor_db,
+        f"{field_title(source.source, length)}\n{place_text(place)}",
     )
     write_field(found, figure, files)
     if len(wanted) > 1:

@@ -3,52 +3,71 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
+
+import typer
 
 from polywigner.cli.fields import format_suffixes
+from polywigner.cli.options import BoundaryCondition, Out
 from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
-    check_source_file,
-    read_fed_source,
-    required_wavelength,
-    wavelength_from,
+    MixedSourceOptions,
 )
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle, parse_power
 
-__all__ = ["run_rays"]
+__all__ = ["rays"]
 
 _FORMATS = ("npz", "csv", "nc", "dat")
 
 
-def run_rays(
-    source: str,
+def rays(
     *,
-    count: int,
-    seed: int,
-    drawing: Mapping[str, Any],
-    cone: str | None,
-    power: str | None,
-    split: bool,
-    frequency: str | None,
-    wavelength: str | None,
-    reading: Reading,
-    feeding: Mapping[str, str | None],
-    formats: Sequence[str],
-    out: str | None,
+    count: Annotated[int, typer.Option(help="How many rays.")] = 100_000,
+    seed: Annotated[int, typer.Option(help="Of the random numbers.")] = 0,
+    sampling: Annotated[
+        str, typer.Option(help="Of positions: uniform, marginal or quasi-random.")
+    ] = "uniform",
+    directions: Annotated[
+        str,
+        typer.Option(help="beam (most of them near the normal, or along the wave), or uniform."),
+    ] = "beam",
+    cone: Annotated[
+        str | None,
+        typer.Option(help="Half angle about the normal, such as '2 deg' (default: hemisphere)."),
+    ] = None,
+    obliquity: BoundaryCondition = "rayleigh-sommerfeld-1",
+    power: Annotated[
+        str | None,
+        typer.Option(help="Radiated in all directions, such as '1 mW' (default: the field's own)."),
+    ] = None,
+    source: MixedSourceOptions,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format",
+            help="npz, csv, nc, or dat (source file of OpticStudio); several times for several of "
+            "them (default: that of --out, or npz).",
+        ),
+    ] = None,
+    split: Annotated[
+        bool,
+        typer.Option(
+            "--split", help="With dat: positive and negative rays, by modulus, in a file each."
+        ),
+    ] = False,
+    out: Out = None,
 ) -> None:
-    """Write the rays; print their power, its error, and the files' paths.
+    """Draw rays that carry the Wigner function of a source, for any program that traces rays.
 
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    A ray has a position (m), a direction and a power (W), negative where W is: only sums over rays
+    mean something. Prints the power and writes NAME_rays.npz. Of a steered source say --directions
+    uniform.
     """
-    check_source_file(source, reading)
-    asked = wavelength_from(frequency, wavelength)
-    kinds = _formats(formats, out)
+    source.check()
+    kinds = _formats(formats or [], out)
     if split and kinds != ["dat"]:
         raise ArgumentError(
             f"expected --split with --format dat alone, got {', '.join(kinds)}; other formats hold "
@@ -56,32 +75,37 @@ def run_rays(
         )
     angle = None if cone is None else parse_angle(cone)
     watts = None if power is None else parse_power(power)
-    stem = output_stem(out, Path(source).stem + "_rays")
+    stem = output_stem(out, Path(source.source).stem + "_rays")
     parts = ("_positive.dat", "_negative.dat")
     files = targets(stem, parts if split else [f".{kind}" for kind in kinds])
     check_writable(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
-    from polywigner.figures import outline_of
     from polywigner.propagation.stores_files import required
     from polywigner.rays.files import write_to
 
     for module in ("xarray", *(["h5netcdf"] if "nc" in kinds else [])):
         required(module)  # now rather than after the work
-    radiator, said = read_fed_source(source, reading, feeding, asked)
-    length = required_wavelength(said)
-    check_wavelength(length, outline_of(radiator).diameter)
-    rays = pw.sample_rays(
-        cast(Any, radiator), length, count, seed, cone=angle, power=watts, **drawing
+    radiator, length = source.read_with_wavelength()
+    drawn = pw.sample_rays(
+        radiator,
+        length,
+        count,
+        seed,
+        cone=angle,
+        power=watts,
+        sampling=cast(Any, sampling),
+        directions=cast(Any, directions),
+        obliquity=cast(Any, obliquity),
     )
     with writing(files) as partials:
         if split:
-            write_to(rays, partials, files)
+            write_to(drawn, partials, files)
         else:
             for partial, path in zip(partials, files, strict=True):
-                write_to(rays, [partial], [path])
-    print(_summary(rays))
+                write_to(drawn, [partial], [path])
+    print(_summary(drawn))
     for path in files:
         print(path)
 

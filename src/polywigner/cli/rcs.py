@@ -5,11 +5,22 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
+
+import typer
 
 from polywigner.cli.fields import format_suffixes
+from polywigner.cli.options import (
+    DbFloor,
+    Frequency,
+    Layer,
+    Out,
+    Tolerance,
+    Union,
+    Unit,
+    Wavelength,
+)
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.reading import Reading
 from polywigner.cli.sources import (
@@ -21,7 +32,7 @@ from polywigner.cli.sources import (
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_angle
 
-__all__ = ["run_rcs"]
+__all__ = ["rcs"]
 
 _FORMATS = ("csv", "json", "nc")
 _MESHES = (".stl", ".ply", ".obj")
@@ -35,28 +46,47 @@ _PER_CUT = 2e-3
 _MOST = 4_000_000
 
 
-def run_rcs(
-    body: str,
-    *,
-    polarisation: str | None,
-    step: str | None,
-    frequency: str | None,
-    wavelength: str | None,
-    reading: Reading,
-    floor_db: float,
-    formats: Sequence[str],
-    out: str | None,
+def rcs(
+    body: Annotated[
+        str,
+        typer.Argument(
+            help="Mesh of a body: STL, PLY or OBJ; or an aperture file, whose outline is a plate "
+            "in the plane z = 0."
+        ),
+    ],
+    frequency: Frequency = None,
+    wavelength: Wavelength = None,
+    polarisation: Annotated[
+        str | None,
+        typer.Option(help="vv, hh, vh or hv, receiver first (default: all that returns)."),
+    ] = None,
+    step: Annotated[
+        str | None,
+        typer.Option(help="Of the angles, such as '2 deg' (default: the finest in a minute)."),
+    ] = None,
+    unit: Unit = None,
+    tolerance: Tolerance = None,
+    layer: Layer = None,
+    union: Union = False,
+    floor_db: DbFloor = -40.0,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format", help="Of the values: csv (default), json, nc; several times for several."
+        ),
+    ] = None,
+    out: Out = None,
 ) -> None:
-    """Write NAME_rcs.png and the values; print the largest cross section and the files' paths.
+    """Compute the radar cross section of a metal body or plate, by physical optics.
 
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    Prints the largest value and its direction. Writes a figure NAME_rcs.png (polar cuts, and a map
+    over azimuth and elevation, in dBsm) and the values.
     """
+    reading = Reading(unit, tolerance, layer, union)
     check_source_file(body, reading)
     length = required_wavelength(wavelength_from(frequency, wavelength))
     asked = None if step is None else _step(step)
-    suffixes = format_suffixes(formats or ("csv",), _FORMATS)
+    suffixes = format_suffixes(formats or ["csv"], _FORMATS)
     files = targets(output_stem(out, Path(body).stem + "_rcs"), (".png", *suffixes))
     check_writable(files)
 

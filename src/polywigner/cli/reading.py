@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import doubt_of_wavelength
 
 __all__ = ["Reading", "check_wavelength"]
 
@@ -51,6 +50,8 @@ def check_wavelength(wavelength: float, diameter: float) -> None:
     ------
     ArgumentError : the two differ by more than twelve orders of magnitude.
     """
+    from polywigner.geometry.arguments import doubt_of_wavelength
+
     doubt = doubt_of_wavelength(wavelength, diameter)
     if doubt is None:
         return

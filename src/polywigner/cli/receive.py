@@ -7,8 +7,11 @@ import time
 import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
+
+from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Threads
 from polywigner.cli.output import (
     check_writable,
     missing_folders,
@@ -34,7 +37,7 @@ from polywigner.cli.scenes import (
 from polywigner.cli.sources import frequency_text, short_name
 from polywigner.quantities import parse_noise
 
-__all__ = ["run_receive"]
+__all__ = ["receive"]
 
 # Panels of a row of the picture.
 _COLUMNS = 3
@@ -44,68 +47,74 @@ _COLUMNS = 3
 class ReceiveSettings:
     """The options of one run, as they are recorded; None stands for what the scene says."""
 
-    scene: str
-    spp: int | None
-    seed: int
-    variant: str | None
-    reflections: int
-    accuracy: float
-    bandwidth: str | None
-    temperature: str | None
-    noise_figure: str | None
-    range_text: str | None
-    bins: int | None
-    defined: dict[str, str]
-    floor_db: float
-    resumable: bool
-    threads: int | None
-    scheduler: str | None
+    scene: Annotated[
+        str,
+        typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
+    ]
+    spp: Annotated[
+        int | None,
+        typer.Option(help="Samples of the scattered light of each emitter (default: the scene's)."),
+    ] = None
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None
+    reflections: Annotated[int, typer.Option(help="Most flat mirrors on a direct way, 0 to 3.")] = 2
+    accuracy: Annotated[
+        float, typer.Option(help="Relative error allowed of the fields of direct light.")
+    ] = 1e-6
+    bandwidth: Annotated[
+        str | None, typer.Option(help="Such as '1 GHz' (default: the receiver's own).")
+    ] = None
+    temperature: Annotated[
+        str | None,
+        typer.Option(help="Of the noise, such as '290 K' (default: the receiver's own)."),
+    ] = None
+    noise_figure: Annotated[
+        str | None, typer.Option(help="Such as '3 dB' (default: the receiver's own, else 0 dB).")
+    ] = None
+    range_text: Annotated[
+        str | None,
+        typer.Option(
+            "--range",
+            help="Sort what is scattered by range as well, such as '0 m to 60 m' (docs/range.md).",
+        ),
+    ] = None
+    bins: Annotated[int | None, typer.Option(help="Of the range (default: 256).")] = None
+    defined: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--define", help="NAME=VALUE of a $parameter of the scene; several times for more."
+        ),
+    ] = None
+    resumable: Resumable = False
+    threads: Threads = None
+    scheduler: Scheduler = None
+    floor_db: DbFloor = -40.0
 
 
-def run_receive(
-    scene: str,
-    *,
-    spp: int | None,
-    seed: int,
-    variant: str | None,
-    reflections: int,
-    accuracy: float,
-    bandwidth: str | None,
-    temperature: str | None,
-    noise_figure: str | None,
-    range_text: str | None,
-    bins: int | None,
-    define: list[str],
-    floor_db: float,
-    resumable: bool,
-    threads: int | None,
-    scheduler: str | None,
-    out: str | None,
-) -> None:
-    """Print a table for each receiver, write NAME.json and NAME.png, print their paths.
+def receive(settings: ReceiveSettings, out: Out = None) -> None:
+    """Say what power the receivers of a scene get, straight, by mirrors and scattered.
 
-    With a range, write NAME_range.nc and NAME_range.png as well.
-
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    Prints a table, writes all of it NAME.json, and a picture of where scattered power comes from
+    NAME.png; with --range, power by half the length of its path NAME_range.nc and NAME_range.png
+    too. With --scheduler, the workers of a cluster share the batches of samples, and the run is
+    resumable.
     """
-    defined = dict(scene_definition(text) for text in define)
-    settings = ReceiveSettings(
-        scene, spp, seed, variant, reflections, accuracy, bandwidth, temperature, noise_figure,
-        range_text, bins, defined, floor_db, resumable, threads, scheduler,
-    )  # fmt: skip
+    defined = dict(scene_definition(text) for text in settings.defined or [])
+    scene, seed = settings.scene, settings.seed
     check_is_file(scene)
-    check_samples(spp, seed)
-    check_threads(threads)
-    noise = parse_noise(bandwidth, temperature, noise_figure)
+    check_samples(settings.spp, seed)
+    check_threads(settings.threads)
+    noise = parse_noise(settings.bandwidth, settings.temperature, settings.noise_figure)
     stem = output_stem(out, Path(scene).stem + "_received")
-    edges = parse_ranges(range_text, bins, "receive")
+    edges = parse_ranges(settings.range_text, settings.bins, "receive")
     by_range = ("_range.nc", "_range.png") if edges is not None else ()
     files = targets(stem, (".json", ".png", *by_range))
     check_writable(files)
     store = None
-    if resumable or scheduler is not None:
+    if settings.resumable or settings.scheduler is not None:
         (store,) = targets(stem, (".parts.zarr",))
     new = missing_folders(files)
     check_is_no_aperture(scene)
@@ -122,10 +131,10 @@ def run_receive(
     from polywigner.propagation.stores_files import require_stores
 
     if store is not None:
-        require_stores(scheduler)
-    check_floor(floor_db)
+        require_stores(settings.scheduler)
+    check_floor(settings.floor_db)
     start = time.perf_counter()
-    chosen = choose_variant(variant)
+    chosen = choose_variant(settings.variant)
     profile = None
     with to_list() as messages:
         if edges is not None:
@@ -133,12 +142,14 @@ def run_receive(
         file = SceneFile(Path(scene), chosen, None, defined)
         loaded = file.load()
         receivers_of(loaded)
-        asked = asked_of(spp, seed, None, reflections, accuracy, *noise.values())
+        asked = asked_of(
+            settings.spp, seed, None, settings.reflections, settings.accuracy, *noise.values()
+        )
         with counted_bar("receiving") as progress:
             how: dict[str, Any] = {
                 "store": store,
-                "scheduler": scheduler,
-                "threads": threads,
+                "scheduler": settings.scheduler,
+                "threads": settings.threads,
                 "progress": progress,
             }
             if edges is None:
@@ -149,16 +160,16 @@ def run_receive(
     for message in messages:
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
     record: dict[str, Any] = {
-        "settings": asdict(settings),
+        "settings": asdict(settings) | {"defined": defined},
         "used": {"variant": chosen},
         "receivers": [each.to_dict() for each in found],
         "versions": versions_of(chosen),
         "seconds": round(time.perf_counter() - start, 3),
     }
-    figure = _figure(scene, found, maps, floor_db)
+    figure = _figure(scene, found, maps, settings.floor_db)
     if profile is not None:
         record["ranges"] = ranges_record(profile, len(found))
-        ranges_figure = draw_ranges(scene, profile, found, floor_db)
+        ranges_figure = draw_ranges(scene, profile, found, settings.floor_db)
     with writing(files) as (text, png, *others):
         text.write_text(json.dumps(record, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         figure.savefig(png, format="png")

@@ -8,8 +8,11 @@ import time
 import warnings
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
+from polywigner.cli.options import DbFloor, Out, Resumable, Scheduler, Threads
 from polywigner.cli.output import (
     check_writable,
     missing_folders,
@@ -34,7 +37,7 @@ from polywigner.errors import ArgumentError, SceneError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["RenderSettings", "run_render"]
+__all__ = ["RenderSettings", "render"]
 
 _INTEGRATORS = ("path", "direct", "volpath", "volpathmis", "prb", "prbvolpath")
 _SAMPLERS = ("multijitter", "independent", "stratified", "orthogonal", "ldsampler")
@@ -48,30 +51,50 @@ _RADIANCE_UNIT = "W m^-2 sr^-1"
 class RenderSettings:
     """The options of one run, as they are recorded; None stands for what the scene says."""
 
-    scene: str
-    spp: int | None
-    error_db: float | None
-    variant: str | None
-    integrator: str | None
-    sampler: str | None
-    seed: int
-    range_text: str | None
-    bins: int | None
-    floor_db: float
-    resumable: bool
-    threads: int | None
-    scheduler: str | None
+    scene: Annotated[
+        str, typer.Argument(help="Mitsuba XML file with a <shape type='wigner'> in it.")
+    ]
+    spp: Annotated[int | None, typer.Option(help="Samples per pixel (default: the scene's).")] = (
+        None
+    )
+    error_db: Annotated[
+        float | None,
+        typer.Option(
+            help="In place of --spp: rms error in dB of what lies 20 dB below the peak, as far as "
+            "the source makes it (docs/sampling.md)."
+        ),
+    ] = None
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None
+    integrator: Annotated[
+        str | None, typer.Option(help="path, direct, volpath, ... (default: the scene's).")
+    ] = None
+    sampler: Annotated[
+        str | None, typer.Option(help="multijitter, independent, ... (default: the scene's).")
+    ] = None
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0
+    range_text: Annotated[
+        str | None,
+        typer.Option(
+            "--range",
+            help="A frame for each bin of range as well, such as '0 m to 30 m' (docs/range.md).",
+        ),
+    ] = None
+    bins: Annotated[int | None, typer.Option(help="Of the range (default: 64).")] = None
+    resumable: Resumable = False
+    threads: Threads = None
+    scheduler: Scheduler = None
+    floor_db: DbFloor = -40.0
 
 
-def run_render(settings: RenderSettings, out: str | None) -> None:
-    """Render a Mitsuba XML scene, write NAME.exr, NAME.png and NAME.json, print their paths.
+def render(settings: RenderSettings, out: Out = None) -> None:
+    """Render a Mitsuba scene lit by a coherent aperture.
 
-    With a range, write NAME_range.nc and NAME_range.gif as well.
-    With a scheduler, or if it is to be resumable, NAME.parts.zarr holds what is done until then.
-
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    Writes the signed radiance NAME.exr, a picture in dB NAME.png, and a record NAME.json; with
+    --range the animated picture NAME_range.gif and its frames NAME_range.nc. With --scheduler, the
+    workers of a cluster share the parts of the picture, and the run is resumable.
     """
     _check(settings)
     scene, seed = settings.scene, settings.seed

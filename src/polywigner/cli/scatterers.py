@@ -5,51 +5,76 @@ from __future__ import annotations
 import math
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 from polywigner.cli.output import check_writable, output_stem, targets, writing
 from polywigner.cli.scenes import check_is_file, check_is_no_aperture, scene_definition
 from polywigner.errors import ArgumentError
 
-__all__ = ["run_scatterers"]
+__all__ = ["scatterers"]
 
 _SUFFIXES = (".csv", ".vtp", ".nc")
 
 
-def run_scatterers(
-    scene: str,
-    *,
-    count: int,
-    seed: int,
-    receiver: str | None,
-    max_depth: int | None,
-    rays: int | None,
-    velocities: list[str],
-    variant: str | None,
-    define: list[str],
-    out: str | None,
+def scatterers(
+    scene: Annotated[
+        str,
+        typer.Argument(help="Mitsuba XML file with a <sensor type='wigner_receiver'> in it."),
+    ],
+    count: Annotated[int, typer.Option(help="Scatterers wanted.")] = 20_000,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers.")] = 0,
+    receiver: Annotated[
+        str | None, typer.Option(help="Id of the receiver (default: the only one).")
+    ] = None,
+    max_depth: Annotated[
+        int | None,
+        typer.Option(help="Longest path: 2 is one reflection, -1 no limit (default: the scene's)."),
+    ] = None,
+    rays: Annotated[
+        int | None, typer.Option(help="From the receiver (default: four times --count).")
+    ] = None,
+    velocity: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="ID=VX,VY,VZ in m/s of a shape, an emitter or the receiver; several times for "
+            "more."
+        ),
+    ] = None,
+    variant: Annotated[
+        str | None,
+        typer.Option(help="Mitsuba variant (default: the fastest monochromatic one that works)."),
+    ] = None,
+    define: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=VALUE of a $parameter of the scene; several times for more."),
+    ] = None,
+    out: Annotated[
+        str | None,
+        typer.Option(help="File or folder; .csv (default), .vtp for ParaView, or .nc."),
+    ] = None,
 ) -> None:
-    """Write the cloud; print what it holds and the file's path.
+    """Write what a receiver gets of a scene as a cloud of scatterers, for radar signal chains.
 
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    Each has a place, a normal, a power in W, the length of its path, the ids of its shape and of
+    its emitter, and with --velocity what its path grows by per second.
     """
     check_is_file(scene)
-    defined = dict(scene_definition(text) for text in define)
-    speeds = dict(_velocity(text) for text in velocities)
+    defined = dict(scene_definition(text) for text in define or [])
+    speeds = dict(_velocity(text) for text in velocity or [])
     suffix = _suffix(out)
     (file,) = targets(output_stem(out, Path(scene).stem + "_scatterers"), (suffix,))
     check_writable([file])
     check_is_no_aperture(scene)
 
-    from polywigner.mitsuba import choose_variant, load_scene, scatterers, write_scatterers
+    import polywigner.mitsuba as pm
     from polywigner.mitsuba.images import to_list
 
-    chosen = choose_variant(variant)
+    chosen = pm.choose_variant(variant)
     with to_list() as messages:
-        loaded = load_scene(scene, chosen, merge=False, **defined)
-        cloud = scatterers(
+        loaded = pm.load_scene(scene, chosen, merge=False, **defined)
+        cloud = pm.scatterers(
             loaded,
             count,
             seed=seed,
@@ -62,7 +87,7 @@ def run_scatterers(
         warnings.warn(f"Mitsuba: {message}", RuntimeWarning, stacklevel=2)
     with writing([file]) as (partial,):
         named = partial.with_name(partial.name + suffix)
-        write_scatterers(cloud, named)
+        pm.write_scatterers(cloud, named)
         named.replace(partial)
     print(_summary(cloud))
     print(file)

@@ -7,11 +7,29 @@ import math
 import os
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from polywigner.cli.options import (
+    AllowOutside,
+    Array,
+    Coherence,
+    Curved,
+    Focus,
+    Frequency,
+    Layer,
+    SourceFile,
+    Steering,
+    Taper,
+    Tolerance,
+    Union,
+    Unit,
+    Wavelength,
+    Window,
+)
 from polywigner.cli.output import check_text
-from polywigner.cli.reading import Reading
+from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.errors import ArgumentError, FileFormatError, IlluminationError
 from polywigner.quantities import SPEED_OF_LIGHT, parse_frequency, parse_length, wavelength_of
 
@@ -20,11 +38,12 @@ if TYPE_CHECKING:
     from polywigner import Array as ApertureArray
 
 __all__ = [
+    "MixedSourceOptions",
+    "SourceOptions",
     "check_is_coherent",
     "check_source_file",
     "field_title",
     "frequency_text",
-    "read_fed_source",
     "required_wavelength",
     "short_name",
     "wavelength_from",
@@ -45,6 +64,74 @@ def check_is_coherent(source: Any, command: str) -> None:
             f"expected a coherent source for {command}, got one that is coherent over {width:g} m; "
             "propagate, volume and rays take it"
         )
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """Options of the source of a command: its file, tapers, copies, steering, and wavelength."""
+
+    source: SourceFile
+    frequency: Frequency = None
+    wavelength: Wavelength = None
+    unit: Unit = None
+    tolerance: Tolerance = None
+    layer: Layer = None
+    union: Union = False
+    allow_outside: AllowOutside = False
+    taper: Taper = None
+    array: Array = None
+    window: Window = None
+    steering: Steering = None
+    focus: Focus = None
+    curved: Curved = None
+
+    def check(self) -> None:
+        """Raise the errors that can be known before anything heavy is imported."""
+        check_source_file(self.source, self.reading)
+        self._wavelength()
+
+    def _wavelength(self) -> float | None:
+        return wavelength_from(self.frequency, self.wavelength)
+
+    @property
+    def reading(self) -> Reading:
+        return Reading(self.unit, self.tolerance, self.layer, self.union, self.allow_outside)
+
+    @property
+    def feeding(self) -> dict[str, str]:
+        """Texts by their option, of :data:`polywigner.illumination.texts.FEEDING`."""
+        names = (*_FEEDING, "coherence")
+        texts = ((name, getattr(self, name, None)) for name in names)
+        return {name: text for name, text in texts if text is not None}
+
+    def read(self) -> tuple[Any, float | None]:
+        """The source, and the wavelength in m, None where neither options nor file say one.
+
+        Raises
+        ------
+        PolywignerError for files and texts that cannot be used.
+        """
+        from polywigner.figures import outline_of
+
+        source, wavelength = _read_fed(self.source, self.reading, self.feeding, self._wavelength())
+        if wavelength is not None:
+            check_wavelength(wavelength, outline_of(source).diameter)
+        return source, wavelength
+
+    def read_with_wavelength(self) -> tuple[Any, float]:
+        """The same; ArgumentError without a wavelength."""
+        source, wavelength = self.read()
+        return source, required_wavelength(wavelength)
+
+
+_FEEDING = ("taper", "array", "window", "steering", "focus", "curved")
+
+
+@dataclass(frozen=True)
+class MixedSourceOptions(SourceOptions):
+    """Options of a source whose light may be partly coherent."""
+
+    coherence: Coherence = None
 
 
 def check_source_file(path: str, reading: Reading) -> None:
@@ -112,28 +199,10 @@ def frequency_text(wavelength: float) -> str:
     return f"{frequency / size:.4g} {name}"
 
 
-def read_fed_source(
-    path: str,
-    reading: Reading,
-    feeding: Mapping[str, str | None],
-    wavelength: float | None,
+def _read_fed(
+    path: str, reading: Reading, feeding: Mapping[str, str], wavelength: float | None
 ) -> tuple[Aperture | ApertureArray, float | None]:
-    """The source of an aperture or source file, with its tapers, copies and steering.
-
-    Parameters
-    ----------
-    reading : of aperture files.
-    feeding : texts by their option, of :data:`polywigner.illumination.texts.FEEDING`.
-    wavelength : in metres, for steering and focus; None: that of the file, if it has one.
-
-    Returns
-    -------
-    The source, and the wavelength, None where neither says one.
-
-    Raises
-    ------
-    PolywignerError for what cannot be read or fed so.
-    """
+    """The source of an aperture or source file, with its tapers, copies and steering."""
     import polywigner as pw
     from polywigner.illumination.texts import fed
 
@@ -147,8 +216,7 @@ def read_fed_source(
         source, wavelength = _read_source(path, wavelength, reading.allow_outside)
     else:
         source = pw.read_aperture(path, **reading.of_aperture())
-    texts = {name: text for name, text in feeding.items() if text is not None}
-    return fed(source, texts, wavelength), wavelength
+    return fed(source, feeding, wavelength), wavelength
 
 
 def _read_source(

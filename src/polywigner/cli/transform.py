@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
+from polywigner.cli.options import DbFloor, Out
 from polywigner.cli.output import check_writable, output_stem, targets, writing
-from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
+    SourceOptions,
     check_is_coherent,
-    check_source_file,
     frequency_text,
-    read_fed_source,
     short_name,
-    wavelength_from,
 )
 from polywigner.errors import QuantityError
 from polywigner.quantities import parse_angle, parse_coordinate, parse_point
 
-__all__ = ["run_transform", "system_from"]
+__all__ = ["system_from", "transform"]
 
 if TYPE_CHECKING:
     from polywigner import FirstOrder
@@ -102,38 +101,42 @@ _FEWEST = 257
 _MOST_UNASKED = 513  # some ten seconds for an aperture of a hundred edges
 
 
-def run_transform(
-    aperture: str,
-    *,
-    reading: Reading,
-    feeding: Mapping[str, str | None],
-    frequency: str | None,
-    wavelength: str | None,
-    x: str | None,
-    xi: str | None,
-    through: str | None,
-    samples: int | None,
-    floor_db: float,
-    out: str | None,
+def transform(
+    source: SourceOptions,
+    x: Annotated[
+        str | None,
+        typer.Option(help="Position of the Wigner slice, such as '0 mm,2 mm' (default: centre)."),
+    ] = None,
+    xi: Annotated[
+        str | None,
+        typer.Option(help="Lag of the ambiguity slice (default: one with a good overlap)."),
+    ] = None,
+    through: Annotated[
+        str | None,
+        typer.Option(
+            help="Lenses behind it, such as 'space 50 mm, lens 50 mm, space 50 mm', in the order "
+            "of the light: shows W and the light behind them."
+        ),
+    ] = None,
+    samples: Annotated[
+        int | None,
+        typer.Option(help="Samples along each frequency axis (default: 257, or up to 513)."),
+    ] = None,
+    floor_db: DbFloor = -40.0,
+    out: Out = None,
 ) -> None:
-    """Write NAME.png and NAME.npz for an aperture or source file and print their paths.
+    """Draw and save the transforms of an aperture or an array.
 
-    Quantities are texts with units, such as ``"94 GHz"`` and ``"0 mm,2 mm"``; ``feeding`` holds
-    those of tapers, layouts and steering, ``through`` a system behind it. ``samples`` None: 257, or
-    as many as the lobes of the transform need, up to 513.
-
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    Writes a figure NAME.png (Fourier transform, automean, a Wigner and an ambiguity slice) and
+    the values NAME.npz.
     """
-    check_source_file(aperture, reading)
-    length = wavelength_from(frequency, wavelength)
+    source.check()
     position = None if x is None else parse_point(x)
     lag = None if xi is None else parse_point(xi)
     system = None if through is None else system_from(through)
     if system is not None and (position or lag):
         raise QuantityError("expected no --x and no --xi with --through; leave them out")
-    files = targets(output_stem(out, Path(aperture).stem), (".png", ".npz"))
+    files = targets(output_stem(out, Path(source.source).stem), (".png", ".npz"))
     check_writable(files)
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
@@ -147,20 +150,17 @@ def run_transform(
     from polywigner.figures.levels import check_floor
 
     check_floor(floor_db)
-    source, length = read_fed_source(aperture, reading, feeding, length)
-    check_is_coherent(source, "transform")
-    outline = outline_of(source)
-    if length is not None:
-        check_wavelength(length, outline.diameter)
-    name = short_name(aperture)
+    radiator, length = source.read()
+    check_is_coherent(radiator, "transform")
+    name = short_name(source.source)
     slices: TransformSlices | SystemSlices
     if system is None:
-        count = _samples(samples, outline, length)
-        slices = transform_slices(source, position, lag, length, count)
+        count = _samples(samples, outline_of(radiator), length)
+        slices = transform_slices(radiator, position, lag, length, count)
     elif length is None:
         raise QuantityError("expected a --frequency or --wavelength with --through, got none")
     else:
-        slices = system_slices(source, system, length, samples or _FEWEST)
+        slices = system_slices(radiator, system, length, samples or _FEWEST)
     title = name if length is None else f"{name}, {frequency_text(length)}"
     figure = draw_transforms(slices, floor_db, title=title)
     with writing(files) as (picture, values):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
+
+import typer
 
 from polywigner.cli.fields import (
     compared_with,
@@ -14,75 +15,108 @@ from polywigner.cli.fields import (
     samples_of_box,
     write_field,
 )
+from polywigner.cli.options import (
+    Accuracy,
+    Against,
+    Bandwidth,
+    DbFloor,
+    EngineName,
+    Formats,
+    Obliquity,
+    Order,
+    Out,
+    Precision,
+    Scheduler,
+    Threads,
+)
 from polywigner.cli.output import check_writable, missing_folders, output_stem, say_made, targets
-from polywigner.cli.reading import Reading, check_wavelength
 from polywigner.cli.sources import (
-    check_source_file,
+    MixedSourceOptions,
     field_title,
-    read_fed_source,
-    required_wavelength,
-    wavelength_from,
 )
 from polywigner.cli.where import parse_box, parse_levels, parse_shape, shown
 from polywigner.errors import ArgumentError
 from polywigner.quantities import parse_frequency
 
-__all__ = ["run_verify", "run_volume"]
+__all__ = ["volume"]
 
 _DEFAULT = ("wigner",)
 
 
-def run_verify(store: str) -> None:
-    """Compare a store with its checksums, and say that all of it is whole.
-
-    Raises
-    ------
-    StoreError : it is damaged, not complete, or no store; the message names the chunks.
-    """
+def _verify(context: typer.Context, store: str | None) -> None:
+    """Compare a store with its checksums, say that all of it is whole, and end the command."""
+    if store is None or context.resilient_parsing:
+        return
     import polywigner as pw
 
     count = pw.verify_store(store)
     print(f"{store}: {count} chunks, all there and as they were written")
+    raise typer.Exit
 
 
-def run_volume(
-    source: str,
+def volume(
     *,
-    box: str,
-    shape: str | None,
-    methods: Sequence[str],
-    order: int,
-    obliquity: str | None,
-    against: str | None,
-    accuracy: float | None,
-    frequency: str | None,
-    wavelength: str | None,
-    reading: Reading,
-    feeding: Mapping[str, str | None],
-    bandwidth: str | None,
-    chunks: str | None,
-    threads: int | None,
-    scheduler: str | None,
-    engine: str,
-    precision: str | None,
-    surfaces: str | None,
-    projection: str,
-    renderer: str,
-    floor_db: float,
-    formats: Sequence[str],
-    out: str | None,
+    box: Annotated[
+        str,
+        typer.Option(help="Three ranges: '-30 mm to 30 mm, -30 mm to 30 mm, 2 mm to 120 mm'."),
+    ],
+    shape: Annotated[
+        str | None,
+        typer.Option(
+            help="Samples along x, y and z, such as '64 x 64 x 96' (default: enough, from 64 to "
+            "101 along each)."
+        ),
+    ] = None,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="wigner (default), rayleigh-sommerfeld-1, rayleigh-sommerfeld-2, kirchhoff, "
+            "fresnel or fraunhofer; several times to compare them."
+        ),
+    ] = None,
+    order: Order = 1,
+    obliquity: Obliquity = None,
+    against: Against = None,
+    accuracy: Accuracy = None,
+    source: MixedSourceOptions,
+    bandwidth: Bandwidth = None,
+    chunks: Annotated[
+        str | None, typer.Option(help="Samples of a chunk, such as '32 x 32 x 32'.")
+    ] = None,
+    threads: Threads = None,
+    scheduler: Scheduler = None,
+    engine: EngineName = "auto",
+    precision: Precision = None,
+    surfaces: Annotated[
+        str | None,
+        typer.Option(help="Levels of the isosurfaces, dB, such as '-6, -12, -18' (default: four)."),
+    ] = None,
+    projection: Annotated[str, typer.Option(help="On the walls: maximum, or mean.")] = "maximum",
+    renderer: Annotated[
+        str, typer.Option(help="Of the isosurfaces: auto, pyvista or matplotlib.")
+    ] = "auto",
+    floor_db: DbFloor = -40.0,
+    formats: Formats = None,
+    out: Out = None,
+    verify: Annotated[
+        str | None,
+        typer.Option(
+            callback=_verify,
+            is_eager=True,
+            metavar="STORE",
+            help="Compute nothing: read this store, such as field.zarr, and name its damaged and "
+            "missing chunks (exit code 2), or print that all are whole.",
+        ),
+    ] = None,
 ) -> None:
-    """Write NAME.zarr, NAME.png and what ``formats`` asks for, and print their paths.
+    """Compute the irradiance of a source in a box, chunk by chunk, and draw it.
 
-    Of several methods, each has its own files, NAME-METHOD.zarr and so on, and the differences are
-    printed. A store grows chunk by chunk; a run that was killed leaves the finished ones, with
-    which the next run of the same settings goes on. Everything else is written whole or not at all.
-
-    Raises
-    ------
-    PolywignerError : input that cannot be used; nothing is written then.
+    Writes NAME.zarr and a figure NAME.png, and with --format vti or --format nc the values also for
+    ParaView, or as NetCDF. A run that is killed goes on when the same command is started again;
+    chunks that are damaged are computed anew.
+    Of several methods, each has files of its own, NAME-METHOD.zarr and so on.
     """
-    check_source_file(source, reading)
+    source.check()
     corners = parse_box(box)
     count = None if shape is None else parse_shape("--shape", shape, 3)
     if count is not None and min(count) < 2:
@@ -92,16 +126,15 @@ def run_volume(
         )
     sizes = None if chunks is None else parse_shape("--chunks", chunks, 3)
     levels = None if surfaces is None else parse_levels("--surfaces", surfaces)
-    asked = wavelength_from(frequency, wavelength)
     band = None if bandwidth is None else parse_frequency(bandwidth)
-    stem = output_stem(out, Path(source).stem)
+    stem = output_stem(out, Path(source.source).stem)
     # the store is written in any case
-    suffixes = tuple(suffix for suffix in format_suffixes(formats) if suffix != ".zarr")
+    suffixes = tuple(suffix for suffix in format_suffixes(formats or []) if suffix != ".zarr")
     check_writable(targets(stem, (".png", *suffixes)))
 
     # Everything cheap has been checked: only now the libraries that take a second to import.
     import polywigner as pw
-    from polywigner.figures import draw_volume, outline_of
+    from polywigner.figures import draw_volume
     from polywigner.figures.fields import label_of
     from polywigner.figures.volumes import check_volume_options
     from polywigner.propagation.datasets import FieldOptions, checked_settings
@@ -113,22 +146,20 @@ def run_volume(
         "renderer": renderer,
     }
     check_volume_options(**drawn)
-    wanted = parse_methods(methods or _DEFAULT, obliquity, order)
+    wanted = parse_methods(method or _DEFAULT, obliquity, order)
     reference = compared_with(wanted, against)
-    radiator, said = read_fed_source(source, reading, feeding, asked)
-    length = required_wavelength(said)
-    check_wavelength(length, outline_of(radiator).diameter)
-    for method in wanted:  # before the first is computed
+    radiator, length = source.read_with_wavelength()
+    for one in wanted:  # before the first is computed
         how: dict[str, Any] = {"engine": engine, "precision": precision, "tolerance": accuracy}
         how |= {"bandwidth": band}
-        checked_settings(length, cast(FieldOptions, how | method.options))
+        checked_settings(length, cast(FieldOptions, how | one.options))
     nx, ny, nz = count or samples_of_box(radiator, corners, length)
     fields, written = {}, []
     new = missing_folders([stem])
-    for method in wanted:
-        name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{method.name}")
+    for one in wanted:
+        name = stem if len(wanted) == 1 else stem.with_name(f"{stem.name}-{one.name}")
         store, *files = targets(name, (".zarr", ".png", *suffixes))
-        options: dict[str, Any] = {"engine": engine, "precision": precision, **method.options}
+        options: dict[str, Any] = {"engine": engine, "precision": precision, **one.options}
         found = pw.volume(
             radiator,
             corners,
@@ -142,8 +173,8 @@ def run_volume(
             bandwidth=band,
             **options,
         )
-        fields[method.name] = found[method.method]
-        title = f"{label_of(found[method.method], method.method)}: {field_title(source, length)}"
+        fields[one.name] = found[one.method]
+        title = f"{label_of(found[one.method], one.method)}: {field_title(source.source, length)}"
         write_field(found, draw_volume(found, radiator, title=title, **drawn), files)
         written += [store, *files]
     if len(wanted) > 1:

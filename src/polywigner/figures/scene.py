@@ -111,7 +111,7 @@ def write_range_animation(
 
     Parameters
     ----------
-    frames : as :func:`polywigner.mitsuba.range_profile` returns, up to 1024.
+    frames : as :func:`polywigner.mitsuba.range_frames` returns, up to 1024.
     path : the file, whatever its suffix; one that is there is replaced.
     floor_db : lowest level, dB.
     title : above each frame, before its range.
@@ -157,7 +157,7 @@ def _checked(frames: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         edges, radiance = (np.asarray(frames[name].values) for name in ("range_edge", "radiance"))
     except (TypeError, KeyError, AttributeError):
         raise ArgumentError(
-            f"expected frames of polywigner.mitsuba.range_profile, got {type(frames).__name__}"
+            f"expected frames of polywigner.mitsuba.range_frames, got {type(frames).__name__}"
         ) from None
     if not 1 <= len(radiance) <= _MOST_FRAMES:
         raise ArgumentError(
