@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import struct
 import tracemalloc
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -445,6 +446,15 @@ def test_pipes_devices_and_folders_are_refused(tmp_path: Path, suffix: str) -> N
 # Scenes
 
 SCENE = '<scene version="3.0.0">{}</scene>'
+PICTURE = SCENE.format(
+    '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
+    '<string name="filename" value="{}"/></texture></bsdf>'
+)
+MESH = SCENE.format('<shape type="{}"><string name="filename" value="{}"/></shape>')
+PLY = (
+    "ply\nformat {} 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+)
 HOSTILE_SCENES = {
     "deep": (SCENE.format("<shape>" * 100_000), "64 elements in each other"),
     "many": (SCENE.format("<shape/>" * 200_001), "200000 elements"),
@@ -458,7 +468,89 @@ HOSTILE_SCENES = {
         SCENE.format('<default name="f" value="deep.xml"/><include filename="$f"/>'),
         "64 elements in each other",
     ),
+    "library beside it": (SCENE.format('<shape type="evil"/>'), "libraries of its own"),
+    "library by path": (SCENE.format('<shape type="../plugins/evil"/>'), "libraries of its own"),
+    "library by default": (
+        SCENE.format('<default name="t" value="evil"/><shape type="$t"/>'),
+        "libraries of its own",
+    ),
+    "includes of includes": (SCENE.format('<include filename="wide0.xml"/>' * 8), "256"),
+    "defaults of defaults": (
+        SCENE.format(
+            '<default name="a0" value="xxxxxxxx"/>'
+            + "".join(f'<default name="a{k}" value="{f"$a{k - 1}" * 8}"/>' for k in range(1, 13))
+        ),
+        "characters in a value",
+    ),
+    "defaults": (
+        SCENE.format("".join(f'<default name="a{k}" value="$a"/>' for k in range(60_000))),
+        "1000 .parameters",
+    ),
+    "objects in each other": (
+        SCENE.format(
+            '<shape type="sphere">' + '<bsdf type="twosided">' * 60 + "</bsdf>" * 60 + "</shape>"
+        ),
+        "16 objects in each other",
+    ),
+    "pipe of a path": (
+        SCENE.format('<bsdf type="diffuse"><path name="any" value="pipe.ply"/></bsdf>'),
+        "pipe",
+    ),
+    "pipe of a spectrum": (
+        SCENE.format('<bsdf type="diffuse"><spectrum name="a" filename="pipe.ply"/></bsdf>'),
+        "pipe",
+    ),
+    "large PNG": (PICTURE.format("large.png"), "pixels"),
+    "large EXR": (PICTURE.format("large.exr"), "pixels"),
+    "large PFM": (PICTURE.format("large.pfm"), "pixels"),
+    "large HDR": (PICTURE.format("large.hdr"), "pixels"),
+    "corner beyond": (MESH.format("ply", "beyond.ply"), "number 200000000"),
+    "corner below": (MESH.format("ply", "below.ply"), "number -20000"),
+    "corner beyond, in bytes": (MESH.format("ply", "bytes.ply"), "number 7"),
+    "half a mesh": (MESH.format("ply", "half.ply"), "ends early"),
+    "corner beyond, serialized": (MESH.format("serialized", "a.serialized"), "number 200000000"),
+    "reflectance above 1": (
+        SCENE.format('<bsdf type="diffuse"><rgb name="reflectance" value="0.5, 1.5, 0"/></bsdf>'),
+        "from 0 to 1",
+    ),
+    "reflectance of no number": (
+        SCENE.format('<bsdf type="diffuse"><spectrum name="reflectance" value="nan"/></bsdf>'),
+        "from 0 to 1",
+    ),
 }
+
+
+def _write_hostile_files(folder: Path) -> None:
+    """Files that hostile scenes name: what each announces is more than it holds."""
+    (folder / "deep.xml").write_text(HOSTILE_SCENES["deep"][0])
+    for k in range(12):
+        (folder / f"wide{k}.xml").write_text(
+            SCENE.format(f'<include filename="wide{k + 1}.xml"/>' * 8)
+        )
+    (folder / "wide12.xml").write_text(SCENE.format(""))
+    (folder / "plugins").mkdir()
+    (folder / "plugins" / "evil.so").write_bytes(b"")
+    os.mkfifo(folder / "pipe.ply")
+    chunk = b"IHDR" + struct.pack(">IIBBBBB", 40_000, 40_000, 8, 2, 0, 0, 0)
+    png = struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+    (folder / "large.png").write_bytes(b"\x89PNG\r\n\x1a\n" + png)
+    window = b"dataWindow\0box2i\0" + struct.pack("<I4i", 16, 0, 0, 39_999, 39_999)
+    (folder / "large.exr").write_bytes(b"\x76\x2f\x31\x01\x02\0\0\0" + window)
+    (folder / "large.pfm").write_bytes(b"PF\n40000 40000\n-1.0\n")
+    (folder / "large.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 40000\n")
+    triangle = "0 0 0\n1 0 0\n0 1 0\n"
+    head = PLY.format("ascii")
+    (folder / "beyond.ply").write_text(f"{head}{triangle}3 0 1 200000000\n")
+    (folder / "below.ply").write_text(f"{head}{triangle}3 0 1 -20000\n")
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+    face = b"\x03" + np.array([0, 1, 7], "<i4").tobytes()
+    head = PLY.format("binary_little_endian").encode()
+    (folder / "bytes.ply").write_bytes(head + vertices + face)
+    (folder / "half.ply").write_bytes(head + vertices + face[:6])
+    mesh = struct.pack("<I", 0x1000) + b"a\0" + struct.pack("<QQ", 3, 1) + vertices
+    mesh += struct.pack("<3I", 0, 1, 200_000_000)
+    content = struct.pack("<HH", 0x041C, 4) + zlib.compress(mesh) + struct.pack("<QI", 0, 1)
+    (folder / "a.serialized").write_bytes(content)
 
 
 @pytest.mark.drjit
@@ -468,8 +560,7 @@ def test_a_scene_is_looked_through_before_mitsuba_reads_it(tmp_path: Path, case:
 
     text, words = HOSTILE_SCENES[case]
     (tmp_path / "scene.xml").write_text(text)
-    (tmp_path / "deep.xml").write_text(HOSTILE_SCENES["deep"][0])
-    os.mkfifo(tmp_path / "pipe.ply")
+    _write_hostile_files(tmp_path)
     with pytest.raises(SceneError, match=words) as caught:
         pwm.load_scene(tmp_path / "scene.xml", "scalar_rgb")
     assert "hunter2" not in str(caught.value)

@@ -1,11 +1,17 @@
-"""Scene files looked through before Mitsuba reads them: its parser ends the process on deep ones.
+"""Scene files looked through before Mitsuba reads them, since scenes may come from strangers.
 
-Mitsuba reads elements by recursion in C++, and opens pipes and devices that a scene names.
+Mitsuba reads elements by recursion in C++, loads plugins from a folder beside the scene, opens the
+pipes and devices that a scene names, and decodes pictures of any size: docs/promises.md.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
+import re
+import struct
+import warnings
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -13,6 +19,8 @@ from typing import Any
 from xml.parsers import expat
 
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError, SceneError
 from polywigner.geometry.formats.limits import (
@@ -25,8 +33,15 @@ from polywigner.geometry.formats.limits import (
 
 __all__ = ["check_scene_file", "digest_of_file", "digests_of", "resolving"]
 
-# Scenes that include scenes; Mitsuba's own limit.
-_DEEPEST_INCLUDE = 15
+# Scenes that include scenes; Mitsuba's own limit. In all: eight files of eight includes are 8^8.
+_DEEPEST_INCLUDE, _MOST_INCLUDED = 15, 256
+# Objects in each other: Mitsuba goes 2^n times through n that hold one another.
+_MOST_NESTED_OBJECTS = 16
+# Values of $parameters are texts such as a power; a default may hold others eight times.
+_MOST_DEFAULTS, _LONGEST_VALUE = 1000, 1 << 14
+_PLUGIN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_LIBRARIES = (".so", ".dylib", ".dll")
+_OWN_PLUGINS = Path(mi.__file__).parent / "plugins"
 
 
 @contextmanager
@@ -81,34 +96,35 @@ class _Seen:
         self.resolve = resolve
         self.files: set[Path] = set()
         self.named: set[Path] = set()
-        self.elements = 0
+        self.elements = self.included = 0
 
     def look_through(self, file: Path, level: int) -> None:
-        if level > _DEEPEST_INCLUDE:
-            raise FileFormatError(f"expected scenes included {_DEEPEST_INCLUDE} deep, got more")
+        _check("scenes included in each other", level, _DEEPEST_INCLUDE)
+        self.included += 1
+        _check("scenes included, repetitions counted", self.included, _MOST_INCLUDED)
         self.files.add(file.resolve())
-        depth = 0
+        objects: list[str | None] = []
         included: list[str] = []
 
         def start(tag: str, attributes: dict[str, str]) -> None:
-            nonlocal depth
-            depth += 1
+            objects.append(self._filled(attributes["type"]) if "type" in attributes else None)
             self.elements += 1
-            _check("elements in each other", depth, MOST_NESTED)
+            _check("elements in each other", len(objects), MOST_NESTED)
+            kinds = [kind for kind in objects if kind is not None]
+            _check("objects in each other", len(kinds), _MOST_NESTED_OBJECTS)
             _check("elements", self.elements, MOST_SCENE_ELEMENTS)
-            name = self._filled(attributes.get("filename", ""))
+            filled = {name: self._filled(text) for name, text in attributes.items()}
+            if objects[-1] is not None:
+                self._check_type(objects[-1])
             if tag == "default":
-                self.values.setdefault(attributes.get("name", ""), attributes.get("value", ""))
-            elif tag == "include" and name:
-                included.append(name)
-            elif attributes.get("name") == "filename":
-                self._check_file(self._filled(attributes.get("value", "")))
-            if tag == "string":
-                self._note_file(self._filled(attributes.get("value", "")))
+                self._define(filled.get("name", ""), filled.get("value", ""))
+            elif tag == "include" and filled.get("filename"):
+                included.append(filled["filename"])
+            for text in (filled.get("filename"), filled.get("value")):
+                self._note_file(text, kinds[-1] if kinds else "")
 
         def end(tag: str) -> None:
-            nonlocal depth
-            depth -= 1
+            objects.pop()
 
         parser = expat.ParserCreate()
         parser.StartElementHandler, parser.EndElementHandler = start, end
@@ -122,25 +138,45 @@ class _Seen:
             ) from None
         for name in included:
             path = self.resolve(name)
-            if path.resolve() not in self.files and path.exists():
+            if path.exists():
                 self.look_through(path, level + 1)
 
     def _filled(self, text: str) -> str:
+        """The text with the values of its ``$parameters``, in Mitsuba's way."""
         for name in sorted(self.values, key=len, reverse=True) if "$" in text else ():
-            text = text.replace(f"${name}", self.values[name])
+            value = self.values[name]
+            length = len(text) + text.count(f"${name}") * len(value)
+            _check("characters in a value, $parameters filled in", length, _LONGEST_VALUE)
+            text = text.replace(f"${name}", value)
         return text
 
-    def _check_file(self, name: str) -> None:
-        path = self.resolve(name)
-        if name and path.exists() and not path.is_dir():
-            check_regular(path)
+    def _define(self, name: str, value: str) -> None:
+        self.values.setdefault(name, value)
+        _check("$parameters", len(self.values), _MOST_DEFAULTS)
 
-    def _note_file(self, name: str) -> None:
-        """Of texts that are no names of files, the system may refuse some: too long, for one."""
+    def _check_type(self, name: str) -> None:
+        """Refuse what would make Mitsuba load a library from anywhere but its own folder."""
+        found = [self.resolve(f"plugins/{name}{suffix}") for suffix in _LIBRARIES]
+        foreign = [p for p in found if p.exists() and p.resolve().parent != _OWN_PLUGINS.resolve()]
+        if foreign or not _PLUGIN.fullmatch(name):
+            raise FileFormatError(
+                f"expected types that Mitsuba or polywigner bring, got {name[:60]!r}; a scene must "
+                "not bring libraries of its own"
+            )
+
+    def _note_file(self, text: str | None, kind: str) -> None:
+        """Check the file that a text of an object of some kind names, if it does.
+
+        Of texts that are no names of files, the system may refuse some: too long, for one.
+        """
+        path = None
         with suppress(OSError, ValueError, RuntimeError):
-            path = self.resolve(name)
-            if name and path.is_file():
-                self.named.add(path.resolve())
+            found = self.resolve(text) if text else None
+            path = found if found is not None and found.exists() and not found.is_dir() else None
+        if path is not None and path.resolve() not in self.named | self.files:
+            check_regular(path)
+            _check_content(path, kind)
+            self.named.add(path.resolve())
 
 
 def _check(what: str, count: int, most: int) -> None:
@@ -151,3 +187,154 @@ def _check(what: str, count: int, most: int) -> None:
 def _refuse_declarations(name: str, system: Any, public: Any, has_declarations: int) -> None:
     if has_declarations:
         raise FileFormatError("expected a scene without declarations of its own, got a DTD")
+
+
+# ---- meshes and pictures: sizes and corners as they announce them --------------------------------
+
+_MOST_PIXELS = 1 << 26  # a gigabyte as four floats each
+_LARGEST_MESH, _MOST_CORNERS = 1 << 30, 1 << 28
+_PLY_NUMBERS = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+
+def _check_content(path: Path, kind: str) -> None:
+    """Refuse pictures that are too large, and meshes whose faces have corners not among theirs."""
+    if kind in ("ply", "serialized"):
+        content = bytes_of(path, _LARGEST_MESH)
+        corners, count = (_ply if kind == "ply" else _serialized)(content)
+        if corners.size and not (int(corners.min()) >= 0 and int(corners.max()) < count):
+            wrong = int(corners.max() if corners.max() >= count else corners.min())
+            raise FileFormatError(
+                f"expected corners of faces among the {count} vertices of {path.name}, got number "
+                f"{wrong}"
+            )
+    else:
+        pixels = _pixels(path)
+        if pixels > _MOST_PIXELS:
+            raise FileFormatError(
+                f"expected a picture of at most {_MOST_PIXELS} pixels, got {pixels} in {path.name}"
+            )
+
+
+def _ply(content: bytes) -> tuple[NDArray[Any], int]:
+    """The numbers of all corners of faces, and the number of vertices."""
+    head, end, body = content[: 1 << 16].partition(b"end_header")
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
+    if not end or lines[0] != ["ply"]:
+        raise FileFormatError("expected a PLY mesh, got a file without its header")
+    start = len(head) + len(end)
+    body = content[start:].split(b"\n", 1)[-1]
+    form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
+    elements: list[tuple[str, int, list[list[str]]]] = []
+    for line in lines:
+        if line[:1] == ["element"] and len(line) == 3 and line[2].isdecimal():
+            elements.append((line[1], int(line[2]), []))
+        elif line[:1] == ["property"] and elements:
+            elements[-1][2].append(line[1:])
+    count = next((n for name, n, _ in elements if name == "vertex"), 0)
+    faces = next((k for k, (name, _, _) in enumerate(elements) if name == "face"), None)
+    before = elements[: faces or 0]
+    if faces is None or not elements[faces][1]:
+        return np.empty(0, np.int64), count
+    if any(len(p) != 2 for _, _, own in before for p in own) or len(elements[faces][2]) != 1:
+        raise FileFormatError("expected a PLY mesh of vertices and faces, got one of other lists")
+    total = elements[faces][1]
+    try:
+        if form == "ascii":
+            text = b" ".join(body.splitlines()[sum(n for _, n, _ in before) :][:total])
+            return _listed(np.array(text.split(), np.float64).astype(np.int64), total), count
+        order = {"binary_little_endian": "<", "binary_big_endian": ">"}[form]
+        skipped = sum(n * sum(np.dtype(_PLY_NUMBERS[p[0]]).itemsize for p in own)
+                      for _, n, own in before)  # fmt: skip
+        _, length, corner, _ = elements[faces][2][0]
+        counts = np.dtype(order + _PLY_NUMBERS[length])
+        corners = np.dtype(order + _PLY_NUMBERS[corner])
+        return _rows(body[skipped:], counts, corners, total), count
+    except (ValueError, KeyError, IndexError):
+        raise FileFormatError("expected a whole PLY mesh, got one that ends early") from None
+
+
+def _listed(numbers: NDArray[np.int64], total: int) -> NDArray[np.int64]:
+    """The corners of lists, each behind its length, of as many faces."""
+    found, place = [], 0
+    if total and numbers.size == 4 * total and (numbers[::4] == 3).all():
+        return np.delete(numbers, np.arange(0, numbers.size, 4))
+    for _ in range(total):
+        length = int(numbers[place])
+        found.append(numbers[place + 1 : place + 1 + length])
+        place += 1 + length
+    return np.concatenate(found)
+
+
+def _rows(body: bytes, counts: np.dtype[Any], corners: np.dtype[Any], total: int) -> NDArray[Any]:
+    """The same of lists in bytes: most meshes have triangles alone, or rectangles."""
+    for length in (3, 4):
+        row = np.dtype([("length", counts), ("corners", corners, (length,))])
+        if len(body) >= row.itemsize * total:
+            table = np.frombuffer(body, row, total)
+            if (table["length"] == length).all():
+                return np.asarray(table["corners"]).ravel()
+    found, place = [], 0
+    for _ in range(total):
+        length = int(np.frombuffer(body, counts, 1, place)[0])
+        place += counts.itemsize
+        found.append(np.frombuffer(body, corners, length, place))
+        place += corners.itemsize * length
+    return np.concatenate(found)
+
+
+def _serialized(content: bytes) -> tuple[NDArray[Any], int]:
+    """The corners of the first mesh of a file in Mitsuba's own format, and its vertices."""
+    refused = FileFormatError("expected a mesh in Mitsuba's format, got another file; use PLY")
+    try:
+        mark, version = struct.unpack_from("<HH", content)
+        if mark != 0x041C or version not in (3, 4):
+            raise refused
+        stream = zlib.decompressobj()
+        body = stream.decompress(content[4:], _LARGEST_MESH)
+        (flags,) = struct.unpack_from("<I", body)
+        place = 4 + (body.index(b"\0", 4) - 3 if version == 4 else 0)
+        count, faces = struct.unpack_from("<QQ", body, place)
+        size = 8 if flags & 0x2000 else 4
+        numbers = 3 + 3 * bool(flags & 0x1) + 2 * bool(flags & 0x2) + 3 * bool(flags & 0x8)
+        start = place + 16 + count * numbers * size
+        if faces > _MOST_CORNERS or start > len(body):
+            raise refused
+        kind = "<u8" if count > 0xFFFFFFFF else "<u4"
+        return np.frombuffer(body, kind, 3 * faces, start), count
+    except (struct.error, ValueError, zlib.error):
+        raise refused from None
+
+
+def _pixels(path: Path) -> int:
+    """The pixels that a picture announces; 0 for other files."""
+    from PIL import Image
+
+    with path.open("rb") as file:
+        head = file.read(1 << 12)
+    if head[:8] == b"\x89PNG\r\n\x1a\n" and len(head) > 24:
+        return math.prod(struct.unpack_from(">2I", head, 16))
+    if head[:4] == b"\x76\x2f\x31\x01":  # OpenEXR
+        place = head.find(b"dataWindow\0box2i\0")
+        if place < 0:
+            return 0
+        x0, y0, x1, y1 = struct.unpack_from("<4i", head, place + 21)
+        return max(0, x1 - x0 + 1) * max(0, y1 - y0 + 1)
+    if sizes := re.match(rb"P[Ff]\s+(\d{1,12})\s+(\d{1,12})\s|VOL", head):
+        if sizes[1] is not None:
+            return int(sizes[1]) * int(sizes[2])
+        return math.prod(struct.unpack_from("<3I", head, 8)) if len(head) >= 20 else 0
+    if sizes := re.search(rb"\A#\?.*?\n[-+]Y (\d{1,12}) [-+]X (\d{1,12})\n", head, re.DOTALL):
+        return int(sizes[1]) * int(sizes[2])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # it has an opinion of its own, of larger ones
+            with Image.open(path) as picture:
+                return math.prod(picture.size)
+    except Image.DecompressionBombError:
+        return _MOST_PIXELS + 1
+    except (OSError, ValueError, SyntaxError):
+        return 0  # no picture

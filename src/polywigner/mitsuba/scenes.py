@@ -10,6 +10,7 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
 import numpy.typing as npt
 
 from polywigner.errors import EngineError, PolywignerError, SceneError
@@ -269,6 +270,7 @@ def _instantiate(
     mi.parser.transform_upgrade(config, state)
     mi.parser.transform_resolve(config, state)
     _check_samplers(state)
+    _check_reflectances(state)
     if sampler is not None:
         _replace_samplers(state, sampler)
     mi.parser.transform_merge_equivalent(config, state)
@@ -287,6 +289,30 @@ def _check_samplers(state: Any) -> None:
                     f"expected a sample_count of at least 1 in a sampler, got {samples}; the "
                     "number of samples per pixel"
                 )
+
+
+def _check_reflectances(state: Any) -> None:
+    """SceneError for shares of light that are not finite, or not from 0 to 1."""
+    for node in state.nodes:
+        for name in node.props.keys() if node.type == mi.ObjectType.BSDF else ():
+            if name.endswith(("reflectance", "transmittance", "albedo")):
+                values = _numbers_in(node.props[name])
+                if not all(0.0 <= value <= 1.0 for value in values):
+                    raise SceneError(
+                        f"expected the {name} of a {node.props.plugin_name()} from 0 to 1, got "
+                        f"{', '.join(f'{value:g}' for value in values[:3])}"
+                    )
+
+
+def _numbers_in(value: Any) -> list[float]:
+    """The numbers of a property; none of references to textures."""
+    if isinstance(value, mi.Properties.ResolvedReference):
+        return []
+    value = getattr(value, "values", value)  # of a spectrum
+    try:
+        return [float(number) for number in np.ravel(np.array(value, np.float64))]
+    except (TypeError, ValueError):
+        return []
 
 
 def _replace_samplers(state: Any, name: str) -> None:
