@@ -414,8 +414,7 @@ def test_the_command_line_reads_files_outside_when_told_to(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     from polywigner.cli import main
-    from polywigner.cli.reading import Reading
-    from polywigner.cli.sources import read_fed_source
+    from polywigner.cli.sources import SourceOptions
 
     (tmp_path / "inner").mkdir()
     (tmp_path / "a.wkt").write_text("POLYGON ((0 0, 1 0, 1 1, 0 0))")
@@ -423,8 +422,7 @@ def test_the_command_line_reads_files_outside_when_told_to(
     file.write_text(_named("../a.wkt"))
     assert main(["transform", str(file), "--out", str(tmp_path / "out")]) == 2
     assert "--allow-outside" in capfd.readouterr().err
-    reading = Reading(None, None, None, union=False, allow_outside=True)
-    assert isinstance(read_fed_source(str(file), reading, {}, None)[0], pw.Aperture)
+    assert isinstance(SourceOptions(str(file), allow_outside=True).read()[0], pw.Aperture)
 
 
 # What is no file
