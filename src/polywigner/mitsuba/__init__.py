@@ -25,7 +25,7 @@ llvm.require_drjit()  # before the next imports, which load Dr.Jit
 from polywigner.illumination import obliquities  # noqa: E402
 from polywigner.mitsuba.covariances import covariance, element_responses  # noqa: E402
 from polywigner.mitsuba.given import register_source  # noqa: E402
-from polywigner.mitsuba.plugins import register  # noqa: E402
+from polywigner.mitsuba.plugins import exclusive, register  # noqa: E402
 from polywigner.mitsuba.range_profile import range_frames, range_profile  # noqa: E402
 from polywigner.mitsuba.received import Contribution, DirectPath, ReceivedPower  # noqa: E402
 from polywigner.mitsuba.received_power import received_power, received_powers  # noqa: E402
@@ -57,6 +57,7 @@ __all__ = [
     "choose_variant",
     "covariance",
     "element_responses",
+    "exclusive",
     "has_wigner_emitter",
     "load_scene",
     "range_frames",

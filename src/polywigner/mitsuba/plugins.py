@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
-from collections.abc import Callable, Iterable
-from functools import partial
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial, wraps
+from typing import Any, ParamSpec, TypeVar
 
 import mitsuba as mi
 
@@ -16,12 +18,53 @@ from polywigner.mitsuba.emitter import emitter_class
 from polywigner.mitsuba.parameters import EmitterSpec, read_parameters
 from polywigner.mitsuba.placement import cover, hide
 
-__all__ = ["PLUGIN_NAME", "add_plugin", "check_nested", "original_error", "register"]
+__all__ = [
+    "PLUGIN_NAME",
+    "add_plugin",
+    "check_nested",
+    "exclusive",
+    "one_at_a_time",
+    "original_error",
+    "register",
+]
 
 # Mitsuba wraps what a plugin raises into a RuntimeError with a traceback in its text. The errors
 # themselves wait here until the scene's loader asks for them; loaders may run in parallel.
 _recent_errors: deque[PolywignerError] = deque(maxlen=8)
+# Each kernel is traced through all emitters and shapes alive, those that another thread is just
+# making included: values would be wrong without a word.
+_alone = threading.RLock()
 _plugins: dict[tuple[str, str], Callable[[str, Any], Any]] = {}
+
+
+P, R = ParamSpec("P"), TypeVar("R")
+
+
+@contextmanager
+def exclusive() -> Iterator[None]:
+    """Let no other thread load or render scenes by this package until the block ends.
+
+    Mitsuba is not made for scenes that are loaded in one thread while another one renders. The
+    functions of this package wait for each other; whoever calls Mitsuba itself in several threads
+    (``mi.load_dict``, ``mi.render``) does so within this.
+
+    >>> import polywigner.mitsuba as pm
+    >>> with pm.exclusive():
+    ...     pass  # scene = mi.load_dict(...)
+    """
+    with _alone:
+        yield
+
+
+def one_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
+    """Return the function, made to wait until no other thread is at work on a scene."""
+
+    @wraps(function)
+    def waiting(*arguments: P.args, **options: P.kwargs) -> R:
+        with _alone:
+            return function(*arguments, **options)
+
+    return waiting
 
 
 def add_plugin(kind: str, name: str, build: Callable[[str, Any], Any]) -> None:

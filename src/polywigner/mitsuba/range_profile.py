@@ -12,6 +12,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError
 from polywigner.geometry.arguments import real_numbers
 from polywigner.mitsuba.parts import seed_of
+from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_film import (
     check_sums,
     require_transients,
@@ -60,6 +61,7 @@ Floats = npt.NDArray[np.float64]
 _MOST_BINS = 2**20
 
 
+@one_at_a_time
 def range_profile(
     scene: Any,
     ranges: npt.ArrayLike,
@@ -295,6 +297,7 @@ Progress = Callable[[int, int], None]
 _PARTS = 4
 
 
+@one_at_a_time
 def range_frames(
     scene: Any,
     ranges: npt.ArrayLike,

@@ -19,6 +19,7 @@ from polywigner.mitsuba.placement import (
     placed_emitter,
     placed_receiver,
 )
+from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.received import OTHER_LIGHTS, Asked, Contribution, ReceivedPower, asked_of
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.rendering import default_spp, exposed
@@ -52,6 +53,7 @@ Progress = Callable[[int, int], None]
 Scattered = Callable[[list[Scattering]], Any]
 
 
+@one_at_a_time
 def received_power(
     scene: Any,
     spp: int | None = None,
@@ -108,6 +110,7 @@ def received_power(
     return received(scene, [number], asked, partial(scattered_here, scene, progress))[0]
 
 
+@one_at_a_time
 def received_powers(
     scene: Any,
     spp: int | None = None,

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.mitsuba.parts import Exposure, cut_of
 from polywigner.mitsuba.placement import PLACE_ERROR, matrix_of
+from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.receiver import is_receiver
 from polywigner.mitsuba.scenes import has_wigner_emitter, translate_error
 
@@ -106,6 +107,7 @@ _NEVER = 2**30
 _ENDLESS = 2**32 - 1
 
 
+@one_at_a_time
 def render(
     scene: Any,
     integrator: Any = None,

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from polywigner.errors import ArgumentError, SceneError
 from polywigner.illumination import Array
 from polywigner.mitsuba.placement import placed_emitter
+from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.received import asked_of
 from polywigner.mitsuba.received_power import chosen, matched, receivers_of
 from polywigner.mitsuba.receiver import receiving
@@ -179,6 +180,7 @@ _MOST_RAYS = 10_000_000
 _NO_LIMIT = 2**20
 
 
+@one_at_a_time
 def scatterers(
     scene: Any,
     count: int,

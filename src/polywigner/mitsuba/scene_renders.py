@@ -16,6 +16,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import MOST_THREADS, kernel_threads
 from polywigner.geometry.arguments import checked_count
 from polywigner.mitsuba.parts import Exposure
+from polywigner.mitsuba.plugins import one_at_a_time
 from polywigner.mitsuba.range_profile import Ranging, checked_ranges, profile_of, ranged
 from polywigner.mitsuba.received import Asked, ReceivedPower
 from polywigner.mitsuba.received_power import matched, received, receivers_of, scattered_here
@@ -33,6 +34,7 @@ __all__ = ["Parts", "receive_parts", "receive_ranges", "render_file", "render_pa
 _VARIABLE = "radiance"
 
 
+@one_at_a_time
 def render_file(
     path: str | Path,
     integrator: str | None = None,

@@ -22,7 +22,13 @@ from polywigner.mitsuba.exact import ESTIMATORS, check_estimator
 from polywigner.mitsuba.given import as_source, pose_entry, register_source
 from polywigner.mitsuba.images import threads_for_openexr
 from polywigner.mitsuba.parameters import check_flag, check_range, check_sampling_weight
-from polywigner.mitsuba.plugins import PLUGIN_NAME, check_nested, original_error, register
+from polywigner.mitsuba.plugins import (
+    PLUGIN_NAME,
+    check_nested,
+    one_at_a_time,
+    original_error,
+    register,
+)
 from polywigner.mitsuba.radiance import check_mixture, mixture_of
 from polywigner.mitsuba.radiator import emitted_power, norm_of, radiator_of
 from polywigner.mitsuba.sampling import SAMPLINGS, check_sampling
@@ -186,6 +192,7 @@ def choose_variant(prefer: str | None = None) -> str:
     return prefer
 
 
+@one_at_a_time
 def load_scene(
     path: str | Path,
     variant: str | None = None,
