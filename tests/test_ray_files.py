@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import warnings
 from collections.abc import Callable
@@ -267,3 +268,49 @@ def test_input_that_cannot_be_used_is_refused_in_a_line(
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1 and said in lines[0]
     assert not out.exists()
+
+
+def _packed_zeros(path: Path) -> None:
+    zeros = np.zeros((1 << 24, 3))
+    np.savez_compressed(path, position=zeros, direction=zeros, weight=zeros[:, 0], attrs="{}")
+
+
+def _packed_netcdf(path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file.create_dataset("weight", (1 << 30,), "f8", fillvalue=0.0, chunks=(1 << 20,))
+
+
+def _source_file_of_no_directions(path: Path) -> None:
+    rays = pw.sample_rays(pw.shapes.square(10e-3), WAVELENGTH, 4)
+    pw.rays.save(rays, path)
+    content = bytearray(path.read_bytes())
+    content[208 + 12 : 208 + 24] = bytes(12)
+    path.write_bytes(content)
+
+
+def _csv(attrs: str, row: str) -> Callable[[Path], None]:
+    return lambda path: path.write_text(f"# {attrs}\nx,y,z,l,m,n,weight,batch\n{row}\n") and None
+
+
+STRANGE = {
+    "pipe.npz": os.mkfifo,
+    "device.csv": lambda path: path.symlink_to("/dev/zero"),
+    "zeros.npz": _packed_zeros,
+    "zeros.nc": _packed_netcdf,
+    "still.dat": _source_file_of_no_directions,
+    "power.csv": _csv("{}", "0,0,0,0,0,1,nan,0"),
+    "direction.csv": _csv("{}", "0,0,0,nan,0,1,1,0"),
+    "count.csv": _csv('{"count": -7}', "0,0,0,0,0,1,1,0"),
+    "text.csv": _csv('{"count": "many"}', "0,0,0,0,0,1,1,0"),
+    "batch.csv": _csv("{}", "0,0,0,0,0,1,1,-3"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_files_that_are_no_rays_are_refused_at_once(name: str, tmp_path: Path) -> None:
+    STRANGE[name](tmp_path / name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PolywignerWarning)
+        with pytest.raises(FileFormatError, match="expected"):
+            pw.rays.load(tmp_path / name)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError, FileFormatError
 from polywigner.geometry.arguments import checked_path, warn_caller
+from polywigner.geometry.formats.limits import check_regular
 from polywigner.interruption import unfinished
 from polywigner.propagation.exports import write_netcdf
 from polywigner.propagation.stores_files import required
@@ -133,6 +134,8 @@ def read_source_file(path: Path) -> tuple[Values, dict[str, Any]]:
         wavelength = float(different[0]) if n else wavelength
     rays = rays[:, :7]
     rays[:, :3] *= units[number]
+    if not rays[:, 3:6].any(axis=1).all():
+        raise _wrong(path, "directions of no length")
     # single precision: lengths of directions are one to 6e-8 only
     rays[:, 3:6] /= np.linalg.norm(rays[:, 3:6], axis=1, keepdims=True)
     attrs: dict[str, Any] = {"wavelength": wavelength * _MICROMETRE} if wavelength > 0 else {}
@@ -163,6 +166,9 @@ _PARTS = {"_positive": 2, "_negative": -2}
 _HINT = "write it by rays.save"
 # What zipfile, NumPy and HDF5 raise for damaged files; RuntimeError: also of HDF5, and of archives
 # whose damaged bytes ask for a password or an unknown compression.
+# Packed rays are hardly smaller than others: numbers that are drawn do not repeat.
+_LEAST_UNPACKED, _MOST_PACKED = 1 << 26, 20
+_MOST_COUNTED = 1 << 53
 _DAMAGED = (
     OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, MemoryError, OverflowError,
     RuntimeError, zipfile.BadZipFile, zlib.error,
@@ -323,12 +329,13 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     file = checked_path(path)
     names_of(file, False)
     required("xarray")
+    if not file.exists():
+        raise FileFormatError(f"expected a file of rays, got {path}, which is none")
     read = {".npz": _read_npz, ".csv": _read_csv, ".nc": _read_netcdf, ".dat": _read_dat}
     try:
+        check_regular(file)
         found = read[file.suffix.lower()](file)
-        checked_bundle(found)
-    except FileNotFoundError:
-        raise FileFormatError(f"expected a file of rays, got {path}, which is none") from None
+        _check_loaded(found)
     except FileFormatError:
         raise
     except _DAMAGED as error:
@@ -337,7 +344,29 @@ def load(path: str | os.PathLike[str]) -> xarray.Dataset:
     return found
 
 
+def _check_loaded(found: Any) -> None:
+    """Raise ArgumentError or ValueError for what no program has written as rays."""
+    position, direction, weight, _ = checked_bundle(found)
+    is_there = np.isfinite(position).all(axis=1)  # of a lost ray the position is not
+    if not (np.isfinite(direction[is_there]).all() and np.isfinite(weight[is_there]).all()):
+        raise ValueError("directions or powers that are no numbers")
+    count = found.attrs.get("count", 0)
+    if not isinstance(count, (int, np.integer)) or not 0 <= count < _MOST_COUNTED:
+        raise ValueError(f"a count of {str(count)[:40]} rays drawn")
+
+
+def _check_unpacked(file: Path, size: int) -> None:
+    """Raise FileFormatError for a file that holds far more than it takes on disk."""
+    if size > max(_LEAST_UNPACKED, _MOST_PACKED * file.stat().st_size):
+        raise FileFormatError(
+            f"expected rays in {file.name}, got {size >> 20} MiB packed into "
+            f"{file.stat().st_size >> 10} KiB; save them anew"
+        )
+
+
 def _read_npz(file: Path) -> Any:
+    with zipfile.ZipFile(file) as members:
+        _check_unpacked(file, sum(member.file_size for member in members.infolist()))
     with np.load(file, allow_pickle=False) as stored:
         position, direction, weight = (stored[k] for k in ("position", "direction", "weight"))
         attrs = _attrs(str(stored["attrs"]))
@@ -364,6 +393,7 @@ def _read_netcdf(file: Path) -> Any:
     required("h5netcdf")
     file.stat()
     with required("xarray").open_dataset(file, engine="h5netcdf") as stored:
+        _check_unpacked(file, stored.nbytes)
         return stored.load()
 
 
