@@ -497,3 +497,24 @@ def test_concave_edges_near_an_antenna_are_warned_of_once() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         pw.rcs(TRIHEDRAL, -place, 0.05, source=feed, tolerance=0.1)
+
+
+def _needles(count: int) -> pw.Polyhedron:
+    """Long thin tetrahedra across each other, all of which stand before all others."""
+    rng = np.random.default_rng(0)
+    corners, faces = [], []
+    for k in range(count):
+        axis = rng.normal(size=3) * [1.0, 1.0, 0.1]
+        axis /= np.linalg.norm(axis)
+        side = np.cross(axis, [0, 0, 1])
+        up = np.cross(axis, side)
+        ring = [0.01 * side, 0.008 * up - 0.005 * side, -0.008 * up - 0.005 * side]
+        corners += [0.02 * rng.normal(size=3) + point for point in (-axis, *(axis + ring))]
+        tip, a, b, c = range(4 * k, 4 * k + 4)
+        faces += [(tip, b, a), (tip, c, b), (tip, a, c), (a, b, c)]
+    return pw.Polyhedron(np.array(corners), faces)
+
+
+def test_bodies_of_too_many_overlaps_are_refused_before_they_take_the_memory() -> None:
+    with pytest.raises(ArgumentError, match="overlap"):
+        pw.rcs(_needles(1500), (0.0, 0.0, 1.0), 0.03)

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from polywigner.errors import ArgumentError
 from polywigner.scattering.facets import Facets
 from polywigner.scattering.surface_sums import Pieces
 
@@ -31,6 +32,9 @@ Indices = NDArray[np.intp]
 # Lengths that count as none, as a fraction of the size of the whole: a hundred times what rounding
 # does to a projection, and still too little to shadow anything.
 NOTHING = 1e-12
+# Pairs of triangles that overlap as they are seen: half a gigabyte of polygons. Of long ones that
+# stand before one, any two may cross: so many take a minute or two.
+_MOST_PAIRS, _BLOCK, _MOST_CROSSINGS = 1 << 20, 256, 2e7
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,15 +86,38 @@ def occluders(
 
     A polygon is the part of a triangle that is nearer than the plane of the hidden one.
     ``polygons``: the triangles as such. Where two coincide, the first one hides the other.
+
+    Raises ArgumentError for more pairs that overlap than fit in memory.
     """
-    tree = shapely.STRtree(polygons)
-    one, other = tree.query(polygons)
-    once = one < other
-    one, other = one[once], other[once]
-    apart = _apart(seen, one, other) | _apart(seen, other, one)
-    one, other = one[~apart], other[~apart]
+    pairs = _overlapping(seen, polygons)
+    one, other = (np.concatenate(numbers) for numbers in zip(*pairs, strict=True))
     hidden, before = np.concatenate([one, other]), np.concatenate([other, one])
+    if float((np.bincount(hidden).astype(np.float64) ** 2).sum()) > _MOST_CROSSINGS:
+        raise _too_many(len(polygons))
     return _nearer_parts(seen, hidden, before)
+
+
+def _too_many(triangles: int) -> ArgumentError:
+    return ArgumentError(
+        f"expected a body whose triangles hardly overlap as they are seen, got {triangles} of "
+        "which too many do; leave out what is hidden, or simplify the mesh"
+    )
+
+
+def _overlapping(seen: Projected, polygons: NDArray[np.object_]) -> list[tuple[Indices, Indices]]:
+    """Pairs of numbers of triangles that overlap, each once, by blocks."""
+    tree, found, total = shapely.STRtree(polygons), [], 0
+    none = np.empty(0, np.intp)
+    for start in range(0, len(polygons), _BLOCK):
+        one, other = tree.query(polygons[start : start + _BLOCK])
+        once = one + start < other
+        one, other = one[once] + start, other[once]
+        apart = _apart(seen, one, other) | _apart(seen, other, one)
+        found.append((one[~apart], other[~apart]))
+        total += len(found[-1][0])
+        if total > _MOST_PAIRS:
+            raise _too_many(len(polygons))
+    return found or [(none, none)]
 
 
 def _apart(seen: Projected, one: Indices, other: Indices) -> NDArray[np.bool_]:
