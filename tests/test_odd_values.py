@@ -22,6 +22,30 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: pw.suggest_sampling(SQUARE, 0.01, "intensity", error_db="junk"),  # type: ignore[arg-type]
         "expected error_db",
     ),
+    "a complex wavelength": (
+        lambda: pw.radiated_power(SQUARE, np.complex64(0.003 + 1e-4j)),
+        "expected wavelength",
+    ),
+    "a focal length beyond fields": (
+        lambda: pw.psf(SQUARE, (0, 0), 1e-3, 1e308),
+        "expected focal_length",
+    ),
+    "an array for a name": (
+        lambda: pw.irradiance(SQUARE, (0, 0, 9), 0.01, sampling=np.ones(3)),  # type: ignore[call-overload]
+        "expected sampling",
+    ),
+    "an array for a flag": (
+        lambda: pw.amplitude(SQUARE, (0, 0, 9), 0.01, return_error=np.ones(3)),  # type: ignore[arg-type]
+        "expected return_error",
+    ),
+    "an array for an order": (
+        lambda: pw.irradiance(SQUARE, (0, 0, 9), 0.01, order=np.ones(3)),  # type: ignore[call-overload]
+        "expected order",
+    ),
+    "a masked shape": (
+        lambda: pw.plane(SQUARE, ((-1, 1), (-1, 1), 9), np.ma.masked, 0.01),
+        "expected a shape",
+    ),
     "a list as a seed": (lambda: pw.sample_automean(SQUARE, 4, seed=[]), "expected seed"),
 }
 

@@ -102,12 +102,28 @@ _MOST = 1_000_000
 def checked_number(value: Any, name: str, meaning: str) -> float:
     """A finite number, or ArgumentError: expected `name` as `meaning`."""
     try:
-        number = math.nan if isinstance(value, (str, bytes, bool)) else float(value)
+        refused = isinstance(value, (str, bytes, bool)) or np.iscomplexobj(value)
+        number = math.nan if refused else float(value)
     except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
         raise ArgumentError(f"expected {name} as {meaning}, got {value!r}")
     return number
+
+
+def checked_choice(value: Any, name: str, choices: Sequence[str]) -> str:
+    """One of some names, or ArgumentError."""
+    if not isinstance(value, str) or value not in choices:
+        known = ", ".join(f'"{choice}"' for choice in choices)
+        raise ArgumentError(f"expected {name} to be one of {known}, got {value!r}")
+    return value
+
+
+def checked_flag(value: Any, name: str) -> bool:
+    """True or False, or ArgumentError: arrays and texts have no truth to tell."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise ArgumentError(f"expected {name} to be True or False, got {value!r}")
+    return bool(value)
 
 
 def checked_row(values: Any, expected: str) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from polywigner.errors import ArgumentError
 from polywigner.execution import Engine, Precision
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.aperture import triangulate
-from polywigner.geometry.arguments import Points, takes_frequency
+from polywigner.geometry.arguments import Points, checked_flag, takes_frequency
 from polywigner.illumination import Array
 from polywigner.illumination.obliquities import (
     CONDITIONS,
@@ -290,6 +290,7 @@ def amplitude(
     >>> round(float(abs(pw.amplitude(pw.shapes.square(10e-3), (0.0, 0.0, 0.1), 3.2e-3))), 4)
     0.3103
     """
+    checked_flag(return_error, "return_error")
     if through is not None:
         others: dict[str, object] = {"obliquity": obliquity}
         others["method"] = None if method in (DEFAULT, "fresnel") else method

@@ -203,7 +203,8 @@ def _check_size(expected: str, values: Values) -> None:
 
 
 def _counts(shape: Any, dimensions: int) -> Index:
-    if not isinstance(shape, Sequence | np.ndarray) or isinstance(shape, str):
+    is_row = isinstance(shape, Sequence) or np.ndim(shape) == 1
+    if not is_row or isinstance(shape, (str, bytes)):
         raise ArgumentError(f"expected a shape of {dimensions} whole numbers, got {shape!r}")
     if len(shape) != dimensions:
         raise ArgumentError(f"expected a shape of {dimensions} whole numbers, got {shape!r}")

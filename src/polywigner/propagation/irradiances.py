@@ -25,6 +25,8 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.geometry.arguments import (
     DrJitArray,
     Points,
+    checked_choice,
+    checked_flag,
     checked_number,
     checked_wavelength,
     takes_frequency,
@@ -243,6 +245,8 @@ def irradiance(
     """
     how: dict[str, Any]
     checked_method(method, ("wigner", *METHODS, "auto"))
+    checked_flag(return_error, "return_error")
+    checked_choice(sampling, "sampling", get_args(Sampling))
     by_lags = through is None and method == "wigner" and _is_by_lags(source, obliquity, order)
     if is_mixture(source, bandwidth) and has_derivatives(source, points, wavelength):
         raise ArgumentError(
@@ -395,9 +399,6 @@ def _summed(
     samples: Any,
     seed: Any,
 ) -> Estimate:
-    if sampling not in get_args(Sampling):
-        names = ", ".join(f'"{name}"' for name in get_args(Sampling))
-        raise ArgumentError(f"expected sampling to be one of {names}, got {sampling!r}")
     share = _FLOOR if rays.double else max(_FLOOR, _SINGLE / tolerance)
     floor = share * _largest(source, points, rays.wavelength)
     if sampling != "gauss":
@@ -434,7 +435,7 @@ def _warn_of(found: Estimate, advice: str) -> None:
 
 def checked_order(order: Any) -> int:
     """1 or 3; ArgumentError for anything else."""
-    if isinstance(order, bool) or order not in (1, 3):
+    if not isinstance(order, (int, np.integer)) or isinstance(order, bool) or order not in (1, 3):
         raise ArgumentError(f"expected order to be 1 or 3, got {order!r}")
     return int(order)
 

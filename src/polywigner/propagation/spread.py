@@ -14,6 +14,7 @@ from polywigner.geometry.arguments import Points, checked_length, checked_row, w
 from polywigner.illumination import Array
 from polywigner.optics import FirstOrder
 from polywigner.propagation.irradiances import irradiance
+from polywigner.propagation.places import LARGEST
 from polywigner.radiometry.directions import checked_radiator
 from polywigner.transforms.pupil import (
     checked_energy,
@@ -81,6 +82,8 @@ def psf(
     for length in lengths.tolist():
         checked_length(length, "wavelength")
     distance = checked_length(focal_length, "focal_length")
+    if distance > LARGEST:
+        raise ArgumentError(f"expected focal_length of at most {LARGEST:g} m, got {distance:g}")
     warn_of_lens(source, float(lengths.max()), distance)
     system = FirstOrder.fourier(distance)
     share = shares_of(weights, lengths.size)

@@ -14,6 +14,7 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.execution import Engine
 from polywigner.geometry import PlacedAperture, Wavefront
 from polywigner.geometry.arguments import (
+    checked_choice,
     checked_count,
     checked_generator,
     checked_number,
@@ -65,9 +66,7 @@ _LEAST_COSINE = 1e-8
 
 def positions_by(sampling: Any) -> Weights:
     """The density of positions of a sampling; ArgumentError for one that is not known."""
-    if not isinstance(sampling, str) or sampling not in get_args(RaySampling):
-        names = ", ".join(f'"{name}"' for name in get_args(RaySampling))
-        raise ArgumentError(f"expected sampling to be one of {names}, got {sampling!r}")
+    checked_choice(sampling, "sampling", get_args(RaySampling))
     return "marginal" if sampling == "marginal" else "uniform"
 
 
@@ -378,10 +377,9 @@ def _placed(source: Any, to_world: Any) -> tuple[PlaneSource | Wavefront, Values
 
 def _width(directions: Any, source: PlaneSource | Wavefront, wavelength: float) -> float:
     """The sine of the angle up to which rays are densest."""
+    checked_choice(directions, "directions", get_args(Directions))
     if directions == "uniform":
         return math.inf
-    if directions != "beam":
-        raise ArgumentError(f'expected directions to be "beam" or "uniform", got {directions!r}')
     return wavelength / largest_lag(source)
 
 

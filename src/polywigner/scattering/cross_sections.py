@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polywigner import execution
 from polywigner.errors import ArgumentError
-from polywigner.geometry.arguments import takes_frequency, warn_caller
+from polywigner.geometry.arguments import checked_flag, takes_frequency, warn_caller
 from polywigner.scattering.antennas import (
     Polarisation,
     Source,
@@ -280,6 +280,7 @@ def rcs(
     lengths = checked_wavelengths(wavelength)
     if lengths.size:
         _warn_of_small(facets, float(lengths.min()))
+    checked_flag(return_power, "return_power")
     if source is not None:
         found = near_sections(
             facets,
