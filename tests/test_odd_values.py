@@ -43,7 +43,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "expected order",
     ),
     "a masked shape": (
-        lambda: pw.plane(SQUARE, ((-1, 1), (-1, 1), 9), np.ma.masked, 0.01),
+        lambda: pw.plane(SQUARE, ((-1, -1, 9), (1, 1, 9)), np.ma.masked, 0.01),
         "expected a shape",
     ),
     "a list as a seed": (lambda: pw.sample_automean(SQUARE, 4, seed=[]), "expected seed"),

@@ -37,7 +37,8 @@ _alone = threading.RLock()
 _plugins: dict[tuple[str, str], Callable[[str, Any], Any]] = {}
 
 
-P, R = ParamSpec("P"), TypeVar("R")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 @contextmanager
