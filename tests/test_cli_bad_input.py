@@ -146,6 +146,7 @@ def test_a_bad_aperture_file_is_refused(
         (["--db-floor", "nan"], ["below 0 dB"]),
         (["--db-floor", "-1e308"], ["down to -300 dB", "-1e+308"]),
         (["--frequency", "1e-299 Hz"], ["wavelength", "GHz", "aperture"]),
+        (["--frequency", "1e-320"], ["finite frequency above 1e-300 Hz"]),
         (["--wavelength", "1e-299 m"], ["wavelength", "mm", "aperture"]),
     ],
 )

@@ -224,10 +224,15 @@ def parse_power(text: str | float) -> float:
     return _positive(_parse(text, _POWERS, "power", example), text, "power", example)
 
 
+# The wavelength of a lower one is beyond floats.
+_LOWEST_FREQUENCY = 1e-300
+
+
 def wavelength_of(frequency: float) -> float:
     """Vacuum wavelength in metres of a frequency in hertz, which must be above zero."""
-    if not (frequency > 0 and math.isfinite(frequency)):
+    if not _LOWEST_FREQUENCY < frequency < math.inf:
         raise QuantityError(
-            f"expected a finite frequency above zero, got {_shown(frequency)}; give it in hertz"
+            f"expected a finite frequency above {_LOWEST_FREQUENCY:g} Hz, got {_shown(frequency)}; "
+            "give it in hertz"
         )
     return SPEED_OF_LIGHT / frequency

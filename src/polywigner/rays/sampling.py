@@ -399,10 +399,14 @@ def _scale(
     return _watts("power", power) / radiated_power(source, wavelength, obliquity)  # type: ignore
 
 
+# Their squares are summed for the error.
+_MOST_WATTS = 1e100
+
+
 def _watts(name: str, power: Any) -> float:
-    meaning = "a number in W above zero"
+    meaning = f"a number in W above zero and below {_MOST_WATTS:g}"
     watts = checked_number(power, name, meaning)
-    if not watts > 0:
+    if not 0 < watts < _MOST_WATTS:
         raise ArgumentError(f"expected {name} as {meaning}, got {power!r}")
     return watts
 

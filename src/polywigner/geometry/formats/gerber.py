@@ -229,6 +229,10 @@ class Shapes:
             layers = self._macro(*values) if kind == "macro" else self._standard(kind, values)
             self._flashes[number] = composed(layers, self._work)
         place = np.array([x, y])
+        if not (np.abs(place) <= LARGEST_NUMBER).all():
+            raise FileFormatError(
+                f"expected finite coordinates below {LARGEST_NUMBER:g}, got one beyond; correct it"
+            )
         return [shapely.transform(self._flashes[number], lambda points: points + place)]
 
     def _standard(self, kind: str, values: Sequence[Any]) -> Layers:
