@@ -14,17 +14,6 @@ from polywigner.interruption import postponed_interrupts
 from polywigner.plans import Plan, Request, plan
 from polywigner.toolchain import llvm
 
-__all__ = [
-    "Engine",
-    "Precision",
-    "checked_engine",
-    "checked_precision",
-    "drjit_float",
-    "planned",
-    "resolved",
-    "uncompiled",
-]
-
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
 

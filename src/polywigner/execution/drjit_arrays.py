@@ -43,16 +43,6 @@ from polywigner.plans import launch_for, plan
 from polywigner.plans.plan import DATA
 from polywigner.toolchain import llvm
 
-__all__ = [
-    "PointKind",
-    "check_request",
-    "checked_float",
-    "common_float",
-    "components_of_all",
-    "evaluate_traced",
-    "matrix_times",
-]
-
 
 def evaluate_traced(
     kernel: Kernel,

@@ -14,28 +14,6 @@ from polywigner.execution.chunks import array_of
 from polywigner.execution.parameters import tensor_of
 from polywigner.geometry.arguments import real_numbers
 
-__all__ = [
-    "as_complex",
-    "as_result",
-    "as_tensor",
-    "as_tensor_of",
-    "common_width",
-    "components_of",
-    "from_components",
-    "host_points",
-    "in_plane",
-    "is_drjit",
-    "is_tensor",
-    "nothing",
-    "own_float",
-    "plane_components",
-    "point_components",
-    "product_of_complex",
-    "shifted_points",
-    "tensor_components",
-    "times_complex",
-]
-
 
 def is_drjit(value: Any) -> bool:
     """Whether a value is a Dr.Jit array; does not import Dr.Jit."""

@@ -14,8 +14,6 @@ import numpy as np
 from polywigner.execution.chunks import array_of
 from polywigner.execution.ranges import Table, Values
 
-__all__ = ["DrjitRanges", "packet_type"]
-
 
 class DrjitRanges:
     """Ranges for Dr.Jit arrays: loops of the kernel that is being traced."""

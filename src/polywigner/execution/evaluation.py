@@ -26,8 +26,6 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Plan, Request
 from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED
 
-__all__ = ["evaluate", "explained"]
-
 # Samples of one row at a time, of which nothing is gained by longer blocks.
 _ROW_BLOCK = 1 << 18
 

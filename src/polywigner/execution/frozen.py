@@ -20,8 +20,6 @@ from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import unrolls_terms
 
-__all__ = ["frozen", "is_code", "is_known", "is_recording"]
-
 # What is remembered: of so many sources and kinds of arrays, and of each so many configurations
 # (arguments that are one number, and others).
 _MOST, _MOST_RECORDINGS = 64, 8

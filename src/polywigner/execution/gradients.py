@@ -23,16 +23,6 @@ from polywigner.kernels.slopes.slopes_of_slices import SlopeKernel, slope_kernel
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.plans import cut_for
 
-__all__ = [
-    "DerivativeRule",
-    "ForwardAccumulator",
-    "ReverseAccumulator",
-    "contracted",
-    "kernel_with_derivatives",
-    "reverse_accumulator",
-    "with_derivatives",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class DerivativeRule:

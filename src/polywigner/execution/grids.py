@@ -19,8 +19,6 @@ from polywigner.execution.requests import request_for
 from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 from polywigner.plans.plan import GRID
 
-__all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
-
 # Shorter sides are not worth the axes' tables.
 _LEAST_SIDE = 8
 # Longer ones are tiled: the tables of a tile's axes fit into memory.

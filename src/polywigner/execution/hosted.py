@@ -22,15 +22,6 @@ from polywigner.execution.drjit_points import (
 from polywigner.execution.gradients import DerivativeRule, with_derivatives
 from polywigner.execution.parameters import Parameter, Parameters, tensor_of
 
-__all__ = [
-    "HostSlopes",
-    "TracedField",
-    "evaluate_hosted",
-    "hosted_field",
-    "hosted_poses",
-    "hosted_values",
-]
-
 Values = NDArray[Any]
 
 

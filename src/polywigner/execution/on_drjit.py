@@ -18,8 +18,6 @@ from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.outline.tables import Tables, cut_of
 
-__all__ = ["OnDrjit", "of_parts", "split"]
-
 # Samples at a time: launching costs little against computing, and the arguments of a chunk
 # take some 10 MB.
 _CHUNK = 1 << 18

@@ -25,8 +25,6 @@ from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import UNIFORM
 
-__all__ = ["OnDrjitData", "is_uniform", "takes_data"]
-
 _CHUNK = 1 << 17
 # Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
 _LEAST_SAMPLES_SORTED, _LEAST_EDGES_SORTED = 1 << 13, 5

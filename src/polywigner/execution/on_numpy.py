@@ -14,8 +14,6 @@ from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel, PartSum, SharedSlice
 from polywigner.kernels.outline.tables import cut_of
 
-__all__ = ["CHUNK", "OnNumpy"]
-
 CHUNK = 3 << 12
 """Samples at a time: a temporary array stays in the cache of one core, and below 128 KiB, from
 which on the C library maps memory anew: page faults cost more than what is computed."""

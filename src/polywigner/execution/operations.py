@@ -19,8 +19,6 @@ from polywigner.execution.ranges import NumpyRanges, ScalarRanges
 from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
 from polywigner.plans import unrolls_cuts, unrolls_steps, unrolls_terms
 
-__all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
-
 # NumPy: calls on short arrays cost more than what they compute.
 _FEW_SAMPLES = 256
 # Values of a temporary array that stay in the cache of one core.

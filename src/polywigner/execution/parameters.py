@@ -18,19 +18,6 @@ from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables
 from polywigner.numerics import phases
 
-__all__ = [
-    "Parameter",
-    "Parameters",
-    "Traced",
-    "TracedOperations",
-    "UnrolledOperations",
-    "as_data",
-    "complex_numbers",
-    "plane_points",
-    "tensor_of",
-    "with_frame_as_data",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Parameter:

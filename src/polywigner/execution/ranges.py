@@ -14,8 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["NumpyRanges", "ScalarRanges", "Table", "Values", "sums_of_some"]
-
 Array = npt.NDArray[Any]
 
 # Rows that are listed at a time, of which most are then left out.

@@ -17,8 +17,6 @@ from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.outline.tables import Tables
 from polywigner.plans import Outline, Request
 
-__all__ = ["Pairs", "one_row_of", "pairs_of", "request_for"]
-
 # In shorter rows little is shared.
 _LEAST_COLUMNS = 64
 

@@ -19,8 +19,6 @@ from polywigner.execution.evaluation import evaluate
 from polywigner.execution.on_drjit import OnDrjit
 from polywigner.kernels import Kernel
 
-__all__ = ["evaluate_sums"]
-
 Array = npt.NDArray[np.float64]
 
 # Pairs of a place and a point at a time, where terms are stored: 32 MiB in float64.

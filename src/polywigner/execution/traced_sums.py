@@ -31,17 +31,6 @@ from polywigner.kernels import Kernel
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import cos_sin_turns
 
-__all__ = [
-    "float_of",
-    "has_gradient",
-    "ray_sum",
-    "site_sum",
-    "traced_sums",
-    "values_of",
-    "with_end_slopes",
-    "with_slopes",
-]
-
 Slopes = Sequence[tuple[Pair, Pair]]
 
 

@@ -9,25 +9,6 @@ from contextvars import ContextVar
 
 from polywigner.plans.costs import COSTS, LIMITS
 
-__all__ = [
-    "cut_for",
-    "exposes_numbers",
-    "forced",
-    "forced_cut",
-    "has_own_factor",
-    "launch_for",
-    "loops_over_edges",
-    "shifts_samples",
-    "sums_over_lattice",
-    "sums_over_places",
-    "sums_over_points",
-    "tabulates_products",
-    "unrolls_cuts",
-    "unrolls_steps",
-    "unrolls_terms",
-    "waves_fit_code",
-]
-
 
 def sums_over_lattice(elements: int) -> bool:
     """Whether W and A of so many elements on a lattice are sums over its midpoints or steps."""
