@@ -5,15 +5,13 @@ module               what is in it
 ===================  ==========================================================================
 ``operations``       the operations namespaces that kernels are written over, one for each engine
 ``ranges``           their loops over parts of tables; ``drjit_ranges`` those of Dr.Jit
-``choice``           which engine and precision a call runs on
-``requests``         what a call asks for: places and frequencies, counts
-``evaluation``       NumPy arrays in and out, in chunks, on any engine
+``choice``           which engine and precision a call runs on; what is counted for its plan
+``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_data`` one
                      for all outlines
 ``frozen``           kernels traced once
 ``grids``            frequencies on a grid, from its axes
-``sums``             weighted sums over places, for many points
 ``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
 ``drjit_points``     components of points of any kind, and results of that kind
 ``hosted``           Dr.Jit arrays in and out of functions that the host computes
@@ -52,7 +50,7 @@ from polywigner.execution.drjit_points import (
     shifted_points,
     times_complex,
 )
-from polywigner.execution.evaluation import Shear, evaluate, explained
+from polywigner.execution.evaluation import Shear, evaluate, evaluate_sums, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted import (
@@ -77,7 +75,6 @@ from polywigner.execution.parameters import (
     plane_points,
     tensor_of,
 )
-from polywigner.execution.sums import evaluate_sums
 from polywigner.execution.traced_sums import (
     float_of,
     has_gradient,

@@ -16,6 +16,7 @@ from functools import partial
 from typing import Any
 
 from polywigner.errors import ArgumentError
+from polywigner.execution.choice import request_for, takes_data
 from polywigner.execution.drjit_points import (
     as_complex,
     as_tensor,
@@ -32,10 +33,9 @@ from polywigner.execution.drjit_points import (
 )
 from polywigner.execution.frozen import frozen, is_code, is_known
 from polywigner.execution.gradients import kernel_with_derivatives
-from polywigner.execution.on_drjit_data import OnDrjitData, takes_data
+from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.parameters import Parameters, Traced, TracedOperations, as_data, tensor_of
-from polywigner.execution.requests import request_for
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.numerics.phases import cos_sin_turns

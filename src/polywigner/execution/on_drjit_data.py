@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import drjit_float
+from polywigner.execution.choice import drjit_float, is_uniform
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
 from polywigner.execution.frozen import frozen
 from polywigner.execution.operations import DrjitOperations, NumpyOperations
@@ -23,7 +23,6 @@ from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.waves import UNIFORM
 
 _CHUNK = 1 << 17
 # Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
@@ -36,21 +35,6 @@ Array = npt.NDArray[Any]
 Values = tuple[Any, ...]
 Hold = Callable[[Array], tuple[int, Any]]
 """Table of numbers -> its width, and the same numbers in an engine's memory."""
-
-
-def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Whether there is such a kernel: for F, and for sums over pairs of edges."""
-    if isinstance(tables, OutlineTables):
-        return kernel.name == "fourier"
-    return kernel.slices is not None and isinstance(tables, Tables) and tables.fits_pairs
-
-
-def is_uniform(kernel: Kernel, tables: Any) -> bool:
-    """Whether one kernel serves all sources of this kind."""
-    if not isinstance(tables, Tables):
-        return True
-    is_plain = tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None
-    return is_plain and kernel.slices is not None and kernel.slices.serves_all
 
 
 class _Source(Protocol):

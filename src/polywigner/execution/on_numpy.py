@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,8 @@ _LEAST_MASKED = 256
 _SHARED_CHUNK = 1 << 18
 
 Array = npt.NDArray[Any]
+Blocks = Iterable[tuple[tuple[slice, slice], tuple[Array, ...]]]
+"""Rows and columns of blocks, and their components."""
 
 
 class OnNumpy:
@@ -38,17 +40,14 @@ class OnNumpy:
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
-        frequency = self._one_frequency(components)
         for arguments, targets in parts_of_results(components, results, CHUNK):
             count = len(arguments[0])
-            if frequency is not None:  # one number in all: so is what depends on it alone
-                arguments[frequency] = [f[:1] for f in arguments[frequency]]
             order = self._order(arguments, count)
             if order is not ... and len(order) < count:
                 for target in targets:
                     target[:] = 0.0
             if order is ... or len(order):
-                values = self.values([a if len(a) < count else a[order] for a in arguments])
+                values = self.values([a[order] for a in arguments])
                 yield targets, order, ready(values)
 
     def _order(self, arguments: Sequence[Array], count: int) -> Any:
@@ -72,17 +71,6 @@ class OnNumpy:
         (order,) = np.nonzero(mask)
         return ... if len(order) == len(mask) else order
 
-    def _one_frequency(self, components: Sequence[Array]) -> slice | None:
-        """Where components are a frequency that need not be repeated for each place, if any."""
-        slices = self.kernel.slices
-        if slices is None or slices.listed is None:
-            return None
-        if cut_of("numpy", self.tables, CHUNK) == "pairs":
-            return None
-        half = len(components) // 2
-        frequency = slice(half, None) if slices.listed.arguments.start == 0 else slice(0, half)
-        return frequency if all(c.size == 1 for c in components[frequency]) else None
-
     def values(
         self, arguments: Sequence[Array], ops: NumpyOperations | None = None
     ) -> tuple[Array, ...]:
@@ -96,14 +84,16 @@ class OnNumpy:
             sums = self.kernel.edge_sum(ops, self.tables, *inner)
             return self.kernel.leave(ops, frame, inner, sums)
 
-    def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
-        """Results (rows, columns) for arguments of shape (rows, 1) and (1, columns).
+    def of_pairs(self, blocks: Blocks, targets: Sequence[Array]) -> Launched:
+        """Results for rows and columns, from arguments of shape (rows, 1) and (1, columns).
 
         NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
         for each row.
         """
-        size = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
-        return ready(self.values(arguments, NumpyOperations(self.ops.double, size)))
+        for block, arguments in blocks:
+            size = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
+            values = self.values(arguments, NumpyOperations(self.ops.double, size))
+            yield targets, block, ready(values)
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""
