@@ -9,15 +9,13 @@ module               what is in it
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_data`` one
-                     for all outlines
+                     for all outlines, which are data
 ``frozen``           kernels traced once
 ``grids``            frequencies on a grid, from its axes
-``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
-``drjit_points``     components of points of any kind, and results of that kind
+``points``           Dr.Jit arrays of any kind: points, numbers of sources, and results
+``traced``           Dr.Jit arrays in and out, traced and differentiable; sums over sites and rays
 ``hosted``           Dr.Jit arrays in and out of functions that the host computes
 ``gradients``        kernels with derivatives in closed form, as one custom operation
-``parameters``       numbers of sources that are Dr.Jit arrays, and tables as data of a kernel
-``traced_sums``      sums with derivatives: over slits, array factors, rays
 ===================  ==========================================================================
 """
 
@@ -35,21 +33,6 @@ from polywigner.execution.chunks import (
     kernel_threads,
     stop_this_thread_when,
 )
-from polywigner.execution.drjit_arrays import (
-    PointKind,
-    checked_float,
-    components_of_all,
-    evaluate_traced,
-    matrix_times,
-)
-from polywigner.execution.drjit_points import (
-    host_points,
-    in_plane,
-    is_drjit,
-    product_of_complex,
-    shifted_points,
-    times_complex,
-)
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_sums, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
@@ -59,29 +42,39 @@ from polywigner.execution.hosted import (
     hosted_field,
     hosted_poses,
     hosted_values,
+    with_slopes,
 )
 from polywigner.execution.operations import (
     DrjitOperations,
     NumpyOperations,
     ScalarOperations,
+    UnrolledOperations,
     ops_for,
 )
-from polywigner.execution.parameters import (
+from polywigner.execution.points import (
     Parameter,
     Parameters,
     Traced,
-    UnrolledOperations,
+    checked_float,
     complex_numbers,
-    plane_points,
-    tensor_of,
-)
-from polywigner.execution.traced_sums import (
+    components_of_all,
     float_of,
     has_gradient,
+    host_points,
+    in_plane,
+    is_drjit,
+    matrix_times,
+    plane_points,
+    product_of_complex,
+    shifted_points,
+    tensor_of,
+    times_complex,
+    values_of,
+)
+from polywigner.execution.traced import (
+    evaluate_traced,
     ray_sum,
     site_sum,
     traced_sums,
-    values_of,
     with_end_slopes,
-    with_slopes,
 )

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from polywigner.execution.on_drjit_data import with_frame_as_data
 from polywigner.execution.operations import DrjitOperations, ScalarOperations
-from polywigner.execution.parameters import Traced, with_frame_as_data
+from polywigner.execution.points import Traced
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.slopes.slopes import Wanted

@@ -7,7 +7,7 @@ of the process for good. This one is for any outline, and a third to half as fas
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -22,7 +22,9 @@ from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables
+from polywigner.numerics import phases
 
 _CHUNK = 1 << 17
 # Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
@@ -185,3 +187,50 @@ class _OverRows(DrjitOperations):
         return self.plain_sum(
             0, self.end, lambda row: term(*self.gather(self.rows, row)[:columns]), values
         )
+
+
+# ---- outlines whose numbers are data of a traced kernel ------------------------------------------
+
+
+@dataclass(frozen=True)
+class _DataFrame(Frame):
+    """A frame whose centre is in memory, as pairs of floats."""
+
+    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        pairs: Any = self.centre
+        nearest: Any = tuple(high for high, _ in pairs)
+        return Frame.position(replace(self, centre=nearest), ops, x, y)
+
+
+def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Any:
+    """Tables with the centre of their frame in memory; their lists are so in any case."""
+    pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
+    numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
+    own = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
+    own["centre"] = tuple((next(numbers), next(numbers)) for _ in pairs)
+    return replace(tables, frame=_DataFrame(**own))
+
+
+def as_data(ops: DrjitOperations, tables: Any) -> Any:
+    """Tables of an aperture or an array with arrays of one entry in place of numbers."""
+    found = with_frame_as_data(ops, tables)
+    if isinstance(tables, OutlineTables):
+        return found
+    names = ("dx", "dy", "offset", "px", "py")
+    values = [getattr(line, name) for line in tables.lines for name in names]
+    weights = [part for piece in tables.pieces for part in (piece.real, piece.imag)]
+    numbers = iter(_looked_up(ops, values + weights))
+    lines = tuple(replace(line, **{n: next(numbers) for n in names}) for line in tables.lines)
+    pieces = tables.pieces
+    if not tables.uniform:
+        pieces = tuple(replace(p, real=next(numbers), imag=next(numbers)) for p in pieces)
+    return replace(found, lines=lines, pieces=pieces)
+
+
+def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
+    """Numbers of one array, each an array of one entry."""
+    import drjit
+
+    kind = ops.float_type
+    memory, index = array_of(kind, values), drjit.uint32_array_t(kind)
+    return [drjit.gather(kind, memory, index(k)) for k in range(len(values))]

@@ -333,6 +333,24 @@ class DrjitOperations(DrjitRanges):
         return self.float_type(value) if isinstance(value, (int, float)) else value
 
 
+class TracedOperations(DrjitOperations):
+    """Edges are rows of tables, and never code."""
+
+    target = "data"
+
+    def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
+        return super().sum_over(rows, term, values, like, unroll=False)
+
+
+class UnrolledOperations(DrjitOperations):
+    """Terms of a sum are code, however many: where each has arrays of its own."""
+
+    def sum_over(self, rows: Any, term: Any, values: int, like: Any, *, unroll: bool = True) -> Any:
+        if unroll:
+            return self.sum_large_terms(rows, term, 0)
+        return super().sum_over(rows, term, values, like, unroll=False)
+
+
 def ops_for(float_type: Any) -> Any:
     """The operations of a float type: ``float``, or a Dr.Jit type such as ``mi.Float``."""
     return ScalarOperations() if float_type is float else DrjitOperations(float_type)
