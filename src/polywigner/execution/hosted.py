@@ -92,6 +92,8 @@ def _with_slopes(
     import drjit as dr
 
     kind = type(parts[0])
+    if not dr.width(parts[0]):
+        return tuple(parts)
     totals: list[Any] = [0.0 for _ in parts]
     for numbers, index, slopes in terms:
         which = array_of(dr.uint32_array_t(kind), index if dr.width(numbers) > 1 else 0 * index)

@@ -71,7 +71,7 @@ def float_of(*named: tuple[str, Any]) -> Any:
 
 def common_float(
     points: Points,
-    parameters: Parameters | None,
+    parameters: Parameters | None = None,
     precision: str | None = None,
     engine: str = "auto",
 ) -> tuple[Any, bool]:
