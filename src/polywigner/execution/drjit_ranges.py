@@ -155,6 +155,7 @@ class DrjitRanges:
             (self._numbers(first), *(self.float_type(0.0) for _ in range(count))),
             lambda row, *_: row < end,
             step,
+            max_iterations=-1,
         )
         sums = state[levels:]
         return [sum(sums[k::values][1:], sums[k]) for k in range(values)]
