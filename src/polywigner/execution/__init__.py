@@ -3,8 +3,8 @@
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``operations``       the operations namespaces that kernels are written over, one for each engine
-``ranges``           their loops over parts of tables; ``drjit_ranges`` those of Dr.Jit
+``operations``       the operations namespaces that kernels are written over: NumPy, Python floats
+``drjit_operations`` and Dr.Jit arrays
 ``choice``           which engine and precision a call runs on; what is counted for its plan
 ``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
@@ -15,7 +15,7 @@ module               what is in it
 ``points``           Dr.Jit arrays of any kind: points, numbers of sources, and results
 ``traced``           Dr.Jit arrays in and out, traced and differentiable; sums over sites and rays
 ``hosted``           Dr.Jit arrays in and out of functions that the host computes
-``gradients``        kernels with derivatives in closed form, as one custom operation
+``gradients``        kernels with derivatives in closed form
 ===================  ==========================================================================
 """
 
@@ -33,6 +33,7 @@ from polywigner.execution.chunks import (
     kernel_threads,
     stop_this_thread_when,
 )
+from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
 from polywigner.execution.evaluation import Shear, evaluate, evaluate_sums, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
@@ -44,13 +45,7 @@ from polywigner.execution.hosted import (
     hosted_values,
     with_slopes,
 )
-from polywigner.execution.operations import (
-    DrjitOperations,
-    NumpyOperations,
-    ScalarOperations,
-    UnrolledOperations,
-    ops_for,
-)
+from polywigner.execution.operations import NumpyOperations, ScalarOperations
 from polywigner.execution.points import (
     Parameter,
     Parameters,

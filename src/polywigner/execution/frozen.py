@@ -14,7 +14,7 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from polywigner.execution.operations import DrjitOperations
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables, cut_of

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.on_drjit_data import with_frame_as_data
-from polywigner.execution.operations import DrjitOperations
 from polywigner.execution.points import Traced
 from polywigner.kernels import Kernel
 from polywigner.kernels.outline.tables import Tables

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import drjit_float
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.frozen import frozen, is_code, is_recording
-from polywigner.execution.operations import DrjitOperations, NumpyOperations
+from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.arrays.repeated import RepeatedTables
 from polywigner.kernels.outline.tables import Tables, cut_of

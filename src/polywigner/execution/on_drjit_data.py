@@ -16,8 +16,9 @@ import numpy.typing as npt
 
 from polywigner.execution.choice import drjit_float, is_uniform
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.frozen import frozen
-from polywigner.execution.operations import DrjitOperations, NumpyOperations
+from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import pairs_of

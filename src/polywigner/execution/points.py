@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import ArgumentError
 from polywigner.execution.chunks import array_of
-from polywigner.execution.operations import DrjitOperations
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.geometry.arguments import real_numbers
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.toolchain import llvm

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from polywigner.execution.choice import request_for, takes_data
 from polywigner.execution.chunks import array_of
+from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
 from polywigner.execution.frozen import frozen, is_code, is_known
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.on_drjit_data import OnDrjitData, as_data
-from polywigner.execution.operations import DrjitOperations, TracedOperations
 from polywigner.execution.points import (
     Parameter,
     Parameters,
