@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,71 +214,6 @@ def hosted_poses(
     return whole.result(*(_with_slopes(result, terms) if terms else result))
 
 
-@dataclass(frozen=True, eq=False)
-class DerivativeRule:
-    """A function of some inputs, and how changes go forward through it and gradients back.
-
-    An input is an array, a tuple of arrays, or None; the functions get all of them without
-    derivatives.
-    """
-
-    name: str
-    value: Callable[..., Any]
-    """(*inputs) -> a tuple of arrays, or one array."""
-    forward: Callable[[Any, Any], Any]
-    """(inputs, their changes) -> the change of the value."""
-    reverse: Callable[[Any, Any], tuple[Any, ...]]
-    """(inputs, the gradient in the value) -> that in each input, None where it has none."""
-
-
-def with_derivatives(rule: DerivativeRule, *inputs: Any) -> Any:
-    """The value of a function, which Dr.Jit then differentiates by its rule."""
-    import drjit
-
-    return drjit.custom(_operation(), rule, inputs)
-
-
-@cache
-def _operation() -> Any:
-    import drjit
-
-    class Operation(drjit.CustomOp):
-        """A function and its derivatives, by a rule."""
-
-        def eval(self, rule: DerivativeRule, inputs: Any) -> Any:
-            self.rule, self.inputs = rule, inputs
-            return rule.value(*inputs)
-
-        def forward(self) -> None:
-            self.set_grad_out(self.rule.forward(self.inputs, self.grad_in("inputs")))
-
-        def backward(self) -> None:
-            self.set_grad_in("inputs", self.rule.reverse(self.inputs, self.grad_out()))
-
-        def name(self) -> str:
-            return f"polywigner {self.rule.name}"
-
-    return Operation
-
-
-class HostSlopes(Protocol):
-    """Derivatives of a complex field at points (n, 3)."""
-
-    def of_points(self, points: Floats) -> Complex:
-        """Derivatives in the points, (n, 3)."""
-
-    def forward(self, points: Floats, change: Floats) -> Complex:
-        """Derivatives along a change (v, 2) of all vertices, (n,)."""
-
-    def reverse(
-        self, points: Floats, cotangent: Complex, of_points: bool, of_vertices: bool
-    ) -> tuple[Complex, Floats]:
-        """Derivatives in points, and sum_j Re(cotangent_j* dU_j/d vertex), (v, 2), as wanted."""
-
-    def of_fields(self, points: Floats) -> Complex:
-        """Derivatives in weights or amplitudes, in which the field is linear, (n, k)."""
-
-
 class TracedField:
     """Real and imaginary part of a field, and what kind of array results are to be."""
 
@@ -298,7 +232,7 @@ class TracedField:
 
 def hosted_field(
     compute: Callable[..., Complex],
-    slopes: HostSlopes,
+    slopes: Any,
     points: Any,
     parameters: Parameters,
     *,
@@ -310,6 +244,7 @@ def hosted_field(
     Parameters
     ----------
     compute : (points (n, 3), precision=...) -> (n,) complex.
+    slopes : :class:`polywigner.propagation.field_slopes.FieldSlopes`.
     points : (..., 3) of any kind, Dr.Jit's unless the parameters are.
 
     Raises
@@ -325,45 +260,72 @@ def hosted_field(
     where = columns_of(wide)
     values = np.broadcast_to(compute(where, precision="double" if double else "single"), len(where))
     inputs = (wide, _pair(parameters.vertices), _pair(parameters.fields))
-    rule = _rule_of_field(where, values, slopes, real, tuple(map(dr.grad_enabled, inputs)))
-    return TracedField(with_derivatives(rule, *inputs), kind)
+    field = _HostField(where, values, slopes, real, tuple(map(dr.grad_enabled, inputs)))
+    return TracedField(dr.custom(_field_operation(), field, inputs), kind)
 
 
 def _pair(parameter: Parameter | None) -> tuple[Any, Any] | None:
     return None if parameter is None else (parameter.first, parameter.second)
 
 
-def _rule_of_field(
-    where: Floats, values: Complex, slopes: HostSlopes, real: Any, needed: Sequence[bool]
-) -> DerivativeRule:
-    """A field whose values and derivatives are NumPy's."""
+class _HostField:
+    """A field whose values and derivatives are NumPy's, in points, vertices and fields."""
 
-    def forward(_: Any, changes: Any) -> Any:
+    def __init__(
+        self, where: Floats, values: Complex, slopes: Any, real: Any, needed: Sequence[bool]
+    ) -> None:
+        self.where, self.values, self.slopes = where, values, slopes
+        self.real, self.needed = real, needed
+
+    def forward(self, changes: Any) -> Any:
+        """The change of the field."""
         of_points, of_vertices, of_fields = (
             columns_of(change) if is_needed else None
-            for change, is_needed in zip(changes, needed, strict=True)
+            for change, is_needed in zip(changes, self.needed, strict=True)
         )
-        total = np.zeros(len(where), np.complex128)
+        total = np.zeros(len(self.where), np.complex128)
         if of_points is not None:
-            total += (slopes.of_points(where) * of_points).sum(axis=1)
+            total += (self.slopes.of_points(self.where) * of_points).sum(axis=1)
         if of_vertices is not None:
-            total += slopes.forward(where, of_vertices)
+            total += self.slopes.forward(self.where, of_vertices)
         if of_fields is not None:
-            total += slopes.of_fields(where) @ (of_fields @ np.array([1, 1j]))
-        return _sent(total, real)
+            total += self.slopes.of_fields(self.where) @ (of_fields @ np.array([1, 1j]))
+        return _sent(total, self.real)
 
-    def reverse(_: Any, gradient: Any) -> Any:
+    def reverse(self, gradient: Any) -> Any:
+        """The gradients in the inputs, None where there is none."""
         out = columns_of(gradient)
-        cotangent: Complex = np.broadcast_to(out @ np.array([1, 1j]), len(where))
-        of_points, of_vertices = slopes.reverse(where, cotangent, *needed[:2])
+        cotangent: Complex = np.broadcast_to(out @ np.array([1, 1j]), len(self.where))
+        of_points, of_vertices = self.slopes.reverse(self.where, cotangent, *self.needed[:2])
         found: list[Any] = [None, None, None]
-        if needed[0]:
+        if self.needed[0]:
             along = (cotangent.conj()[:, None] * of_points).real
-            found[0] = tuple(array_of(real, column) for column in along.T)
-        if needed[1]:
-            found[1] = tuple(array_of(real, column) for column in of_vertices.T)
-        if needed[2]:
-            found[2] = _sent(cotangent @ slopes.of_fields(where).conj(), real)
+            found[0] = tuple(array_of(self.real, column) for column in along.T)
+        if self.needed[1]:
+            found[1] = tuple(array_of(self.real, column) for column in of_vertices.T)
+        if self.needed[2]:
+            found[2] = _sent(cotangent @ self.slopes.of_fields(self.where).conj(), self.real)
         return tuple(found)
 
-    return DerivativeRule("field", lambda *_: _sent(values, real), forward, reverse)
+
+@cache
+def _field_operation() -> Any:
+    import drjit
+
+    class Field(drjit.CustomOp):
+        """A field of the host as an operation that Dr.Jit differentiates."""
+
+        def eval(self, field: _HostField, inputs: Any) -> Any:
+            self.field = field
+            return _sent(field.values, field.real)
+
+        def forward(self) -> None:
+            self.set_grad_out(self.field.forward(self.grad_in("inputs")))
+
+        def backward(self) -> None:
+            self.set_grad_in("inputs", self.field.reverse(self.grad_out()))
+
+        def name(self) -> str:
+            return "polywigner field"
+
+    return Field

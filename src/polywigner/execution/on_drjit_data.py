@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,22 +40,6 @@ Hold = Callable[[Array], tuple[int, Any]]
 """Table of numbers -> its width, and the same numbers in an engine's memory."""
 
 
-class _Source(Protocol):
-    """A source as tables."""
-
-    numbers: list[Array]
-    owners: tuple[Any, ...]
-    """On which objects a kernel depends beside these numbers."""
-    is_recorded: bool
-    """Whether it needs no other memory."""
-
-    def order(self, inner: Sequence[Array]) -> Any:
-        """The order in which samples are best taken."""
-
-    def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
-        """The kernel's sums, from tables of another source of this kind."""
-
-
 class OnDrjitData:
     """A kernel of a source, on NumPy arrays."""
 
@@ -67,7 +51,7 @@ class OnDrjitData:
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host, self.out = NumpyOperations(double=True), NumpyOperations(double)
         self.dtype = np.dtype(np.float64 if double else np.float32)
-        self.source: _Source
+        self.source: _Slices | _Edges
         if isinstance(tables, Tables):
             self.source = _Slices(kernel, tables, double, samples)
         else:
@@ -123,7 +107,11 @@ class OnDrjitData:
 
 
 class _Slices:
-    """Outlines that are cut: lists of the pairs of edges that can meet."""
+    """Outlines that are cut: lists of the pairs of edges that can meet.
+
+    ``numbers``: the source as tables; ``owners``: on which objects a kernel depends beside them;
+    ``is_recorded``: whether it needs no other memory.
+    """
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
         assert kernel.slices is not None
@@ -140,6 +128,7 @@ class _Slices:
         self.is_recorded = tables.coherence is None
 
     def order(self, inner: Sequence[Array]) -> Any:
+        """The order in which samples are best taken."""
         if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
             return ...
         cell = self.slices.cell(self.host, self.tables, self._held, *inner)
@@ -151,6 +140,7 @@ class _Slices:
         return {key: grid.held(self.host.held) for key, grid in self.pairs.items()}
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
+        """The kernel's sums, from tables of another source of this kind."""
         pairs = {key: grid.held(hold) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
