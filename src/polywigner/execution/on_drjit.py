@@ -42,7 +42,7 @@ class OnDrjit:
         kind = self.ops.float_type
         whole: Callable[..., tuple[Any, ...]] = self._traced
         if self.is_code and not is_recording(kind):
-            whole = frozen(lambda: (self._traced, ()), (self.kernel, self.tables), kind)
+            whole = frozen(self._traced, (self.kernel, self.tables), kind)
         for arguments, targets in parts_of_results(components, results, _CHUNK):
             yield (
                 targets,

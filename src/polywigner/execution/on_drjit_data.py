@@ -88,7 +88,7 @@ class OnDrjitData:
 
         run: Any = summed
         if source.is_recorded:
-            run = frozen(lambda: (summed, ()), source.owners, kind)
+            run = frozen(summed, source.owners, kind)
         sums = run(*self.state, *(array_of(kind, a) for a in inner))
         drjit.eval(sums)
 

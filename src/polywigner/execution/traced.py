@@ -96,7 +96,7 @@ def _launched(
             return found
         if is_code(kernel, ops, tables):
             code, kind = partial(kernel, ops, tables), ops.float_type
-            return frozen(lambda: (code, ()), (kernel, tables), kind, "as it is")(*components)
+            return frozen(code, (kernel, tables), kind, "as it is")(*components)
     traced = Traced() if parameters is None else parameters.traced(ops, tables)
     if launch == "data":
         ops = TracedOperations(ops.float_type)
