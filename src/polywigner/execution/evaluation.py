@@ -122,11 +122,12 @@ class _Call:
         self.kernel, self.source, self.components, self.double = kernel, source, components, double
         shape = np.broadcast_shapes(*(c.shape for c in components))
         self.tables = kernel.tables(source, double)
-        self.pairs = _oriented_pairs(kernel, components, shape)
+        shared = _listed_by(kernel)
+        self.pairs = None if shared is None else _places_by_frequencies(shared, components, shape)
         self.request = request_for(
             kernel, self.tables, math.prod(shape), double=double, engine=engine
         )
-        if self.pairs is not None and self.pairs.by_places:
+        if self.pairs is not None:
             self.request = replace(self.request, rows=self.pairs.rows, columns=self.pairs.columns)
         self.grid = None
         if engine in ("auto", "numpy") and components[-1].shape == shape:
@@ -158,9 +159,7 @@ def _launched(call: _Call, chosen: Plan, results: Sequence[Array], shear: Shear 
         assert pairs is not None
         exact = kernel.tables(call.source, True)
         return _by_parts(compute, exact, pairs, pairs.targets(results), shear)
-    if pairs is None or isinstance(compute, OnDrjit):
-        return compute.points(call.components, results)
-    return compute.of_pairs(pairs.blocks(compute.block), pairs.targets(results))
+    return compute.points(call.components, results)
 
 
 def _by_parts(
@@ -190,8 +189,6 @@ class Pairs:
     components: tuple[Array, ...]
     rows: int
     columns: int
-    by_places: bool = False
-    """Whether each row is one place on which a slice depends."""
     transposed: bool = False
     """Whether rows are columns of the results."""
 
@@ -214,30 +211,21 @@ class Pairs:
             return [result.reshape(self.columns, self.rows).T for result in results]
         return [result.reshape(self.rows, self.columns) for result in results]
 
-    def with_places_as_rows(self, places: slice) -> Pairs:
-        """The same with each place a row, unless places change along both."""
-        turned = self
-        if all(c.shape == (1, self.columns) for c in self.components[places]):
-            components = tuple(c.T for c in self.components)
-            turned = Pairs(components, self.columns, self.rows, transposed=True)
-        if any(c.shape[1] > 1 for c in turned.components[places]):
-            return self
-        return replace(turned, by_places=True)
 
-
-def _oriented_pairs(
-    kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...]
+def _places_by_frequencies(
+    shared: SharedSlice, components: Sequence[Array], shape: tuple[int, ...]
 ) -> Pairs | None:
-    """The arguments as rows and columns, with each place a row; None where they are points."""
-    pairs, shared = pairs_of(components, shape), _listed_by(kernel)
-    if shared is None:
-        return pairs
-    is_one_place = all(c.size == 1 for c in components[shared.arguments])
-    columns = math.prod(shape)
-    if pairs is None and is_one_place and columns >= _LEAST_COLUMNS:
+    """The arguments with each place a row, of the frequencies it meets; None where they are not."""
+    pairs, places, count = pairs_of(components, shape), shared.arguments, math.prod(shape)
+    if pairs is None:
+        if count < _LEAST_COLUMNS or any(c.size > 1 for c in components[places]):
+            return None
         whole = (c if c.size == 1 else np.broadcast_to(c, shape) for c in components)
-        pairs = Pairs(tuple(c.reshape(1, -1) for c in whole), 1, columns)
-    return None if pairs is None else pairs.with_places_as_rows(shared.arguments)
+        return Pairs(tuple(c.reshape(1, -1) for c in whole), 1, count)
+    if all(c.shape == (1, pairs.columns) for c in pairs.components[places]):
+        turned = tuple(c.T for c in pairs.components)
+        pairs = Pairs(turned, pairs.columns, pairs.rows, transposed=True)
+    return None if any(c.shape[1] > 1 for c in pairs.components[places]) else pairs
 
 
 def pairs_of(components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:

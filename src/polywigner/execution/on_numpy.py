@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,14 +22,11 @@ _LEAST_MASKED = 256
 _SHARED_CHUNK = 1 << 18
 
 Array = npt.NDArray[Any]
-Blocks = Iterable[tuple[tuple[slice, slice], tuple[Array, ...]]]
-"""Rows and columns of blocks, and their components."""
 
 
 class OnNumpy:
     """A kernel of a source, computed by NumPy."""
 
-    block = CHUNK
     shared_block = _SHARED_CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
@@ -71,11 +67,9 @@ class OnNumpy:
         (order,) = np.nonzero(mask)
         return ... if len(order) == len(mask) else order
 
-    def values(
-        self, arguments: Sequence[Array], ops: NumpyOperations | None = None
-    ) -> tuple[Array, ...]:
+    def values(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         """The results of a chunk."""
-        ops, frame = ops or self.ops, self.tables.frame
+        ops, frame = self.ops, self.tables.frame
         # what lies at infinity or is not a number is so in the result; no need to warn
         with np.errstate(invalid="ignore", over="ignore"):
             inner = self.kernel.enter(self.host, frame, *arguments)
@@ -83,17 +77,6 @@ class OnNumpy:
                 inner = tuple(a.astype(np.float32) for a in inner)
             sums = self.kernel.edge_sum(ops, self.tables, *inner)
             return self.kernel.leave(ops, frame, inner, sums)
-
-    def of_pairs(self, blocks: Blocks, targets: Sequence[Array]) -> Launched:
-        """Results for rows and columns, from arguments of shape (rows, 1) and (1, columns).
-
-        NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
-        for each row.
-        """
-        for block, arguments in blocks:
-            size = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
-            values = self.values(arguments, NumpyOperations(self.ops.double, size))
-            yield targets, block, ready(values)
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""

@@ -100,19 +100,18 @@ class _Unfused(Operations):
 class NumpyOperations(_Unfused):
     """NumPy arrays of float64 (``double``) or float32.
 
-    Rows come on an axis before that of the samples. ``broadcast_size``: samples computed at a time,
-    where what they share comes as shorter arrays.
+    Rows come on an axis before that of the samples.
     """
 
     target = "numpy"
 
-    def __init__(self, double: bool, broadcast_size: int = 0) -> None:
-        self.double, self.broadcast_size = double, broadcast_size
+    def __init__(self, double: bool) -> None:
+        self.double = double
         self.dtype = self.key = np.dtype(np.float64 if double else np.float32)
 
     def count(self, like: Any) -> int:
         """Samples computed at a time."""
-        return max(int(np.size(like)), self.broadcast_size)
+        return int(np.size(like))
 
     def sum_over(
         self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
@@ -192,7 +191,7 @@ class NumpyOperations(_Unfused):
         first, count = np.atleast_1d(first), np.atleast_1d(end - first)
         longest = int(count.max(initial=0))
         totals: Values = (np.zeros(count.shape),) * values
-        block = max(1, _BLOCK // max(1, count.size, self.broadcast_size))
+        block = max(1, _BLOCK // max(1, count.size))
         for start in range(0, longest, block):
             step = np.arange(start, min(start + block, longest))
             step = step.reshape(-1, *(1,) * count.ndim)
