@@ -206,28 +206,23 @@ class NumpyOperations(_Unfused):
         """The sums of ``term(row, *samples)`` for rows from ``first`` up to ``end``.
 
         Where ``keep(row, *samples)`` is false, ``term`` is 0, and need not be computed: the others
-        are computed as a list. Of arrays (n, 1) and (1, m), ranges and what is kept are for the n.
+        are computed as a list.
         """
         shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
-        by_rows = len(shape) == 2 and np.shape(first) == (shape[0], 1)
-        flat = [np.asarray(a) for a in (first, end, *samples)]
-        if not by_rows:
-            flat = [a if a.size == 1 else np.broadcast_to(a, shape).ravel() for a in flat]
-            flat[:2] = [np.broadcast_to(a.ravel(), math.prod(shape)) for a in flat[:2]]
-        begin, counts, samples = flat[0].ravel(), (flat[1] - flat[0]).ravel(), tuple(flat[2:])
-        column = (slice(None), None) if by_rows else slice(None)
-        totals = [np.zeros(shape if by_rows else len(begin)) for _ in range(values)]
-        block = max(1, _BLOCK * len(begin) // totals[0].size)
+        count = math.prod(shape)
+        begin, stop = (np.broadcast_to(a, shape).ravel() for a in (first, end))
+        flat = [np.ravel(a if np.size(a) == 1 else np.broadcast_to(a, shape)) for a in samples]
+        totals = [np.zeros(count) for _ in range(values)]
 
         def of(owner: Array) -> list[Array]:
             """The samples of some owners; what is one for all as it is."""
-            return [a[owner] if a.ndim and len(a) == len(begin) else a for a in samples]
+            return [a[owner] if len(a) == count else a for a in flat]
 
-        for owner, row in _listed(begin, counts):
-            (kept,) = np.nonzero(np.ravel(keep(row[column], *of(owner))))
-            for part in (kept[k : k + block] for k in range(0, len(kept), block)):
+        for owner, row in _listed(begin, stop - begin):
+            (kept,) = np.nonzero(keep(row, *of(owner)))
+            for part in (kept[k : k + _BLOCK] for k in range(0, len(kept), _BLOCK)):
                 own = owner[part]
-                terms = term(row[part][column], *of(own))
+                terms = term(row[part], *of(own))
                 for total, found in zip(totals, terms, strict=True):
                     np.add.at(total, own, found)
         return [total.reshape(shape).astype(self.dtype) for total in totals]
