@@ -35,7 +35,7 @@ EXCEPTIONS: dict[tuple[str, str], str] = {
     ("execution/on_drjit_data.py", "_LEAST_SAMPLES_SORTED"): SPARED,
     ("execution/on_numpy.py", "_LEAST_MASKED"): SPARED,
     ("execution/operations.py", "_FEW_SAMPLES"): SPARED,
-    ("execution/requests.py", "_LEAST_COLUMNS"): LAYOUT,
+    ("execution/evaluation.py", "_LEAST_COLUMNS"): LAYOUT,
     ("kernels/arrays/array_factor.py", "_CROSSINGS_PER_SITE"): MEMORY,
     ("kernels/arrays/array_factor.py", "_MISFIT"): DIGITS,
     ("kernels/arrays/distant_parts.py", "_LEAST_RATIO"): DIGITS,

@@ -174,7 +174,7 @@ def test_an_interrupt_while_a_kernel_is_recorded_is_an_interrupt(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Dr.Jit makes a RuntimeError of it, which would go the way of faults."""
-    from polywigner.execution.operations import DrjitOperations
+    from polywigner.execution.drjit_operations import DrjitOperations
 
     def interrupted(*_: Any) -> Any:
         raise KeyboardInterrupt

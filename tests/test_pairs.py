@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import polywigner as pw
-from polywigner.execution.requests import pairs_of
+from polywigner.execution.evaluation import pairs_of
 
 # Of areas of about 1. Sums are the same; arguments enter the frame in NumPy or in Dr.Jit, which
 # rounds a product and a sum once where NumPy rounds twice.

@@ -3,26 +3,23 @@
 ===================  ==========================================================================
 module               what is in it
 ===================  ==========================================================================
-``operations``       the operations namespaces that kernels are written over, one for each engine
-``ranges``           their loops over parts of tables; ``drjit_ranges`` those of Dr.Jit
-``choice``           which engine and precision a call runs on
-``requests``         what a call asks for: places and frequencies, counts
-``evaluation``       NumPy arrays in and out, in chunks, on any engine
+``operations``       the operations namespaces that kernels are written over: NumPy, Python floats
+``drjit_operations`` and Dr.Jit arrays
+``choice``           which engine and precision a call runs on; what is counted for its plan
+``evaluation``       NumPy arrays in and out, in chunks, on any engine; sums over places
 ``chunks``           samples chunk by chunk, threads, and NumPy memory as Dr.Jit takes it
 ``on_numpy``         a kernel on NumPy arrays; ``on_drjit`` a compiled one; ``on_drjit_data`` one
-                     for all outlines
+                     for all outlines, which are data
 ``frozen``           kernels traced once
 ``grids``            frequencies on a grid, from its axes
-``sums``             weighted sums over places, for many points
-``drjit_arrays``     Dr.Jit arrays in and out, traced and differentiable
-``drjit_points``     components of points of any kind, and results of that kind
+``points``           Dr.Jit arrays of any kind: points, numbers of sources, and results
+``traced``           Dr.Jit arrays in and out, traced and differentiable; sums over sites and rays
 ``hosted``           Dr.Jit arrays in and out of functions that the host computes
-``gradients``        kernels with derivatives in closed form, as one custom operation
-``parameters``       numbers of sources that are Dr.Jit arrays, and tables as data of a kernel
-``traced_sums``      sums with derivatives: over slits, array factors, rays
+``gradients``        kernels with derivatives in closed form
 ===================  ==========================================================================
 """
 
+# ruff: noqa: F401
 from polywigner.execution.choice import (
     Engine,
     Precision,
@@ -36,22 +33,8 @@ from polywigner.execution.chunks import (
     kernel_threads,
     stop_this_thread_when,
 )
-from polywigner.execution.drjit_arrays import (
-    PointKind,
-    checked_float,
-    components_of_all,
-    evaluate_traced,
-    matrix_times,
-)
-from polywigner.execution.drjit_points import (
-    host_points,
-    in_plane,
-    is_drjit,
-    product_of_complex,
-    shifted_points,
-    times_complex,
-)
-from polywigner.execution.evaluation import Shear, evaluate, explained
+from polywigner.execution.drjit_operations import DrjitOperations, UnrolledOperations, ops_for
+from polywigner.execution.evaluation import Shear, evaluate, evaluate_sums, explained
 from polywigner.execution.gradients import kernel_with_derivatives
 from polywigner.execution.grids import evaluate_on_grid
 from polywigner.execution.hosted import (
@@ -60,83 +43,33 @@ from polywigner.execution.hosted import (
     hosted_field,
     hosted_poses,
     hosted_values,
+    with_slopes,
 )
-from polywigner.execution.operations import (
-    DrjitOperations,
-    NumpyOperations,
-    ScalarOperations,
-    ops_for,
-)
-from polywigner.execution.parameters import (
+from polywigner.execution.operations import NumpyOperations, ScalarOperations
+from polywigner.execution.points import (
     Parameter,
     Parameters,
     Traced,
-    UnrolledOperations,
+    checked_float,
     complex_numbers,
-    plane_points,
-    tensor_of,
-)
-from polywigner.execution.sums import evaluate_sums
-from polywigner.execution.traced_sums import (
+    components_of_all,
     float_of,
     has_gradient,
+    host_points,
+    in_plane,
+    is_drjit,
+    matrix_times,
+    plane_points,
+    product_of_complex,
+    shifted_points,
+    tensor_of,
+    times_complex,
+    values_of,
+)
+from polywigner.execution.traced import (
+    evaluate_traced,
     ray_sum,
     site_sum,
     traced_sums,
-    values_of,
     with_end_slopes,
-    with_slopes,
 )
-
-__all__ = [
-    "MOST_THREADS",
-    "DrjitOperations",
-    "Engine",
-    "NumpyOperations",
-    "Parameter",
-    "Parameters",
-    "PointKind",
-    "Precision",
-    "ScalarOperations",
-    "Shear",
-    "Traced",
-    "TracedField",
-    "UnrolledOperations",
-    "check_not_stopped",
-    "checked_engine",
-    "checked_float",
-    "checked_precision",
-    "complex_numbers",
-    "components_of_all",
-    "evaluate",
-    "evaluate_hosted",
-    "evaluate_on_grid",
-    "evaluate_sums",
-    "evaluate_traced",
-    "explained",
-    "float_of",
-    "has_gradient",
-    "host_points",
-    "hosted_field",
-    "hosted_poses",
-    "hosted_values",
-    "in_plane",
-    "is_drjit",
-    "kernel_threads",
-    "kernel_with_derivatives",
-    "matrix_times",
-    "ops_for",
-    "plane_points",
-    "product_of_complex",
-    "ray_sum",
-    "shifted_points",
-    "site_sum",
-    "stop_this_thread_when",
-    "tensor_of",
-    "times_complex",
-    "traced_sums",
-    "uncompiled",
-    "values_of",
-    "with_end_slopes",
-    "with_slopes",
-]

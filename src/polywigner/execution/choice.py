@@ -1,4 +1,4 @@
-"""Which engine and precision a call runs on."""
+"""Which engine and precision a call runs on, and all that is counted for its plan."""
 
 from __future__ import annotations
 
@@ -11,19 +11,14 @@ from typing import Any, Literal, get_args
 
 from polywigner.errors import ArgumentError, EngineError
 from polywigner.interruption import postponed_interrupts
-from polywigner.plans import Plan, Request, plan
+from polywigner.kernels import Kernel
+from polywigner.kernels.arrays.repeated import ElementSum, RepeatedTables
+from polywigner.kernels.cut.slice_sums import SliceSum
+from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.outline.tables import Tables
+from polywigner.kernels.outline.waves import UNIFORM
+from polywigner.plans import Outline, Plan, Request, plan
 from polywigner.toolchain import llvm
-
-__all__ = [
-    "Engine",
-    "Precision",
-    "checked_engine",
-    "checked_precision",
-    "drjit_float",
-    "planned",
-    "resolved",
-    "uncompiled",
-]
 
 Engine = Literal["auto", "numpy", "llvm", "cuda"]
 Precision = Literal["double", "single"] | None
@@ -117,3 +112,64 @@ def drjit_float(engine: str, double: bool) -> Any:
 
         module = importlib.import_module(f"drjit.{engine}")
     return module.Float64 if double else module.Float32
+
+
+def takes_data(kernel: Kernel, tables: Any) -> bool:
+    """Whether there is such a kernel: for F, and for sums over pairs of edges."""
+    if isinstance(tables, OutlineTables):
+        return kernel.name == "fourier"
+    return kernel.slices is not None and isinstance(tables, Tables) and tables.fits_pairs
+
+
+def is_uniform(kernel: Kernel, tables: Any) -> bool:
+    """Whether one kernel serves all sources of this kind."""
+    if not isinstance(tables, Tables):
+        return True
+    is_plain = tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None
+    return is_plain and kernel.slices is not None and kernel.slices.serves_all
+
+
+def request_for(
+    kernel: Kernel,
+    tables: Any,
+    samples: int,
+    *,
+    double: bool,
+    engine: str,
+    families: int | None = None,
+) -> Request:
+    """What is asked for, of so many samples anywhere."""
+    outline, is_array = None, False
+    terms = getattr(tables, "terms", 0) or len(tables.edges)
+    if kernel.slices is not None:
+        outline = _outline_of(kernel, tables)
+    elif isinstance(tables, RepeatedTables) and isinstance(tables.element, Tables):
+        outline, is_array = _outline_of(kernel, tables.element), True
+    return Request(
+        kernel.name,
+        samples,
+        outline,
+        terms,
+        is_array,
+        families=families,
+        double=double,
+        engine=engine,
+        takes_data=takes_data(kernel, tables),
+    )
+
+
+def _outline_of(kernel: Kernel, tables: Tables) -> Outline:
+    cut, slices = kernel.edge_sum, kernel.slices
+    exact = sum(line.exact for line in tables.lines)
+    return Outline(
+        max(1, len(tables.edges)),
+        max(1, len(tables.pieces)),
+        max(1, tables.clips),
+        max(1, len(tables.lines)),
+        exact / max(1, len(tables.lines)),
+        tables.waves_per_cut,
+        len(cut.views) if isinstance(cut, (SliceSum, ElementSum)) else 0,
+        is_uniform=is_uniform(kernel, tables),
+        allows_lists=slices is not None and slices.listed is not None,
+        weighs_lags=tables.coherence is not None,
+    )

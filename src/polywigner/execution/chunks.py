@@ -14,21 +14,6 @@ import numpy.typing as npt
 
 from polywigner.toolchain import llvm
 
-__all__ = [
-    "MOST_THREADS",
-    "Fetch",
-    "Launched",
-    "aligned",
-    "array_of",
-    "check_not_stopped",
-    "chunks_of",
-    "kernel_threads",
-    "parts_of_results",
-    "ready",
-    "stop_this_thread_when",
-    "store",
-]
-
 
 def aligned(size: int, dtype: Any) -> npt.NDArray[Any]:
     """An uninitialised array that starts on a 64-byte boundary.

@@ -6,30 +6,31 @@ Memory is bounded by the result plus one chunk: broadcast arguments are never ex
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import planned
+from polywigner.execution.choice import planned, request_for, resolved
 from polywigner.execution.chunks import Launched, store
-from polywigner.execution.grids import GridPlan, plan_for_grid
+from polywigner.execution.grids import plan_for_grid
 from polywigner.execution.on_drjit import OnDrjit
 from polywigner.execution.on_drjit_data import OnDrjitData
 from polywigner.execution.on_numpy import OnNumpy
 from polywigner.execution.operations import NumpyOperations
-from polywigner.execution.requests import Pairs, one_row_of, pairs_of, request_for
 from polywigner.kernels import Kernel, SharedSlice
 from polywigner.kernels.outline.tables import Tables
-from polywigner.plans import Plan, Request
+from polywigner.plans import Plan
 from polywigner.plans.plan import DATA, GRID, LISTED, LISTED_COMPILED
-
-__all__ = ["evaluate", "explained"]
 
 # Samples of one row at a time, of which nothing is gained by longer blocks.
 _ROW_BLOCK = 1 << 18
+# In shorter rows little is shared.
+_LEAST_COLUMNS = 64
+# Pairs of a place and a point whose terms are stored at a time: 32 MiB in float64.
+_BLOCK = 1 << 22
 
 Array = npt.NDArray[Any]
 Shear = Callable[[Sequence[Array]], Sequence[Array]]
@@ -57,18 +58,17 @@ def evaluate(
     results = tuple(into or (np.empty(shape, dtype) for _ in range(outputs)))
     if 0 in shape:
         return results
-    call = _call_of(kernel, source, components, double, engine)
+    call = _Call(kernel, source, components, double, engine)
     chosen = planned(call.request)
-    if shear is not None:
-        if chosen.way.name not in (LISTED, LISTED_COMPILED) or _one_place(call):
-            how: Any = {"double": double, "engine": engine, "outputs": outputs, "into": results}
-            return evaluate(kernel, source, shear(components), **how)
-        call = replace(call, shear=shear)
+    is_listed = chosen.way.name in (LISTED, LISTED_COMPILED)
+    if shear is not None and not (is_listed and call.pairs is not None and call.pairs.rows > 1):
+        how: Any = {"double": double, "engine": engine, "outputs": outputs, "into": results}
+        return evaluate(kernel, source, shear(components), **how)
     if chosen.way.name == GRID:
         assert call.grid is not None
         call.grid.fill(results, OnNumpy(kernel, call.tables, double).values)
     else:
-        store(_launched(call, chosen, results))
+        store(_launched(call, chosen, results, shear))
     return results
 
 
@@ -76,54 +76,64 @@ def explained(
     kernel: Kernel, source: Any, components: Sequence[Array], *, double: bool, engine: str
 ) -> Plan:
     """The plan by which :func:`evaluate` would carry a call out; nothing is computed."""
-    return planned(_call_of(kernel, source, components, double, engine).request)
+    return planned(_Call(kernel, source, components, double, engine).request)
 
 
-@dataclass(frozen=True)
+def evaluate_sums(
+    kernel: Kernel,
+    source: Any,
+    places: Array,
+    weights: Array,
+    points: Array,
+    constants: Sequence[float],
+    *,
+    double: bool,
+    engine: str,
+) -> Array:
+    """sum_j weights_j kernel(*places_j, *point, *constants) at each point, float64 (n,).
+
+    places (m, a), weights (m,), points (n, b); the kernel takes a + b + len(constants) components
+    and has one real output. Terms are stored block by block.
+    """
+    total = np.zeros(len(points))
+    if not len(points) or not len(places):
+        return total
+    found = resolved(engine, len(places) * len(points))
+    how: Any = {"double": double, "engine": found, "outputs": 1}
+    fixed = [np.array(value) for value in constants]
+    step = min(len(places), _BLOCK)
+    width = max(1, _BLOCK // step)
+    for start in range(0, len(places), step):
+        some = slice(start, start + step)
+        for low in range(0, len(points), width):
+            columns = slice(low, low + width)
+            components = [*places[some].T, *points[columns].T[:, :, None], *fixed]
+            (values,) = evaluate(kernel, source, components, **how)
+            total[columns] += values @ weights[some]
+    return total
+
+
 class _Call:
-    """What is to be computed."""
+    """A kernel, its arguments, and the request for a plan."""
 
-    kernel: Kernel
-    source: Any
-    tables: Any
-    components: Sequence[Array]
-    double: bool
-    pairs: Pairs | None
-    """The arguments as rows and columns, where they are such."""
-    by_places: Pairs | None
-    """These pairs with each place a row, where slices are those of places."""
-    grid: GridPlan | None
-    request: Request
-    shear: Shear | None = None
-
-
-def _one_place(call: _Call) -> bool:
-    return call.by_places is None or call.by_places.rows == 1
-
-
-def _call_of(
-    kernel: Kernel, source: Any, components: Sequence[Array], double: bool, engine: str
-) -> _Call:
-    shape = np.broadcast_shapes(*(c.shape for c in components))
-    tables = kernel.tables(source, double)
-    pairs, shared = _pairs_of(kernel, components, shape), _listed_by(kernel)
-    by_places = None
-    if shared is not None and pairs is not None:
-        by_places = _with_places_as_rows(pairs, shared.arguments)
-    request = request_for(
-        kernel,
-        tables,
-        math.prod(shape),
-        double=double,
-        engine=engine,
-        pairs=by_places,
-    )
-    grid = None
-    if engine in ("auto", "numpy") and components[-1].shape == shape:
-        grid = plan_for_grid(kernel, source, components, double)
-        if grid is not None:
-            request = replace(request, families=grid.families)
-    return _Call(kernel, source, tables, components, double, pairs, by_places, grid, request)
+    def __init__(
+        self, kernel: Kernel, source: Any, components: Sequence[Array], double: bool, engine: str
+    ) -> None:
+        self.kernel, self.source, self.components, self.double = kernel, source, components, double
+        shape = np.broadcast_shapes(*(c.shape for c in components))
+        self.tables = kernel.tables(source, double)
+        shared = _listed_by(kernel)
+        self.pairs = None if shared is None else _places_by_frequencies(shared, components, shape)
+        self.request = request_for(
+            kernel, self.tables, math.prod(shape), double=double, engine=engine
+        )
+        if self.pairs is not None:
+            self.request = replace(self.request, rows=self.pairs.rows, columns=self.pairs.columns)
+        self.grid = None
+        if engine in ("auto", "numpy") and components[-1].shape == shape:
+            self.grid = plan_for_grid(kernel, source, components, double)
+            if self.grid is not None:
+                self.request = replace(self.request, families=self.grid.families)
 
 
 def _listed_by(kernel: Kernel) -> SharedSlice | None:
@@ -131,58 +141,25 @@ def _listed_by(kernel: Kernel) -> SharedSlice | None:
     return None if kernel.slices is None else kernel.slices.listed
 
 
-def _pairs_of(kernel: Kernel, components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
-    """The arguments as rows and columns; None where they are points."""
-    pairs, shared = pairs_of(components, shape), _listed_by(kernel)
-    if pairs is None and shared and all(c.size == 1 for c in components[shared.arguments]):
-        return one_row_of(components, shape)
-    return pairs
-
-
-def _launched(call: _Call, chosen: Plan, results: Sequence[Array]) -> Launched:
+def _launched(call: _Call, chosen: Plan, results: Sequence[Array], shear: Shear | None) -> Launched:
     """The chunks of a call, by the way that was chosen."""
-    tables, name = call.tables, chosen.way.name
-    if name == DATA:
-        data = OnDrjitData(
-            call.kernel, tables, call.double, chosen.engine, results[0].size, len(results)
-        )
+    kernel, tables, double, pairs = call.kernel, call.tables, call.double, call.pairs
+    if chosen.way.name == DATA:
+        samples = results[0].size
+        data = OnDrjitData(kernel, tables, double, chosen.engine, samples, len(results))
         return data.points(call.components, results)
     if isinstance(tables, Tables):
         tables = tables.cut_by(chosen.way.cut)
     compute: OnNumpy | OnDrjit
     if chosen.engine == "numpy":
-        compute = OnNumpy(call.kernel, tables, call.double)
+        compute = OnNumpy(kernel, tables, double)
     else:
-        compute = OnDrjit(call.kernel, tables, call.double, chosen.engine)
-    if name in (LISTED, LISTED_COMPILED):
-        assert call.pairs is not None and call.by_places is not None
-        targets = _targets(call.pairs, call.by_places, results)
-        exact = call.kernel.tables(call.source, True)
-        return _by_parts(compute, exact, call.by_places, targets, call.shear)
-    pairs = call.by_places or call.pairs
-    # one place is short enough to be sent with each sample
-    is_short = pairs is None or (isinstance(compute, OnDrjit) and pairs.rows == 1)
-    if call.pairs and pairs and not is_short:
-        return _paired(compute, pairs, _targets(call.pairs, pairs, results))
+        compute = OnDrjit(kernel, tables, double, chosen.engine)
+    if chosen.way.name in (LISTED, LISTED_COMPILED):
+        assert pairs is not None
+        exact = kernel.tables(call.source, True)
+        return _by_parts(compute, exact, pairs, pairs.targets(results), shear)
     return compute.points(call.components, results)
-
-
-def _paired(compute: OnNumpy | OnDrjit, pairs: Pairs, targets: Sequence[Array]) -> Launched:
-    for block in pairs.blocks(compute.block):
-        yield targets, block, compute.of_pairs(pairs.block(*block))
-
-
-def _with_places_as_rows(pairs: Pairs, places: slice) -> Pairs | None:
-    """The pairs with each place a row; None where places change along both."""
-    if all(c.shape == (1, pairs.columns) for c in pairs.components[places]):
-        pairs = pairs.transposed()
-    return None if any(c.shape[1] > 1 for c in pairs.components[places]) else pairs
-
-
-def _targets(pairs: Pairs, by_places: Pairs, results: Sequence[Array]) -> list[Array]:
-    """The results in the shape of the pairs with each place a row."""
-    tables = [result.reshape(pairs.rows, pairs.columns) for result in results]
-    return tables if by_places is pairs else [table.T for table in tables]
 
 
 def _by_parts(
@@ -196,11 +173,80 @@ def _by_parts(
     shared, host = _listed_by(compute.kernel), NumpyOperations(double=True)
     assert shared is not None
     size = compute.shared_block if pairs.rows > 1 else _ROW_BLOCK
-    for block in pairs.blocks(size):
-        arguments = pairs.block(*block)
+    for block, arguments in pairs.blocks(size):
         inner = compute.entered(arguments if shear is None else shear(arguments))
         count = len(range(*block[0].indices(pairs.rows)))
         place = (np.broadcast_to(np.ravel(p), count) for p in inner[shared.place])
         (owners, table), is_real = shared.parts(host, exact, *place)
         ends = np.searchsorted(owners, np.arange(count + 1))
         yield targets, block, compute.of_parts(shared, inner, ends, table, is_real)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Components of shape (rows, 1) or (1, columns) each."""
+
+    components: tuple[Array, ...]
+    rows: int
+    columns: int
+    transposed: bool = False
+    """Whether rows are columns of the results."""
+
+    def blocks(self, size: int) -> Iterator[tuple[tuple[slice, slice], tuple[Array, ...]]]:
+        """Rows and columns of blocks of about ``size`` samples, and their components in float64."""
+        columns = min(self.columns, size)
+        rows = max(1, size // columns)
+        for r in range(0, self.rows, rows):
+            for c in range(0, self.columns, columns):
+                place = slice(r, r + rows), slice(c, c + columns)
+                own = (
+                    a[place[0]] if len(a) > 1 else a[:, place[1]] if a.shape[1] > 1 else a
+                    for a in self.components
+                )
+                yield place, tuple(a.astype(np.float64, copy=False) for a in own)
+
+    def targets(self, results: Sequence[Array]) -> list[Array]:
+        """The results, rows by columns."""
+        if self.transposed:
+            return [result.reshape(self.columns, self.rows).T for result in results]
+        return [result.reshape(self.rows, self.columns) for result in results]
+
+
+def _places_by_frequencies(
+    shared: SharedSlice, components: Sequence[Array], shape: tuple[int, ...]
+) -> Pairs | None:
+    """The arguments with each place a row, of the frequencies it meets; None where they are not."""
+    pairs, places, count = pairs_of(components, shape), shared.arguments, math.prod(shape)
+    if pairs is None:
+        if count < _LEAST_COLUMNS or any(c.size > 1 for c in components[places]):
+            return None
+        whole = (c if c.size == 1 else np.broadcast_to(c, shape) for c in components)
+        return Pairs(tuple(c.reshape(1, -1) for c in whole), 1, count)
+    if all(c.shape == (1, pairs.columns) for c in pairs.components[places]):
+        turned = tuple(c.T for c in pairs.components)
+        pairs = Pairs(turned, pairs.columns, pairs.rows, transposed=True)
+    return None if any(c.shape[1] > 1 for c in pairs.components[places]) else pairs
+
+
+def pairs_of(components: Sequence[Array], shape: tuple[int, ...]) -> Pairs | None:
+    """Components that broadcast to ``shape`` as rows and columns; None where they are none."""
+    dimensions = len(shape)
+    whole = [c.reshape((1,) * (dimensions - c.ndim) + c.shape) for c in components]
+    best: tuple[int, int] | None = None
+    for k in range(1, dimensions):
+        rows, columns = math.prod(shape[:k]), math.prod(shape[k:])
+        if rows < 2 or columns < _LEAST_COLUMNS:
+            continue
+        if all(c.size == math.prod(c.shape[:k]) or c.size == math.prod(c.shape[k:]) for c in whole):
+            best = min(best or (rows + columns, k), (rows + columns, k))
+    if best is None:
+        return None
+    k = best[1]
+
+    def flat(component: Array) -> Array:
+        if component.size == math.prod(component.shape[k:]):
+            return np.broadcast_to(component.reshape(component.shape[k:]), shape[k:]).reshape(1, -1)
+        leading = component.reshape(component.shape[:k])
+        return np.broadcast_to(leading, shape[:k]).reshape(-1, 1)
+
+    return Pairs(tuple(map(flat, whole)), math.prod(shape[:k]), math.prod(shape[k:]))

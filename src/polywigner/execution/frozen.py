@@ -14,13 +14,11 @@ from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from polywigner.execution.operations import DrjitOperations
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.functions.fourier import OutlineTables
 from polywigner.kernels.outline.tables import Tables, cut_of
 from polywigner.plans import unrolls_terms
-
-__all__ = ["frozen", "is_code", "is_known", "is_recording"]
 
 # What is remembered: of so many sources and kinds of arrays, and of each so many configurations
 # (arguments that are one number, and others).
@@ -33,25 +31,24 @@ Function = Callable[..., Values]
 class _Frozen:
     """A function that is recorded when it is first called."""
 
-    def __init__(self, function: Function, state: Sequence[Any], owners: Sequence[Any]) -> None:
+    def __init__(self, function: Function, owners: Sequence[Any]) -> None:
         import drjit
 
         # Dr.Jit goes through all that a function refers to in each call, but not through an object.
         held = _Held(function)
 
-        def replayed(state: list[Any], *arguments: Any) -> Values:
+        def replayed(*arguments: Any) -> Values:
             return held.function(*arguments)
 
         self.replayed = drjit.freeze(replayed, limit=_MOST_RECORDINGS, warn_after=1 << 30)
-        # of an array of no numbers, Dr.Jit takes the recording for a fault, and ends the process
-        self.state, self.owners = [array for array in state if len(array)], owners
+        self.owners = owners
         # Dr.Jit ends the process when two threads record one function at the same time.
         self.lock = threading.Lock()
 
     def __call__(self, *arguments: Any) -> Values:
         with self.lock, _without_collection():
             try:
-                found: Values = self.replayed(self.state, *arguments)
+                found: Values = self.replayed(*arguments)
             except RuntimeError as error:
                 # Dr.Jit's own, in place of what stopped the function: an interrupt, for one
                 raise error.__cause__ or error from None
@@ -92,13 +89,10 @@ _known: OrderedDict[Hashable, _Frozen] = OrderedDict()
 _lock = threading.Lock()
 
 
-def frozen(
-    make: Callable[[], tuple[Function, Sequence[Any]]], owners: Sequence[Any], *kind: Hashable
-) -> Function:
-    """A function of Dr.Jit arrays; ``make`` gives it when it is not known from an earlier call.
+def frozen(function: Function, owners: Sequence[Any], *kind: Hashable) -> Function:
+    """A function of Dr.Jit arrays, or one that is known from an earlier call.
 
-    It must not depend on the number of samples, nor bring memory of its own into being: arrays to
-    which it refers come with it from ``make``, as they are, not as copies.
+    It must not depend on the number of samples, nor bring memory of its own into being.
 
     ``owners``: the objects on which it depends, as such and not by their values; ``kind``: what
     else it depends on.
@@ -106,7 +100,7 @@ def frozen(
     key = (*map(id, owners), *kind)
     with _lock:
         if key not in _known:
-            _known[key] = _Frozen(*make(), owners)  # keeps the owners, and with them their ids
+            _known[key] = _Frozen(function, owners)  # keeps the owners, and with them their ids
             while len(_known) > _MOST:
                 _known.popitem(last=False)
         _known.move_to_end(key)

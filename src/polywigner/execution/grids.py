@@ -13,13 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import planned
+from polywigner.execution.choice import planned, request_for
 from polywigner.execution.operations import NumpyOperations
-from polywigner.execution.requests import request_for
 from polywigner.kernels import GridTables, Kernel, OutlineSum, fourier_on_grid
 from polywigner.plans.plan import GRID
-
-__all__ = ["GridPlan", "evaluate_on_grid", "plan_for_grid"]
 
 # Shorter sides are not worth the axes' tables.
 _LEAST_SIDE = 8

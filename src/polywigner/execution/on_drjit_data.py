@@ -7,25 +7,25 @@ of the process for good. This one is for any outline, and a third to half as fas
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from polywigner.execution.choice import drjit_float
+from polywigner.execution.choice import drjit_float, is_uniform
 from polywigner.execution.chunks import Fetch, Launched, array_of, parts_of_results, store
+from polywigner.execution.drjit_operations import DrjitOperations
 from polywigner.execution.frozen import frozen
-from polywigner.execution.operations import DrjitOperations, NumpyOperations
+from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel
 from polywigner.kernels.cut.pair_grid import PairGrid
 from polywigner.kernels.cut.winding import pairs_of
 from polywigner.kernels.functions.fourier import OutlineTables
+from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Tables
-from polywigner.kernels.outline.waves import UNIFORM
-
-__all__ = ["OnDrjitData", "is_uniform", "takes_data"]
+from polywigner.numerics import phases
 
 _CHUNK = 1 << 17
 # Of fewer samples, or edges, to sort them takes longer than it saves (benchmarks/call_rates.py).
@@ -40,37 +40,6 @@ Hold = Callable[[Array], tuple[int, Any]]
 """Table of numbers -> its width, and the same numbers in an engine's memory."""
 
 
-def takes_data(kernel: Kernel, tables: Any) -> bool:
-    """Whether there is such a kernel: for F, and for sums over pairs of edges."""
-    if isinstance(tables, OutlineTables):
-        return kernel.name == "fourier"
-    return kernel.slices is not None and isinstance(tables, Tables) and tables.fits_pairs
-
-
-def is_uniform(kernel: Kernel, tables: Any) -> bool:
-    """Whether one kernel serves all sources of this kind."""
-    if not isinstance(tables, Tables):
-        return True
-    is_plain = tables.groups == (UNIFORM,) and tables.uniform and tables.coherence is None
-    return is_plain and kernel.slices is not None and kernel.slices.serves_all
-
-
-class _Source(Protocol):
-    """A source as tables."""
-
-    numbers: list[Array]
-    owners: tuple[Any, ...]
-    """On which objects a kernel depends beside these numbers."""
-    is_recorded: bool
-    """Whether it needs no other memory."""
-
-    def order(self, inner: Sequence[Array]) -> Any:
-        """The order in which samples are best taken."""
-
-    def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
-        """The kernel's sums, from tables of another source of this kind."""
-
-
 class OnDrjitData:
     """A kernel of a source, on NumPy arrays."""
 
@@ -82,7 +51,7 @@ class OnDrjitData:
         self.ops = DrjitOperations(drjit_float(engine, double))
         self.host, self.out = NumpyOperations(double=True), NumpyOperations(double)
         self.dtype = np.dtype(np.float64 if double else np.float32)
-        self.source: _Source
+        self.source: _Slices | _Edges
         if isinstance(tables, Tables):
             self.source = _Slices(kernel, tables, double, samples)
         else:
@@ -119,7 +88,7 @@ class OnDrjitData:
 
         run: Any = summed
         if source.is_recorded:
-            run = frozen(lambda: (summed, ()), source.owners, kind)
+            run = frozen(summed, source.owners, kind)
         sums = run(*self.state, *(array_of(kind, a) for a in inner))
         drjit.eval(sums)
 
@@ -138,7 +107,11 @@ class OnDrjitData:
 
 
 class _Slices:
-    """Outlines that are cut: lists of the pairs of edges that can meet."""
+    """Outlines that are cut: lists of the pairs of edges that can meet.
+
+    ``numbers``: the source as tables; ``owners``: on which objects a kernel depends beside them;
+    ``is_recorded``: whether it needs no other memory.
+    """
 
     def __init__(self, kernel: Kernel, tables: Tables, double: bool, samples: int) -> None:
         assert kernel.slices is not None
@@ -155,6 +128,7 @@ class _Slices:
         self.is_recorded = tables.coherence is None
 
     def order(self, inner: Sequence[Array]) -> Any:
+        """The order in which samples are best taken."""
         if not self.sorts or inner[-1].size < _LEAST_SAMPLES_SORTED:
             return ...
         cell = self.slices.cell(self.host, self.tables, self._held, *inner)
@@ -166,6 +140,7 @@ class _Slices:
         return {key: grid.held(self.host.held) for key, grid in self.pairs.items()}
 
     def summed(self, ops: DrjitOperations, hold: Hold, *inner: Any) -> Values:
+        """The kernel's sums, from tables of another source of this kind."""
         pairs = {key: grid.held(hold) for key, grid in self.pairs.items()}
         return self.slices.by_pairs(ops, self.tables, pairs, *inner)
 
@@ -203,3 +178,50 @@ class _OverRows(DrjitOperations):
         return self.plain_sum(
             0, self.end, lambda row: term(*self.gather(self.rows, row)[:columns]), values
         )
+
+
+# ---- outlines whose numbers are data of a traced kernel ------------------------------------------
+
+
+@dataclass(frozen=True)
+class _DataFrame(Frame):
+    """A frame whose centre is in memory, as pairs of floats."""
+
+    def position(self, ops: Any, x: Any, y: Any) -> tuple[Any, Any]:
+        pairs: Any = self.centre
+        nearest: Any = tuple(high for high, _ in pairs)
+        return Frame.position(replace(self, centre=nearest), ops, x, y)
+
+
+def with_frame_as_data(ops: DrjitOperations, tables: Any) -> Any:
+    """Tables with the centre of their frame in memory; their lists are so in any case."""
+    pairs = [phases.doubled(c, ops.double) for c in tables.frame.centre]
+    numbers = iter(_looked_up(ops, [number for pair in pairs for number in pair]))
+    own = {field.name: getattr(tables.frame, field.name) for field in fields(Frame)}
+    own["centre"] = tuple((next(numbers), next(numbers)) for _ in pairs)
+    return replace(tables, frame=_DataFrame(**own))
+
+
+def as_data(ops: DrjitOperations, tables: Any) -> Any:
+    """Tables of an aperture or an array with arrays of one entry in place of numbers."""
+    found = with_frame_as_data(ops, tables)
+    if isinstance(tables, OutlineTables):
+        return found
+    names = ("dx", "dy", "offset", "px", "py")
+    values = [getattr(line, name) for line in tables.lines for name in names]
+    weights = [part for piece in tables.pieces for part in (piece.real, piece.imag)]
+    numbers = iter(_looked_up(ops, values + weights))
+    lines = tuple(replace(line, **{n: next(numbers) for n in names}) for line in tables.lines)
+    pieces = tables.pieces
+    if not tables.uniform:
+        pieces = tuple(replace(p, real=next(numbers), imag=next(numbers)) for p in pieces)
+    return replace(found, lines=lines, pieces=pieces)
+
+
+def _looked_up(ops: DrjitOperations, values: Sequence[float]) -> list[Any]:
+    """Numbers of one array, each an array of one entry."""
+    import drjit
+
+    kind = ops.float_type
+    memory, index = array_of(kind, values), drjit.uint32_array_t(kind)
+    return [drjit.gather(kind, memory, index(k)) for k in range(len(values))]

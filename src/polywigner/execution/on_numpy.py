@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -13,8 +12,6 @@ from polywigner.execution.chunks import Fetch, Launched, parts_of_results, ready
 from polywigner.execution.operations import NumpyOperations
 from polywigner.kernels import Kernel, PartSum, SharedSlice
 from polywigner.kernels.outline.tables import cut_of
-
-__all__ = ["CHUNK", "OnNumpy"]
 
 CHUNK = 3 << 12
 """Samples at a time: a temporary array stays in the cache of one core, and below 128 KiB, from
@@ -30,7 +27,6 @@ Array = npt.NDArray[Any]
 class OnNumpy:
     """A kernel of a source, computed by NumPy."""
 
-    block = CHUNK
     shared_block = _SHARED_CHUNK
 
     def __init__(self, kernel: Kernel, tables: Any, double: bool) -> None:
@@ -40,17 +36,14 @@ class OnNumpy:
 
     def points(self, components: Sequence[Array], results: Sequence[Array]) -> Launched:
         """Results for components that broadcast to their shape, chunk by chunk."""
-        frequency = self._one_frequency(components)
         for arguments, targets in parts_of_results(components, results, CHUNK):
             count = len(arguments[0])
-            if frequency is not None:  # one number in all: so is what depends on it alone
-                arguments[frequency] = [f[:1] for f in arguments[frequency]]
             order = self._order(arguments, count)
             if order is not ... and len(order) < count:
                 for target in targets:
                     target[:] = 0.0
             if order is ... or len(order):
-                values = self.values([a if len(a) < count else a[order] for a in arguments])
+                values = self.values([a[order] for a in arguments])
                 yield targets, order, ready(values)
 
     def _order(self, arguments: Sequence[Array], count: int) -> Any:
@@ -74,22 +67,9 @@ class OnNumpy:
         (order,) = np.nonzero(mask)
         return ... if len(order) == len(mask) else order
 
-    def _one_frequency(self, components: Sequence[Array]) -> slice | None:
-        """Where components are a frequency that need not be repeated for each place, if any."""
-        slices = self.kernel.slices
-        if slices is None or slices.listed is None:
-            return None
-        if cut_of("numpy", self.tables, CHUNK) == "pairs":
-            return None
-        half = len(components) // 2
-        frequency = slice(half, None) if slices.listed.arguments.start == 0 else slice(0, half)
-        return frequency if all(c.size == 1 for c in components[frequency]) else None
-
-    def values(
-        self, arguments: Sequence[Array], ops: NumpyOperations | None = None
-    ) -> tuple[Array, ...]:
+    def values(self, arguments: Sequence[Array]) -> tuple[Array, ...]:
         """The results of a chunk."""
-        ops, frame = ops or self.ops, self.tables.frame
+        ops, frame = self.ops, self.tables.frame
         # what lies at infinity or is not a number is so in the result; no need to warn
         with np.errstate(invalid="ignore", over="ignore"):
             inner = self.kernel.enter(self.host, frame, *arguments)
@@ -97,15 +77,6 @@ class OnNumpy:
                 inner = tuple(a.astype(np.float32) for a in inner)
             sums = self.kernel.edge_sum(ops, self.tables, *inner)
             return self.kernel.leave(ops, frame, inner, sums)
-
-    def of_pairs(self, arguments: Sequence[Array]) -> Fetch:
-        """Results (rows, columns) for arguments of shape (rows, 1) and (1, columns).
-
-        NumPy broadcasts: what depends on the rows alone, such as cuts of edges, is computed once
-        for each row.
-        """
-        size = math.prod(np.broadcast_shapes(*(a.shape for a in arguments)))
-        return ready(self.values(arguments, NumpyOperations(self.ops.double, size)))
 
     def entered(self, arguments: Sequence[Array]) -> tuple[Any, ...]:
         """The arguments in the frame, in the shapes that they have."""

@@ -1,69 +1,84 @@
-"""The operations namespaces over which the kernels are written.
+"""The operations namespaces over which the kernels are written, of NumPy arrays and Python floats.
 
 A kernel is straight-line code in ``+ - * /``, comparisons, ``abs`` and the methods here. The same
 lines run on NumPy arrays, on Python floats (Mitsuba's scalar variants), and, traced, on Dr.Jit
-arrays of any backend.
+arrays of any backend, whose namespace is in module `drjit_operations`. A kernel that works by cells
+looks up in tables which edges matter at a sample's place: the methods on tables sum up over ranges
+of their rows that differ from sample to sample.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from polywigner.execution.chunks import array_of
-from polywigner.execution.drjit_ranges import DrjitRanges
-from polywigner.execution.ranges import NumpyRanges, ScalarRanges
 from polywigner.numerics.exact import SPLIT_DOUBLE, SPLIT_SINGLE, accurate_cross, product_error
-from polywigner.plans import unrolls_cuts, unrolls_steps, unrolls_terms
-
-__all__ = ["DrjitOperations", "NumpyOperations", "ScalarOperations", "ops_for"]
 
 # NumPy: calls on short arrays cost more than what they compute.
 _FEW_SAMPLES = 256
 # Values of a temporary array that stay in the cache of one core.
 _BLOCK = 1 << 14
+# Rows that are listed at a time, of which most are then left out.
+_LISTED = 1 << 17
 
+Array = npt.NDArray[Any]
+Table = npt.NDArray[Any]
 Row = tuple[float, ...]
 Values = tuple[Any, ...]
+Term = Callable[..., Values]
 
 
-def _unrolled_sum(rows: Sequence[Row], term: Callable[..., Values]) -> Values:
+def unrolled_sum(rows: Sequence[Row], term: Term) -> Values:
+    """The sums of ``term(*row)``, one row after the other."""
     totals = term(*rows[0])
     for row in rows[1:]:
-        totals = tuple(a + b for a, b in zip(totals, term(*row), strict=True))
+        totals = _added(totals, term(*row))
     return totals
 
 
-def _repeated(count: int, state: Values, step: Callable[..., Values]) -> Values:
+def unrolled_steps(count: int, state: Values, step: Term) -> Values:
+    """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
     for number in range(count):
         state = step(number, *state)
     return state
 
 
-class _Unfused:
-    """What types without a fused multiply-add share."""
+def _added(a: Sequence[Any], b: Sequence[Any]) -> Values:
+    return tuple(p + q for p, q in zip(a, b, strict=True))
 
+
+class Operations:
+    """Methods that types may share."""
+
+    target: str
     double: bool
-    round: Any
+    key: Hashable
+    """Two namespaces with one key share tables."""
 
-    def sum_large_terms(
-        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
-    ) -> Values:
-        """Sums of terms of much code, that of so many clips: one after the other."""
-        return _unrolled_sum(rows, term)
-
-    def repeated(self, count: int, state: Values, step: Callable[..., Values], _: Any) -> Values:
-        """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
-        return _repeated(count, state, step)
-
-    def refined(
-        self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
-    ) -> Any:
+    def refined(self, rough: Any, reach: float, compute: Term, *arguments: Any) -> Any:
         """``compute(*arguments)``, of use where ``|rough| <= reach``; elsewhere its sign is."""
         return compute(*arguments)
+
+    def needs_gradient(self, *values: Any) -> bool:
+        return False
+
+
+class _Unfused(Operations):
+    """What types without a fused multiply-add share."""
+
+    round: Any
+
+    def sum_large_terms(self, rows: Sequence[Row], term: Term, clips: int) -> Values:
+        """Sums of terms of much code, that of so many clips: one after the other."""
+        return unrolled_sum(rows, term)
+
+    def repeated(self, count: int, state: Values, step: Term, _: Any) -> Values:
+        """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``."""
+        return unrolled_steps(count, state, step)
 
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         """a b + c, rounded twice."""
@@ -82,44 +97,42 @@ class _Unfused:
         return self.round(a * (1 / step)) * step
 
 
-class NumpyOperations(_Unfused, NumpyRanges):
-    """NumPy arrays of float64 (``double``) or float32."""
+class NumpyOperations(_Unfused):
+    """NumPy arrays of float64 (``double``) or float32.
 
-    def __init__(self, double: bool, broadcast_size: int = 0) -> None:
-        self.double, self.broadcast_size = double, broadcast_size
-        self.dtype = np.dtype(np.float64 if double else np.float32)
+    Rows come on an axis before that of the samples.
+    """
+
+    target = "numpy"
+
+    def __init__(self, double: bool) -> None:
+        self.double = double
+        self.dtype = self.key = np.dtype(np.float64 if double else np.float32)
+
+    def count(self, like: Any) -> int:
+        """Samples computed at a time."""
+        return int(np.size(like))
 
     def sum_over(
-        self,
-        rows: Sequence[Row],
-        term: Callable[..., Values],
-        values: int,
-        like: Any,
-        *,
-        unroll: bool = True,
+        self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row.
 
         Takes as many rows at once, on an axis before that of the samples ``like``, as fit a cache.
         """
         # Of few samples, in float64 throughout: what is constant in a term is not rounded first.
-        samples = max(np.size(like), self.broadcast_size)
+        samples = self.count(like)
         table = np.array(rows, np.float64 if samples <= _FEW_SAMPLES else self.dtype)
         axes = (1,) * max(1, np.ndim(like))
         block = max(1, _BLOCK // max(1, samples))
-        totals: list[Any] = [0.0] * values
+        totals: Values = (0.0,) * values
         for start in range(0, len(table), block):
             terms = term(*table[start : start + block].T.reshape(table.shape[1], -1, *axes))
             # in float64: of many rows, one after the other, float32 would lose a digit
-            totals = [
-                total + part.sum(axis=0, dtype=np.float64)
-                for total, part in zip(totals, terms, strict=True)
-            ]
+            totals = _added(totals, [part.sum(axis=0, dtype=np.float64) for part in terms])
         return tuple(np.asarray(total, self.dtype) for total in totals)
 
-    def refined(
-        self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
-    ) -> Any:
+    def refined(self, rough: Any, reach: float, compute: Term, *arguments: Any) -> Any:
         """``compute(*arguments)`` where ``|rough| <= reach``, ``rough`` elsewhere."""
         shape = np.shape(rough)
         if np.size(rough) <= _FEW_SAMPLES or any(np.shape(a) != shape for a in arguments):
@@ -136,26 +149,15 @@ class NumpyOperations(_Unfused, NumpyRanges):
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return np.where(condition, self._typed(a), self._typed(b))
 
-    def minimum(self, a: Any, b: Any) -> Any:
-        return np.minimum(a, b)
-
-    def maximum(self, a: Any, b: Any) -> Any:
-        return np.maximum(a, b)
-
-    def round(self, a: Any) -> Any:
-        return np.rint(a)
+    minimum = staticmethod(np.minimum)
+    maximum = staticmethod(np.maximum)
+    round = staticmethod(np.rint)
+    log = staticmethod(np.log)
+    atan2 = staticmethod(np.arctan2)
+    sqrt = staticmethod(np.sqrt)
 
     def exp(self, a: Any) -> Any:
         return np.exp(self._typed(a))
-
-    def log(self, a: Any) -> Any:
-        return np.log(a)
-
-    def atan2(self, y: Any, x: Any) -> Any:
-        return np.arctan2(y, x)
-
-    def sqrt(self, a: Any) -> Any:
-        return np.sqrt(a)
 
     def _typed(self, value: Any) -> Any:
         # np.where promotes Python floats to float64
@@ -167,23 +169,199 @@ class NumpyOperations(_Unfused, NumpyRanges):
     def lost(self, a: Any, b: Any, product: Any) -> Any:
         return super().lost(self._typed(a), self._typed(b), product)
 
+    def held(self, table: Table) -> Any:
+        """A table (rows, columns) of numbers or floats as :meth:`gather` wants it."""
+        # by columns: of each, so many numbers are taken as fit a cache, without new pages of memory
+        return table.astype(self.dtype if table.dtype.kind == "f" else np.int64, order="F")
 
-class ScalarOperations(_Unfused, ScalarRanges):
+    def gather(self, table: Any, row: Any) -> Values:
+        """The entries of one row of a table."""
+        return tuple(table[:, k].take(row) for k in range(table.shape[1]))
+
+    def truncated(self, value: Any) -> Any:
+        """A float of at least 0 as a row's number."""
+        return np.asarray(value).astype(np.int64)
+
+    def select_number(self, condition: Any, a: Any, b: Any) -> Any:
+        """:meth:`select` of rows' numbers."""
+        return np.where(condition, a, b)
+
+    def sum_over_range(self, first: Any, end: Any, term: Term, values: int) -> list[Any]:
+        """The sums of the ``values`` values ``term(row)`` for rows from ``first`` up to ``end``."""
+        first, count = np.atleast_1d(first), np.atleast_1d(end - first)
+        longest = int(count.max(initial=0))
+        totals: Values = (np.zeros(count.shape),) * values
+        block = max(1, _BLOCK // max(1, count.size))
+        for start in range(0, longest, block):
+            step = np.arange(start, min(start + block, longest))
+            step = step.reshape(-1, *(1,) * count.ndim)
+            terms = term(np.where(step < count, first + step, 0))
+            parts = [np.where(step < count, t, 0).sum(axis=0, dtype=np.float64) for t in terms]
+            totals = _added(totals, parts)
+        return [total.astype(self.dtype) for total in totals]
+
+    def sum_over_some(
+        self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
+    ) -> list[Any]:
+        """The sums of ``term(row, *samples)`` for rows from ``first`` up to ``end``.
+
+        Where ``keep(row, *samples)`` is false, ``term`` is 0, and need not be computed: the others
+        are computed as a list.
+        """
+        shape = np.broadcast_shapes(np.shape(first), *map(np.shape, samples)) or (1,)
+        count = math.prod(shape)
+        begin, stop = (np.broadcast_to(a, shape).ravel() for a in (first, end))
+        flat = [np.ravel(a if np.size(a) == 1 else np.broadcast_to(a, shape)) for a in samples]
+        totals = [np.zeros(count) for _ in range(values)]
+
+        def of(owner: Array) -> list[Array]:
+            """The samples of some owners; what is one for all as it is."""
+            return [a[owner] if len(a) == count else a for a in flat]
+
+        for owner, row in _listed(begin, stop - begin):
+            (kept,) = np.nonzero(keep(row, *of(owner)))
+            for part in (kept[k : k + _BLOCK] for k in range(0, len(kept), _BLOCK)):
+                own = owner[part]
+                terms = term(row[part], *of(own))
+                for total, found in zip(totals, terms, strict=True):
+                    np.add.at(total, own, found)
+        return [total.reshape(shape).astype(self.dtype) for total in totals]
+
+    def fold(self, first: Any, end: Any, state: Values, step: Term) -> Values:
+        """The last ``state = step(row, *state)`` for rows from ``first`` up to ``end``."""
+        count = end - first
+        state = tuple(np.broadcast_to(np.asarray(s), np.shape(count)) for s in state)
+        for k in range(int(count.max(initial=0))):
+            active = k < count
+            found = step(np.where(active, first + k, 0), *state)
+            state = tuple(np.where(active, new, old) for new, old in zip(found, state, strict=True))
+        return state
+
+    def sum_over_rule(
+        self, rule: Any, rules: Sequence[Table], term: Term, values: int, *samples: Any
+    ) -> list[Any]:
+        """The sums of ``term(*row, *samples)`` over the rows of one of several tables of floats.
+
+        ``rule``: the number of each sample's table, or -1 for a sum over nothing.
+        """
+        rule, *arrays = np.broadcast_arrays(rule, *samples)
+        totals = [np.zeros(rule.shape, self.dtype) for _ in range(values)]
+        for number in np.unique(rule[rule >= 0]):
+            mine = ... if (rule == number).all() else rule == number
+            own = [array[mine].ravel() for array in arrays]
+            table = rules[int(number)].astype(self.dtype)[..., None]
+            count = rule[mine].size
+            sums: Values = (np.zeros(count),) * values
+            block = max(1, _BLOCK // max(1, count))
+            for start in range(0, len(table), block):
+                terms = term(*np.moveaxis(table[start : start + block], 1, 0), *own)
+                sums = _added(sums, [part.sum(axis=0, dtype=np.float64) for part in terms])
+            for total, part in zip(totals, sums, strict=True):
+                total[mine] = part.reshape(total[mine].shape)
+        return totals
+
+
+def _listed(first: Array, counts: Array) -> Iterator[tuple[Array, Array]]:
+    """Whose, and row, of all rows from each first on; some at a time."""
+    ends = counts.cumsum()
+    starts = ends - counts
+    for begin in range(0, int(ends[-1]) if len(ends) else 0, _LISTED):
+        number = np.arange(begin, min(begin + _LISTED, int(ends[-1])))
+        owner = np.searchsorted(ends, number, side="right")
+        yield owner, first[owner] + (number - starts[owner])
+
+
+class RowByRow(Operations):
+    """Sums over tables for types of which a loop takes one row after the other.
+
+    They are those of the methods of the same names of :class:`NumpyOperations`.
+    """
+
+    gather: Callable[[Any, Any], Values]
+    select: Callable[[Any, Any, Any], Any]
+    fold: Callable[..., Values]
+    """As of NumPy; ``is_sum``: whether the state is of sums, of which there may be derivatives."""
+
+    def plain_sum(self, first: Any, end: Any, term: Term, values: int) -> Values:
+        """:meth:`sum_over_range` for so few terms that rounding of the sum does not matter."""
+
+        def step(row: Any, *sums: Any) -> Values:
+            return _added(sums, term(row))
+
+        return self.fold(first, end, (0.0,) * values, step, is_sum=True)
+
+    def sum_over_range(self, first: Any, end: Any, term: Term, values: int) -> Values:
+        def visit(row: Any) -> tuple[Any, Values, Values, Term]:
+            return True, (), (), lambda _: term(row)
+
+        return self.sum_over_rows(first, end, visit, values, 0)
+
+    def sum_over_some(
+        self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
+    ) -> Values:
+        return self.sum_over_range(first, end, lambda row: term(row, *samples), values)
+
+    def sum_over_runs(self, first: Any, end: Any, runs: Any, term: Term, values: int) -> Values:
+        """The sums of ``term(row, number)`` over the rows of each run of a table of runs."""
+
+        def of_run(run: Any) -> Values:
+            begin, stop, number, _ = self.gather(runs, run)
+            return self.plain_sum(begin, stop, lambda row: term(row, number), values)
+
+        return self.sum_over_range(first, end, of_run, values)
+
+    def sum_over_rows(
+        self,
+        first: Any,
+        end: Any,
+        visit: Callable[[Any], tuple[Any, Values, Values, Term]],
+        values: int,
+        levels: int,
+    ) -> Values:
+        """The sums of ``term(level)`` over rows, each with a level that jumps from row to row.
+
+        ``visit(row)``: whether it begins a new level, the level then, its jump behind the row, and
+        the term. In single precision what rounding of the sums loses is summed up as well: of terms
+        that cancel, it is the most.
+        """
+
+        def step(row: Any, *state: Any) -> Values:
+            level, sums, lost = state[:levels], state[levels : levels + values], state[-values:]
+            sets, start, jumps, term = visit(row)
+            level = tuple(self.select(sets, a, b) for a, b in zip(start, level, strict=True))
+            terms = term(level)
+            if self.double:
+                return *_added(level, jumps), *_added(sums, terms)
+            rest = [self._rounded_off(a, b) for a, b in zip(sums, terms, strict=True)]
+            return *_added(level, jumps), *_added(sums, terms), *_added(lost, rest)
+
+        count = levels + (1 if self.double else 2) * values
+        sums = self.fold(first, end, (0.0,) * count, step, is_sum=True)[levels:]
+        return sums if self.double else _added(sums[:values], sums[values:])
+
+    def _rounded_off(self, a: Any, b: Any) -> Any:
+        """The rounding error of a + b, exactly (Knuth's sum)."""
+        total = a + b
+        of_b = total - a
+        return (a - (total - of_b)) + (b - of_b)
+
+
+class ScalarOperations(_Unfused, RowByRow):
     """Python floats: the scalar variants of Mitsuba."""
 
+    target = "scalar"
     double = True
+    key = float
+
+    def count(self, like: Any) -> int:
+        """Samples computed at a time."""
+        return 1
 
     def sum_over(
-        self,
-        rows: Sequence[Row],
-        term: Callable[..., Values],
-        values: int,
-        like: Any,
-        *,
-        unroll: bool = True,
+        self, rows: Sequence[Row], term: Term, values: int, like: Any, *, unroll: bool = True
     ) -> Values:
         """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row."""
-        return _unrolled_sum(rows, term)
+        return unrolled_sum(rows, term)
 
     def lookup(self, table: Sequence[float], index: Any) -> Any:
         """table[index], for a whole number that is in range, a float or not."""
@@ -191,6 +369,12 @@ class ScalarOperations(_Unfused, ScalarRanges):
 
     def select(self, condition: Any, a: Any, b: Any) -> Any:
         return a if condition else b
+
+    select_number = select
+    exp = staticmethod(math.exp)
+    log = staticmethod(math.log)
+    atan2 = staticmethod(math.atan2)
+    sqrt = staticmethod(math.sqrt)
 
     def minimum(self, a: Any, b: Any) -> Any:
         return a if a < b else b
@@ -201,140 +385,35 @@ class ScalarOperations(_Unfused, ScalarRanges):
     def round(self, a: Any) -> Any:
         return math.floor(a + 0.5)
 
-    def exp(self, a: Any) -> Any:
-        return math.exp(a)
+    def held(self, table: Table) -> Any:
+        return table.tolist()
 
-    def log(self, a: Any) -> Any:
-        return math.log(a)
+    def gather(self, table: Any, row: Any) -> Values:
+        return tuple(table[row])
 
-    def atan2(self, y: Any, x: Any) -> Any:
-        return math.atan2(y, x)
+    def truncated(self, value: Any) -> Any:
+        return int(value)
 
-    def sqrt(self, a: Any) -> Any:
-        return math.sqrt(a)
-
-
-class DrjitOperations(DrjitRanges):
-    """Dr.Jit arrays of one float type, of the LLVM or the CUDA backend."""
-
-    def __init__(self, float_type: Any) -> None:
-        import drjit
-
-        super().__init__(float_type)
-        self._dr = drjit
-        self.double = drjit.itemsize_v(float_type) == 8
-
-    def sum_large_terms(
-        self, rows: Sequence[Row], term: Callable[..., Values], clips: int
+    def fold(
+        self, first: Any, end: Any, state: Values, step: Term, *, is_sum: bool = False
     ) -> Values:
-        """Sums of terms of much code, that of so many clips: a loop if that is too much."""
-        if unrolls_cuts(len(rows) * clips):
-            return _unrolled_sum(rows, term)
-        return self.sum_over(rows, term, len(term(*rows[0])), None, unroll=False)
+        for row in range(first, end):
+            state = step(row, *state)
+        return state
 
-    def refined(
-        self, rough: Any, reach: float, compute: Callable[..., Any], *arguments: Any
-    ) -> Any:
-        """``compute(*arguments)``, of use where ``|rough| <= reach``; elsewhere its sign is."""
-        return compute(*arguments)
-
-    def lookup(self, table: Sequence[float], index: Any) -> Any:
-        """table[index], for whole numbers that are in range, floats or not."""
-        memory = array_of(self.float_type, table)
-        return self._dr.gather(
-            self.float_type, memory, self._dr.uint32_array_t(self.float_type)(index)
-        )
-
-    def select(self, condition: Any, a: Any, b: Any) -> Any:
-        return self._dr.select(condition, self._typed(a), self._typed(b))
-
-    # Comparisons, not dr.minimum: on some LLVM versions that aborts the process.
-    def minimum(self, a: Any, b: Any) -> Any:
-        a, b = self._typed(a), self._typed(b)
-        return self._dr.select(a < b, a, b)
-
-    def maximum(self, a: Any, b: Any) -> Any:
-        a, b = self._typed(a), self._typed(b)
-        return self._dr.select(a > b, a, b)
-
-    def round(self, a: Any) -> Any:
-        return self._dr.round(a)
-
-    def snapped(self, a: Any, step: float) -> Any:
-        """The nearest multiple of ``step``, a power of two; the derivative is that of ``a``."""
-        return a + self._dr.detach(self._dr.round(a * (1 / step)) * step - a)
-
-    def sum_over(
-        self,
-        rows: Sequence[Row],
-        term: Callable[..., Values],
-        values: int,
-        like: Any,
-        *,
-        unroll: bool = True,
+    def sum_over_some(
+        self, first: Any, end: Any, keep: Callable[..., Any], term: Term, values: int, *samples: Any
     ) -> Values:
-        """The sums, one by one, of the ``values`` values that ``term(*row)`` gives for each row.
+        totals: Values = (0.0,) * values
+        for row in range(first, end):
+            if keep(row, *samples):
+                totals = _added(totals, term(row, *samples))
+        return totals
 
-        Unrolled into the kernel, or beyond some rows a loop of the kernel over a table: it runs
-        nearly as fast where a term is long, and compiles at once. ``unroll=False``: a loop for any
-        number of rows.
-        """
-        if unroll and unrolls_terms(len(rows)):
-            return _unrolled_sum(rows, term)
-        dr, real = self._dr, self.float_type
-        columns = [array_of(real, column) for column in zip(*rows, strict=True)]
-
-        def step(index: Any, *sums: Any) -> Values:
-            terms = term(*(dr.gather(real, column, index) for column in columns))
-            return index + 1, *(a + b for a, b in zip(sums, terms, strict=True))
-
-        start = (dr.uint32_array_t(real)(0), *(real(0.0) for _ in range(values)))
-        # max_iterations=-1: a sum, so that its reverse-mode derivative is a sum as well
-        _, *totals = dr.while_loop(
-            start, lambda index, *_: index < len(rows), step, max_iterations=-1
-        )
-        return tuple(totals)
-
-    def repeated(self, count: int, state: Values, step: Callable[..., Values], like: Any) -> Values:
-        """The last ``state = step(number, *state)`` for numbers from 0 up to ``count``.
-
-        A loop of the kernel for many of them, unless derivatives in ``like`` are wanted: in reverse
-        they would need all states.
-        """
-        if unrolls_steps(count) or self.needs_gradient(like):
-            return _repeated(count, state, step)
-        return self.fold(0, count, state, step)
-
-    def exp(self, a: Any) -> Any:
-        return self._dr.exp(a)
-
-    def log(self, a: Any) -> Any:
-        return self._dr.log(a)
-
-    def atan2(self, y: Any, x: Any) -> Any:
-        return self._dr.atan2(y, x)
-
-    def sqrt(self, a: Any) -> Any:
-        return self._dr.sqrt(a)
-
-    def fma(self, a: Any, b: Any, c: Any) -> Any:
-        return self._dr.fma(self._typed(a), self._typed(b), self._typed(c))
-
-    def cross(self, ax: Any, ay: Any, bx: Any, by: Any) -> Any:
-        """ax by - ay bx to 1.5 ulp of the result (Kahan)."""
-        ax, ay, bx, by = (self._typed(v) for v in (ax, ay, bx, by))
-        product = ay * bx
-        error = self._dr.fma(-ay, bx, product)
-        return self._dr.fma(ax, by, -product) + error
-
-    def lost(self, a: Any, b: Any, product: Any) -> Any:
-        """What ``product``, a b rounded, misses of it, exactly."""
-        return self.fma(a, b, -product)
-
-    def _typed(self, value: Any) -> Any:
-        return self.float_type(value) if isinstance(value, (int, float)) else value
-
-
-def ops_for(float_type: Any) -> Any:
-    """The operations of a float type: ``float``, or a Dr.Jit type such as ``mi.Float``."""
-    return ScalarOperations() if float_type is float else DrjitOperations(float_type)
+    def sum_over_rule(
+        self, rule: float, rules: Sequence[Table], term: Term, values: int, *samples: float
+    ) -> Values:
+        totals: Values = (0.0,) * values
+        for row in rules[int(rule)].tolist() if rule >= 0 else ():
+            totals = _added(totals, term(*row, *samples))
+        return totals

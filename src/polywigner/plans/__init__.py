@@ -5,6 +5,7 @@
 computes, imports an engine, or looks at an array: equal requests have equal plans.
 """
 
+# ruff: noqa: F401
 from polywigner.plans.costs import COSTS, Cost
 from polywigner.plans.cuts import (
     cut_for,
@@ -23,26 +24,3 @@ from polywigner.plans.cuts import (
     waves_fit_code,
 )
 from polywigner.plans.plan import Outline, Plan, Request, plan
-
-__all__ = [
-    "COSTS",
-    "Cost",
-    "Outline",
-    "Plan",
-    "Request",
-    "cut_for",
-    "exposes_numbers",
-    "forced",
-    "has_own_factor",
-    "launch_for",
-    "loops_over_edges",
-    "plan",
-    "shifts_samples",
-    "sums_over_lattice",
-    "sums_over_places",
-    "tabulates_products",
-    "unrolls_cuts",
-    "unrolls_steps",
-    "unrolls_terms",
-    "waves_fit_code",
-]

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["COSTS", "LIMITS", "Cost"]
-
 
 @dataclass(frozen=True)
 class Cost:

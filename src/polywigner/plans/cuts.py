@@ -6,37 +6,37 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 
 from polywigner.plans.costs import COSTS, LIMITS
 
-__all__ = [
-    "cut_for",
-    "exposes_numbers",
-    "forced",
-    "forced_cut",
-    "has_own_factor",
-    "launch_for",
-    "loops_over_edges",
-    "shifts_samples",
-    "sums_over_lattice",
-    "sums_over_places",
-    "sums_over_points",
-    "tabulates_products",
-    "unrolls_cuts",
-    "unrolls_steps",
-    "unrolls_terms",
-    "waves_fit_code",
-]
+
+def _allows(limit: str, count: float) -> bool:
+    """Whether a count keeps to a limit, which is called ``"most ..."`` or ``"least ..."``."""
+    return count <= LIMITS[limit] if limit.startswith("most") else count >= LIMITS[limit]
 
 
-def sums_over_lattice(elements: int) -> bool:
-    """Whether W and A of so many elements on a lattice are sums over its midpoints or steps."""
-    return elements >= LIMITS["least elements of a lattice"]
+# Whether W and A of so many elements are sums over a lattice's midpoints or steps; of so many equal
+# ones anywhere, over lists of pairs.
+sums_over_lattice = partial(_allows, "least elements of a lattice")
+sums_over_places = partial(_allows, "least elements in lists of pairs")
+# Whether samples of a row of so many elements stand for several of its midpoints.
+shifts_samples = partial(_allows, "least elements of a row for shifted samples")
+# Whether the array factor of so many sites is found by rows and columns.
+has_own_factor = partial(_allows, "least sites of an array factor by rows")
+# Whether these are code of a compiled kernel, and not a loop: so many short terms of a sum; cuts of
+# all transforms of a sum; steps of a recursion; pairs of waves in a kernel that looks up edges.
+unrolls_terms = partial(_allows, "most terms as code")
+unrolls_cuts = partial(_allows, "most cuts of a sum as code")
+unrolls_steps = partial(_allows, "most steps as code")
+waves_fit_code = partial(_allows, "most pairs of waves as code")
+# Whether a scene's source of so many cuts has vertices and weights as parameters with derivatives.
+exposes_numbers = partial(_allows, "most cuts with derivatives in a scene")
 
 
-def sums_over_places(elements: int) -> bool:
-    """Whether W and A of so many equal elements anywhere are sums over lists of pairs."""
-    return elements >= LIMITS["least elements in lists of pairs"]
+def loops_over_edges(cuts: int) -> bool:
+    """Whether a compiled kernel is better a loop over a table of edges than code for each."""
+    return not _allows("most cuts as code", cuts)
 
 
 def tabulates_products(weights: int, factors: int | None) -> bool:
@@ -45,14 +45,9 @@ def tabulates_products(weights: int, factors: int | None) -> bool:
     ``factors`` : amplitudes in all of the row and the column that the weights are a product of;
     None where they are none.
     """
-    if factors is not None and factors <= LIMITS["most amplitudes of factors"]:
+    if factors is not None and _allows("most amplitudes of factors", factors):
         return False
-    return weights >= LIMITS["least weights in a table"]
-
-
-def has_own_factor(sites: int) -> bool:
-    """Whether the array factor of so many sites is found by rows and columns."""
-    return sites >= LIMITS["least sites of an array factor by rows"]
+    return _allows("least weights in a table", weights)
 
 
 forced_cut: ContextVar[str | None] = ContextVar("forced_cut", default=None)
@@ -104,16 +99,6 @@ def cut_for(target: str, cuts: int, by_pairs: bool, samples: int = 0) -> str:
     return "rows" if loops_over_edges(cuts) else "code"
 
 
-def waves_fit_code(pairs: int) -> bool:
-    """Whether a kernel that looks up pairs of edges may have code for so many pairs of waves."""
-    return pairs <= LIMITS["most pairs of waves as code"]
-
-
-def loops_over_edges(cuts: int) -> bool:
-    """Whether a compiled kernel is better a loop over a table of edges than code for each."""
-    return cuts > LIMITS["most cuts as code"]
-
-
 def launch_for(samples: int, *, changes: bool, recordable: bool, by_pairs: bool) -> str:
     """The way in which a kernel is launched for so many samples that are Dr.Jit arrays.
 
@@ -134,11 +119,6 @@ def launch_for(samples: int, *, changes: bool, recordable: bool, by_pairs: bool)
     return "code"
 
 
-def unrolls_terms(terms: int) -> bool:
-    """Whether a sum of so many short terms is code, and not a loop over a table."""
-    return terms <= LIMITS["most terms as code"]
-
-
 def sums_over_points(counts: Sequence[int], panels: int) -> bool:
     """Whether a sum over a grid of points that radiate takes less time than over panels of edges.
 
@@ -147,23 +127,3 @@ def sums_over_points(counts: Sequence[int], panels: int) -> bool:
     seconds = math.prod(counts) * COSTS["point that radiates"].seconds
     is_short = min(counts) <= LIMITS["most points as code"]
     return is_short and seconds <= panels * COSTS["panel of an edge"].seconds
-
-
-def unrolls_cuts(cuts: int) -> bool:
-    """Whether a sum of whole transforms, of so many cuts in all, is code."""
-    return cuts <= LIMITS["most cuts of a sum as code"]
-
-
-def unrolls_steps(steps: int) -> bool:
-    """Whether a recursion of so many steps is code."""
-    return steps <= LIMITS["most steps as code"]
-
-
-def exposes_numbers(cuts: int) -> bool:
-    """Whether a scene's source has its vertices and weights as parameters with derivatives."""
-    return cuts <= LIMITS["most cuts with derivatives in a scene"]
-
-
-def shifts_samples(elements: int) -> bool:
-    """Whether samples of a row of a lattice stand for several midpoints of elements."""
-    return elements >= LIMITS["least elements of a row for shifted samples"]

@@ -9,8 +9,6 @@ from dataclasses import dataclass, replace
 from polywigner.plans.costs import COSTS, LIMITS
 from polywigner.plans.cuts import cut_for, forced_cut, loops_over_edges
 
-__all__ = ["DATA", "GRID", "LISTED", "LISTED_COMPILED", "Outline", "Plan", "Request", "Way", "plan"]
-
 
 @dataclass(frozen=True)
 class Outline:

@@ -197,9 +197,8 @@ class _Pass:
         ops, pair = self.ops, self.pair
         cell = cell_of(ops, pair, self.tx, self.ty)
         run, run_end, first, end, row, row_end, _, _ = ops.gather(pair.cells, cell)
-        like = self.tx
-        yield ops.sum_over_runs(run, run_end, pair.runs, self._whole, self.values, like)
-        yield ops.sum_over_range(first, end, self._crossed, self.values, like)
+        yield ops.sum_over_runs(run, run_end, pair.runs, self._whole, self.values)
+        yield ops.sum_over_range(first, end, self._crossed, self.values)
         yield ops.sum_over_rows(row, row_end, self._visited, self.values, self._levels)
 
     @property

@@ -1,0 +1,245 @@
+"""Kernels on Dr.Jit arrays: arrays of the caller's own kind in and out, traced, differentiable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.execution.choice import request_for, takes_data
+from polywigner.execution.chunks import array_of
+from polywigner.execution.drjit_operations import DrjitOperations, TracedOperations
+from polywigner.execution.frozen import frozen, is_code, is_known
+from polywigner.execution.gradients import kernel_with_derivatives
+from polywigner.execution.on_drjit_data import OnDrjitData, as_data
+from polywigner.execution.points import (
+    Parameter,
+    Parameters,
+    Points,
+    Traced,
+    common_float,
+    own_float,
+    read_points,
+    sibling,
+)
+from polywigner.kernels import Kernel
+from polywigner.kernels.outline.tables import Tables, cut_of
+from polywigner.numerics.complex_pairs import Pair
+from polywigner.numerics.phases import cos_sin_turns
+from polywigner.plans import launch_for, plan
+from polywigner.plans.plan import DATA
+
+
+def evaluate_traced(
+    kernel: Kernel,
+    source: Any,
+    points: Points,
+    *,
+    precision: str | None,
+    engine: str,
+    complex_result: bool,
+    parameters: Parameters | None = None,
+) -> Any:
+    """Result of a kernel whose arguments are points, at least one of them a Dr.Jit array.
+
+    ``points`` are (name, value); what is not a Dr.Jit array is converted to the arrays' type.
+    ``parameters``: numbers of the source that are Dr.Jit arrays, of the same type.
+
+    Raises
+    ------
+    ArgumentError when types, backends, precisions or numbers of points disagree, or a point has the
+    wrong number of components.
+    EngineError when the arrays are LLVM's and no usable LLVM library is loaded.
+    """
+    import drjit
+
+    float_type, double = common_float(points, parameters, precision, engine)
+    components, kind = read_points(points, kernel.dimension, float_type)
+    if kernel.in_one_frame is not None and (
+        parameters is not None or any(map(drjit.grad_enabled, components))
+    ):
+        kernel = kernel.in_one_frame
+    outputs = 2 if complex_result else 1
+    if not min(map(drjit.width, components)):  # Dr.Jit has no arithmetic of no numbers with one
+        return kind.result(*(drjit.zeros(float_type, 0) for _ in range(outputs)))
+    tables = _tables(kernel, source, double, parameters)
+    components = [_unfolded(component) for component in components]
+    ops = DrjitOperations(float_type)
+    return kind.result(*_launched(kernel, ops, tables, components, parameters, outputs))
+
+
+def _launched(
+    kernel: Kernel,
+    ops: DrjitOperations,
+    tables: Any,
+    components: Sequence[Any],
+    parameters: Parameters | None,
+    outputs: int,
+) -> tuple[Any, ...]:
+    """Results of a kernel for components, one or more of them wide."""
+    import drjit
+
+    launch = launch_for(
+        max(map(drjit.width, components)),
+        changes=parameters is not None and bool(parameters.types),
+        recordable=is_known(components)
+        and (is_code(kernel, ops, tables) or takes_data(kernel, tables)),
+        by_pairs=isinstance(tables, Tables) and cut_of(ops.target, tables) == "pairs",
+    )
+    if launch == "recorded":
+        found = _by_data(kernel, ops, tables, components, outputs)
+        if found is not None:
+            return found
+        if is_code(kernel, ops, tables):
+            code, kind = partial(kernel, ops, tables), ops.float_type
+            return frozen(code, (kernel, tables), kind, "as it is")(*components)
+    traced = Traced() if parameters is None else parameters.traced(ops, tables)
+    if launch == "data":
+        ops = TracedOperations(ops.float_type)
+        tables = as_data(ops, tables)
+    return kernel_with_derivatives(kernel, ops, tables, components, traced)
+
+
+def _by_data(
+    kernel: Kernel, ops: DrjitOperations, tables: Any, components: Sequence[Any], outputs: int
+) -> tuple[Any, ...] | None:
+    """Results from the source as data, as planned; None where it is to be code of a kernel."""
+    import drjit
+
+    width = max(map(drjit.width, components))
+    request = request_for(kernel, tables, width, double=ops.double, engine="llvm")
+    if plan(request).way.name != DATA:
+        return None
+    data = OnDrjitData(kernel, tables, ops.double, "llvm", width, outputs)
+    return data.of_arrays(components)
+
+
+def _unfolded(component: Any) -> Any:
+    """A component as it is, but a constant that is no number as one that is looked up.
+
+    Dr.Jit folds constants into the code, and drops NaN in doing so.
+    """
+    import drjit
+
+    if component.state != drjit.VarState.Literal or drjit.grad_enabled(component):
+        return component
+    value = component[0]
+    if math.isfinite(value):
+        return component
+    return drjit.opaque(type(component), value, drjit.width(component))
+
+
+def _tables(kernel: Kernel, source: Any, double: bool, parameters: Parameters | None) -> Any:
+    """Tables of the kernel, with vertices numbered as the parameters are.
+
+    Equal apertures may begin their rings elsewhere, and share tables of the cache.
+    """
+    if parameters is None or parameters.vertices is None:
+        return kernel.tables(source, double)
+    return getattr(kernel.tables, "__wrapped__", kernel.tables)(source, double)
+
+
+def with_end_slopes(
+    values: Any,
+    points: Points,
+    intervals: Parameter,
+    slopes: Callable[..., Sequence[tuple[Pair, Pair]]],
+    complex_result: bool,
+) -> Any:
+    """Values of points (of one dimension), with derivatives in begins and ends of intervals.
+
+    ``slopes(ops, *points)``: of each interval the derivatives in its begin and in its end.
+    """
+    import drjit as dr
+
+    ends = intervals.first, intervals.second
+    if not dr.grad_enabled(ends):
+        return values
+    real = intervals.float_type
+    components, kind = read_points(points, 1, real)
+    # phases of places far off lose digits in single precision
+    double = DrjitOperations(dr.float64_array_t(real))
+    places = [double.float_type(dr.detach(c)) for c in components]
+    columns = [double.float_type(end) for end in ends]
+    total = Pair(double.float_type(0.0), double.float_type(0.0))
+    for k, both in enumerate(slopes(double, *places)):
+        for slope, column in zip(both, columns, strict=True):
+            number = dr.uint32_array_t(real)(k)
+            total = total + slope.scaled(dr.gather(double.float_type, column, number))
+    # a sum whose value is nothing, and whose derivatives are those that are missing
+    parts = (total.real, total.imag)[: 1 + complex_result]
+    return values + kind.result(
+        *(dr.replace_grad(dr.zeros(real, dr.width(part)), real(part)) for part in parts)
+    )
+
+
+def site_sum(nu: Any, positions: NDArray[np.float64], weights: Parameter) -> Any:
+    """sum_k w_k exp(-2 pi i nu.p_k), (L3), for ``nu`` of any kind of Dr.Jit points in the plane.
+
+    positions (n, 2). Differentiable in nu and the weights (n,).
+    """
+    import drjit as dr
+
+    components, kind = read_points([("nu", nu)], 2, own_float("nu", nu))
+    ops = DrjitOperations(weights.float_type)
+    columns = [array_of(ops.float_type, column) for column in positions.T]
+    columns += [weights.first, weights.second]
+
+    def term(row: Any) -> tuple[Any, Any]:
+        x, y, a, b = (dr.gather(ops.float_type, column, row) for column in columns)
+        cosine, sine = cos_sin_turns(ops, dr.fma(components[0], x, components[1] * y))
+        return a * cosine + b * sine, b * cosine - a * sine
+
+    return kind.result(*ops.plain_sum(0, len(positions), term, 2))
+
+
+def ray_sum(
+    functions: Callable[[Any, Any], Sequence[Any]],
+    rule: tuple[NDArray[np.float64], NDArray[np.float64]],
+    points: Any,
+    wavelength: Any,
+    factors: Callable[[Any, Any, Any], Sequence[Any]],
+    float_type: Any,
+) -> Any:
+    """sum_j w_j functions(x_j, nu_j).factors(c_j, 1/|r_j|, wavelength) at each point, (T2).
+
+    ``functions``: W, or the moments (T1), of ``Array2f`` positions and frequencies. ``rule``:
+    places (m, 2) and weights (m,). points: (..., 3) of any kind. Memory: some arrays of as many
+    entries as there are rays.
+    """
+    import drjit as dr
+
+    number, pair = dr.uint32_array_t(float_type), sibling(float_type, "Array2f")
+    components, kind = read_points([("points", points)], 3, float_type)
+    if not dr.width(components):
+        return kind.result(dr.zeros(float_type, 0))
+    nodes, weights = rule
+    count = len(weights)
+    ray = dr.arange(number, count * dr.width(components))
+    node, point = ray % count, ray // count
+    x, y, weight = (
+        dr.gather(float_type, array_of(float_type, column), node) for column in (*nodes.T, weights)
+    )
+    along: Sequence[Any] = [dr.gather(float_type, part, point) for part in components]
+    dx, dy, dz = along[0] - x, along[1] - y, along[2]
+    inverse = 1.0 / dr.sqrt(dx * dx + dy * dy + dz * dz)
+    length = float_type(wavelength)
+    scale = inverse / length
+    found = functions(pair(x, y), pair(dx * scale, dy * scale))
+    value = sum(a * b for a, b in zip(found, factors(dz * inverse, inverse, length), strict=True))
+    return kind.result(dr.block_sum(value * weight, count))
+
+
+def traced_sums(kernel: Kernel, source: Any, *points: Any) -> tuple[Any, ...]:
+    """All results of a kernel for ``Array2f`` points; its derivatives are Dr.Jit's to find.
+
+    Right where points that are cut by have none: elsewhere the operations are smooth.
+    """
+    kind = type(points[0][0])
+    ops = TracedOperations(kind)  # as code they would take ten times as long to compile
+    components = [part for point in points for part in point]
+    return kernel(ops, kernel.tables(source, ops.double), *components)
