@@ -11,8 +11,8 @@
 
 from polywigner.illumination import arrays
 from polywigner.illumination.array import Array, Element, phased_array
-from polywigner.illumination.files import read_source, write_source
 from polywigner.illumination.fitting import FittedIllumination, fit_illumination
+from polywigner.illumination.source_files import read_source, write_source
 from polywigner.illumination.tapers import (
     cosine_taper,
     fourier_taper,

@@ -61,6 +61,12 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
     return vector
 
 
+def direction_of(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
+    """The unit vector at an angle theta to the normal and phi around it from x, in radians."""
+    sine = math.sin(theta)
+    return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
+
+
 def transverse(direction: Any) -> NDArray[np.float64]:
     """The components of a direction along the aperture: (2,), or (1,) for slits.
 

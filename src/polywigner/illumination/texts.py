@@ -20,8 +20,7 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import arrays, tapers
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.arrays import focusing_weights, steering_weights, window_weights
-from polywigner.illumination.files.fields import at, radius_of, shown
-from polywigner.illumination.tapers import unit_vector
+from polywigner.illumination.source_values import at, radius_of, shown
 from polywigner.illumination.waves import Illumination
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
@@ -209,8 +208,7 @@ def direction(text: str) -> NDArray[np.float64]:
             f"expected a direction within 90 deg of the normal, got {shown(text)}; write degrees "
             'with their unit, such as "20 deg"'
         )
-    sine = math.sin(theta)
-    return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
+    return tapers.direction_of(theta, phi)
 
 
 def _point(text: str) -> list[float]:

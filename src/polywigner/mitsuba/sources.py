@@ -13,7 +13,7 @@ from collections import OrderedDict
 from polywigner.errors import SceneError
 from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import Array
-from polywigner.illumination.files.writing import json_of, table_of
+from polywigner.illumination.source_files import json_of, table_of
 
 __all__ = ["CAPACITY", "KEY_PREFIX", "is_key", "register_source", "registered_source"]
 

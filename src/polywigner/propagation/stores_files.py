@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from polywigner.errors import MissingExtraError, StoreError, install_command
-from polywigner.illumination.files.reading import SOURCE_COORDINATE
+from polywigner.illumination.source_files import SOURCE_COORDINATE
 from polywigner.propagation.stores_disk import to_disk
 from polywigner.propagation.stores_layout import Layout, told_settings
 
