@@ -20,20 +20,6 @@ from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.illumination.lattices import Sites, checked_sites, checked_weights
 from polywigner.illumination.waves import Illumination
 
-__all__ = [
-    "Array",
-    "Element",
-    "array_of_waves",
-    "checked_elements",
-    "copies_of_wave",
-    "has_waves",
-    "in_plane",
-    "phased_array",
-    "placed",
-    "shifted_copies",
-    "tilted_source",
-]
-
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 
 # How far an element may lie off the plane z = 0, as a fraction of its diameter, and lean, in
@@ -41,7 +27,7 @@ Element = Aperture | PlacedAperture | Polyhedron | Slits
 _IN_PLANE = 1e-12
 
 
-def checked_elements(elements: Any) -> tuple[Element, ...]:
+def _checked_elements(elements: Any) -> tuple[Element, ...]:
     expected = "expected a sequence of elements (Aperture, placed aperture, Polyhedron, Slits)"
     if isinstance(elements, Element):
         raise ArgumentError(f"{expected}, got one {type(elements).__name__}; put it into a list")
@@ -53,8 +39,7 @@ def checked_elements(elements: Any) -> tuple[Element, ...]:
         raise ArgumentError(f"{expected}, got none")
     for k, element in enumerate(found):
         if not isinstance(element, Element):
-            nested = hasattr(element, "elements")  # an array, which cannot be imported here
-            hint = "; join its elements and weights" if nested else ""
+            hint = "; join its elements and weights" if isinstance(element, Array) else ""
             raise ArgumentError(f"{expected}, got {type(element).__name__} at {k}{hint}")
     slits = [isinstance(element, Slits) for element in found]
     if any(slits) and not all(slits):
@@ -65,7 +50,7 @@ def checked_elements(elements: Any) -> tuple[Element, ...]:
     return found
 
 
-def placed(element: Element, pose: NDArray[np.float64]) -> Element:
+def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
     if isinstance(element, Aperture):
         return element.placed(pose)
     if isinstance(element, PlacedAperture):
@@ -76,7 +61,7 @@ def placed(element: Element, pose: NDArray[np.float64]) -> Element:
     raise GeometryError("expected elements of the plane or of space to place, got Slits")
 
 
-def in_plane(number: int, element: Element) -> Aperture:
+def _in_plane(number: int, element: Element) -> Aperture:
     if isinstance(element, Aperture):
         return element
     advice = (
@@ -112,7 +97,7 @@ def in_plane(number: int, element: Element) -> Aperture:
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
-def shifted_copies(
+def _shifted_copies(
     elements: Sequence[Aperture] | Sequence[Slits],
 ) -> tuple[Aperture, NDArray[np.float64], NDArray[np.complex128]] | None:
     """One element, shifts (n, 2) and factors (n,) of its field that give all; None if they do not.
@@ -155,15 +140,10 @@ def _factor_of_copy(first: Any, other: Any, shift: NDArray[np.float64]) -> compl
 _SAME = 1e-12
 
 
-def has_waves(elements: Any) -> bool:
-    """Whether one of a list of elements has a curved or partly coherent wave."""
-    return isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements)
-
-
-def array_of_waves(make: Any, elements: Sequence[Any], weights: Any) -> Wavefront:
+def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
     """The array of elements whose waves have one curvature, as one curved wave on an array.
 
-    ``make``: (elements, weights) -> Array. Raises IlluminationError where curvatures differ.
+    Raises IlluminationError where curvatures differ.
     """
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
@@ -178,14 +158,7 @@ def array_of_waves(make: Any, elements: Sequence[Any], weights: Any) -> Wavefron
     factors = checked_weights(weights, len(waves))
     tilted = [_tilted(wave.source, wave, wave.centre - first.centre) for wave in waves]
     phases = np.array([phase for _, phase in tilted])
-    return first._with(source=make([source for source, _ in tilted], factors * phases))
-
-
-def copies_of_wave(
-    make: Any, wave: Wavefront, places: NDArray[np.float64], weights: NDArray[np.complex128]
-) -> Wavefront:
-    """Copies of an element with its wave at places (n, d)."""
-    return array_of_waves(make, [wave.moved(place) for place in places], weights)
+    return first._with(source=Array([source for source, _ in tilted], factors * phases))
 
 
 def _tilted(source: Any, wave: Wavefront, away: NDArray[np.float64]) -> tuple[Any, complex]:
@@ -210,12 +183,10 @@ def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
         elements = [tilted_source(element, kappa) for element in source.elements_in_plane]
         return type(source)(elements, source.weights)
     # each copy brings its element's tilt along
-    (element, positions), make = source.repeated, type(source)._repeated
-    return make(
-        tilted_source(element, kappa),
-        positions,
-        source.weights * np.exp(2j * np.pi * (positions @ kappa)),
-    )
+    element, positions = source.repeated
+    turns = positions @ kappa
+    tilted = tilted_source(element, kappa)
+    return phased_array(tilted, positions, source.weights * np.exp(2j * np.pi * turns))
 
 
 # Outlines that a notebook draws: a few hundred kB.
@@ -263,25 +234,14 @@ class Array(TakesWaves):
 
     def __new__(cls, elements: Any = (), weights: Any = None) -> Any:
         """An array; of elements with curved waves of one curvature a curved wave on an array."""
-        if has_waves(elements):
-            return array_of_waves(Array, elements, weights)
+        if isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements):
+            return _array_of_waves(elements, weights)
         return object.__new__(cls)
 
     def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
-        found = checked_elements(elements)
-        self.__dict__["elements"] = found
-        self.__dict__["weights"] = checked_weights(weights, len(found))
-        self.__dict__["repeated"] = None
-
-    @classmethod
-    def _repeated(
-        cls, element: Aperture | Slits, places: NDArray[np.float64], weights: NDArray[Any]
-    ) -> Array:
-        """Copies of an element at places (n, d), with weights (n,) that are checked already."""
-        array: Array = object.__new__(cls)
-        array.__dict__["repeated"] = (element, places)
-        array.__dict__["weights"] = weights
-        return array
+        found = _checked_elements(elements)
+        factors = checked_weights(weights, len(found))
+        self.__dict__.update(elements=found, weights=factors, repeated=None)
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
@@ -301,9 +261,9 @@ class Array(TakesWaves):
         if len(self) < _LEAST_COPIES:
             return None
         try:
-            found = shifted_copies(self.elements_in_plane)
+            found = _shifted_copies(self.elements_in_plane)
         except GeometryError:
-            return None
+            found = None
         if found is None:
             return None
         element, positions, factors = found
@@ -348,7 +308,7 @@ class Array(TakesWaves):
         """
         if self.dimension == 1:
             return self.elements
-        return tuple(in_plane(k, element) for k, element in enumerate(self.elements))
+        return tuple(_in_plane(k, element) for k, element in enumerate(self.elements))
 
     @property
     def coplanar(self) -> tuple[Any, ...]:
@@ -378,7 +338,7 @@ class Array(TakesWaves):
         Raises GeometryError for a matrix that is not a rotation and a translation, and for slits.
         """
         pose = rigid_pose(to_world)
-        return Array([placed(element, pose) for element in self.elements], self.weights)
+        return Array([_placed(element, pose) for element in self.elements], self.weights)
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
@@ -477,8 +437,8 @@ def phased_array(
     64
     """
     if isinstance(element, Wavefront):
-        found = checked_sites(positions, weights, element.dimension)
-        return copies_of_wave(Array, element, *found)
+        places, amplitudes = checked_sites(positions, weights, element.dimension)
+        return _array_of_waves([element.moved(place) for place in places], amplitudes)
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(
             f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "
@@ -486,4 +446,6 @@ def phased_array(
         )
     dimension = 1 if isinstance(element, Slits) else 2
     places, amplitudes = checked_sites(positions, weights, dimension)
-    return Array._repeated(element, places, amplitudes)
+    array: Array = object.__new__(Array)
+    array.__dict__.update(repeated=(element, places), weights=amplitudes)
+    return array

@@ -11,8 +11,6 @@ from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import checked_count, checked_number, real_numbers, shape_of
 from polywigner.illumination.waves import Illumination, restored
 
-__all__ = ["FittedIllumination", "fit_illumination"]
-
 # Singular values below this fraction of the largest are left out. Waves of twice the period are
 # nearly dependent on the samples' extent; what is left out here could not change the fit by more
 # than about this fraction, but would have amplitudes up to its inverse that cancel.

@@ -13,17 +13,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import real_numbers, shape_of
 
-__all__ = [
-    "Lattice",
-    "Profile",
-    "Sites",
-    "checked_sites",
-    "checked_weights",
-    "column_and_row",
-    "lattice_of",
-    "separated",
-]
-
 # Positions count as those of a lattice if they miss it by less than this fraction of the extent of
 # the array: what rounding does to multiples of a pitch.
 _ROUNDING = 4e-15
@@ -277,6 +266,26 @@ class Sites:
         return hash(self._key)
 
 
+def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
+    """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1).
+
+    Raises ArgumentError for anything else.
+    """
+    try:
+        places = real_numbers(positions)
+    except ValueError:
+        places = np.empty(0)
+    if places.ndim == 1 and 1 in components:
+        places = places[:, None]
+    fits = places.ndim == 2 and places.shape[1] in components and len(places)
+    if not fits or not np.isfinite(places).all():
+        shapes = " or ".join(f"(n, {c})" for c in components)
+        raise ArgumentError(
+            f"expected finite positions of shape {shapes}, got {shape_of(positions)}"
+        )
+    return places
+
+
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
@@ -284,20 +293,7 @@ def checked_sites(
 
     Raises ArgumentError and IlluminationError as :func:`polywigner.phased_array` does.
     """
-    try:
-        places = real_numbers(positions)
-    except ValueError:
-        places = np.empty(0)
-    if dimension in (1, None) and places.ndim == 1:
-        places = places[:, None]
-    allowed = (1, 2, 3) if dimension is None else (dimension,)
-    if places.ndim != 2 or places.shape[1] not in allowed or not len(places):
-        raise ArgumentError(
-            f"expected positions of shape (n, {dimension or 'd'}), got {shape_of(positions)}"
-        )
-    if not np.isfinite(places).all():
-        raise ArgumentError("expected finite positions, got inf or nan")
-    places += 0.0
+    places = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     places.setflags(write=False)
     return places, checked_weights(weights, len(places))
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from polywigner.errors import FileFormatError
 from polywigner.illumination import arrays, tapers
+from polywigner.illumination.lattices import checked_positions
 from polywigner.illumination.source_values import (
     Around,
     Kind,
@@ -122,7 +123,7 @@ def positions_of(value: Any, around: Around) -> Positions:
     if isinstance(value, dict):
         layout: Positions = named(value, _LAYOUTS, around)
         return layout
-    return Positions(arrays.checked_positions(coordinates(value), (around.dimension,)))
+    return Positions(checked_positions(coordinates(value), (around.dimension,)))
 
 
 def _row(values: dict[str, Any], around: Around) -> Positions:

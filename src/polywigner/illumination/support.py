@@ -14,8 +14,6 @@ from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.lattices import lattice_of
 from polywigner.illumination.waves import restored
 
-__all__ = ["mirrored_source", "moved_source", "mutual_support"]
-
 _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 
 # The exact region costs a hull for each pair of convex pieces and a union of them: 0.7 s for

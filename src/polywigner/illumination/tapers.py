@@ -26,18 +26,6 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination.waves import Illumination
 
-__all__ = [
-    "checked_sidelobes",
-    "cosine_taper",
-    "fourier_taper",
-    "steering",
-    "taylor_taper",
-    "te_mode",
-    "transverse",
-    "uniform",
-    "unit_vector",
-]
-
 # Directions that passed through single precision, or were typed with seven digits, pass.
 _UNIT = 1e-6
 

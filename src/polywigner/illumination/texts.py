@@ -24,8 +24,6 @@ from polywigner.illumination.source_values import at, radius_of, shown
 from polywigner.illumination.waves import Illumination
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
 
-__all__ = ["FEEDING", "direction", "fed"]
-
 FEEDING = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
 """Names that :func:`fed` knows."""
 

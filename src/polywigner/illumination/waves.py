@@ -15,8 +15,6 @@ from polywigner.geometry.arguments import checked_length, real_numbers
 from polywigner.geometry.display import shown_as_html
 from polywigner.geometry.field import checked_shift, turned_points
 
-__all__ = ["LARGEST_AMPLITUDE", "Illumination", "restored"]
-
 LARGEST_AMPLITUDE = 1e100
 """Products of two amplitudes and an area must neither overflow nor vanish."""
 
