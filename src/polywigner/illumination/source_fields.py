@@ -25,7 +25,8 @@ from polywigner.illumination.source_values import (
     at,
     complex_numbers,
     coordinates,
-    named,
+    made,
+    name_in,
     wavelength_in,
 )
 from polywigner.illumination.waves import Illumination
@@ -39,7 +40,7 @@ def field_of(value: Any, around: Around) -> Illumination:
     product: Illumination | None = None
     for factor in _factors(value, _FIELDS, around):
         # counted before they are multiplied
-        around.counts.add_waves(len(factor) * (1 if product is None else len(product)))
+        around.count(waves=len(factor) * (1 if product is None else len(product)))
         product = factor if product is None else product * factor
     assert product is not None
     return product
@@ -48,7 +49,7 @@ def field_of(value: Any, around: Around) -> Illumination:
 def _factors(value: Any, kinds: Kinds, around: Around) -> Iterator[Any]:
     """The object of a table, or of each of a list of tables."""
     if not isinstance(value, list):
-        yield named(value, kinds, around)
+        yield _named(value, kinds, around)
         return
     if not 0 < len(value) <= _MOST_FACTORS:
         got = f"a list of {len(value)}" if value else "an empty list"
@@ -57,8 +58,14 @@ def _factors(value: Any, kinds: Kinds, around: Around) -> Iterator[Any]:
         )
     for k, item in enumerate(value):
         with at(f"number {k}"):
-            factor = named(item, kinds, around)
+            factor = _named(item, kinds, around)
         yield factor
+
+
+def _named(table: Any, kinds: Kinds, around: Around) -> Any:
+    """The object of a table, with its kind in the place of errors."""
+    with at(name_in(table, kinds)):
+        return made(table, kinds, around)
 
 
 def _direction(values: dict[str, Any], dimension: int) -> Any:
@@ -121,7 +128,7 @@ _FIELDS: dict[str, Kind] = {
 def positions_of(value: Any, around: Around) -> Positions:
     """Positions (n, d) from a list, or from a table that names a layout."""
     if isinstance(value, dict):
-        layout: Positions = named(value, _LAYOUTS, around)
+        layout: Positions = _named(value, _LAYOUTS, around)
         return layout
     return Positions(checked_positions(coordinates(value), (around.dimension,)))
 

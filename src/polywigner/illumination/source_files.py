@@ -6,7 +6,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, Protocol, runtime_checkable
 
@@ -255,13 +255,9 @@ def _field(source: Aperture | Slits) -> dict[str, Any]:
 
 
 def _outline(aperture: Aperture) -> dict[str, Any]:
-    exact = {"polygons": _polygons(aperture)}
-    try:
-        # the same vertices in the same order: sums over edges are then rounded alike
-        same = _polygons(aperture_of_polygons(exact["polygons"])) == exact["polygons"]
-    except PolywignerError:
-        same = False
-    return exact if same else {**exact, "verbatim": True}
+    polygons = _polygons(aperture)
+    # the same vertices in the same order: sums over edges are then rounded alike
+    return _exact("polygons", polygons, lambda: _polygons(aperture_of_polygons(polygons)))
 
 
 def _polygons(aperture: Aperture) -> list[list[Any]]:
@@ -269,12 +265,17 @@ def _polygons(aperture: Aperture) -> list[list[Any]]:
 
 
 def _intervals(slits: Slits) -> dict[str, Any]:
-    exact = {"intervals": slits.intervals.tolist()}
+    intervals = slits.intervals.tolist()
+    return _exact("intervals", intervals, lambda: Slits(intervals).intervals.tolist())
+
+
+def _exact(key: str, values: list[Any], again: Callable[[], list[Any]]) -> dict[str, Any]:
+    """An outline, verbatim where its constructor would make others of the values."""
     try:
-        same = Slits(slits.intervals) == slits.with_illumination(None)
+        same = again() == values
     except PolywignerError:
         same = False
-    return exact if same else {**exact, "verbatim": True}
+    return {key: values} if same else {key: values, "verbatim": True}
 
 
 def json_of(value: Any, margin: str = "") -> str:

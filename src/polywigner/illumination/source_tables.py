@@ -43,7 +43,6 @@ from polywigner.illumination.source_values import (
     complex_numbers,
     coordinates,
     flag,
-    kind_in,
     made,
     name_in,
     shown,
@@ -66,7 +65,7 @@ def source_of(table: Any, folder: Path, allow_outside: bool = False) -> tuple[So
     if not isinstance(table, dict):
         raise FileFormatError(f"expected a table with the key 'kind', got {shown(table)}")
     kinds = _ELEMENTS | _ARRAYS
-    kind_in(table, kinds)  # first: of a file that is no source file, nothing is quoted
+    name_in(table, kinds)  # first: of a file that is no source file, nothing is quoted
     wavelength = wavelength_in(values_of(table, HEAD), None)
     around = Around(folder, allow_outside, wavelength)
     body = {key: value for key, value in table.items() if key not in HEAD}
@@ -96,7 +95,7 @@ def _aperture(values: dict[str, Any], around: Around) -> Aperture | PlacedApertu
         else:
             aperture = _of_polygons(values["polygons"], values.get("verbatim", False))
     if origin != "file":
-        around.counts.add_outlines(*_size(aperture))
+        around.count(**_size(aperture))
     lit = _illuminated(aperture, values, around)
     return _placed(lit, values["to_world"]) if "to_world" in values else lit
 
@@ -109,7 +108,7 @@ def _slits(values: dict[str, Any], around: Around) -> Slits:
         else:
             make = _slits_as_they_are if values.get("verbatim", False) else Slits
             slits = make(values["intervals"])
-    around.counts.add_outlines(1, len(slits.intervals))
+    around.count(rings=1, vertices=len(slits.intervals))
     lit: Slits = _illuminated(slits, values, replace(around, dimension=1))
     return lit
 
@@ -125,7 +124,7 @@ def _polyhedron(values: dict[str, Any], around: Around) -> Polyhedron:
     faces = values["faces"]
     if len(faces) > limits.MOST_FACES:
         raise FileFormatError(f"expected at most {limits.MOST_FACES} faces, got {len(faces)}")
-    around.counts.add_outlines(1, len(faces))
+    around.count(rings=1, vertices=len(faces))
     return Polyhedron(values["vertices"], faces)
 
 
@@ -169,19 +168,19 @@ def _from_file(values: Table, around: Around, read: Callable[..., Any], **option
     path = _path(around, name)
     key = (path, unit, *options.values())
     if key not in around.read:
-        around.counts.add_bytes(path.stat().st_size if path.is_file() else 0)
+        around.count(bytes=path.stat().st_size if path.is_file() else 0)
         found = read(path, unit, **options)
-        around.counts.add_outlines(*_size(found))
+        around.count(**_size(found))
         around.read[key] = found
     return around.read[key]
 
 
-def _size(source: Aperture | Polyhedron) -> tuple[int, int]:
-    """How many outlines or bodies it is, and their vertices or faces."""
+def _size(source: Aperture | Polyhedron) -> dict[str, int]:
+    """The numbers of outlines or bodies, and of their vertices or faces."""
     if isinstance(source, Polyhedron):
-        return 1, len(source.faces)
+        return {"rings": 1, "vertices": len(source.faces)}
     rings = [ring for part in source._parts for ring in part]
-    return len(rings), sum(map(len, rings))
+    return {"rings": len(rings), "vertices": sum(map(len, rings))}
 
 
 def _path(around: Around, name: str) -> Path:
@@ -202,7 +201,7 @@ def _path(around: Around, name: str) -> Path:
 def _shape(table: Any, expected: type) -> Any:
     """A shape of the catalogue; its keys are the parameters of the function of that name."""
     plain = {name: getattr(shapes, name) for name in shapes.__all__}
-    name = name_in(table, "name", plain, "the name of a shape")
+    name = name_in(table, plain, "name", "the name of a shape")
     parameters = inspect.signature(plain[name]).parameters
     required = [p.name for p in parameters.values() if p.default is p.empty]
     check_keys(table, ("name", *required), [key for key in parameters if key not in required])

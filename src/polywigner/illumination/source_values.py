@@ -6,6 +6,7 @@ Errors begin with the place of what they are about.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -88,7 +89,7 @@ def values_of(table: Table, converters: Mapping[str, Converter]) -> dict[str, An
     return values
 
 
-def name_in(table: Any, key: str, names: Collection[str], expected: str) -> str:
+def name_in(table: Any, names: Collection[str], key: str = "kind", expected: str = "a kind") -> str:
     """The name that a table has under a key, one of those that exist."""
     name = table.get(key) if isinstance(table, dict) else None
     if not isinstance(name, str) or name not in names:
@@ -229,41 +230,6 @@ KEYS = {key: convert for convert, keys in _OF_CONVERTERS.items() for key in keys
 """Each key of the tables, which means the same in all, and its check and conversion."""
 
 
-@dataclass
-class Counts:
-    """Sums over all elements of a file and the files that it names."""
-
-    rings: int = 0
-    vertices: int = 0
-    waves: int = 0
-    bytes: int = 0
-
-    def add_outlines(self, rings: int, vertices: int) -> None:
-        """Count outlines and their vertices."""
-        self.rings += rings
-        self.vertices += vertices
-        check_rings(self.rings)
-        check_vertices(self.vertices)
-
-    def add_waves(self, count: int) -> None:
-        """Count plane waves, before they are made."""
-        self.waves += count
-        if self.waves > MOST_WAVES:
-            raise FileFormatError(
-                f"expected fields of at most {MOST_WAVES} plane waves in a file, got more; use "
-                "fewer or lower tapers"
-            )
-
-    def add_bytes(self, count: int) -> None:
-        """Count what is read of another file."""
-        self.bytes += count
-        if self.bytes > LARGEST_FILE:
-            raise FileFormatError(
-                f"expected to read at most {LARGEST_FILE >> 20} MiB of other files, got more; "
-                "simplify them"
-            )
-
-
 class Positions(NamedTuple):
     """Positions of the elements of a phased array."""
 
@@ -287,7 +253,23 @@ class Around:
     positions: Positions | None = None
     read: dict[tuple[Any, ...], Aperture | Polyhedron] = field(default_factory=dict)
     """Other files that were read, by path, unit and options."""
-    counts: Counts = field(default_factory=Counts)
+    counted: Counter[str] = field(default_factory=Counter)
+
+    def count(self, **more: int) -> None:
+        """Add to the rings, vertices, waves and bytes of the file and files that it names."""
+        self.counted.update(more)
+        check_rings(self.counted["rings"])
+        check_vertices(self.counted["vertices"])
+        if self.counted["waves"] > MOST_WAVES:
+            raise FileFormatError(
+                f"expected fields of at most {MOST_WAVES} plane waves in a file, got more; use "
+                "fewer or lower tapers"
+            )
+        if self.counted["bytes"] > LARGEST_FILE:
+            raise FileFormatError(
+                f"expected to read at most {LARGEST_FILE >> 20} MiB of other files, got more; "
+                "simplify them"
+            )
 
 
 @dataclass(frozen=True)
@@ -306,18 +288,9 @@ class Kind:
 Kinds = Mapping[str, Kind]
 
 
-def kind_in(table: Any, kinds: Kinds) -> str:
-    return name_in(table, "kind", kinds, "a kind")
-
-
 def made(table: Any, kinds: Kinds, around: Around) -> Any:
-    return kinds[kind_in(table, kinds)](table, around)
-
-
-def named(table: Any, kinds: Kinds, around: Around) -> Any:
-    """The object of a table, with its kind in the place of errors."""
-    with at(kind_in(table, kinds)):
-        return made(table, kinds, around)
+    """The object that a table of one of the kinds describes."""
+    return kinds[name_in(table, kinds)](table, around)
 
 
 def wavelength_in(values: Mapping[str, Any], default: float | None) -> float | None:

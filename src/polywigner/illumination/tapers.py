@@ -37,7 +37,7 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
     vector = _numbers(direction)
     if vector.shape != (3,):
         raise ArgumentError(f"expected a direction as a unit vector (3,), got {direction!r}")
-    length = _length(vector)
+    length = math.hypot(*vector)
     if abs(length - 1) > _UNIT:
         raise ArgumentError(
             f"expected a direction of length 1, got one of length {length:.6g}; {_ADVICE}"
@@ -69,18 +69,13 @@ def transverse(direction: Any) -> NDArray[np.float64]:
             "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
             f"or the sine of an angle for slits, got {direction!r}"
         )
-    length = _length(given)
+    length = math.hypot(*given)
     if length > 1 + _UNIT:
         raise ArgumentError(
             "expected components along the aperture of a unit vector, got a length of "
             f"{length:.6g}; {_ADVICE}"
         )
     return given
-
-
-def _length(vector: NDArray[np.float64]) -> float:
-    with np.errstate(over="ignore"):
-        return float(np.linalg.norm(vector))
 
 
 def _numbers(direction: Any) -> NDArray[np.float64]:

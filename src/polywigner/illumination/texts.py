@@ -130,12 +130,8 @@ def _taper(text: str, aperture: Aperture) -> Illumination:
 
 
 def _sidelobes(match: re.Match[str]) -> dict[str, Any]:
-    given: dict[str, Any] = {}
-    if match["sll"]:
-        given["sll"] = float(match["sll"])
-    if match["nbar"]:
-        given["nbar"] = int(match["nbar"])
-    return given
+    kinds = {"sll": float, "nbar": int}
+    return {key: kind(match[key]) for key, kind in kinds.items() if match[key]}
 
 
 def _array(aperture: Aperture, texts: Mapping[str, str]) -> Array:

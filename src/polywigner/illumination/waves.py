@@ -116,15 +116,18 @@ class Illumination:
             return self._from(self.amplitudes * complex(other), self.frequencies)
         if not isinstance(other, Illumination):
             return NotImplemented
-        if other.dimension != self.dimension:
-            raise IlluminationError(
-                f"expected fields of one dimension, got {self.dimension} and {other.dimension}"
-            )
+        self._check_dimension(other)
         products = np.multiply.outer(self.amplitudes, other.amplitudes)
         sums = self.frequencies[:, None] + other.frequencies
         return self._from(products.ravel(), sums.reshape(-1, self.dimension), other.is_fit)
 
     __rmul__ = __mul__
+
+    def _check_dimension(self, other: Illumination) -> None:
+        if other.dimension != self.dimension:
+            raise IlluminationError(
+                f"expected fields of one dimension, got {self.dimension} and {other.dimension}"
+            )
 
     def __truediv__(self, other: complex) -> Illumination:
         if not isinstance(other, Complex):
@@ -142,10 +145,7 @@ class Illumination:
     def __add__(self, other: Illumination) -> Illumination:
         if not isinstance(other, Illumination):
             return NotImplemented
-        if other.dimension != self.dimension:
-            raise IlluminationError(
-                f"expected fields of one dimension, got {self.dimension} and {other.dimension}"
-            )
+        self._check_dimension(other)
         return self._from(
             np.concatenate([self.amplitudes, other.amplitudes]),
             np.concatenate([self.frequencies, other.frequencies]),
