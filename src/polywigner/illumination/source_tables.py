@@ -30,7 +30,6 @@ from polywigner.geometry.formats.work import check_polygons
 from polywigner.geometry.parts import merge_parts, part_of_rings
 from polywigner.geometry.rings import Part, oriented, polygon_of_part
 from polywigner.illumination.array import Array, Element, phased_array
-from polywigner.illumination.source_fields import field_of, positions_of, weights_of
 from polywigner.illumination.source_values import (
     HEAD,
     KEYS,
@@ -42,12 +41,15 @@ from polywigner.illumination.source_values import (
     check_keys,
     complex_numbers,
     coordinates,
+    field_of,
     flag,
     made,
     name_in,
+    positions_of,
     shown,
     values_of,
     wavelength_in,
+    weights_of,
     whole,
 )
 
