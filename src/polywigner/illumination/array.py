@@ -64,25 +64,22 @@ def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
 def _in_plane(number: int, element: Element) -> Aperture:
     if isinstance(element, Aperture):
         return element
-    advice = (
-        "Wigner and ambiguity functions need all elements in the plane z = 0 "
-        "(polywigner.fourier has the others)"
-    )
+    got = ""
     if not isinstance(element, PlacedAperture):
+        got = type(element).__name__
+    else:
+        rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
+        lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
+        if lean > _IN_PLANE:
+            got = f"one that leans by {np.degrees(lean):.3g} degrees"
+        elif abs(shift[2]) > _IN_PLANE * element.aperture.diameter:
+            got = f"one at z = {shift[2]:.6g}"
+    if got:
         raise GeometryError(
-            f"expected elements of one plane, got {type(element).__name__} at {number}; {advice}"
+            f"expected elements of one plane, got {got} at {number}; Wigner and ambiguity "
+            "functions need all elements in the plane z = 0 (polywigner.fourier has the others)"
         )
-    rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
-    lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
-    if lean > _IN_PLANE:
-        raise GeometryError(
-            f"expected elements of one plane, got one that leans by {np.degrees(lean):.3g} degrees "
-            f"at {number}; {advice}"
-        )
-    if abs(shift[2]) > _IN_PLANE * element.aperture.diameter:
-        raise GeometryError(
-            f"expected elements of one plane, got one at z = {shift[2]:.6g} at {number}; {advice}"
-        )
+    assert isinstance(element, PlacedAperture)
     plane = rotation[:2, :2]
     outline = shapely.transform(element.aperture.polygons, lambda p: p @ plane.T + shift[:2])
     field = element.aperture.illumination
@@ -250,6 +247,11 @@ class Array(TakesWaves):
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
 
+    @property
+    def distinct(self) -> tuple[Element, ...]:
+        """The elements, the equal ones of a `phased_array` once."""
+        return self.elements if self.repeated is None else (self.repeated[0],)
+
     @cached_property
     def phased(self) -> Array | None:
         """The array as a `phased_array`: itself, or what its apertures are if many copies of one.
@@ -278,9 +280,7 @@ class Array(TakesWaves):
     @property
     def dimension(self) -> int:
         """Dimension of the elements' space: 1 for slits, 2 for apertures without a pose, else 3."""
-        if self.repeated is not None:
-            return self.repeated[1].shape[1]
-        kinds = {type(element) for element in self.elements}
+        kinds = {type(element) for element in self.distinct}
         if kinds == {Slits}:
             return 1
         return 2 if kinds == {Aperture} else 3
@@ -294,8 +294,7 @@ class Array(TakesWaves):
         if self.repeated is not None:
             element, positions = self.repeated
             low, high = positions.min(axis=0), positions.max(axis=0)
-            if len(low) < 3:
-                return tuple((np.array(element.bounds) + np.concatenate([low, high])).tolist())
+            return tuple((np.array(element.bounds) + np.concatenate([low, high])).tolist())
         boxes = np.array([element.bounds for element in self.elements_in_plane])
         half = boxes.shape[1] // 2
         return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
@@ -368,33 +367,25 @@ class Array(TakesWaves):
         return len(self.weights)
 
     def _repr_html_(self) -> str:
-        element = self.elements[0] if self.repeated is None else self.repeated[0]
         sizes = np.abs(self.weights)
-        rings = [] if len(self) > _MOST_DRAWN else self._drawn_rings()
+        rings: list[NDArray[np.float64]] = []
+        if len(self) <= _MOST_DRAWN:
+            rings = [ring for e in self.elements if isinstance(e, Aperture) for ring in e.rings]
         rows = [("elements", str(len(self)))]
         if rings:
             extent = np.ptp(np.concatenate(rings), axis=0)
             rows.append(("size", length_text(*extent.tolist())))
         same = (self.weights == 1).all()
         rows.append(("weights", "all 1" if same else f"|w| {sizes.min():.4g} to {sizes.max():.4g}"))
-        rows.append(("element", repr(element)))
+        rows.append(("element", repr(self.distinct[0])))
         return shown_as_html("Array", rows, rings)
 
-    def _drawn_rings(self) -> list[NDArray[np.float64]]:
-        if self.repeated is None:
-            return [ring for e in self.elements if isinstance(e, Aperture) for ring in e.rings]
-        element, sites = self.repeated
-        rings = element.rings if isinstance(element, Aperture) else ()
-        return [ring + site for site in sites for ring in rings]
-
     def __repr__(self) -> str:
-        if self.repeated is not None:
-            kinds = [type(self.repeated[0]).__name__] * len(self)
-        else:
-            kinds = [type(element).__name__ for element in self.elements]
-        counts = ", ".join(f"{kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds))
+        kinds = [type(element).__name__ for element in self.distinct]
+        copies = len(self) // len(kinds)
+        counts = [f"{copies * kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds)]
         uniform = "weights all 1" if (self.weights == 1).all() else "weighted"
-        return f"Array({counts}, {uniform})"
+        return f"Array({', '.join(counts)}, {uniform})"
 
 
 @overload

@@ -49,9 +49,7 @@ def direction_cosines(
 
 def fields_of(source: AnySource) -> tuple[Illumination | None, ...]:
     """The fields of the elements of a source, None for those without; equal elements count once."""
-    if not isinstance(source, Array):
-        return (_field_of(source),)
-    elements = source.elements if source.repeated is None else (source.repeated[0],)
+    elements = source.distinct if isinstance(source, Array) else (source,)
     return tuple(dict.fromkeys(_field_of(element) for element in elements))
 
 
@@ -65,9 +63,7 @@ def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0
     zero; IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
     length = checked_length(wavelength, "wavelength")
-    elements: tuple[Any, ...] = (source,)
-    if isinstance(source, Array):
-        elements = source.elements if source.repeated is None else (source.repeated[0],)
+    elements = source.distinct if isinstance(source, Array) else (source,)
     scaled, factors = zip(*(_scaled(e, length, constant) for e in elements), strict=True)
     weights = np.array(factors) * (source.weights if isinstance(source, Array) else 1.0)
     if not weights.any():
