@@ -23,15 +23,6 @@ from polywigner.illumination.array import Array, Element
 from polywigner.illumination.source_tables import Source, aperture_of_polygons, source_of
 from polywigner.illumination.source_values import VERSION
 
-__all__ = [
-    "SOURCE_COORDINATE",
-    "json_of",
-    "read_source",
-    "read_with_wavelength",
-    "table_of",
-    "write_source",
-]
-
 _LONGEST_MESSAGE = 1000
 
 # Names joined by dots, for each of which tables are looked through from the outermost one.

@@ -365,17 +365,14 @@ def _samples(points: Any, values: Any) -> tuple[NDArray[np.float64], NDArray[np.
         places = real_numbers(points)
         field = np.array(values, dtype=np.complex128)
     except (TypeError, ValueError, OverflowError):
-        raise ArgumentError(
-            "expected points (n, 2) and complex values (n,) that are numbers, got shapes "
-            f"{shape_of(points)} and {shape_of(values)}"
-        ) from None
+        places, field = np.empty(0), np.empty(0, np.complex128)
     if places.ndim == 1:
         places = places[:, None]
     shapes = places.ndim == 2 and places.shape[1] in (1, 2) and field.shape == places.shape[:1]
     if not shapes or not len(field):
         raise ArgumentError(
-            f"expected points (n, 2), or (n, 1) for slits, and a value for each, got shapes "
-            f"{shape_of(points)} and {shape_of(values)}"
+            "expected points (n, 2), or (n, 1) for slits, and a complex number for each, "
+            f"got shapes {shape_of(points)} and {shape_of(values)}"
         )
     if not (np.isfinite(places).all() and np.isfinite(field).all()):
         raise ArgumentError("expected finite points and values, got inf or nan")
