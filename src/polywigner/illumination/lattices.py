@@ -150,10 +150,6 @@ class Profile:
     def is_uniform(self) -> bool:
         return all(amplitude == 1.0 for amplitude in self.amplitudes)
 
-    @property
-    def is_real(self) -> bool:
-        return not any(complex(amplitude).imag for amplitude in self.amplitudes)
-
 
 def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
     """Two profiles whose product the weights (n1, n2) are, or None."""

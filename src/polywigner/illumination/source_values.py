@@ -260,7 +260,8 @@ class Around:
     """At the top of the file, in metres."""
     dimension: int = 2
     """Of the element that is lit or repeated."""
-    positions: Positions | None = None
+    positions: Positions = Positions(np.empty((0, 2)))
+    """Of the array of which the table gives the weights."""
     read: dict[tuple[Any, ...], Aperture | Polyhedron] = field(default_factory=dict)
     """Other files that were read, by path, unit and options."""
     counted: Counter[str] = field(default_factory=Counter)
@@ -436,7 +437,6 @@ def weights_of(value: Any, around: Around) -> Any:
 
 
 def _window(values: dict[str, Any], around: Around) -> NDArray[np.float64]:
-    assert around.positions is not None  # weights are read with positions only
     if around.positions.shape is None:
         raise FileFormatError(
             "expected positions of kind row, grid or triangular for the weights of a window, got "
@@ -446,13 +446,11 @@ def _window(values: dict[str, Any], around: Around) -> NDArray[np.float64]:
 
 
 def _steered(values: dict[str, Any], around: Around) -> NDArray[np.complex128]:
-    assert around.positions is not None
     towards = _direction(values, around.dimension)
     return arrays.steering_weights(around.positions.places, towards, _wavelength(values, around))
 
 
 def _focused(values: dict[str, Any], around: Around) -> NDArray[np.complex128]:
-    assert around.positions is not None
     point = values["point"]
     return arrays.focusing_weights(around.positions.places, point, _wavelength(values, around))
 
