@@ -249,6 +249,9 @@ class Positions(NamedTuple):
     """Numbers of elements along each axis of a lattice; None of other layouts."""
 
 
+_NONE = Positions(np.empty((0, 2)))
+
+
 @dataclass(frozen=True)
 class Around:
     """Settings that a table depends on beside its own keys."""
@@ -260,7 +263,7 @@ class Around:
     """At the top of the file, in metres."""
     dimension: int = 2
     """Of the element that is lit or repeated."""
-    positions: Positions = Positions(np.empty((0, 2)))
+    positions: Positions = _NONE
     """Of the array of which the table gives the weights."""
     read: dict[tuple[Any, ...], Aperture | Polyhedron] = field(default_factory=dict)
     """Other files that were read, by path, unit and options."""
