@@ -144,7 +144,8 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
     """
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
-    size = float(np.abs([wave.curvature for wave in waves]).max())
+    curvatures = np.array([wave.curvature for wave in waves])
+    size = float(np.abs(curvatures).max())
     for k, wave in enumerate(waves):
         apart = float(np.abs(wave.curvature - first.curvature).max())
         if apart > _SAME * size or wave.coherence_width != first.coherence_width:
@@ -153,20 +154,15 @@ def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
                 f"element {k} beside {first!r}; make an array of those alike, and add fields"
             )
     factors = checked_weights(weights, len(waves))
-    tilted = [_tilted(wave.source, wave, wave.centre - first.centre) for wave in waves]
-    phases = np.array([phase for _, phase in tilted])
-    return first._with(source=Array([source for source, _ in tilted], factors * phases))
-
-
-def _tilted(source: Any, wave: Wavefront, away: NDArray[np.float64]) -> tuple[Any, complex]:
-    """The source with the tilt of a wave whose centre is ``away``, and what is left of its phase.
-
-    exp(-2 pi i x.Q d) stands on the source, exp(i pi d.Q d + 2 pi i c.Q d) is left; c = c_k - d.
-    """
-    slope = wave.curvature @ away
-    turns = float((wave.centre - away / 2) @ slope)
-    phase = complex(np.exp(2j * np.pi * (turns - round(turns))))
-    return tilted_source(source, -slope), phase
+    # of a wave whose centre c is d away exp(-2 pi i x.Q d) stands on the source, and the phase
+    # exp(2 pi i (c - d/2).Q d) is left
+    centres = np.array([wave.centre for wave in waves])
+    away = centres - first.centre
+    slopes = (curvatures @ away[:, :, None])[:, :, 0]
+    turns = ((centres - away / 2) * slopes).sum(axis=1)
+    phases = np.exp(2j * np.pi * (turns - np.round(turns)))
+    tilted = [tilted_source(w.source, -slope) for w, slope in zip(waves, slopes, strict=True)]
+    return first._with(source=Array(tilted, factors * phases))
 
 
 def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
