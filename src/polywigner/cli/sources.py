@@ -223,7 +223,7 @@ def _read_source(
     path: str, wavelength: float | None, allow_outside: bool
 ) -> tuple[Any, float | None]:
     """The source, and the wavelength that was asked for, or else its own."""
-    from polywigner.illumination.files.reading import read_with_wavelength
+    from polywigner.illumination.source_files import read_with_wavelength
 
     source, own = read_with_wavelength(path, allow_outside)
     if wavelength is None or own is None:

@@ -20,20 +20,6 @@ from polywigner.geometry.wavefront import TakesWaves, Wavefront
 from polywigner.illumination.lattices import Sites, checked_sites, checked_weights
 from polywigner.illumination.waves import Illumination
 
-__all__ = [
-    "Array",
-    "Element",
-    "array_of_waves",
-    "checked_elements",
-    "copies_of_wave",
-    "has_waves",
-    "in_plane",
-    "phased_array",
-    "placed",
-    "shifted_copies",
-    "tilted_source",
-]
-
 Element = Aperture | PlacedAperture | Polyhedron | Slits
 
 # How far an element may lie off the plane z = 0, as a fraction of its diameter, and lean, in
@@ -41,7 +27,7 @@ Element = Aperture | PlacedAperture | Polyhedron | Slits
 _IN_PLANE = 1e-12
 
 
-def checked_elements(elements: Any) -> tuple[Element, ...]:
+def _checked_elements(elements: Any) -> tuple[Element, ...]:
     expected = "expected a sequence of elements (Aperture, placed aperture, Polyhedron, Slits)"
     if isinstance(elements, Element):
         raise ArgumentError(f"{expected}, got one {type(elements).__name__}; put it into a list")
@@ -53,8 +39,7 @@ def checked_elements(elements: Any) -> tuple[Element, ...]:
         raise ArgumentError(f"{expected}, got none")
     for k, element in enumerate(found):
         if not isinstance(element, Element):
-            nested = hasattr(element, "elements")  # an array, which cannot be imported here
-            hint = "; join its elements and weights" if nested else ""
+            hint = "; join its elements and weights" if isinstance(element, Array) else ""
             raise ArgumentError(f"{expected}, got {type(element).__name__} at {k}{hint}")
     slits = [isinstance(element, Slits) for element in found]
     if any(slits) and not all(slits):
@@ -65,7 +50,7 @@ def checked_elements(elements: Any) -> tuple[Element, ...]:
     return found
 
 
-def placed(element: Element, pose: NDArray[np.float64]) -> Element:
+def _placed(element: Element, pose: NDArray[np.float64]) -> Element:
     if isinstance(element, Aperture):
         return element.placed(pose)
     if isinstance(element, PlacedAperture):
@@ -76,28 +61,25 @@ def placed(element: Element, pose: NDArray[np.float64]) -> Element:
     raise GeometryError("expected elements of the plane or of space to place, got Slits")
 
 
-def in_plane(number: int, element: Element) -> Aperture:
+def _in_plane(number: int, element: Element) -> Aperture:
     if isinstance(element, Aperture):
         return element
-    advice = (
-        "Wigner and ambiguity functions need all elements in the plane z = 0 "
-        "(polywigner.fourier has the others)"
-    )
+    got = ""
     if not isinstance(element, PlacedAperture):
+        got = type(element).__name__
+    else:
+        rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
+        lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
+        if lean > _IN_PLANE:
+            got = f"one that leans by {np.degrees(lean):.3g} degrees"
+        elif abs(shift[2]) > _IN_PLANE * element.aperture.diameter:
+            got = f"one at z = {shift[2]:.6g}"
+    if got:
         raise GeometryError(
-            f"expected elements of one plane, got {type(element).__name__} at {number}; {advice}"
+            f"expected elements of one plane, got {got} at {number}; Wigner and ambiguity "
+            "functions need all elements in the plane z = 0 (polywigner.fourier has the others)"
         )
-    rotation, shift = element.pose[:3, :3], element.pose[:3, 3]
-    lean = float(np.arctan2(np.hypot(*rotation[:2, 2]), abs(rotation[2, 2])))
-    if lean > _IN_PLANE:
-        raise GeometryError(
-            f"expected elements of one plane, got one that leans by {np.degrees(lean):.3g} degrees "
-            f"at {number}; {advice}"
-        )
-    if abs(shift[2]) > _IN_PLANE * element.aperture.diameter:
-        raise GeometryError(
-            f"expected elements of one plane, got one at z = {shift[2]:.6g} at {number}; {advice}"
-        )
+    assert isinstance(element, PlacedAperture)
     plane = rotation[:2, :2]
     outline = shapely.transform(element.aperture.polygons, lambda p: p @ plane.T + shift[:2])
     field = element.aperture.illumination
@@ -112,7 +94,7 @@ def in_plane(number: int, element: Element) -> Aperture:
 _COPIES, _COPIED_FIELDS = 1e-15, 1e-13
 
 
-def shifted_copies(
+def _shifted_copies(
     elements: Sequence[Aperture] | Sequence[Slits],
 ) -> tuple[Aperture, NDArray[np.float64], NDArray[np.complex128]] | None:
     """One element, shifts (n, 2) and factors (n,) of its field that give all; None if they do not.
@@ -155,19 +137,15 @@ def _factor_of_copy(first: Any, other: Any, shift: NDArray[np.float64]) -> compl
 _SAME = 1e-12
 
 
-def has_waves(elements: Any) -> bool:
-    """Whether one of a list of elements has a curved or partly coherent wave."""
-    return isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements)
-
-
-def array_of_waves(make: Any, elements: Sequence[Any], weights: Any) -> Wavefront:
+def _array_of_waves(elements: Sequence[Any], weights: Any) -> Wavefront:
     """The array of elements whose waves have one curvature, as one curved wave on an array.
 
-    ``make``: (elements, weights) -> Array. Raises IlluminationError where curvatures differ.
+    Raises IlluminationError where curvatures differ.
     """
     waves = [e if isinstance(e, Wavefront) else Wavefront(e) for e in elements]
     first = waves[0]
-    size = float(np.abs([wave.curvature for wave in waves]).max())
+    curvatures = np.array([wave.curvature for wave in waves])
+    size = float(np.abs(curvatures).max())
     for k, wave in enumerate(waves):
         apart = float(np.abs(wave.curvature - first.curvature).max())
         if apart > _SAME * size or wave.coherence_width != first.coherence_width:
@@ -176,27 +154,15 @@ def array_of_waves(make: Any, elements: Sequence[Any], weights: Any) -> Wavefron
                 f"element {k} beside {first!r}; make an array of those alike, and add fields"
             )
     factors = checked_weights(weights, len(waves))
-    tilted = [_tilted(wave.source, wave, wave.centre - first.centre) for wave in waves]
-    phases = np.array([phase for _, phase in tilted])
-    return first._with(source=make([source for source, _ in tilted], factors * phases))
-
-
-def copies_of_wave(
-    make: Any, wave: Wavefront, places: NDArray[np.float64], weights: NDArray[np.complex128]
-) -> Wavefront:
-    """Copies of an element with its wave at places (n, d)."""
-    return array_of_waves(make, [wave.moved(place) for place in places], weights)
-
-
-def _tilted(source: Any, wave: Wavefront, away: NDArray[np.float64]) -> tuple[Any, complex]:
-    """The source with the tilt of a wave whose centre is ``away``, and what is left of its phase.
-
-    exp(-2 pi i x.Q d) stands on the source, exp(i pi d.Q d + 2 pi i c.Q d) is left; c = c_k - d.
-    """
-    slope = wave.curvature @ away
-    turns = float((wave.centre - away / 2) @ slope)
-    phase = complex(np.exp(2j * np.pi * (turns - round(turns))))
-    return tilted_source(source, -slope), phase
+    # of a wave whose centre c is d away exp(-2 pi i x.Q d) stands on the source, and the phase
+    # exp(2 pi i (c - d/2).Q d) is left
+    centres = np.array([wave.centre for wave in waves])
+    away = centres - first.centre
+    slopes = (curvatures @ away[:, :, None])[:, :, 0]
+    turns = ((centres - away / 2) * slopes).sum(axis=1)
+    phases = np.exp(2j * np.pi * (turns - np.round(turns)))
+    tilted = [tilted_source(w.source, -slope) for w, slope in zip(waves, slopes, strict=True)]
+    return first._with(source=Array(tilted, factors * phases))
 
 
 def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
@@ -210,12 +176,10 @@ def tilted_source(source: Any, kappa: NDArray[np.float64]) -> Any:
         elements = [tilted_source(element, kappa) for element in source.elements_in_plane]
         return type(source)(elements, source.weights)
     # each copy brings its element's tilt along
-    (element, positions), make = source.repeated, type(source)._repeated
-    return make(
-        tilted_source(element, kappa),
-        positions,
-        source.weights * np.exp(2j * np.pi * (positions @ kappa)),
-    )
+    element, positions = source.repeated
+    turns = positions @ kappa
+    tilted = tilted_source(element, kappa)
+    return phased_array(tilted, positions, source.weights * np.exp(2j * np.pi * turns))
 
 
 # Outlines that a notebook draws: a few hundred kB.
@@ -263,25 +227,14 @@ class Array(TakesWaves):
 
     def __new__(cls, elements: Any = (), weights: Any = None) -> Any:
         """An array; of elements with curved waves of one curvature a curved wave on an array."""
-        if has_waves(elements):
-            return array_of_waves(Array, elements, weights)
+        if isinstance(elements, Sequence) and any(isinstance(e, Wavefront) for e in elements):
+            return _array_of_waves(elements, weights)
         return object.__new__(cls)
 
     def __init__(self, elements: Iterable[Element], weights: ArrayLike | None = None) -> None:
-        found = checked_elements(elements)
-        self.__dict__["elements"] = found
-        self.__dict__["weights"] = checked_weights(weights, len(found))
-        self.__dict__["repeated"] = None
-
-    @classmethod
-    def _repeated(
-        cls, element: Aperture | Slits, places: NDArray[np.float64], weights: NDArray[Any]
-    ) -> Array:
-        """Copies of an element at places (n, d), with weights (n,) that are checked already."""
-        array: Array = object.__new__(cls)
-        array.__dict__["repeated"] = (element, places)
-        array.__dict__["weights"] = weights
-        return array
+        found = _checked_elements(elements)
+        factors = checked_weights(weights, len(found))
+        self.__dict__.update(elements=found, weights=factors, repeated=None)
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
@@ -289,6 +242,11 @@ class Array(TakesWaves):
         assert self.repeated is not None  # else __init__ has set them
         element, positions = self.repeated
         return tuple(element.moved(position) for position in positions)
+
+    @property
+    def distinct(self) -> tuple[Element, ...]:
+        """The elements, the equal ones of a `phased_array` once."""
+        return self.elements if self.repeated is None else (self.repeated[0],)
 
     @cached_property
     def phased(self) -> Array | None:
@@ -301,9 +259,9 @@ class Array(TakesWaves):
         if len(self) < _LEAST_COPIES:
             return None
         try:
-            found = shifted_copies(self.elements_in_plane)
+            found = _shifted_copies(self.elements_in_plane)
         except GeometryError:
-            return None
+            found = None
         if found is None:
             return None
         element, positions, factors = found
@@ -318,9 +276,7 @@ class Array(TakesWaves):
     @property
     def dimension(self) -> int:
         """Dimension of the elements' space: 1 for slits, 2 for apertures without a pose, else 3."""
-        if self.repeated is not None:
-            return self.repeated[1].shape[1]
-        kinds = {type(element) for element in self.elements}
+        kinds = {type(element) for element in self.distinct}
         if kinds == {Slits}:
             return 1
         return 2 if kinds == {Aperture} else 3
@@ -334,8 +290,7 @@ class Array(TakesWaves):
         if self.repeated is not None:
             element, positions = self.repeated
             low, high = positions.min(axis=0), positions.max(axis=0)
-            if len(low) < 3:
-                return tuple((np.array(element.bounds) + np.concatenate([low, high])).tolist())
+            return tuple((np.array(element.bounds) + np.concatenate([low, high])).tolist())
         boxes = np.array([element.bounds for element in self.elements_in_plane])
         half = boxes.shape[1] // 2
         return (*boxes[:, :half].min(axis=0).tolist(), *boxes[:, half:].max(axis=0).tolist())
@@ -348,7 +303,7 @@ class Array(TakesWaves):
         """
         if self.dimension == 1:
             return self.elements
-        return tuple(in_plane(k, element) for k, element in enumerate(self.elements))
+        return tuple(_in_plane(k, element) for k, element in enumerate(self.elements))
 
     @property
     def coplanar(self) -> tuple[Any, ...]:
@@ -378,7 +333,7 @@ class Array(TakesWaves):
         Raises GeometryError for a matrix that is not a rotation and a translation, and for slits.
         """
         pose = rigid_pose(to_world)
-        return Array([placed(element, pose) for element in self.elements], self.weights)
+        return Array([_placed(element, pose) for element in self.elements], self.weights)
 
     @cached_property
     def _key(self) -> tuple[Any, ...]:
@@ -408,33 +363,25 @@ class Array(TakesWaves):
         return len(self.weights)
 
     def _repr_html_(self) -> str:
-        element = self.elements[0] if self.repeated is None else self.repeated[0]
         sizes = np.abs(self.weights)
-        rings = [] if len(self) > _MOST_DRAWN else self._drawn_rings()
+        rings: list[NDArray[np.float64]] = []
+        if len(self) <= _MOST_DRAWN:
+            rings = [ring for e in self.elements if isinstance(e, Aperture) for ring in e.rings]
         rows = [("elements", str(len(self)))]
         if rings:
             extent = np.ptp(np.concatenate(rings), axis=0)
             rows.append(("size", length_text(*extent.tolist())))
         same = (self.weights == 1).all()
         rows.append(("weights", "all 1" if same else f"|w| {sizes.min():.4g} to {sizes.max():.4g}"))
-        rows.append(("element", repr(element)))
+        rows.append(("element", repr(self.distinct[0])))
         return shown_as_html("Array", rows, rings)
 
-    def _drawn_rings(self) -> list[NDArray[np.float64]]:
-        if self.repeated is None:
-            return [ring for e in self.elements if isinstance(e, Aperture) for ring in e.rings]
-        element, sites = self.repeated
-        rings = element.rings if isinstance(element, Aperture) else ()
-        return [ring + site for site in sites for ring in rings]
-
     def __repr__(self) -> str:
-        if self.repeated is not None:
-            kinds = [type(self.repeated[0]).__name__] * len(self)
-        else:
-            kinds = [type(element).__name__ for element in self.elements]
-        counts = ", ".join(f"{kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds))
+        kinds = [type(element).__name__ for element in self.distinct]
+        copies = len(self) // len(kinds)
+        counts = [f"{copies * kinds.count(kind)} x {kind}" for kind in dict.fromkeys(kinds)]
         uniform = "weights all 1" if (self.weights == 1).all() else "weighted"
-        return f"Array({counts}, {uniform})"
+        return f"Array({', '.join(counts)}, {uniform})"
 
 
 @overload
@@ -477,8 +424,8 @@ def phased_array(
     64
     """
     if isinstance(element, Wavefront):
-        found = checked_sites(positions, weights, element.dimension)
-        return copies_of_wave(Array, element, *found)
+        places, amplitudes = checked_sites(positions, weights, element.dimension)
+        return _array_of_waves([element.moved(place) for place in places], amplitudes)
     if not isinstance(element, Aperture | Slits):
         raise ArgumentError(
             f"expected an Aperture or Slits to repeat, got {type(element).__name__}; use "
@@ -486,4 +433,6 @@ def phased_array(
         )
     dimension = 1 if isinstance(element, Slits) else 2
     places, amplitudes = checked_sites(positions, weights, dimension)
-    return Array._repeated(element, places, amplitudes)
+    array: Array = object.__new__(Array)
+    array.__dict__.update(repeated=(element, places), weights=amplitudes)
+    return array

@@ -22,9 +22,9 @@ from polywigner.geometry.arguments import (
     checked_length,
     checked_number,
     real_numbers,
-    shape_of,
     takes_frequency,
 )
+from polywigner.illumination.lattices import checked_positions
 from polywigner.illumination.tapers import checked_sidelobes, transverse, unit_vector
 
 __all__ = [
@@ -207,26 +207,6 @@ def thinned(
     if not kept.any():
         raise ArgumentError("expected an element to be drawn, got none; try another seed")
     return (places[kept], np.flatnonzero(kept)) if return_index else places[kept]
-
-
-def checked_positions(positions: Any, components: tuple[int, ...]) -> Positions:
-    """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1).
-
-    Raises ArgumentError for anything else.
-    """
-    try:
-        places = real_numbers(positions)
-    except ValueError:
-        places = np.empty(0)
-    if places.ndim == 1 and 1 in components:
-        places = places[:, None]
-    fits = places.ndim == 2 and places.shape[1] in components and len(places)
-    if not fits or not np.isfinite(places).all():
-        shapes = " or ".join(f"(n, {c})" for c in components)
-        raise ArgumentError(
-            f"expected finite positions of shape {shapes}, got {shape_of(positions)}"
-        )
-    return places
 
 
 def _listed(values: Any) -> list[Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,17 +12,6 @@ from numpy.typing import NDArray
 from polywigner.errors import ArgumentError, IlluminationError
 from polywigner.geometry.arguments import real_numbers, shape_of
 
-__all__ = [
-    "Lattice",
-    "Profile",
-    "Sites",
-    "checked_sites",
-    "checked_weights",
-    "column_and_row",
-    "lattice_of",
-    "separated",
-]
-
 # Positions count as those of a lattice if they miss it by less than this fraction of the extent of
 # the array: what rounding does to multiples of a pitch.
 _ROUNDING = 4e-15
@@ -32,9 +20,8 @@ _SITES_PER_ELEMENT = 16
 # Weights count as a product of two profiles, or as real but for a phase that grows evenly along the
 # array, if this fraction of the largest is all that is left.
 _EQUAL = 1e-14
-# Positions up to which the shortest differences are looked for among all pairs; of more, among the
-# pairs of so many of them with all.
-_ALL_PAIRS = 2048
+# Positions whose differences from all others are taken, to find the shortest: on a lattice of which
+# one site in 16 is filled, none of so many has a neighbour in one of 10^7 arrays.
 _PAIRED_WITH_ALL = 128
 
 
@@ -96,41 +83,29 @@ def _basis(positions: NDArray[np.float64], extent: float) -> NDArray[np.float64]
 
     Measured over the whole array, so that their rounding does not add up over it.
     """
-    first = _shortest(_differences(positions), extent, None)
+    first = _shortest(positions, extent, None)
     if first is None:
         return None
-    second = _shortest(_differences(positions), extent, first)
+    second = _shortest(positions, extent, first)
     if second is None:
         second = np.array([-first[1], first[0]])
-    basis = np.stack([first, second])
-    return _refined(basis, positions)
-
-
-def _differences(positions: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Differences of pairs, block by block: all, or enough to meet every short one."""
-    count = len(positions)
-    if count <= _ALL_PAIRS:
-        for k in range(count - 1):
-            yield positions[k + 1 :] - positions[k]
-        return
-    # even in the order given, which is that of rows more often than not: one in each of many rows
-    for k in np.linspace(0, count - 1, _PAIRED_WITH_ALL).astype(np.intp):
-        yield positions - positions[k]
+    return _refined(np.stack([first, second]), positions)
 
 
 def _shortest(
-    differences: Iterable[NDArray[np.float64]], extent: float, other: NDArray[np.float64] | None
+    positions: NDArray[np.float64], extent: float, other: NDArray[np.float64] | None
 ) -> NDArray[np.float64] | None:
-    """The shortest difference, not parallel to another one; towards +x, or +y."""
+    """The shortest difference of two positions, not parallel to another; towards +x, or +y."""
     best, length = None, np.inf
-    for block in differences:
+    # even in the order given, which is that of rows more often than not: one in each of many rows
+    paired = np.linspace(0, len(positions) - 1, min(len(positions), _PAIRED_WITH_ALL))
+    for start in positions[paired.astype(np.intp)]:
+        block = positions - start
         size = np.hypot(block[:, 0], block[:, 1])
         allowed = size > 1e-9 * extent
         if other is not None:
             cross = np.abs(block[:, 0] * other[1] - block[:, 1] * other[0])
             allowed &= cross > 1e-6 * size * np.hypot(*other)
-        if not allowed.any():
-            continue
         size = np.where(allowed, size, np.inf)
         k = int(np.argmin(size))
         if size[k] < length * (1 - 1e-9):
@@ -148,31 +123,19 @@ def _refined(basis: NDArray[np.float64], positions: NDArray[np.float64]) -> NDAr
         used = int(np.argmax(np.ptp(steps, axis=0)))
         k, m = int(np.argmax(steps[:, used])), int(np.argmin(steps[:, used]))
         count = steps[k, used] - steps[m, used]
-        refined = basis.copy()
         if count:
-            refined[used] = (positions[k] - positions[m]) / count
-        return refined
-    found = _least_squares(steps, positions)
-    found[np.abs(found) <= 1e-15 * np.abs(found).max(axis=1)[:, None]] = 0.0
-    return found
-
-
-def _least_squares(
-    steps: NDArray[np.float64], positions: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The basis of least squares, good to an ulp: its error counts once for every step.
-
-    By normal equations in extended precision, where there is one; they are well conditioned.
-    """
-    s = steps.astype(np.longdouble)
-    p = positions.astype(np.longdouble)
+            basis[used] = (positions[k] - positions[m]) / count
+        return basis
+    # By normal equations, which are well conditioned, in extended precision where there is one: the
+    # basis is good to an ulp, since its error counts once for every step.
+    s, p = steps.astype(np.longdouble), positions.astype(np.longdouble)
     s, p = s - s.mean(axis=0), p - p.mean(axis=0)
     (aa, ab), (_, bb) = s.T @ s
     right = s.T @ p
-    determinant = aa * bb - ab * ab
-    first = (bb * right[0] - ab * right[1]) / determinant
-    second = (aa * right[1] - ab * right[0]) / determinant
-    return np.stack([first, second]).astype(np.float64)
+    first, second = bb * right[0] - ab * right[1], aa * right[1] - ab * right[0]
+    found = (np.stack([first, second]) / (aa * bb - ab * ab)).astype(np.float64)
+    found[np.abs(found) <= 1e-15 * np.abs(found).max(axis=1)[:, None]] = 0.0
+    return found
 
 
 @dataclass(frozen=True)
@@ -186,10 +149,6 @@ class Profile:
     @property
     def is_uniform(self) -> bool:
         return all(amplitude == 1.0 for amplitude in self.amplitudes)
-
-    @property
-    def is_real(self) -> bool:
-        return not any(complex(amplitude).imag for amplitude in self.amplitudes)
 
 
 def separated(weights: NDArray[np.complex128]) -> tuple[Profile, Profile] | None:
@@ -277,6 +236,26 @@ class Sites:
         return hash(self._key)
 
 
+def checked_positions(positions: Any, components: tuple[int, ...]) -> NDArray[np.float64]:
+    """Finite positions (n, d) with a d out of `components`, (n,) standing for (n, 1).
+
+    Raises ArgumentError for anything else.
+    """
+    try:
+        places = real_numbers(positions)
+    except ValueError:
+        places = np.empty(0)
+    if places.ndim == 1 and 1 in components:
+        places = places[:, None]
+    fits = places.ndim == 2 and places.shape[1] in components and len(places)
+    if not fits or not np.isfinite(places).all():
+        shapes = " or ".join(f"(n, {c})" for c in components)
+        raise ArgumentError(
+            f"expected finite positions of shape {shapes}, got {shape_of(positions)}"
+        )
+    return places
+
+
 def checked_sites(
     positions: Any, weights: Any, dimension: int | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
@@ -284,20 +263,7 @@ def checked_sites(
 
     Raises ArgumentError and IlluminationError as :func:`polywigner.phased_array` does.
     """
-    try:
-        places = real_numbers(positions)
-    except ValueError:
-        places = np.empty(0)
-    if dimension in (1, None) and places.ndim == 1:
-        places = places[:, None]
-    allowed = (1, 2, 3) if dimension is None else (dimension,)
-    if places.ndim != 2 or places.shape[1] not in allowed or not len(places):
-        raise ArgumentError(
-            f"expected positions of shape (n, {dimension or 'd'}), got {shape_of(positions)}"
-        )
-    if not np.isfinite(places).all():
-        raise ArgumentError("expected finite positions, got inf or nan")
-    places += 0.0
+    places = checked_positions(positions, (1, 2, 3) if dimension is None else (dimension,)) + 0.0
     places.setflags(write=False)
     return places, checked_weights(weights, len(places))
 

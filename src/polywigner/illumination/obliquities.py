@@ -6,22 +6,18 @@ At the cosine c the field of a wave that leaves the plane with the direction cos
 
 of a boundary condition (a, b), and the irradiance of two waves m and n
 
-    g = (a c + b p_m) (a c + b p_n*) = a^2 c^2 + a b c (p_m + p_n*) + b^2 p_m p_n*.
+    g = (a c + b p_m) (a c + b p_n*).
 
-So g is linear in the first three of four forms; the fourth belongs to the third order in the lag:
-
-    1,    p_m + p_n*,    p_m p_n*,    i (p_n* - p_m)                                        (T4)
-
-Where all waves have one cosine the forms are numbers. Else each is a combination of functions W (or
-moments) of four fields: u, that with amplitudes p_m c_m, and those with (1 + p_m) c_m and
-(p_m - i) c_m. The paper's factor g = c is no boundary condition.
+So g is linear in the forms (T4). Where all waves have one cosine the forms are numbers. Else each
+is a combination of functions W (or moments) of fields with amplitudes p_m c_m, (1 + p_m) c_m and
+(p_m - i) c_m, see (D2) and (D3). The paper's factor g = c is no boundary condition.
 """
 
 from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeVar, cast, final
+from typing import Any, Literal, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,30 +28,8 @@ from polywigner.geometry.arguments import checked_length
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.waves import Illumination
 
-__all__ = [
-    "CONDITIONS",
-    "DEFAULT",
-    "OBLIQUITIES",
-    "AnySource",
-    "BoundaryCondition",
-    "Forms",
-    "Obliquity",
-    "ObliquityName",
-    "checked_obliquity",
-    "direction_cosines",
-    "emission_factor",
-    "fields_of",
-    "grazing_error",
-    "irradiance_factor",
-    "plus_direction_cosine",
-    "times_direction_cosine",
-    "warn_of_slopes",
-    "weighted_sources",
-]
-
 _Element = Aperture | PlacedAperture | Slits
 AnySource = _Element | Array
-_Source = TypeVar("_Source", bound=AnySource)
 
 
 def direction_cosines(
@@ -75,64 +49,35 @@ def direction_cosines(
 
 def fields_of(source: AnySource) -> tuple[Illumination | None, ...]:
     """The fields of the elements of a source, None for those without; equal elements count once."""
-    if not isinstance(source, Array):
-        return (_field_of(source),)
-    elements = source.elements if source.repeated is None else (source.repeated[0],)
+    elements = source.distinct if isinstance(source, Array) else (source,)
     return tuple(dict.fromkeys(_field_of(element) for element in elements))
 
 
-def times_direction_cosine(source: _Source, wavelength: float, add_one: bool = False) -> _Source:
-    """The source with amplitudes p_m c_m in place of c_m, p_m the direction cosine of wave m (D1).
+def times_direction_cosine(source: Any, wavelength: float, constant: complex = 0.0) -> Any:
+    """The source with amplitudes (p_m + constant) c_m in place of c_m, p_m as in (D1).
 
     An element without a field is a wave at normal incidence, p = 1. Weights of arrays belong to
     elements, not to directions, and stay as they are; equal elements of a `phased_array` stay that.
-    For what it is good for see (D2) and (D3).
 
-    Parameters
-    ----------
-    source
-        An Aperture (placed or not), Slits, or an Array of them.
-    wavelength
-        In metres.
-    add_one
-        (p_m + 1) c_m instead.
-
-    Returns
-    -------
-    A source of the same kind, of the same outlines.
-
-    Raises
-    ------
-    ArgumentError for polyhedra and other things, and for wavelengths that are not above zero;
-    IlluminationError if all waves graze the plane, |kappa| = 1/wavelength, so that nothing is left.
+    Raises ArgumentError for polyhedra and other things, and for wavelengths that are not above
+    zero; IlluminationError if all waves graze the plane, |kappa| = 1/wavelength.
     """
-    return plus_direction_cosine(source, wavelength, 1.0 if add_one else 0.0)
-
-
-def plus_direction_cosine(source: _Source, wavelength: float, constant: complex) -> _Source:
-    """The source with amplitudes (p_m + constant) c_m: :func:`times_direction_cosine`."""
     length = checked_length(wavelength, "wavelength")
-    if isinstance(source, Array):
-        return cast(_Source, _of_array(source, length, constant))
-    scaled, factor = _of_element(source, length, constant)
-    if factor == 0:
-        raise grazing_error(length)
-    whole = scaled if factor == 1 else _with_field(scaled, _constant(factor, scaled))
-    return cast(_Source, whole)
-
-
-def _of_array(array: Array, wavelength: float, constant: complex) -> Array:
-    elements = array.elements if array.repeated is None else (array.repeated[0],)
-    scaled, factors = zip(*(_of_element(e, wavelength, constant) for e in elements), strict=True)
-    weights = array.weights * np.array(factors)
+    elements = source.distinct if isinstance(source, Array) else (source,)
+    scaled, factors = zip(*(_scaled(e, length, constant) for e in elements), strict=True)
+    weights = np.array(factors) * (source.weights if isinstance(source, Array) else 1.0)
     if not weights.any():
-        raise grazing_error(wavelength)
-    if array.repeated is not None:
-        return phased_array(scaled[0], array.repeated[1], weights)
+        raise grazing_error(length)
+    if not isinstance(source, Array):
+        (whole,), (factor,) = scaled, factors
+        still = np.zeros((1, 1 if isinstance(whole, Slits) else 2))
+        return whole if factor == 1 else _with_field(whole, Illumination([factor], still))
+    if source.repeated is not None:
+        return phased_array(scaled[0], source.repeated[1], weights)
     return Array(scaled, weights)
 
 
-def _of_element(element: object, wavelength: float, constant: complex) -> tuple[_Element, complex]:
+def _scaled(element: object, wavelength: float, constant: complex) -> tuple[_Element, complex]:
     """(an element, a number): their product is the element wanted.
 
     The number is there so that elements without a field stay so, whose kernels are faster; and it
@@ -171,10 +116,6 @@ def _with_field(element: _Element, field: Illumination) -> _Element:
     if isinstance(element, PlacedAperture):
         return replace(element, aperture=element.aperture.with_illumination(field))
     return element.with_illumination(field)
-
-
-def _constant(value: complex, element: _Element) -> Illumination:
-    return Illumination([value], np.zeros((1, 1 if isinstance(element, Slits) else 2)))
 
 
 BoundaryCondition = Literal["rayleigh-sommerfeld-1", "kirchhoff", "rayleigh-sommerfeld-2"]
@@ -293,17 +234,17 @@ def weighted_sources(
     if p is not None:
         return [(source, chosen.forms(p))]
     a, b, mixed = chosen.field, chosen.slope, chosen.field * chosen.slope
-    turned = plus_direction_cosine(source, wavelength, 0.0)
+    turned = times_direction_cosine(source, wavelength)
     if not a:
         return [(turned, (0.0, 0.0, b * b, 0.0))]
     # p_m + p_n* = (1 + p_m)(1 + p_n*) - 1 - p_m p_n*, and so with -i in place of 1 for the fourth
     fields = [
         (source, (a * a, -mixed, 0.0, mixed)),
         (turned, (0.0, -mixed, b * b, mixed)),
-        (plus_direction_cosine(source, wavelength, 1.0), (0.0, mixed, 0.0, 0.0)),
+        (times_direction_cosine(source, wavelength, 1.0), (0.0, mixed, 0.0, 0.0)),
     ]
     if order == 3:
-        fields.append((plus_direction_cosine(source, wavelength, -1j), (0.0, 0.0, 0.0, -mixed)))
+        fields.append((times_direction_cosine(source, wavelength, -1j), (0.0, 0.0, 0.0, -mixed)))
     return fields
 
 
@@ -320,9 +261,7 @@ def emission_factor(forms: Any, cosine: Any) -> Any:
     without bound towards grazing directions; the cosine of the projected area makes it finite.
     """
     first, mixed, both, _ = forms
-    if both == 0:
-        return first * cosine + mixed
-    return first * cosine + mixed + both / cosine
+    return first * cosine + mixed + (both / cosine if both else 0.0)
 
 
 def _common_cosine(source: Aperture | Array, wavelength: float) -> complex | None:

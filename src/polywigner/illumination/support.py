@@ -11,10 +11,6 @@ from numpy.typing import NDArray
 from polywigner.geometry import Aperture, Slits, automean
 from polywigner.geometry.grid import union_on_grid
 from polywigner.illumination.array import Array, phased_array
-from polywigner.illumination.lattices import lattice_of
-from polywigner.illumination.waves import restored
-
-__all__ = ["mirrored_source", "moved_source", "mutual_support"]
 
 _Source = TypeVar("_Source", Aperture, Slits, Array, Aperture | Array)
 
@@ -60,14 +56,10 @@ def _of_aperture(aperture: Aperture) -> Aperture:
 
 def _copies_on_lattice(array: Array) -> list[shapely.MultiPolygon] | None:
     """The element's automean at all midpoints of a lattice; None if there is none, or too many."""
-    if array.repeated is None:
+    if array.repeated is None or array.sites.lattice is None:
         return None
-    element, positions = array.repeated
-    if not isinstance(element, Aperture):
-        return None
-    lattice = lattice_of(positions, array.weights)
-    if lattice is None:
-        return None
+    element, lattice = array.repeated[0], array.sites.lattice
+    assert isinstance(element, Aperture)  # lattices are those of the plane
     lit = np.argwhere(lattice.weights != 0)
     sums = _sums(lit)
     if len(sums) * sum(map(len, element.rings)) > _MOST_VERTICES:
@@ -103,11 +95,10 @@ def mirrored_source(source: Any) -> Any:
     """An aperture or an array, with its field, as a mirror shows it: u(-x, y)."""
     if isinstance(source, Aperture):
         copy = Aperture(shapely.transform(source.polygons, lambda points: points * _MIRROR))
-        field = source.illumination
+        field: Any = source.illumination
         if field is None:
             return copy
-        is_fit = getattr(field, "is_fit", False)
-        waves = restored(field.amplitudes, field.frequencies * _MIRROR, is_fit)
+        waves = field._from(field.amplitudes, field.frequencies * _MIRROR)
         return copy.with_illumination(waves)
     if source.repeated is not None:
         element, positions = source.repeated

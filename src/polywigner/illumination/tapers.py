@@ -26,18 +26,6 @@ from polywigner.geometry.arguments import (
 )
 from polywigner.illumination.waves import Illumination
 
-__all__ = [
-    "checked_sidelobes",
-    "cosine_taper",
-    "fourier_taper",
-    "steering",
-    "taylor_taper",
-    "te_mode",
-    "transverse",
-    "uniform",
-    "unit_vector",
-]
-
 # Directions that passed through single precision, or were typed with seven digits, pass.
 _UNIT = 1e-6
 
@@ -49,7 +37,7 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
     vector = _numbers(direction)
     if vector.shape != (3,):
         raise ArgumentError(f"expected a direction as a unit vector (3,), got {direction!r}")
-    length = _length(vector)
+    length = math.hypot(*vector)
     if abs(length - 1) > _UNIT:
         raise ArgumentError(
             f"expected a direction of length 1, got one of length {length:.6g}; {_ADVICE}"
@@ -59,6 +47,12 @@ def unit_vector(direction: Any) -> NDArray[np.float64]:
             f"expected a direction into z > 0, to which the aperture radiates, got {direction!r}"
         )
     return vector
+
+
+def direction_of(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
+    """The unit vector at an angle theta to the normal and phi around it from x, in radians."""
+    sine = math.sin(theta)
+    return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
 
 
 def transverse(direction: Any) -> NDArray[np.float64]:
@@ -75,18 +69,13 @@ def transverse(direction: Any) -> NDArray[np.float64]:
             "expected a direction as a unit vector (3,), its components (2,) along the aperture, "
             f"or the sine of an angle for slits, got {direction!r}"
         )
-    length = _length(given)
+    length = math.hypot(*given)
     if length > 1 + _UNIT:
         raise ArgumentError(
             "expected components along the aperture of a unit vector, got a length of "
             f"{length:.6g}; {_ADVICE}"
         )
     return given
-
-
-def _length(vector: NDArray[np.float64]) -> float:
-    with np.errstate(over="ignore"):
-        return float(np.linalg.norm(vector))
 
 
 def _numbers(direction: Any) -> NDArray[np.float64]:

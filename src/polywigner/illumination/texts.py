@@ -20,12 +20,9 @@ from polywigner.geometry import Aperture, Wavefront
 from polywigner.illumination import arrays, tapers
 from polywigner.illumination.array import Array, phased_array
 from polywigner.illumination.arrays import focusing_weights, steering_weights, window_weights
-from polywigner.illumination.files.fields import at, radius_of, shown
-from polywigner.illumination.tapers import unit_vector
+from polywigner.illumination.source_values import at, radius_of, shown
 from polywigner.illumination.waves import Illumination
 from polywigner.quantities import parse_angle, parse_coordinate, parse_length
-
-__all__ = ["FEEDING", "direction", "fed"]
 
 FEEDING = ("taper", "array", "window", "steering", "focus", "curved", "coherence")
 """Names that :func:`fed` knows."""
@@ -87,22 +84,22 @@ def fed(source: Any, texts: Mapping[str, str], wavelength: float | None) -> Any:
             source = _times(source, _taper(texts["taper"], source))
     if "array" in texts:
         source = _array(source, texts)
-    for name in ("steering", "focus"):
+    for name in ("steering", "focus", "curved"):
         if name in texts:
             with at(name):
-                source = _turned(source, name, texts[name], wavelength)
-    if "curved" in texts:
-        with at("curved"):
-            source = _curved(source, texts["curved"], wavelength)
+                if wavelength is None:
+                    raise ArgumentError("expected a frequency or a wavelength with it, got none")
+                if name == "curved":
+                    source = _curved(source, texts[name], wavelength)
+                else:
+                    source = _turned(source, name, texts[name], wavelength)
     if "coherence" in texts:
         with at("coherence"):
             source = source.partially_coherent(parse_length(texts["coherence"]))
     return source
 
 
-def _curved(source: Any, text: str, wavelength: float | None) -> Wavefront:
-    if wavelength is None:
-        raise ArgumentError("expected a frequency or a wavelength with it, got none")
+def _curved(source: Any, text: str, wavelength: float) -> Wavefront:
     radii = [radius_of(part) for part in _parts(text)]
     if len(radii) not in (1, 2) or not isinstance(source, Aperture | Array):
         raise QuantityError(
@@ -116,29 +113,24 @@ def _curved(source: Any, text: str, wavelength: float | None) -> Wavefront:
 def _taper(text: str, aperture: Aperture) -> Illumination:
     match = _matched(_TAPER, text, "a taper", "cosine", "cosine 2", "te10", "taylor 30 dB")
     xmin, ymin, xmax, ymax = aperture.bounds
-    width: float | None = xmax - xmin
-    height: float | None = ymax - ymin
+    width, height = xmax - xmin, ymax - ymin
+    axis = (match["axis"] or "").lower()
+    sizes = (None if axis == "y" else width), (None if axis == "x" else height)
     if match["m"]:
-        if match["axis"]:
+        if axis:
             raise QuantityError(f"expected a mode without an axis, got {shown(text)}")
         m, n = int(match["m"]), int(match["n"])
-        field = tapers.te_mode(xmax - xmin, ymax - ymin, m, n, "y" if m else "x")
-        return field.moved(aperture.centre)
-    axis = (match["axis"] or "").lower()
-    width, height = (None if axis == "y" else width), (None if axis == "x" else height)
-    if match["cosine"]:
-        power = int(match["power"] or 1)
-        return tapers.cosine_taper(width, height, power).moved(aperture.centre)
-    return tapers.taylor_taper(width, height, **_sidelobes(match)).moved(aperture.centre)
+        field = tapers.te_mode(width, height, m, n, "y" if m else "x")
+    elif match["cosine"]:
+        field = tapers.cosine_taper(*sizes, int(match["power"] or 1))
+    else:
+        field = tapers.taylor_taper(*sizes, **_sidelobes(match))
+    return field.moved(aperture.centre)
 
 
 def _sidelobes(match: re.Match[str]) -> dict[str, Any]:
-    given: dict[str, Any] = {}
-    if match["sll"]:
-        given["sll"] = float(match["sll"])
-    if match["nbar"]:
-        given["nbar"] = int(match["nbar"])
-    return given
+    kinds = {"sll": float, "nbar": int}
+    return {key: kind(match[key]) for key, kind in kinds.items() if match[key]}
 
 
 def _array(aperture: Aperture, texts: Mapping[str, str]) -> Array:
@@ -165,9 +157,7 @@ def _layout(text: str) -> tuple[NDArray[np.float64], tuple[int, int]]:
     return layout(*shape, *(parse_length(pitch) for pitch in pitches)), shape
 
 
-def _turned(source: Any, name: str, text: str, wavelength: float | None) -> Any:
-    if wavelength is None:
-        raise ArgumentError("expected a frequency or a wavelength with it, got none")
+def _turned(source: Any, name: str, text: str, wavelength: float) -> Any:
     array = isinstance(source, Array)
     if isinstance(source, Wavefront):
         raise ArgumentError("expected a source with a flat wave, got a curved one; steer it before")
@@ -209,8 +199,7 @@ def direction(text: str) -> NDArray[np.float64]:
             f"expected a direction within 90 deg of the normal, got {shown(text)}; write degrees "
             'with their unit, such as "20 deg"'
         )
-    sine = math.sin(theta)
-    return unit_vector([sine * math.cos(phi), sine * math.sin(phi), math.cos(theta)])
+    return tapers.direction_of(theta, phi)
 
 
 def _point(text: str) -> list[float]:

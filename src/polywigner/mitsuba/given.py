@@ -28,7 +28,7 @@ from polywigner.geometry import (
     read_aperture,
 )
 from polywigner.illumination import Array, read_source
-from polywigner.illumination.files.writing import json_of, table_of
+from polywigner.illumination.source_files import json_of, table_of
 from polywigner.illumination.texts import FEEDING, fed
 from polywigner.quantities import parse_frequency, parse_length, wavelength_of
 

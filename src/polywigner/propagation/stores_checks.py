@@ -18,7 +18,7 @@ from typing import Any
 
 from polywigner.errors import MissingExtraError, StoreError
 from polywigner.geometry.arguments import checked_path
-from polywigner.illumination.files.reading import SOURCE_COORDINATE
+from polywigner.illumination.source_files import SOURCE_COORDINATE
 from polywigner.propagation.stores_files import (
     CHECKSUM,
     FINGERPRINT,

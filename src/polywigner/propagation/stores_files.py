@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from polywigner.errors import ArgumentError, MissingExtraError, StoreError, install_command
-from polywigner.illumination.files.reading import SOURCE_COORDINATE
-from polywigner.illumination.files.writing import json_of, table_of
+from polywigner.illumination.source_files import SOURCE_COORDINATE, json_of, table_of
 from polywigner.transforms.xarray_arguments import LabelledArray
 
 __all__ = [

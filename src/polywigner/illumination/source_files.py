@@ -1,0 +1,359 @@
+"""Source files: apertures with their fields, and arrays, read and written in TOML or JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NoReturn, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polywigner.errors import ArgumentError, FileFormatError, GeometryError, PolywignerError
+from polywigner.geometry import Aperture, PlacedAperture, Slits, Wavefront
+from polywigner.geometry.arguments import write_lines
+from polywigner.geometry.formats.limits import (
+    LARGEST_TOML,
+    bytes_of,
+    check_values,
+    place_of,
+    text_of,
+)
+from polywigner.illumination.array import Array, Element
+from polywigner.illumination.source_tables import Source, aperture_of_polygons, source_of
+from polywigner.illumination.source_values import VERSION
+
+_LONGEST_MESSAGE = 1000
+
+# Names joined by dots, for each of which tables are looked through from the outermost one.
+_LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){32}""")
+
+
+SOURCE_COORDINATE = "source_json"
+"""Name of the coordinate of a dataset that holds its source, as the text of a source file."""
+
+
+@runtime_checkable
+class Dataset(Protocol):
+    """An ``xarray.Dataset``, or the labelled arrays that stand for it without xarray."""
+
+    @property
+    def attrs(self) -> Any: ...
+
+    @property
+    def coords(self) -> Any: ...
+
+
+def read_source(path: str | os.PathLike[str] | Dataset, allow_outside: bool = False) -> Source:
+    """Read an aperture with its field, slits, a body, or an array from a TOML or JSON file.
+
+    The format is described in docs/illumination.md. Whatever :func:`write_source` wrote comes back
+    equal to what it was. In files written by hand, lengths, angles and frequencies may be texts
+    ("10 mm", "20 deg", "77 GHz"; plain numbers are metres, radians and hertz), fields, layouts and
+    weights may be named, and outlines may be taken from other files, relative to this one.
+
+    Parameters
+    ----------
+    path
+        The file; or a dataset that polywigner computed, which holds its source.
+    allow_outside
+        Whether the file may name others that are not in its own folder or below, once links are
+        followed. Leave it out for files of strangers, which might name any file of yours.
+
+    Returns
+    -------
+    Aperture, placed aperture, Slits, Polyhedron or Array.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, empty, too large (64 MiB; of TOML 8 MiB), not of its format, describes
+        more than docs/files.md allows, names a file elsewhere, or has a key or a value that is not
+        understood; the message says where, and what is. A dataset has no source, or
+        one so long (64 KiB) that its digest alone is kept.
+    GeometryError, IlluminationError, ArgumentError, QuantityError
+        What it describes is no source: see the functions and classes it names.
+    MissingExtraError
+        A library is not installed that a window or an outline needs.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
+    >>> pw.write_source(pw.shapes.square(10e-3), path)
+    >>> pw.read_source(path) == pw.shapes.square(10e-3)
+    True
+    """
+    if isinstance(path, Dataset):
+        return source_of(_parsed(_text_in(path), ".json"), Path(), allow_outside)[0]
+    return read_with_wavelength(path, allow_outside)[0]
+
+
+def _text_in(found: Any) -> str:
+    """The text of the source of a dataset."""
+    try:
+        if SOURCE_COORDINATE in found.coords:
+            return str(found.coords[SOURCE_COORDINATE].values.item())
+        # datasets and stores written before there was such a coordinate
+        settings = json.loads(found.attrs.get("polywigner_settings", "{}"))
+    except (ValueError, RuntimeError, MemoryError) as error:  # by a store's codecs
+        raise FileFormatError(
+            f"expected a dataset whose source can be read, got a damaged one ({error}); read a copy"
+        ) from error
+    for text in (found.attrs.get("source", ""), settings.get("source", "")):
+        if text.startswith("{"):
+            return str(text)
+    raise FileFormatError(
+        f"expected a dataset with its source in the coordinate {SOURCE_COORDINATE}, got one "
+        "without; sources longer than 64 KiB are not kept, write them by polywigner.write_source"
+    )
+
+
+def read_with_wavelength(
+    path: str | os.PathLike[str], allow_outside: bool = False
+) -> tuple[Source, float | None]:
+    """The source of a file, and the wavelength in metres that stands at its top, if any.
+
+    Raises as :func:`read_source` does.
+    """
+    file = Path(path)
+    try:
+        return source_of(_parsed(text_of(bytes_of(file)), file.suffix), file.parent, allow_outside)
+    except PolywignerError as error:
+        whole = f"{file}: {error}"
+        short = whole if len(whole) <= _LONGEST_MESSAGE else whole[:_LONGEST_MESSAGE] + "..."
+        # without what a terminal would obey
+        raise type(error)(
+            "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in short)
+        ) from None
+
+
+def _parsed(text: str, suffix: str) -> Any:
+    """The tables of a text in TOML or JSON, which the suffix tells."""
+    try:
+        if suffix.lower() == ".toml":
+            _check_toml(text)
+            return tomllib.loads(text)
+        if suffix.lower() == ".json":
+            check_values(text)
+            return json.loads(text, parse_constant=_refused, object_pairs_hook=_each_key_once)
+    except RecursionError:
+        raise FileFormatError("expected tables and lists, got some nested too deeply") from None
+    except FileFormatError:
+        raise
+    except ValueError as error:
+        raise FileFormatError(
+            f"expected {suffix[1:].upper()}, got text that does not parse{place_of(error)}"
+        ) from None
+    raise FileFormatError(
+        f"expected a source file with the suffix .toml or .json, got {suffix or 'none'!r}; "
+        "outlines alone are read by polywigner.read_aperture"
+    )
+
+
+def _check_toml(text: str) -> None:
+    """Raise for TOML on which Python's parser, written in Python, spends long."""
+    if len(text) > LARGEST_TOML:
+        raise FileFormatError(
+            f"expected at most {LARGEST_TOML >> 20} MiB of TOML, got {len(text) / 2**20:.0f} MiB; "
+            "use JSON"
+        )
+    if _LONG_KEY.search(text):
+        raise FileFormatError("expected keys of a few names, got one of many, joined by dots")
+
+
+def _refused(name: str) -> NoReturn:
+    raise FileFormatError(f"expected finite numbers, got {name}")
+
+
+def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in table:
+            raise FileFormatError(f"expected each key once, got {key!r} twice")
+        table[key] = value
+    return table
+
+
+_LINE = 88
+
+
+def table_of(source: Source) -> dict[str, Any]:
+    """All that makes up a source, as tables, lists, texts and numbers.
+
+    Raises ArgumentError for anything but a source.
+    """
+    if isinstance(source, Wavefront):
+        return {**table_of(source.source), "wavefront": _wave(source)}
+    if isinstance(source, Array):
+        body = _array(source)
+    elif isinstance(source, Element):
+        body = _element(source)
+    else:
+        raise ArgumentError(
+            "expected an Aperture, a placed aperture, Slits, a Polyhedron or an Array, got "
+            f"{type(source).__name__}"
+        )
+    return {"version": VERSION, **body}
+
+
+def _wave(wave: Wavefront) -> dict[str, Any]:
+    table: dict[str, Any] = {"curvature": wave.curvature.tolist(), "centre": wave.centre.tolist()}
+    return table if wave.is_coherent else {**table, "coherence_width": wave.coherence_width}
+
+
+def _array(array: Array) -> dict[str, Any]:
+    if array.repeated is None:
+        body = {"kind": "array", **_weights(array)}
+        return {**body, "elements": [_element(element) for element in array.elements]}
+    element, positions = array.repeated
+    body = {"kind": "phased-array", "positions": positions.tolist(), **_weights(array)}
+    return {**body, "element": _element(element)}
+
+
+def _weights(array: Array) -> dict[str, Any]:
+    return {} if (array.weights == 1).all() else {"weights": _complex(array.weights)}
+
+
+def _complex(values: NDArray[np.complex128]) -> list[Any]:
+    """Real numbers where all are real, else pairs."""
+    if not values.imag.any():
+        return values.real.tolist()
+    return np.stack([values.real, values.imag], axis=-1).tolist()
+
+
+def _element(element: Element) -> dict[str, Any]:
+    if isinstance(element, Aperture):
+        return {"kind": "aperture", **_outline(element), **_field(element)}
+    if isinstance(element, PlacedAperture):
+        return {**_element(element.aperture), "to_world": element.pose.tolist()}
+    if isinstance(element, Slits):
+        return {"kind": "slits", **_intervals(element), **_field(element)}
+    faces = [list(face) for face in element.faces]
+    return {"kind": "polyhedron", "vertices": element.vertices.tolist(), "faces": faces}
+
+
+def _field(source: Aperture | Slits) -> dict[str, Any]:
+    if source.illumination is None:
+        return {}
+    waves = source.illumination
+    return {
+        "illumination": {
+            "kind": "waves",
+            "amplitudes": _complex(waves.amplitudes),
+            "frequencies": waves.frequencies.tolist(),
+        }
+    }
+
+
+def _outline(aperture: Aperture) -> dict[str, Any]:
+    polygons = _polygons(aperture)
+    # the same vertices in the same order: sums over edges are then rounded alike
+    return _exact("polygons", polygons, lambda: _polygons(aperture_of_polygons(polygons)))
+
+
+def _polygons(aperture: Aperture) -> list[list[Any]]:
+    return [[ring.tolist() for ring in part] for part in aperture._parts]
+
+
+def _intervals(slits: Slits) -> dict[str, Any]:
+    intervals = slits.intervals.tolist()
+    return _exact("intervals", intervals, lambda: Slits(intervals).intervals.tolist())
+
+
+def _exact(key: str, values: list[Any], again: Callable[[], list[Any]]) -> dict[str, Any]:
+    """An outline, verbatim where its constructor would make others of the values."""
+    try:
+        same = again() == values
+    except PolywignerError:
+        same = False
+    return {key: values} if same else {key: values, "verbatim": True}
+
+
+def json_of(value: Any, margin: str = "") -> str:
+    """A table, list, text, whole number or finite float as JSON, in lines of sensible length."""
+    inner = margin + "  "
+    if isinstance(value, Mapping):
+        items = [f"{inner}{json.dumps(k)}: {json_of(v, inner)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(items) + f"\n{margin}}}"
+    if isinstance(value, list):
+        items = [json_of(item, inner) for item in value]
+        line = f"[{', '.join(items)}]"
+        if len(line) <= _LINE and "\n" not in line:
+            return line
+        return "[\n" + ",\n".join(inner + item for item in items) + f"\n{margin}]"
+    return json.dumps(value)
+
+
+def toml_of(table: Mapping[str, Any], name: str = "") -> str:
+    """A table as TOML: its values, then its tables, under their full names."""
+    lines = []
+    sections = []
+    for key, value in table.items():
+        whole = f"{name}.{key}" if name else key
+        if isinstance(value, Mapping):
+            sections.append(f"\n[{whole}]\n{toml_of(value, whole)}")
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            sections += [f"\n[[{whole}]]\n{toml_of(item, whole)}" for item in value]
+        else:
+            # Lists of numbers, numbers, true, false and plain texts are the same in TOML and JSON.
+            lines.append(f"{key} = {json_of(value)}\n")
+    return "".join(lines + sections)
+
+
+def write_source(source: Source, path: str | os.PathLike[str]) -> None:
+    """Write a source to a ``.toml`` or ``.json`` file, from which :func:`read_source` has it back.
+
+    All floats come back as they are, so that the source that is read equals the one written. The
+    file appears whole or not at all; one that is there already is replaced.
+
+    Parameters
+    ----------
+    source
+        Aperture, placed aperture, Slits, Polyhedron or Array, with fields and weights.
+    path
+        The suffix chooses the format.
+
+    Raises
+    ------
+    ArgumentError
+        Anything but a source, and a place that cannot be written to.
+    FileFormatError
+        Another suffix.
+    GeometryError
+        A source whose outline rounding has made invalid, as by a shift by more than 10^15 times
+        its size.
+
+    >>> import polywigner as pw
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "antenna.toml"
+    >>> pw.write_source(pw.shapes.square(10e-3), path)
+    >>> pw.read_source(path) == pw.shapes.square(10e-3)
+    True
+    """
+    file = Path(path)
+    writers = {".toml": toml_of, ".json": json_of}
+    if file.suffix.lower() not in writers:
+        raise FileFormatError(
+            f"{file}: expected a source file with the suffix .toml or .json, got "
+            f"{file.suffix or 'none'!r}"
+        )
+    text = writers[file.suffix.lower()](table_of(source)).rstrip("\n")
+    _check_same(source, text, file)
+    write_lines(file, [text])
+
+
+def _check_same(source: Source, text: str, file: Path) -> None:
+    """Refuse to write what would not come back."""
+    try:
+        again = source_of(_parsed(text, file.suffix), file.parent)[0]
+    except PolywignerError as error:
+        raise GeometryError(f"expected a source that is valid to write, got: {error}") from None
+    if again != source:
+        raise GeometryError(
+            f"expected a source that can be written exactly, got {source!r}, of which another "
+            "came back; build it anew from its vertices"
+        )
