@@ -12,8 +12,6 @@ from typing import Any
 
 from polywigner.numerics.phases import cos_sin_turns
 
-__all__ = ["Pair", "decaying_sinh", "mean_wave", "plane_wave", "select"]
-
 
 @dataclass(frozen=True)
 class Pair:

@@ -21,8 +21,6 @@ from typing import Any
 from polywigner.numerics.complex_pairs import Pair, mean_wave, plane_wave, select
 from polywigner.numerics.phases import cos_sin_turns, mean_plane_wave
 
-__all__ = ["simplex_complex_wave", "simplex_plane_wave"]
-
 # Below this largest separation (in turns; 0.63 rad) the Taylor series is summed; above it the
 # recursion divides by at least that, and loses at most a factor 1/0.63 of accuracy an order.
 _SERIES_BELOW = 0.1

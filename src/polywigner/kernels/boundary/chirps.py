@@ -23,8 +23,6 @@ from polywigner.errors import ArgumentError
 from polywigner.numerics.chirps import chirp_integral, waves_of_turns
 from polywigner.numerics.nodes import gauss_rules
 
-__all__ = ["chirp_over_intervals", "chirp_over_rings"]
-
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

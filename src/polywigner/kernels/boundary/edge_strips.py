@@ -23,8 +23,6 @@ from polywigner.kernels.kernel import Kernel, Values
 from polywigner.numerics.nodes import Rules, gauss_rules, nodes_needed, rule_of
 from polywigner.numerics.phases import cos_sin_turns
 
-__all__ = ["FRESNEL_STRIPS", "STRIPS"]
-
 # Beyond the largest of the ellipses that rules are chosen by.
 _NO_SINGULARITY = 100.0
 # On the edge of the strip kept clear in the angle, 1/R^2 is larger than on the panel by 1/cos^2 of

@@ -23,8 +23,6 @@ from typing import Any
 from polywigner.numerics.complex_pairs import Pair, decaying_sinh, select
 from polywigner.numerics.phases import cos_sin_turns
 
-__all__ = ["EVANESCENT", "TRAVELLING", "EdgeWave", "PanelView", "wave_difference"]
-
 Values = tuple[Any, ...]
 
 # Where two waves differ by less, in turns, their difference is taken as a product.

@@ -27,27 +27,6 @@ from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import SUMS, Rules, missed, node_sums, nodes_needed, rule_of
 from polywigner.numerics.phases import Doubled, cos_sin_turns
 
-__all__ = [
-    "BoundaryFrame",
-    "BoundaryTables",
-    "Row",
-    "anglewise",
-    "distance_of",
-    "edge_sum",
-    "enter",
-    "free_wave",
-    "fresnel_edge_sum",
-    "leave",
-    "leave_phase",
-    "lengthwise",
-    "offset_of",
-    "paraxial_distance",
-    "point_in_wavelengths",
-    "rounded_turns",
-    "square_along",
-    "weighted",
-]
-
 # Farther off, in wavelengths, a sum of two floats has no turns either, and the errors of products
 # are too large for floats.
 _FARTHEST = 1e30

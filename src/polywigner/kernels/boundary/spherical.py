@@ -13,8 +13,6 @@ from typing import Any
 
 from polywigner.numerics.phases import cos_sin_turns, sinc
 
-__all__ = ["spherical_edge"]
-
 
 def spherical_edge(
     ops: Any, source: tuple[Any, ...], point: tuple[Any, ...], place: tuple[Any, ...],

@@ -19,17 +19,6 @@ from typing import Any, Protocol
 from polywigner.kernels.cut.clipping import times
 from polywigner.numerics.phases import sin_turns, sinc_less_one
 
-__all__ = [
-    "EdgeTerms",
-    "EvenTerms",
-    "WaveTerms",
-    "ambiguity_terms",
-    "moved_off_zero",
-    "segment_wave",
-    "term_of_part",
-    "wigner_terms",
-]
-
 
 def segment_wave(ops: Any, half: Any, middle: Any) -> tuple[Any, Any]:
     """sinc(l) sin(2 pi m) and sinc(l) cos(2 pi m) - 1, for half of l and m in turns.

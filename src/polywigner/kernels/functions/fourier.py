@@ -23,19 +23,6 @@ from polywigner.numerics.divided_differences import simplex_complex_wave, simple
 from polywigner.numerics.exact import exact_cross
 from polywigner.numerics.phases import cos_sin_turns, sinc, sinc_less_one
 
-__all__ = [
-    "Family",
-    "GridTables",
-    "OutlineSum",
-    "OutlineTables",
-    "families_of",
-    "fourier",
-    "fourier_complex",
-    "fourier_on_grid",
-    "grid_tables",
-    "outline_tables",
-]
-
 # Edge vectors this close, in the frame, count as equal: congruent elements have them after
 # rounding. Their mean stands for them, which moves the transform no more than that rounding did.
 _EQUAL = 2.0**-51

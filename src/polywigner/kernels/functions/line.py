@@ -19,17 +19,6 @@ from polywigner.kernels.kernel import (
 )
 from polywigner.numerics import phases
 
-__all__ = [
-    "AMBIGUITY",
-    "AUTOCORRELATION",
-    "LAG_MARGINAL",
-    "LAG_MARGINAL_OF_FIELDS",
-    "LAG_MARGINAL_OF_WAVES",
-    "POSITION_MARGINAL",
-    "POSITION_MARGINAL_OF_WAVES",
-    "WIGNER",
-]
-
 
 def _four_times(ops: Any, frame: Any, x: Any) -> Values:
     """4x in the frame as two floats: by how much the copies of two slits, doubled, approach."""

@@ -9,8 +9,6 @@ from polywigner.kernels.outline.tables import Tables
 from polywigner.kernels.outline.waves import field_of
 from polywigner.numerics.complex_pairs import Pair
 
-__all__ = ["field", "field_in_slits"]
-
 
 def field(ops: Any, tables: Tables, x: Any, y: Any) -> tuple[Any, Any]:
     """(real, imaginary) part of u at a point of the frame, less the carrier's phase.

@@ -37,8 +37,6 @@ from polywigner.kernels.outline.waves import WavePair, WavePairRow
 from polywigner.numerics.phases import cos_sin_turns
 from polywigner.numerics.polynomials import Polynomial, added, multiplied, scaled, segment_moments
 
-__all__ = ["LAG_MOMENTS", "LAG_MOMENTS_ALONG"]
-
 # Whether each of the six moments is of a function odd in the lag.
 _ODD = (False, True, False, False, True, True)
 _COUNT = len(_ODD)

@@ -15,8 +15,6 @@ from polywigner.kernels.functions.plane import tables_of
 from polywigner.kernels.kernel import Kernel, Values, leave_real
 from polywigner.kernels.outline.frame import Frame
 
-__all__ = ["PART_MOMENTS", "PART_MOMENTS_ALONG", "PART_PARTLY_COHERENT", "PART_WIGNER"]
-
 
 @dataclass(frozen=True)
 class PartTables:

@@ -28,15 +28,6 @@ from polywigner.kernels.outline.tables import Edge, Tables
 from polywigner.kernels.outline.waves import WavePair, WavePairRow
 from polywigner.numerics.complex_pairs import Pair
 
-__all__ = [
-    "WIGNER",
-    "WIGNER_OF_PRODUCT",
-    "WIGNER_OF_SLITS",
-    "Coherence",
-    "coherence_of",
-    "term_of_lags",
-]
-
 
 @dataclass(frozen=True)
 class Coherence:

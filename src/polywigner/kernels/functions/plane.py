@@ -40,25 +40,6 @@ from polywigner.kernels.outline.tables import Element, Tables, build_tables
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 
-__all__ = [
-    "AMBIGUITY",
-    "AUTOCORRELATION",
-    "FOURIER",
-    "FOURIER_COMPLEX",
-    "FOURIER_PLACED",
-    "FOURIER_PLACED_COMPLEX",
-    "LAG_MARGINAL",
-    "LAG_MARGINAL_OF_FIELDS",
-    "LAG_MARGINAL_OF_WAVES",
-    "POSITION_MARGINAL",
-    "POSITION_MARGINAL_OF_WAVES",
-    "WIGNER",
-    "new_outline_of",
-    "new_tables_of",
-    "placed_frame",
-    "tables_of",
-]
-
 
 @lru_cache(maxsize=256)
 def tables_of(source: Aperture | Array, double: bool) -> Tables:

@@ -24,25 +24,6 @@ from polywigner.kernels.outline.waves import Wave, Waves, carrier_of, waves_in_f
 from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 
-__all__ = [
-    "AMBIGUITY",
-    "AUTOCORRELATION",
-    "FOURIER",
-    "LAG_MARGINAL",
-    "POSITION_MARGINAL",
-    "WIGNER",
-    "Rectangle",
-    "SeparableTables",
-    "ambiguity",
-    "enter_frequency",
-    "field",
-    "fourier",
-    "is_separable",
-    "rectangle_of",
-    "separable_tables",
-    "wigner",
-]
-
 # An outline is a rectangle if it misses one by less than this share of its shorter side,
 _ROUNDING = 1e-14
 # or by this many roundings of its largest coordinate: turning a point takes five (two products, two

@@ -26,17 +26,6 @@ from polywigner.numerics.complex_pairs import Pair, mean_wave
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
 
-__all__ = [
-    "SLITS",
-    "SLITS_COMPLEX",
-    "TILED",
-    "TILED_COMPLEX",
-    "TILED_PLACED",
-    "TILED_PLACED_COMPLEX",
-    "SimplexTables",
-    "fan_cancels",
-]
-
 # A fan's terms are rounded to ulps of (perimeter times half the diameter) and not of the area: up
 # to here that costs 3e-14 of the area (2e-16 each, measured), and a fan has fewer terms.
 _MOST_CANCELLING = 128.0

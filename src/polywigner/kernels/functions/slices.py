@@ -45,16 +45,6 @@ from polywigner.kernels.functions.wave_sums import (
 from polywigner.kernels.outline.tables import Edge, Tables
 from polywigner.kernels.outline.waves import WavePair, WavePairRow
 
-__all__ = [
-    "AMBIGUITY_SUM",
-    "LAG_SLICE_AREA",
-    "POSITION_SLICE_AREA",
-    "WIGNER_SUM",
-    "PartSum",
-    "SharedSlice",
-    "doubled_position",
-]
-
 Values = tuple[Any, ...]
 Listed = tuple[NDArray[np.intp], NDArray[np.float64]]
 

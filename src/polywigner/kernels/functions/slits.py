@@ -36,22 +36,6 @@ from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.phases import Doubled, cos_sin_turns, doubled, sinc
 
-__all__ = [
-    "Interval",
-    "LineField",
-    "PairTables",
-    "SlitFrame",
-    "SlitTables",
-    "ambiguity",
-    "lag_pairs",
-    "lag_slice_length",
-    "line_field",
-    "position_pairs",
-    "position_slice_length",
-    "slit_tables",
-    "wigner",
-]
-
 
 @dataclass(frozen=True)
 class Interval:

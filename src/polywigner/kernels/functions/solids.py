@@ -32,16 +32,6 @@ from polywigner.numerics import phases
 from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.divided_differences import simplex_complex_wave, simplex_plane_wave
 
-__all__ = [
-    "FOURIER",
-    "FOURIER_COMPLEX",
-    "SolidFrame",
-    "SolidTables",
-    "solid_tables",
-    "solid_transform",
-    "solid_transform_complex",
-]
-
 Point = tuple[float, float, float]
 
 

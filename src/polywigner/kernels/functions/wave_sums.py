@@ -30,18 +30,6 @@ from polywigner.kernels.outline.waves import (
 )
 from polywigner.numerics.complex_pairs import Pair
 
-__all__ = [
-    "COPIES",
-    "MIRROR",
-    "PairSum",
-    "Pairings",
-    "TermSum",
-    "Views",
-    "difference_pairings",
-    "mean_pairings",
-    "sum_over_waves",
-]
-
 Values = tuple[Any, ...]
 Views = tuple[tuple[View, float], ...]
 """Views, and which copy of the edges each is of: its points are p + side T."""
