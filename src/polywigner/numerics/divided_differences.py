@@ -46,6 +46,8 @@ def simplex_complex_wave(ops: Any, *corners: Pair, level: Any = 0.0) -> Pair:
 
 def _over_simplex(ops: Any, kind: Any, corners: Sequence[Any], level: Any) -> Pair:
     """The divided difference at 0 and the corners; of real phases its conjugate."""
+    if len(corners) == 1:
+        return kind.mean(ops, kind.origin, corners[0], level)
     first, last, between, size = _farthest(ops, kind, (kind.origin, *corners))
     small = size < kind.size_of(_SERIES_BELOW)
     if len(between) == 1:
