@@ -17,9 +17,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from polywigner.kernels.boundary.edge_waves import PanelView
-from polywigner.kernels.boundary.integrals import anglewise, lengthwise
+from polywigner.kernels.boundary.integrals import (
+    edge_wave,
+    panel_view,
+    square_along,
+    sums_over_panel,
+)
 from polywigner.kernels.kernel import Kernel, Values
+from polywigner.numerics.complex_pairs import Pair
 from polywigner.numerics.nodes import Rules, gauss_rules, nodes_needed, rule_of
 from polywigner.numerics.phases import cos_sin_turns
 
@@ -58,64 +63,25 @@ def _seen(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple
     return ex * dx + ey * dy, ex * dy - ey * dx
 
 
-def _square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> Values:
-    """rho^2 less that of the centre at a panel's beginning, and its slope there."""
-    constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
-    return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
-
-
 def _strip(
     ops: Any, tables: _Tables, x: Any, y: Any, z: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any,
     length: Any, along: Any, start: Any, digits: Any,
 ) -> Values:  # fmt: skip
     first, b = _seen(x, y, begin_x, begin_y, ex, ey)
-    last, foot2 = first + length, b * b + z * z
-    ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
-    view = PanelView(first, last, length, *ends, b, z, along, 0.0, 0.0)
-    far, clear, swing, half = lengthwise(ops, view, 1.0, None)
-    near_clear, near_swing, middle, span = anglewise(ops, view, 1.0, None)
-    clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
-    needed, _ = nodes_needed(ops, digits + _GROWN, clear, 2 * math.pi * swing)
-    rule = rule_of(ops, needed)
+    view = panel_view(ops, first, length, b, z, (along, 0.0, 0.0))
 
-    def at_radius(
-        t: Any, radius: Any, weight: Any,
-        constant: Any, slope: Any, distance: Any, along: Any, start: Any,
-    ) -> Values:  # fmt: skip
-        away = (constant + t * (slope + t)) / (radius + distance)
-        cosine, sine = cos_sin_turns(ops, away + (along * t + start))
+    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *phase: Any) -> Values:
+        wave = edge_wave(ops, t, radius, *phase).scaled(weights[0] * scale)
         inverse = 1.0 / radius
-        real, imag = cosine * weight, sine * weight
-        square, wave = inverse * inverse, 2 * math.pi * inverse
-        rise = real * square + imag * wave, imag * square - real * wave
-        return (real, imag, t * real, t * imag, *rise, t * rise[0], t * rise[1])
-
-    def far_node(
-        at: Any, w: Any, _: Any, __: Any, half: Any, first: Any, foot2: Any, *wave: Any
-    ) -> Values:
-        t = half * (1.0 + at)
-        s = first + t
-        radius = ops.sqrt(s * s + foot2)
-        return at_radius(t, radius, w * half / radius, *wave)
-
-    def near_node(
-        at: Any, w: Any, _: Any, __: Any, middle: Any, span: Any, away: Any, first: Any, *wave: Any
-    ) -> Values:
-        grown = ops.exp(middle + span * at)
-        shrunk = 1.0 / grown
-        s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
-        return at_radius(s - first, radius, w * span, *wave)
+        rise = wave * Pair(inverse * inverse, -2 * math.pi * inverse)
+        parts = (wave, wave.scaled(t), rise, rise.scaled(t))
+        return tuple(number for part in parts for number in (part.real, part.imag))
 
     distance = ops.sqrt(x * x + y * y + z * z)
-    phase = (*_square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
-    far_sums = ops.sum_over_rule(
-        ops.select(far, rule, -1.0), tables.rules, far_node, 8, half, first, foot2, *phase
-    )
-    near_sums = ops.sum_over_rule(
-        ops.select(far, -1.0, rule), tables.rules, near_node, 8, middle, span, ops.sqrt(foot2),
-        first, *phase,
-    )  # fmt: skip
-    return tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
+    phase = (*square_along(x, y, begin_x, begin_y, ex, ey), distance, along, start)
+    bounds = (1.0, None, digits + _GROWN)
+    sums, _ = sums_over_panel(ops, tables.rules, view, bounds, node, 8, *phase)
+    return sums
 
 
 def _fresnel_strip(
@@ -123,7 +89,7 @@ def _fresnel_strip(
     length: Any, along: Any, start: Any, digits: Any,
 ) -> Values:  # fmt: skip
     first, _ = _seen(x, y, begin_x, begin_y, ex, ey)
-    constant, slope = _square_along(x, y, begin_x, begin_y, ex, ey)
+    constant, slope = square_along(x, y, begin_x, begin_y, ex, ey)
     half, inverse = 0.5 * length, 0.5 / z
     swing = ops.maximum(
         abs(2.0 * inverse * first + along), abs(2.0 * inverse * (first + length) + along)
@@ -141,20 +107,8 @@ def _fresnel_strip(
         real, imag = cosine * weight, sine * weight
         return real, imag, t * real, t * imag
 
-    return tuple(
-        ops.sum_over_rule(
-            rule_of(ops, needed),
-            tables.rules,
-            node,
-            4,
-            half,
-            constant,
-            slope,
-            inverse,
-            along,
-            start,
-        )
-    )
+    data = (half, constant, slope, inverse, along, start)
+    return tuple(ops.sum_over_rule(rule_of(ops, needed), tables.rules, node, 4, *data))
 
 
 STRIPS = Kernel("strips along edges", 3, _tables, _enter, _strip, _leave)

@@ -9,9 +9,9 @@ of them, and the wave has direction cosines (along, across, p_z).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from typing import Any
 
 from polywigner.kernels.boundary.edge_waves import (
@@ -151,37 +151,31 @@ def _panel(
     px, _, py, _, pz, _ = cosines
     # in float32 these sums are the first parts again
     z, distance = inner[4] + inner[5], inner[6] + inner[7]
-    offset = offset_of(inner, x, y)
+    offset = _offset_of(inner, x, y)
     dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
-    last, foot2 = first + length, b * b + z * z
-    along, across = px * ex + py * ey, py * ex - px * ey
-    ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
-    view = PanelView(first, last, length, *ends, b, z, along, across, pz)
-    free = Pair(*free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
+    view = panel_view(ops, first, length, b, z, (px * ex + py * ey, py * ex - px * ey, pz))
+    free = Pair(*_free_wave(ops, cosines[: 2 * wave.directions], offset, inner, start))
     moment = _moment(ops, cosines, offset, ex, ey) if oblique else ()
     seen, sine, depth = wave.seen(ops, view, free, moment)
-    phase = (*square_along(row, inner), distance, along, start)
-    pair = (first, *phase, b, z, across, pz, *seen)
+    phase = (*_square_along(row, inner), distance, view.along, start)
 
-    far, clear, swing, half = lengthwise(ops, view, sine, depth)
-    near_clear, near_swing, middle, span = anglewise(ops, view, sine, depth)
-    clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
-    needed, expected = nodes_needed(ops, inner[9], clear, 2 * math.pi * swing)
-    rule = rule_of(ops, needed)
-    node = partial(_far_node, ops, tables.share, wave)
-    far_sums = ops.sum_over_rule(ops.select(far, rule, -1.0), tables.rules, node, SUMS, half, *pair)
-    node = partial(_near_node, ops, tables.share, wave)
-    near_sums = ops.sum_over_rule(
-        ops.select(far, -1.0, rule), tables.rules, node, SUMS, middle, span, ops.sqrt(foot2), *pair
-    )
-    sums = tuple(a + b for a, b in zip(far_sums, near_sums, strict=True))
-    turns = rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
+    def node(t: Any, s: Any, radius: Any, scale: Any, weights: Values, *pair: Any) -> Values:
+        edge = edge_wave(ops, t, radius, *pair[:5])
+        share, others = tables.share, pair[5:]
+        value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *others).scaled(scale)
+        return node_sums(value.real, value.imag, *weights)
+
+    sums, expected = sums_over_panel(
+        ops, tables.rules, view, (sine, depth, inner[9]), node, SUMS,
+        *phase, b, z, view.across, pz, *seen,
+    )  # fmt: skip
+    turns = _rounded_turns(ops, abs(x) + abs(y) + length, distance, abs(px) + abs(py))
     error = missed(ops, sums, expected, turns)
     e, mirrored, grazing = Pair(*seen[:2]), Pair(*seen[2:4]), seen[4]
     rest = mirrored.scaled(0.5 - tables.share) - e.scaled(0.5)
     closed = (wave.closed(ops, view) * rest).scaled(grazing)
-    return weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
+    return _weighted(row, sums[0] + closed.real, sums[1] + closed.imag, error)
 
 
 def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
@@ -196,7 +190,59 @@ def _moment(ops: Any, cosines: Any, offset: Any, ex: Any, ey: Any) -> Values:
     return ex * moment_x + ey * moment_y, ey * moment_x - ex * moment_y, moment_z
 
 
-def lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
+def panel_view(
+    ops: Any, first: Any, length: Any, b: Any, z: Any, cosines: tuple[Any, Any, Any]
+) -> PanelView:
+    """Return the view of a panel that begins at (first, b), for a wave in the panel's axes."""
+    last, foot2 = first + length, b * b + z * z
+    ends = (ops.sqrt(first * first + foot2), ops.sqrt(last * last + foot2))
+    return PanelView(first, last, length, *ends, b, z, *cosines)
+
+
+def sums_over_panel(
+    ops: Any, rules: Rules, view: PanelView, bounds: tuple[Any, Any, Any],
+    node: Callable[..., Values], values: int, *data: Any,
+) -> tuple[Values, Values]:  # fmt: skip
+    """Sums of ``node`` over a rule in the length along a panel, or close to it in the angle.
+
+    ``bounds``: sine and depth, by which singularities are known, and digits. ``node`` takes (t, s,
+    radius, d(t)/radius over the rule's own step, weights, *data). Also the errors expected.
+    """
+    sine, depth, digits = bounds
+    far, clear, swing, half = _lengthwise(ops, view, sine, depth)
+    near_clear, near_swing, middle, span = _anglewise(ops, view, sine, depth)
+    clear, swing = ops.select(far, clear, near_clear), ops.select(far, swing, near_swing)
+    needed, expected = nodes_needed(ops, digits, clear, 2 * math.pi * swing)
+    rule, foot2 = rule_of(ops, needed), view.b * view.b + view.z * view.z
+
+    def far_node(
+        at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, foot2: Any, *data: Any
+    ) -> Values:
+        """A node in the length t along the panel."""
+        t = half * (1.0 + at)
+        s = first + t
+        radius = ops.sqrt(s * s + foot2)
+        return node(t, s, radius, half / radius, (w, v1, v2), *data)
+
+    def near_node(
+        at: Any, w: Any, v1: Any, v2: Any,
+        middle: Any, span: Any, away: Any, first: Any, *data: Any,
+    ) -> Values:  # fmt: skip
+        """A node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
+        grown = ops.exp(middle + span * at)
+        shrunk = 1.0 / grown
+        s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
+        return node(s - first, s, radius, span, (w, v1, v2), *data)
+
+    far_rule, near_rule = ops.select(far, rule, -1.0), ops.select(far, -1.0, rule)
+    own = (half, view.first, foot2)
+    far_sums = ops.sum_over_rule(far_rule, rules, far_node, values, *own, *data)
+    own = (middle, span, ops.sqrt(foot2), view.first)
+    near_sums = ops.sum_over_rule(near_rule, rules, near_node, values, *own, *data)
+    return tuple(a + b for a, b in zip(far_sums, near_sums, strict=True)), expected
+
+
+def _lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """For a rule in the length along the panel: (whether it will do, distance of singularities,
     turns of phase over half of the panel, half the length); the distance in half-lengths."""
     half = 0.5 * view.length
@@ -210,7 +256,7 @@ def lengthwise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, .
     return nearest >= half, ops.minimum(clear, nearest) / half, half * swing, half
 
 
-def anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
+def _anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ...]:
     """For a rule in v, s = sqrt(b^2 + z^2) sinh v: (distance of singularities, turns of phase over
     half of the interval of v, its middle, half its length); the distance in half-lengths."""
     away = ops.sqrt(view.b * view.b + view.z * view.z)
@@ -226,7 +272,7 @@ def anglewise(ops: Any, view: PanelView, sine: Any, depth: Any) -> tuple[Any, ..
     return ops.minimum(clear, _STRIP) / ops.maximum(span, 1e-30), span * swing, middle, span
 
 
-def rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
+def _rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
     """Turns whose rounding counts: of a source's size, and what the distance misses in two floats.
 
     The latter is common to all panels, and so is lost on fields far outside of a shadow's pattern,
@@ -236,24 +282,26 @@ def rounded_turns(ops: Any, size: Any, distance: Any, slope: Any) -> Any:
     return size + ulp * (slope * distance + ops.minimum(distance, 4.0 * size * size))
 
 
-def weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
+def _weighted(row: Values, real: Any, imag: Any, error: Any) -> Values:
     """A panel's integral times the wave's amplitude, and its error."""
     r, i = row[-2:]
     return real * r - imag * i, real * i + imag * r, error * (abs(r) + abs(i))
 
 
-def square_along(row: Values, inner: Values) -> tuple[Any, Any]:
-    """radius^2 - distance^2 at a panel's beginning, and its slope there.
+def _square_along(row: Values, inner: Values) -> tuple[Any, Any]:
+    return square_along(inner[0] + inner[1], inner[2] + inner[3], *row[:4])
+
+
+def square_along(x: Any, y: Any, begin_x: Any, begin_y: Any, ex: Any, ey: Any) -> tuple[Any, Any]:
+    """radius^2 - distance^2 at a panel's beginning for a point over (x, y), and its slope there.
 
     At t along the panel it is constant + t (slope + t).
     """
-    x, y, ex, ey = row[:4]
-    x_p, y_p = inner[0] + inner[1], inner[2] + inner[3]
-    constant = x * (x - 2.0 * x_p) + y * (y - 2.0 * y_p)
-    return constant, 2.0 * (ex * (x - x_p) + ey * (y - y_p))
+    constant = begin_x * (begin_x - 2.0 * x) + begin_y * (begin_y - 2.0 * y)
+    return constant, 2.0 * (ex * (begin_x - x) + ey * (begin_y - y))
 
 
-def offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
+def _offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
     """The point relative to the panel's beginning, each component in two floats."""
     found = []
     for high, low, origin in ((inner[0], inner[1], x), (inner[2], inner[3], y)):
@@ -262,7 +310,7 @@ def offset_of(inner: Values, x: Any, y: Any) -> tuple[phases.Doubled, ...]:
     return (*found, (inner[4], inner[5]))
 
 
-def free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
+def _free_wave(ops: Any, cosines: Any, offset: Any, inner: Values, start: Any) -> Values:
     """The wave at the point if nothing were in its way, against the phase of the distance.
 
     ``cosines``: pairs of floats; without the last pair, as if the point were in the plane.
@@ -279,36 +327,7 @@ def _inverse_sinh(ops: Any, sinh: Any, cosh: Any) -> Any:
     return ops.select(sinh < 0.0, -logarithm, logarithm)
 
 
-def _far_node(
-    ops: Any, share: float, wave: EdgeWave,
-    at: Any, w: Any, v1: Any, v2: Any, half: Any, first: Any, *pair: Any,
-) -> Values:  # fmt: skip
-    """A node in the length t along the panel."""
-    t = half * (1.0 + at)
-    s = first + t
-    b, z = pair[5:7]
-    radius = ops.sqrt(s * s + (b * b + z * z))
-    edge = _edge_wave(ops, t, radius, *pair[:5])
-    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(half / radius)
-    return node_sums(value.real, value.imag, w, v1, v2)
-
-
-def _near_node(
-    ops: Any, share: float, wave: EdgeWave,
-    at: Any, w: Any, v1: Any, v2: Any,
-    middle: Any, span: Any, away: Any, first: Any, *pair: Any,
-) -> Values:  # fmt: skip
-    """A node in v, s = away sinh v, where radius = away cosh v and dt/radius = dv."""
-    grown = ops.exp(middle + span * at)
-    shrunk = 1.0 / grown
-    s, radius = 0.5 * away * (grown - shrunk), 0.5 * away * (grown + shrunk)
-    t = s - first
-    edge = _edge_wave(ops, t, radius, *pair[:5])
-    value = wave.integrand(ops, share, edge, t, s, radius, pair[3], *pair[5:]).scaled(span)
-    return node_sums(value.real, value.imag, w, v1, v2)
-
-
-def _edge_wave(
+def edge_wave(
     ops: Any, t: Any, radius: Any,
     constant: Any, slope: Any, distance: Any, along: Any, start: Any,
 ) -> Pair:  # fmt: skip
@@ -338,7 +357,7 @@ def _fresnel_panel(
 ) -> Values:
     x, y, ex, ey, length, *cosines, start, _, _ = row
     z, digits = inner[4] + inner[5], inner[9]
-    offset = offset_of(inner, x, y)
+    offset = _offset_of(inner, x, y)
     px, py, one = (cosines[0], cosines[1]), (cosines[2], cosines[3]), (1.0, 0.0)
     # from the place where the wave would go through the plane on its way to the point
     if oblique:
@@ -347,17 +366,17 @@ def _fresnel_panel(
     else:
         dx, dy = -(offset[0][0] + offset[0][1]), -(offset[1][0] + offset[1][1])
     first, b = ex * dx + ey * dy, ex * dy - ey * dx
-    free = free_wave(ops, cosines, offset, inner, start)
+    free = _free_wave(ops, cosines, offset, inner, start)
     along = px[0] * ex + py[0] * ey
     half = 0.5 * length
     swing = ops.maximum(abs(first), abs(first + length)) / z
     needed, expected = nodes_needed(ops, digits, _NO_SINGULARITY, 2 * math.pi * half * swing)
-    seen = (half, first, b, 0.5 / z, *square_along(row, inner), along, start, *free)
+    seen = (half, first, b, 0.5 / z, *_square_along(row, inner), along, start, *free)
     sums = ops.sum_over_rule(rule_of(ops, needed), tables.rules, _node(ops), SUMS, *seen)
     size = abs(x) + abs(y) + length
     aside = abs(inner[0]) + abs(inner[2])
-    turns = rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
-    return weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
+    turns = _rounded_turns(ops, size * (1.0 + (aside + size) / z), inner[6], 1.0)
+    return _weighted(row, sums[0], sums[1], missed(ops, sums, expected, turns))
 
 
 def _node(ops: Any) -> Any:
