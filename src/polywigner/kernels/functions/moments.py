@@ -21,15 +21,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from polywigner.kernels.cut.clipping import MIRRORED, Clipper
 from polywigner.kernels.cut.slice_sums import SliceSum
 from polywigner.kernels.functions.edge_terms import moved_off_zero
 from polywigner.kernels.functions.plane import WIGNER, tables_of
-from polywigner.kernels.functions.slices import doubled_position
-from polywigner.kernels.functions.wave_sums import mean_pairings, sum_over_waves
+from polywigner.kernels.functions.slices import (
+    doubled_position,
+    mean_pairings,
+    sum_over_waves,
+)
 from polywigner.kernels.kernel import Kernel, Values
 from polywigner.kernels.outline.frame import Frame
 from polywigner.kernels.outline.tables import Edge
@@ -44,19 +46,16 @@ _COUNT = len(_ODD)
 Cuts = Sequence[tuple[Any, Any, Any, Any]]
 
 
-def _lag_moments(
-    clipper: Clipper, x: Any, y: Any, *frequencies: Any, apart: bool = False
-) -> Values:
+def _lag_moments(clipper: Clipper, x: Any, y: Any, *frequencies: Any) -> Values:
     """The moments (T1) in the frame, |xi| in the user's units over those of the frame's largest.
 
     ``frequencies``: the detuned one, by which the waves of the field are taken relative to the
-    carrier, and the whole one, along which tau is measured; two components each, in the frame.
-    ``apart``: whether the two differ by more than the carrier.
+    carrier, and the whole one, along which tau is measured, if it is another; two components each,
+    in the frame.
     """
-    nu, ray = frequencies[:2], frequencies[2:]
 
     def sum_of(pair: WavePair | WavePairRow, is_even: bool) -> _Moments:
-        return _Moments(clipper, pair, nu, ray, apart)
+        return _Moments(clipper, pair, frequencies[:2], frequencies[2:])
 
     return tuple(sum_over_waves(clipper, mean_pairings, sum_of, (x, y), _COUNT))
 
@@ -148,14 +147,13 @@ class _Moments:
         wave_pair: WavePair | WavePairRow,
         nu: Sequence[Any],
         ray: Sequence[Any],
-        apart: bool,
     ) -> None:
         self.ops, self.wave_pair = clipper.ops, wave_pair
         self.offset = clipper.tx, clipper.ty
         frame = clipper.tables.frame
-        is_detuned = apart or any(frame.carrier) or isinstance(wave_pair, WavePairRow)
-        is_aligned = not is_detuned and not any(wave_pair.detuned((0.0, 0.0)))
-        self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray, is_aligned)
+        is_one = not ray and isinstance(wave_pair, WavePair)
+        is_aligned = is_one and not any(wave_pair.detuned((0.0, 0.0)))
+        self.axes = RayFrame(self.ops, frame, wave_pair.detuned(nu), ray or nu, is_aligned)
         self.values = _COUNT if wave_pair.is_real else 2 * _COUNT
 
     def terms(self, edge: Edge, sides: Sequence[tuple[float, Cuts]]) -> tuple[Any, ...]:
@@ -221,16 +219,11 @@ def scale_of(frame: Frame) -> float:
     return max(math.hypot(*row) for row in frame.inverse_transpose)
 
 
-def _enter(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any) -> Values:
+def _enter(ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any, *ray: Any) -> Values:
     inner = WIGNER.enter(ops, frame, x, y, nu_x, nu_y)
-    return (*inner, *frame.frequency(ops, nu_x, nu_y))
-
-
-def _enter_along(
-    ops: Any, frame: Frame, x: Any, y: Any, nu_x: Any, nu_y: Any, ray_x: Any, ray_y: Any
-) -> Values:
-    inner = WIGNER.enter(ops, frame, x, y, nu_x, nu_y)
-    return (*inner, *frame.frequency(ops, ray_x, ray_y))
+    if not ray and not any(frame.carrier):
+        return inner
+    return (*inner, *frame.frequency(ops, *(ray or (nu_x, nu_y))))
 
 
 def _leave(ops: Any, frame: Frame, inner: Values, sums: Values) -> Values:
@@ -243,9 +236,4 @@ def _leave(ops: Any, frame: Frame, inner: Values, sums: Values) -> Values:
 _OVER_SLICE = SliceSum((MIRRORED,), doubled_position, _lag_moments, serves_all=False)
 LAG_MOMENTS = Kernel("lag moments", 2, tables_of, _enter, _OVER_SLICE, _leave)
 # Along a ray whose frequency is not that of the moments, as that of a curved wave.
-LAG_MOMENTS_ALONG = replace(
-    LAG_MOMENTS,
-    name="lag moments along rays apart",
-    enter=_enter_along,
-    edge_sum=replace(_OVER_SLICE, summed=partial(_lag_moments, apart=True)),
-)
+LAG_MOMENTS_ALONG = replace(LAG_MOMENTS, name="lag moments along rays apart")
